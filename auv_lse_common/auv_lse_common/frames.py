@@ -1,0 +1,61 @@
+"""Angles and frames: the one place where conventions meet (see docs/frames.md).
+
+Inside: north, east in metres on the local tangent plane, heading in radians clockwise from north.
+At the ROS boundary: map frame ENU (REP 103): x east, y north, z up, yaw counter-clockwise from east.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap_pi(angle_rad: Any) -> Any:
+    """Angle (scalar or array, rad) wrapped to [-pi, pi)."""
+    return (np.asarray(angle_rad) + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def yaw_from_heading(heading_rad: float) -> float:
+    """ENU yaw (rad, counter-clockwise from east) of a heading (rad, clockwise from north), in [-pi, pi)."""
+    return float(wrap_pi(math.pi / 2.0 - heading_rad))
+
+
+def heading_from_yaw(yaw_rad: float) -> float:
+    """Heading (rad, clockwise from north) of an ENU yaw (rad), in [-pi, pi)."""
+    return float(wrap_pi(math.pi / 2.0 - yaw_rad))
+
+
+def quaternion_from_heading(heading_rad: float) -> tuple[float, float, float, float]:
+    """Quaternion (x, y, z, w) in ENU of a level vehicle with this heading (rad, clockwise from north)."""
+    half = yaw_from_heading(heading_rad) / 2.0
+    return (0.0, 0.0, math.sin(half), math.cos(half))
+
+
+def heading_from_quaternion(x: float, y: float, z: float, w: float) -> float:
+    """Heading (rad, clockwise from north) of an ENU attitude quaternion."""
+    return heading_from_yaw(math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+
+
+@lru_cache(maxsize=8)
+def _projection(lat0_deg: float, lon0_deg: float) -> Any:
+    from pyproj import Proj
+
+    return Proj(proj="aeqd", lat_0=lat0_deg, lon_0=lon0_deg, datum="WGS84", units="m")
+
+
+def geodetic_from_local(north_m: Any, east_m: Any, lat0_deg: float, lon0_deg: float) -> tuple[Array, Array]:
+    """WGS84 latitude and longitude (deg) of local positions (azimuthal equidistant about the origin)."""
+    lon, lat = _projection(lat0_deg, lon0_deg)(np.asarray(east_m, float), np.asarray(north_m, float), inverse=True)
+    return np.asarray(lat), np.asarray(lon)
+
+
+def local_from_geodetic(lat_deg: Any, lon_deg: Any, lat0_deg: float, lon0_deg: float) -> tuple[Array, Array]:
+    """Local north and east (m) of WGS84 positions (azimuthal equidistant about the origin)."""
+    east, north = _projection(lat0_deg, lon0_deg)(np.asarray(lon_deg, float), np.asarray(lat_deg, float))
+    return np.asarray(north), np.asarray(east)

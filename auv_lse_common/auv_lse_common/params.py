@@ -1,0 +1,293 @@
+"""Strict loading of parameters: one ROS 2 parameter file feeds every node, script and the fleet engine.
+
+A configuration is a frozen dataclass whose fields are made with `parameter(...)`, which keeps the unit, the
+range and the meaning beside the default. `from_mapping` turns a mapping (from YAML, or from a node's ROS
+parameters) into the dataclass and refuses everything it does not know: an unknown key, a missing one, a value
+of another type, a value out of range. Each refusal is a `ParameterError` that names the key, the value, what
+was expected and where it came from.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import fnmatch
+import math
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+T = TypeVar("T")
+
+#: Top-level sections of a mission file and the package whose dataclass checks each of them.
+SECTIONS = {
+    "mission": "auv_lse_planner",
+    "level_set": "auv_lse_gp",
+    "area": "auv_lse_gp",
+    "gp": "auv_lse_gp",
+    "motion": "auv_lse_planner",
+    "planner": "auv_lse_planner",
+    "vehicle": "auv_lse_planner",
+    "tdma": "auv_lse_comms",
+    "packet": "auv_lse_comms",
+    "modem": "auv_lse_comms",
+    "link": "auv_lse_comms",
+    "sim": "auv_lse_sim",
+    "record": "auv_lse_sim",
+}
+
+
+class ParameterError(ValueError):
+    """A parameter that cannot be used: unknown, missing, of the wrong type or out of range."""
+
+
+def parameter(
+    default: Any = dataclasses.MISSING,
+    *,
+    help: str,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    above: float | None = None,
+    choices: Sequence[str] | None = None,
+) -> Any:
+    """A dataclass field that knows its unit, range and meaning.
+
+    Args:
+        default: Default value (a tuple or mapping is allowed: it is copied); leave out if required.
+        help: What it means, with the paper's symbol where it has one.
+        unit: SI unit as text, "" for none.
+        low: Smallest allowed value (of each element, for sequences), inclusive.
+        high: Largest allowed value, inclusive.
+        above: The value must be greater than this (exclusive lower end).
+        choices: Allowed texts.
+    """
+    metadata = {"help": help, "unit": unit, "low": low, "high": high, "above": above, "choices": choices}
+    if isinstance(default, dict):
+        return dataclasses.field(default_factory=lambda: dict(default), metadata=metadata)
+    if default is dataclasses.MISSING:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
+    """Builds dataclass `cls` from `mapping`, refusing what does not fit.
+
+    Args:
+        cls: A dataclass; nested dataclass fields are built from nested mappings.
+        mapping: Nested mapping of plain values.
+        where: Where the mapping came from, for messages ("config/missions/default.yaml: gp").
+
+    Raises:
+        ParameterError: naming the key, the value, what was expected, and `where`.
+    """
+    if not isinstance(mapping, Mapping):
+        raise ParameterError(f"{where}: expected a mapping of parameters, got {mapping!r}")
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.init}  # type: ignore[arg-type]  # any dataclass
+    for key in mapping:
+        if key not in fields:
+            near = difflib.get_close_matches(str(key), fields, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(sorted(fields))}"
+            raise ParameterError(f"{where}.{key}: unknown parameter (value {mapping[key]!r}){hint}")
+    values: dict[str, Any] = {}
+    for name, field in fields.items():
+        key = f"{where}.{name}"
+        if name not in mapping:
+            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+                if dataclasses.is_dataclass(hints[name]):
+                    values[name] = from_mapping(hints[name], {}, key)  # type: ignore[arg-type]  # a class
+                    continue
+                raise ParameterError(f"{key}: missing; expected {_describe(hints[name], field)}")
+            continue
+        values[name] = _convert(hints[name], mapping[name], key, field)
+    try:
+        return cls(**values)
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(f"{where}: {error}") from error
+
+
+def _describe(hint: Any, field: dataclasses.Field[Any]) -> str:
+    meta = field.metadata
+    text = getattr(hint, "__name__", str(hint))
+    if meta.get("choices"):
+        text = "one of " + ", ".join(map(repr, meta["choices"]))
+    elif typing.get_origin(hint) is tuple:
+        text = "a list of " + getattr(typing.get_args(hint)[0], "__name__", "values") + "s"
+    limits = [
+        f"{sign} {meta[name]:g}"
+        for name, sign in (("above", ">"), ("low", ">="), ("high", "<="))
+        if meta.get(name) is not None
+    ]
+    unit = f" {meta['unit']}" if meta.get("unit") else ""
+    return text + (" " + " and ".join(limits) + unit if limits else (f" in{unit}" if unit else ""))
+
+
+def _convert(hint: Any, value: Any, key: str, field: dataclasses.Field[Any]) -> Any:
+    expected = f"expected {_describe(hint, field)}"
+    if dataclasses.is_dataclass(hint):
+        return from_mapping(hint, value, key)  # type: ignore[arg-type]  # a class, not an instance
+    origin = typing.get_origin(hint)
+    if origin in (typing.Union, types.UnionType):
+        if value is None:
+            return None
+        hint = next(a for a in typing.get_args(hint) if a is not type(None))
+        return _convert(hint, value, key, field)
+    if origin is dict:
+        if not isinstance(value, Mapping):
+            raise ParameterError(f"{key}: got {value!r}; expected a mapping of names")
+        return {str(k): _convert(typing.get_args(hint)[1], v, f"{key}.{k}", field) for k, v in value.items()}
+    if origin is tuple:
+        if isinstance(value, str | bytes) or not hasattr(value, "__iter__"):
+            raise ParameterError(f"{key}: got {value!r}; {expected}")
+        return tuple(_scalar(typing.get_args(hint)[0], v, f"{key}[{i}]", field, expected) for i, v in enumerate(value))
+    return _scalar(hint, value, key, field, expected)
+
+
+def _scalar(hint: Any, value: Any, key: str, field: dataclasses.Field[Any], expected: str) -> Any:
+    problem = ParameterError(f"{key}: got {value!r}; {expected}")
+    if hint is bool:
+        if not isinstance(value, bool):
+            raise problem
+        return value
+    if hint is str:
+        if not isinstance(value, str) or (field.metadata.get("choices") and value not in field.metadata["choices"]):
+            raise problem
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise problem
+    if hint is int:
+        if isinstance(value, float):
+            raise problem
+    elif hint is float:
+        value = float(value)
+        if math.isnan(value):
+            raise problem
+    low, high, above = (field.metadata.get(k) for k in ("low", "high", "above"))
+    if (low is not None and value < low) or (high is not None and value > high):
+        raise problem
+    if above is not None and value <= above:
+        raise problem
+    return value
+
+
+def to_mapping(config: Any) -> dict[str, Any]:
+    """The nested plain mapping of a configuration, as `from_mapping` takes it (tuples become lists, None is left out)."""
+    result: dict[str, Any] = {}
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if value is None or (value == {} or value == ()):
+            continue  # a ROS 2 parameter file can hold neither null nor an untyped empty list
+        if dataclasses.is_dataclass(value):
+            value = to_mapping(value)
+        elif isinstance(value, tuple):
+            value = list(value)
+        elif isinstance(value, dict):
+            value = {k: list(v) if isinstance(v, tuple) else v for k, v in value.items()}
+        result[field.name] = value
+    return result
+
+
+def describe(cls: type, prefix: str = "") -> list[tuple[str, Any, str, str, str]]:
+    """Rows (name, default, unit, range or choices, meaning) of every parameter of `cls`, nested ones too."""
+    rows: list[tuple[str, Any, str, str, str]] = []
+    hints = typing.get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        if dataclasses.is_dataclass(hints[field.name]):
+            rows += describe(hints[field.name], f"{prefix}{field.name}.")  # type: ignore[arg-type]  # a class
+            continue
+        default = field.default
+        if default is dataclasses.MISSING:
+            default = field.default_factory() if field.default_factory is not dataclasses.MISSING else "required"
+        meta = field.metadata
+        allowed = ", ".join(meta.get("choices") or ()) or " ".join(
+            f"{sign} {meta[name]:g}"
+            for name, sign in (("above", ">"), ("low", ">="), ("high", "<="))
+            if meta.get(name) is not None
+        )
+        rows.append((prefix + field.name, default, meta.get("unit", ""), allowed, meta.get("help", "")))
+    return rows
+
+
+def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested mapping from ROS's dotted names: {"gp.kernel": 1} becomes {"gp": {"kernel": 1}}."""
+    nested: dict[str, Any] = {}
+    for name, value in flat.items():
+        *parents, leaf = name.split(".")
+        level = nested
+        for parent in parents:
+            level = level.setdefault(parent, {})
+        level[leaf] = value
+    return nested
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested mapping with the values of `over` on top of those of `base`."""
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        merged[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return merged
+
+
+def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
+    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order.
+
+    Raises:
+        ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text()
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ParameterError(f"{path}: not valid YAML: {error}") from error
+    shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
+    if not isinstance(data, Mapping) or not data:
+        raise ParameterError(f"{path}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")
+    patterns: dict[str, dict[str, Any]] = {}
+    for pattern, body in data.items():
+        if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
+            raise ParameterError(f"{path}: under {pattern!r}: expected {shape}")
+        patterns[str(pattern)] = dict(body["ros__parameters"] or {})
+    return patterns
+
+
+def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
+    """The nested parameters that a node (its full name, "/auv1/gp_node") gets, later patterns over earlier ones.
+
+    Follows rcl: `*` stands for one name, `**` for any number of them.
+    """
+    merged: dict[str, Any] = {}
+    for pattern, values in patterns.items():
+        full = pattern if pattern.startswith("/") else "/" + pattern
+        if full == "/**" or fnmatch.fnmatchcase(node, full.replace("/**", "/*")):
+            merged = merge(merged, nest(values))
+    return merged
+
+
+def section(cls: type[T], parameters: Mapping[str, Any], name: str, where: str) -> T:
+    """The section `name` of nested `parameters` as `cls`; a missing section takes its defaults."""
+    return from_mapping(cls, parameters.get(name, {}), f"{where}: {name}")
+
+
+def check_sections(parameters: Mapping[str, Any], where: str, ignore: Sequence[str] = ()) -> None:
+    """Refuses top-level names that no package of the stack owns.
+
+    Raises:
+        ParameterError: naming the section and the nearest known one.
+    """
+    for name in parameters:
+        if name not in SECTIONS and name not in ignore:
+            near = difflib.get_close_matches(str(name), SECTIONS, n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(SECTIONS)}"
+            raise ParameterError(f"{where}: {name}: unknown section{hint}")

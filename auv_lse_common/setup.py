@@ -1,0 +1,18 @@
+from setuptools import find_packages, setup
+
+package = "auv_lse_common"
+
+setup(
+    name=package,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    maintainer="AUV LSE developers",
+    maintainer_email="maintainers@auv-lse.org",
+    description="Strict parameters, frames and random streams shared by the AUV level-set estimation stack",
+    license="Apache-2.0",
+)

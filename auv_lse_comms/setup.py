@@ -1,0 +1,23 @@
+from setuptools import find_packages, setup
+
+package = "auv_lse_comms"
+
+setup(
+    name=package,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    maintainer="AUV LSE developers",
+    maintainer_email="maintainers@auv-lse.org",
+    description="252-byte packets, TDMA, acoustic modem driver and MAVLink link; modem_node",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "modem_node = auv_lse_comms.modem_node:main"
+        ],
+    },
+)

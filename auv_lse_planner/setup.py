@@ -1,0 +1,23 @@
+from setuptools import find_packages, setup
+
+package = "auv_lse_planner"
+
+setup(
+    name=package,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    maintainer="AUV LSE developers",
+    maintainer_email="maintainers@auv-lse.org",
+    description="Augmented receding horizon planning with Monte Carlo tree search for a team of AUVs; planner_node",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "planner_node = auv_lse_planner.planner_node:main"
+        ],
+    },
+)

@@ -1,0 +1,27 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package = "auv_lse_sim"
+
+setup(
+    name=package,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+        (f"share/{package}/launch", glob("launch/*.launch.py")),
+    ],
+    zip_safe=True,
+    maintainer="AUV LSE developers",
+    maintainer_email="maintainers@auv-lse.org",
+    description="Simulator, recorder, fleet engine and reports of the AUV level-set estimation stack",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "sim_node = auv_lse_sim.sim_node:main",
+            "recorder_node = auv_lse_sim.recorder_node:main"
+        ],
+    },
+)
