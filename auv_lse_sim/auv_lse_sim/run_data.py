@@ -1,0 +1,210 @@
+"""What a mission leaves behind, in plain NumPy: the one thing that evaluation and report are made from.
+
+A `RunData` comes from the fleet engine (`fleet.py`) or is read back from a recording (`bag.py`); what follows does
+not care which. Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the
+start of the mission), headings rad clockwise from north, depths m of water, positive down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class DepthSource(Protocol):
+    """Anything that knows the true depth of water (`ground.Ground` does)."""
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Any:
+        """True depth of water (m, positive down) at north, east (m); NaN where unknown or land."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecisionRecord:
+    """One decision of a vehicle's planner, as it was published.
+
+    Attributes:
+        now_s: Mission time of the decision.
+        step: Step the decided action leads from (0 for the first).
+        heading_rad: Heading of the plan's initial state (rad, clockwise from north).
+        north_m: North of the plan's initial state.
+        east_m: East of the plan's initial state.
+        actions: Indices of the planned actions in the action set.
+        heuristic: Id of the naive path that continues the plan (0xF0..0xFE), or 0xFF for none.
+        jbar: Value Jbar (or J without augmentation) of the plan by the planner's objective (units of risk).
+        reward_so_far: Reward the planner credits itself with until now (units of risk).
+        lower_bound: The planner's time-varying lower bound, reward so far + naive part of Jbar.
+        lower_bound_max: Running maximum of `lower_bound`.
+        wall_s: Wall-clock time that planning took, NaN if not recorded.
+        method: The method that planned ("augmented", "plain", ...).
+    """
+
+    now_s: float
+    step: int
+    heading_rad: float
+    north_m: float
+    east_m: float
+    actions: tuple[int, ...]
+    heuristic: int
+    jbar: float
+    reward_so_far: float
+    lower_bound: float
+    lower_bound_max: float
+    wall_s: float = float("nan")
+    method: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PacketSent:
+    """A payload given to the modem.
+
+    Attributes:
+        stamp_s: Time the transmission starts.
+        source: Number of the sending vehicle (1, 2, ...).
+        payload: The bytes sent.
+    """
+
+    stamp_s: float
+    source: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PacketReceived:
+    """A payload that a modem received intact.
+
+    Attributes:
+        stamp_s: Time the reception was complete.
+        receiver: Number of the receiving vehicle.
+        source: Number of the sending vehicle.
+        snr_db: Signal-to-noise ratio at the receiver (dB), NaN if unknown.
+        payload: The bytes received (empty if they were not kept).
+    """
+
+    stamp_s: float
+    receiver: int
+    source: int
+    snr_db: float = float("nan")
+    payload: bytes = b""
+
+
+def _rows(columns: int) -> Array:
+    return np.empty((0, columns))
+
+
+@dataclass(slots=True, kw_only=True)
+class VehicleRun:
+    """What one vehicle did, measured, heard and decided.
+
+    Attributes:
+        vehicle: Its number (1, 2, ...).
+        truth: True track, rows (time s, north m, east m, heading rad).
+        odometry: Estimated track (INS), rows (time s, north m, east m, heading rad).
+        soundings: Own measurements at estimated positions, rows (stamp s, north m, east m, depth m).
+        received: Team-mates' samples, rows (arrival s, source vehicle, north m, east m, depth m).
+        decisions: Every decision of its planner, in time order.
+    """
+
+    vehicle: int
+    truth: Array = field(default_factory=lambda: _rows(4))
+    odometry: Array = field(default_factory=lambda: _rows(4))
+    soundings: Array = field(default_factory=lambda: _rows(4))
+    received: Array = field(default_factory=lambda: _rows(5))
+    decisions: list[DecisionRecord] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Checks the shapes, so that a wrong column is found here and not in a figure.
+
+        Raises:
+            ValueError: naming the array, its shape and the shape expected.
+        """
+        for name, columns in (("truth", 4), ("odometry", 4), ("soundings", 4), ("received", 5)):
+            rows = np.asarray(getattr(self, name), dtype=float)
+            if rows.size == 0:
+                rows = _rows(columns)
+            if rows.ndim != 2 or rows.shape[1] != columns:
+                raise ValueError(f"auv{self.vehicle} {name}: shape {rows.shape}; expected (n, {columns})")
+            setattr(self, name, rows)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps decided: 1 + the last decision's step, 0 without decisions."""
+        return max((d.step for d in self.decisions), default=-1) + 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundGrid:
+    """True depth on the grid of places that the mission is judged on.
+
+    Attributes:
+        north_m: North of the rows, shape (R,), ascending.
+        east_m: East of the columns, shape (C,), ascending.
+        depth_m: True depth (m), shape (R, C); NaN where unknown or land.
+        inside: True where the place belongs to the operating area, shape (R, C).
+    """
+
+    north_m: Array
+    east_m: Array
+    depth_m: Array
+    inside: NDArray[np.bool_]
+
+    @property
+    def resolution_m(self) -> float:
+        """Spacing of the grid (m)."""
+        return float(self.north_m[1] - self.north_m[0])
+
+    @property
+    def scored(self) -> NDArray[np.bool_]:
+        """Places that are judged: inside the area and of known depth, shape (R, C)."""
+        scored: NDArray[np.bool_] = self.inside & np.isfinite(self.depth_m)
+        return scored
+
+    @property
+    def places_m(self) -> Array:
+        """All places of the grid, row by row, shape (R * C, 2): north, east."""
+        north, east = np.meshgrid(self.north_m, self.east_m, indexing="ij")
+        return np.column_stack([north.ravel(), east.ravel()])
+
+    @classmethod
+    def sample(cls, ground: DepthSource, north_m: Array, east_m: Array, inside: NDArray[np.bool_]) -> GroundGrid:
+        """The true ground on a grid; `inside` (R, C) marks the places that belong to the operating area."""
+        north, east = np.meshgrid(north_m, east_m, indexing="ij")
+        depth = np.asarray(ground.depth_m(north.ravel(), east.ravel()), dtype=float).reshape(north.shape)
+        return cls(north_m=np.asarray(north_m), east_m=np.asarray(east_m), depth_m=depth, inside=np.asarray(inside))
+
+
+@dataclass(slots=True, kw_only=True)
+class RunData:
+    """A whole mission.
+
+    Attributes:
+        parameters: The complete mission file: {node pattern ("/**", "/auv2/**"): nested parameters}.
+        vehicles: One entry per vehicle, in order of number.
+        sent: Every payload transmitted, in time order.
+        received: Every payload received, in time order.
+        ground: True ground on the evaluation grid; None if the truth is not known (a mission at sea).
+        sim_s: Mission time covered (s).
+        wall_s: Wall-clock time it took (s), NaN if not recorded.
+        origin: Latitude and longitude (deg, WGS84) of north = east = 0, or None.
+        notes: Facts worth telling the reader of the report (start moved, deadline hit, node died).
+    """
+
+    parameters: Mapping[str, Mapping[str, Any]]
+    vehicles: list[VehicleRun]
+    sent: list[PacketSent] = field(default_factory=list)
+    received: list[PacketReceived] = field(default_factory=list)
+    ground: GroundGrid | None = None
+    sim_s: float = 0.0
+    wall_s: float = float("nan")
+    origin: tuple[float, float] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def steps(self) -> int:
+        """Steps done by the vehicle that did most."""
+        return max((v.steps for v in self.vehicles), default=0)
