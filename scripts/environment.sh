@@ -1,0 +1,39 @@
+# Sourced by the scripts, not run: finds the project's root and, after `use_environment`, the environment that
+# scripts/setup made (python, the built workspace, DDS bound to this machine).
+
+ROOT="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)"
+VENV="$ROOT/.venv"
+INSTALL="$ROOT/ros_ws/install"
+
+# True where a ROS 2 of the machine's own is sourced (not the wheels of our venv).
+ros_is_sourced() { [ -n "${ROS_DISTRO:-}" ] && [ -n "${AMENT_PREFIX_PATH:-}" ]; }
+
+# Text that changes when the environment has to be made or built again.
+environment_fingerprint() {
+    {
+        cat "$ROOT"/config/requirements*.txt "$ROOT"/config/constraints.txt "$ROOT"/scripts/setup
+        cat "$ROOT"/auv_lse_*/package.xml "$ROOT"/auv_lse_*/setup.py "$ROOT"/auv_lse_*/setup.cfg
+        cat "$ROOT"/auv_lse_msgs/CMakeLists.txt "$ROOT"/auv_lse_msgs/msg/*.msg
+        echo "$ROOT" "$ROOT"/auv_lse_sim/launch/*
+        if ros_is_sourced; then echo "ros $ROS_DISTRO ${AMENT_PREFIX_PATH##*:}"; else echo pypi; fi
+    } 2>/dev/null | sha256sum
+}
+
+# Sets up when needed (quiet when there is nothing to do), then puts the environment into this shell.
+use_environment() {
+    "$ROOT/scripts/setup" --quiet || exit $?
+    export PATH="$VENV/bin:$PATH"
+    local site
+    site="$(echo "$VENV"/lib/python3.*/site-packages)"
+    if ros_is_sourced; then
+        export AMENT_PREFIX_PATH="$INSTALL:$AMENT_PREFIX_PATH"
+    else
+        export AMENT_PREFIX_PATH="$INSTALL:$VENV"
+        export RMW_IMPLEMENTATION=rmw_fastrtps_cpp
+    fi
+    export PYTHONPATH="$INSTALL/lib/$(basename "$(dirname "$site")")/site-packages${PYTHONPATH:+:$PYTHONPATH}"
+    export LD_LIBRARY_PATH="$INSTALL/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}"
+    export AUV_LSE_ROOT="$ROOT"
+    # One thread per process: a mission is many processes on few cores.
+    export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
+}
