@@ -1,0 +1,353 @@
+"""What lies under the water: the `Ground` that the simulated vehicles sound, and the synthetic lake family.
+
+Depth is water depth in metres, positive down, referred to the still surface of the lake. NaN says that the
+ground is unknown there, or that it is land. Ground from files is in `ground_files.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from auv_lse_common.params import parameter
+from auv_lse_common.seeds import stream
+from numpy.typing import NDArray
+from scipy import ndimage
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Extent:
+    """A north-east rectangle (m, local tangent plane)."""
+
+    north_min_m: float
+    north_max_m: float
+    east_min_m: float
+    east_max_m: float
+
+    def __post_init__(self) -> None:
+        """Refuses an empty rectangle."""
+        if not (self.north_min_m < self.north_max_m and self.east_min_m < self.east_max_m):
+            raise ValueError(f"extent: {self} is empty; expected min < max in north and in east")
+
+    @property
+    def height_m(self) -> float:
+        """Length from south to north (m)."""
+        return self.north_max_m - self.north_min_m
+
+    @property
+    def width_m(self) -> float:
+        """Length from west to east (m)."""
+        return self.east_max_m - self.east_min_m
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """North and east (m) of the middle."""
+        return (self.north_min_m + self.north_max_m) / 2.0, (self.east_min_m + self.east_max_m) / 2.0
+
+    def axes(self, spacing_m: float) -> tuple[Array, Array]:
+        """North (ny,) and east (nx,) coordinates of the middles of cells about `spacing_m` wide that tile it."""
+        ny = max(1, round(self.height_m / spacing_m))
+        nx = max(1, round(self.width_m / spacing_m))
+        north = self.north_min_m + (np.arange(ny) + 0.5) * self.height_m / ny
+        east = self.east_min_m + (np.arange(nx) + 0.5) * self.width_m / nx
+        return north, east
+
+    def grown(self, by_m: float) -> Extent:
+        """The rectangle with `by_m` more on every side."""
+        return Extent(
+            north_min_m=self.north_min_m - by_m,
+            north_max_m=self.north_max_m + by_m,
+            east_min_m=self.east_min_m - by_m,
+            east_max_m=self.east_max_m + by_m,
+        )
+
+
+class Ground(Protocol):
+    """Anything that can be sounded."""
+
+    @property
+    def extent(self) -> Extent:
+        """The rectangle outside which every depth is NaN."""
+
+    @property
+    def origin(self) -> tuple[float, float] | None:
+        """WGS84 latitude and longitude (deg) of the local origin, None if it is nowhere on Earth."""
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Array:
+        """Water depth (m, positive down) at places of any broadcastable shape; NaN where unknown or land."""
+
+    def describe(self) -> str:
+        """One or two sentences for the log and the report."""
+
+
+#: The operating area of the default mission: 600 m north-south by 700 m east-west about the start (0, 0).
+DEFAULT_WINDOW = Extent(north_min_m=-300.0, north_max_m=300.0, east_min_m=-350.0, east_max_m=350.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LakeConfig:
+    """The synthetic lake family: a drowned river valley with side valleys (inlets), knolls (islands), roughness."""
+
+    seed: int = parameter(-1, low=-1, help="which lake of the family; -1 takes the mission's seed")
+    deepest_m: float = parameter(35.0, above=0.0, high=1000.0, unit="m", help="depth the valley floor tends to")
+    terrace_m: float = parameter(
+        9.0, low=0.0, unit="m", help="depth the old flood plain inside the window tends to; 0 lets islands emerge"
+    )
+    level_m: float = parameter(15.0, above=0.0, unit="m", help="depth whose contour is to be interesting")
+    deep_share_low: float = parameter(0.4, above=0.0, high=0.75, help="least share of the window deeper than level_m")
+    deep_share_high: float = parameter(0.6, low=0.25, high=0.95, help="largest share of the window deeper than it")
+    islands: int = parameter(2, low=0, high=8, help="knolls rising from the valley; at least one closed contour if > 0")
+    inlets: int = parameter(4, low=0, high=12, help="side valleys")
+    steepness: float = parameter(1.0, above=0.0, high=10.0, help="slopes relative to the default lake's")
+    roughness_m: float = parameter(0.7, low=0.0, high=5.0, unit="m", help="standard deviation of the small relief")
+    roughness_scale_m: float = parameter(60.0, low=5.0, unit="m", help="length scale of the small relief")
+    north_m: float = parameter(0.0, unit="m", help="middle of the window, north")
+    east_m: float = parameter(0.0, unit="m", help="middle of the window, east")
+    height_m: float = parameter(600.0, low=100.0, unit="m", help="the window's length from south to north")
+    width_m: float = parameter(700.0, low=100.0, unit="m", help="the window's length from west to east")
+    shore_m: float = parameter(150.0, low=20.0, unit="m", help="width of the banks around the window, up to land")
+
+    def __post_init__(self) -> None:
+        """Refuses depths out of order."""
+        if not self.terrace_m < self.level_m < self.deepest_m:
+            raise ValueError(
+                f"lake: terrace_m {self.terrace_m:g}, level_m {self.level_m:g}, deepest_m {self.deepest_m:g}: "
+                "expected terrace_m < level_m < deepest_m"
+            )
+        if self.deep_share_low > self.deep_share_high:
+            raise ValueError(f"lake: deep_share_low {self.deep_share_low:g} > deep_share_high {self.deep_share_high:g}")
+
+    @property
+    def window(self) -> Extent:
+        """The rectangle the lake is designed for."""
+        return Extent(
+            north_min_m=self.north_m - self.height_m / 2.0,
+            north_max_m=self.north_m + self.height_m / 2.0,
+            east_min_m=self.east_m - self.width_m / 2.0,
+            east_max_m=self.east_m + self.width_m / 2.0,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Valley:
+    """One draw of the family: numbers only, lengths in units of the window's half width."""
+
+    direction_rad: float
+    bend: Array  # (2, 3): amplitude, wave number and phase of two bends
+    offset: float
+    width: Array  # (3,): mean, wave number, phase
+    inlets: Array  # (I, 5): u, v, direction, length, width
+    islands: Array  # (J, 5): north, east, radius, stretch, direction
+    relief: Array  # (F, 3): north and east wave vectors and phase
+
+
+def _draw(config: LakeConfig, rng: np.random.Generator) -> _Valley:
+    scale = math.hypot(config.height_m, config.width_m) / 2.0
+    direction = rng.uniform(0.0, math.pi)
+    bend = np.stack(
+        [rng.uniform([0.10, 0.04], [0.25, 0.12]), rng.uniform([2.0, 4.5], [3.5, 7.0]), rng.uniform(0, 2 * np.pi, 2)],
+        axis=1,
+    )
+    offset = rng.uniform(-0.2, 0.2)
+    width = np.array([rng.uniform(0.26, 0.36), rng.uniform(2.0, 5.0), rng.uniform(0.0, 2.0 * np.pi)])
+    inlets = np.empty((config.inlets, 5))
+    spread = (np.arange(config.inlets) + 0.5) / max(config.inlets, 1) * 1.8 - 0.9
+    inlets[:, 0] = spread + rng.uniform(-0.12, 0.12, config.inlets)
+    inlets[:, 1] = np.where(rng.permutation(config.inlets) % 2 == 0, 1.0, -1.0)  # which bank
+    inlets[:, 2] = rng.uniform(-0.6, 0.6, config.inlets)
+    inlets[:, 3] = rng.uniform(0.45, 0.8, config.inlets)
+    inlets[:, 4] = rng.uniform(0.07, 0.13, config.inlets)
+    islands = np.empty((config.islands, 5))
+    islands[:, 0] = rng.uniform(-0.75, 0.75, config.islands)  # along the valley
+    islands[:, 1] = rng.uniform(-0.6, 0.6, config.islands)  # across, in valley widths
+    islands[:, 2] = rng.uniform(0.09, 0.15, config.islands)
+    islands[:, 3] = rng.uniform(0.6, 1.0, config.islands)
+    islands[:, 4] = rng.uniform(0.0, np.pi, config.islands)
+    features = 48
+    # Random Fourier features of a squared exponential kernel (Rahimi & Recht 2007): smooth relief of one scale.
+    relief = np.concatenate(
+        [rng.standard_normal((features, 2)) * scale / config.roughness_scale_m, rng.uniform(0, 2 * np.pi, (features, 1))],
+        axis=1,
+    )
+    return _Valley(direction, bend, offset, width, inlets, islands, relief)
+
+
+def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
+    """How deep in the valley a place lies (no unit, 1 at the thalweg) and the small relief (unit variance).
+
+    Args:
+        valley: The draw.
+        north: Places in units of the half diagonal, from the window's middle.
+        east: The same, east.
+    """
+    along = np.cos(valley.direction_rad) * north + np.sin(valley.direction_rad) * east
+    across = -np.sin(valley.direction_rad) * north + np.cos(valley.direction_rad) * east
+
+    def thalweg(u: Array) -> Array:
+        result = np.full_like(u, valley.offset)
+        for amplitude, wave, phase in valley.bend:
+            result = result + amplitude * np.sin(wave * u + phase)
+        return result
+
+    mean, wave, phase = valley.width
+    width = mean * (1.0 + 0.25 * np.sin(wave * along + phase))
+    depth = np.exp(-0.5 * ((across - thalweg(along)) / width) ** 2)
+    total = depth
+    for u0, bank, lean, length, breadth in valley.inlets:
+        v0 = float(thalweg(np.asarray(u0)))
+        du, dv = along - u0, across - v0
+        reach = bank * math.cos(lean) * dv + math.sin(lean) * du  # along the inlet, from the thalweg outwards
+        side = bank * -math.sin(lean) * dv + math.cos(lean) * du
+        # A trough as long as `length`, fading out smoothly at its head and where it would leave by the other bank.
+        head = 1.0 / (1.0 + np.exp(np.clip((reach - length) / 0.06, -50.0, 50.0)))
+        mouth = 1.0 / (1.0 + np.exp(np.clip(-reach / 0.06, -50.0, 50.0)))
+        trough = 0.8 * head * mouth * np.exp(-0.5 * (side / breadth) ** 2)
+        total = total + trough * (1.0 - depth)
+    for u0, shift, radius, stretch, turn in valley.islands:
+        v0 = float(thalweg(np.asarray(u0))) + shift * mean
+        du, dv = along - u0, across - v0
+        a = math.cos(turn) * du + math.sin(turn) * dv
+        b = -math.sin(turn) * du + math.cos(turn) * dv
+        total = total - 1.1 * np.exp(-0.5 * ((a / radius) ** 2 + (b / (radius * stretch)) ** 2))
+    relief = np.zeros_like(total)
+    for kn, ke, phase in valley.relief:
+        relief += np.cos(kn * north + ke * east + phase)
+    return total, relief * math.sqrt(2.0 / len(valley.relief))
+
+
+def _closed_shoals(shallow: NDArray[np.bool_], cell_m2: float, least_m2: float) -> int:
+    """How many connected shallow patches of at least `least_m2` do not touch the raster's edge."""
+    labels, count = ndimage.label(shallow)
+    edge = set(np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])).tolist())
+    sizes = np.bincount(labels.ravel(), minlength=count + 1) * cell_m2
+    return sum(1 for i in range(1, count + 1) if i not in edge and sizes[i] >= least_m2)
+
+
+class SyntheticLake:
+    """A drowned river valley made from a seed; infinitely smooth inside its extent.
+
+    The draw is a valley with a bending thalweg, side valleys, knolls and small relief. A logistic profile turns
+    it into depths between the terrace and the deepest, its middle moved so that the wanted share of the window
+    is deeper than the level. Around the window the banks rise to land. Draws without an island (a closed
+    contour of at least 800 m2 inside the window) are thrown away and the next one of the same seed is taken.
+
+    Args:
+        config: The family's parameters.
+        mission_seed: Used if `config.seed` is -1.
+
+    Raises:
+        ValueError: if 200 draws in a row show no island (parameters that do not go together).
+    """
+
+    def __init__(self, config: LakeConfig | None = None, mission_seed: int = 1) -> None:
+        self.config = config or LakeConfig()
+        self.seed = mission_seed if self.config.seed < 0 else self.config.seed
+        self._window = self.config.window
+        self._half_m = math.hypot(self.config.height_m, self.config.width_m) / 2.0
+        span = self.config.deepest_m - self.config.terrace_m
+        share = (self.config.level_m - self.config.terrace_m) / span
+        self._level_logit = math.log(share / (1.0 - share))
+        self._gain = 5.5 * self.config.steepness
+        north, east = np.meshgrid(*self._window.axes(10.0), indexing="ij")
+        for attempt in range(200):
+            rng = stream(self.seed, "lake", attempt)
+            self._valley = _draw(self.config, rng)
+            height, _ = _height(self._valley, *self._unit(north, east))
+            deep_share = rng.uniform(self.config.deep_share_low, self.config.deep_share_high)
+            self._middle = float(np.quantile(height, 1.0 - deep_share))
+            depth = self.depth_m(north, east)
+            if self._good(depth):
+                self.attempt = attempt
+                return
+        raise ValueError(
+            f"lake: no lake with islands={self.config.islands} in 200 draws of seed {self.seed}; "
+            "expected parameters that leave room for a closed contour (fewer inlets, a larger window)"
+        )
+
+    def _good(self, depth: Array) -> bool:
+        cell = self._window.height_m * self._window.width_m / depth.size
+        shallow = depth < self.config.level_m
+        if not self.config.deep_share_low - 0.05 <= 1.0 - float(shallow.mean()) <= self.config.deep_share_high + 0.05:
+            return False
+        return self.config.islands == 0 or _closed_shoals(shallow, cell, 800.0) >= 1
+
+    def _unit(self, north_m: Array, east_m: Array) -> tuple[Array, Array]:
+        return (north_m - self.config.north_m) / self._half_m, (east_m - self.config.east_m) / self._half_m
+
+    @property
+    def extent(self) -> Extent:
+        """The window and its banks."""
+        return self._window.grown(self.config.shore_m)
+
+    @property
+    def origin(self) -> None:
+        """A synthetic lake is nowhere on Earth."""
+        return None
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Array:
+        """Water depth (m, positive down), any broadcastable shape; NaN on land and beyond the extent."""
+        north, east = np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float))
+        height, relief = _height(self._valley, *self._unit(north, east))
+        logit = np.clip(self._gain * (height - self._middle) + self._level_logit, -40.0, 40.0)
+        rise = 1.0 / (1.0 + np.exp(-logit))
+        span = self.config.deepest_m - self.config.terrace_m
+        # Bounded relief, so that the terrace stays navigable whatever the draw.
+        depth = self.config.terrace_m + span * rise + self.config.roughness_m * 2.0 * np.tanh(relief / 2.0)
+        outside = np.maximum(
+            np.maximum(self._window.north_min_m - north, north - self._window.north_max_m),
+            np.maximum(self._window.east_min_m - east, east - self._window.east_max_m),
+        )
+        x = np.clip(outside / self.config.shore_m, 0.0, 1.0)
+        bank = 1.0 - x * x * (3.0 - 2.0 * x)
+        water = depth * bank
+        return np.where(water > 0.0, water, np.nan)
+
+    def describe(self) -> str:
+        """One sentence: which lake it is."""
+        w = self._window
+        return (
+            f"synthetic lake {self.seed} (drowned valley, {self.config.inlets} inlets, {self.config.islands} knolls), "
+            f"{self.config.terrace_m:g} to {self.config.deepest_m:g} m deep in "
+            f"{w.height_m:g} m x {w.width_m:g} m (north x east), banks rising to land around it"
+        )
+
+
+class FunctionGround:
+    """Ground given by a function of north and east (m), for tests and for trying a shape.
+
+    Args:
+        function: Depth (m) of arrays of north and east of the same shape.
+        extent: Where it holds; NaN outside.
+        name: What to call it.
+    """
+
+    def __init__(self, function: Callable[[Array, Array], Array], extent: Extent, name: str = "function") -> None:
+        self._function = function
+        self._extent = extent
+        self._name = name
+
+    @property
+    def extent(self) -> Extent:
+        """Where the function holds."""
+        return self._extent
+
+    @property
+    def origin(self) -> None:
+        """Nowhere on Earth."""
+        return None
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Array:
+        """The function's value inside the extent, NaN outside."""
+        north, east = np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float))
+        e = self._extent
+        inside = (north >= e.north_min_m) & (north <= e.north_max_m) & (east >= e.east_min_m) & (east <= e.east_max_m)
+        return np.where(inside, self._function(north, east), np.nan)
+
+    def describe(self) -> str:
+        """Its name and extent."""
+        return f"{self._name} over {self._extent.height_m:g} m x {self._extent.width_m:g} m"
