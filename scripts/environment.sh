@@ -23,16 +23,13 @@ environment_fingerprint() {
 use_environment() {
     "$ROOT/scripts/setup" --quiet || exit $?
     export PATH="$VENV/bin:$PATH"
-    local site
-    site="$(echo "$VENV"/lib/python3.*/site-packages)"
-    if ros_is_sourced; then
-        export AMENT_PREFIX_PATH="$INSTALL:$AMENT_PREFIX_PATH"
-    else
-        export AMENT_PREFIX_PATH="$INSTALL:$VENV"
-        export RMW_IMPLEMENTATION=rmw_fastrtps_cpp
+    if ! ros_is_sourced; then
+        export AMENT_PREFIX_PATH="$VENV" RMW_IMPLEMENTATION=rmw_fastrtps_cpp
+        unset PYTHONPATH
     fi
-    export PYTHONPATH="$INSTALL/lib/$(basename "$(dirname "$site")")/site-packages${PYTHONPATH:+:$PYTHONPATH}"
-    export LD_LIBRARY_PATH="$INSTALL/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}"
+    set +u # colcon's own script reads unset variables
+    . "$INSTALL/local_setup.bash"
+    set -u
     export AUV_LSE_ROOT="$ROOT"
     # One thread per process: a mission is many processes on few cores.
     export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
