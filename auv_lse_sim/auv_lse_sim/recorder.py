@@ -1,0 +1,116 @@
+"""Writes a run as a rosbag2 directory (MCAP, profile ros2) from raw CDR bytes, with what made the run inside.
+
+The file is written in chunks that are closed at least every few seconds of messages, so that a power cut loses
+little; `close` adds the index and `metadata.yaml`, which make it playable by `ros2 bag play`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from auv_lse_common.params import parameter
+
+_FOREVER = QosTime(9223372036, 854775807)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordConfig:
+    """What the recorder does."""
+
+    folder: str = parameter("", help="the rosbag2 directory to make; it must not exist yet")
+    flush_s: float = parameter(5.0, unit="s", above=0.0, help="at most so much of the run is lost by a power cut")
+
+
+class RecorderError(ValueError):
+    """A recording that cannot be made: the folder exists, the disk is full, a type is unknown."""
+
+
+def message_types(folders: Sequence[Path]) -> Any:
+    """The type store of ROS 2 Jazzy with the messages found in `folders` (each ".../share/PACKAGE/msg") added."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types: dict[str, Any] = {}
+    for folder in folders:
+        for path in sorted(folder.glob("*.msg")):
+            name = f"{folder.parent.name}/msg/{path.stem}"
+            if name not in store.fielddefs:
+                types.update(get_types_from_msg(path.read_text(), name))
+    store.register(types)
+    return store
+
+
+class BagWriter:
+    """One recording."""
+
+    def __init__(self, folder: Path, types: Any, snapshot: Mapping[str, str], flush_s: float = 5.0) -> None:
+        """Starts the recording.
+
+        Args:
+            folder: The rosbag2 directory to make.
+            types: Type store that knows every type (`message_types`).
+            snapshot: Texts kept inside the recording's metadata: the mission file, the seed.
+            flush_s: Messages of this many seconds (by their stamps) may wait in memory.
+
+        Raises:
+            RecorderError: if the folder exists or cannot be made.
+        """
+        self._types = types
+        self._flush_ns = int(flush_s * 1e9)
+        self._flushed_ns = 0
+        self._connections: dict[str, Any] = {}
+        self.count = 0
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        for key, text in snapshot.items():
+            self._writer.set_custom_data(key, text)
+        try:
+            self._writer.open()
+        except (WriterError, OSError) as error:
+            raise RecorderError(f"record.folder = {str(folder)!r}: cannot start a recording there: {error}") from error
+
+    def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:
+        """Announces a topic.
+
+        Args:
+            topic: Full name.
+            kind: Message type, "std_msgs/msg/String".
+            latched: True if its writers keep the last message for late readers; playback then does, too.
+
+        Raises:
+            RecorderError: if the type is not known.
+        """
+        qos = Qos(
+            history=QosHistory.KEEP_LAST,
+            depth=1 if latched else 1000,
+            reliability=QosReliability.RELIABLE,
+            durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+            deadline=_FOREVER,
+            lifespan=_FOREVER,
+            liveliness=QosLiveliness.AUTOMATIC,
+            liveliness_lease_duration=_FOREVER,
+            avoid_ros_namespace_conventions=False,
+        )
+        try:
+            connection = self._writer.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=[qos])
+        except (KeyError, WriterError) as error:
+            raise RecorderError(f"topic {topic} of type {kind}: cannot be recorded: {error!r}") from error
+        self._connections[topic] = connection
+
+    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Writes one message's CDR bytes, stamped `stamp_ns`."""
+        self._writer.write(self._connections[topic], stamp_ns, data)
+        self.count += 1
+        if stamp_ns - self._flushed_ns >= self._flush_ns:
+            self._flushed_ns = stamp_ns
+            storage: Any = self._writer.storage
+            storage.close_chunk()
+            storage.bio.flush()
+
+    def close(self) -> None:
+        """Ends the recording: writes the index and metadata.yaml."""
+        self._writer.close()
