@@ -1,0 +1,270 @@
+"""The operating area: a polygon, less the polygons that must not be entered."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from auv_lse_common.params import ParameterError, parameter
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+Array = NDArray[np.float64]
+
+#: Largest number of raster nodes: a finer raster over a larger area is a mistake in the configuration.
+MAX_NODES = 20_000_000
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class AreaConfig:
+    """Where the vehicles may be: the section `area` of a mission file."""
+
+    polygon_m: tuple[float, ...] = parameter(
+        (-50.0, -50.0, 550.0, -50.0, 550.0, 650.0, -50.0, 650.0),
+        unit="m",
+        help="Corners of the operating area in order, either way round: north, east, north, east, ...",
+    )
+    no_go: dict[str, tuple[float, ...]] = parameter(
+        {}, unit="m", help="Areas not to be entered, by name: corners as in polygon_m."
+    )
+    origin_lat_deg: float | None = parameter(
+        None, low=-90.0, high=90.0, unit="deg", help="WGS84 latitude of north = east = 0, where known."
+    )
+    origin_lon_deg: float | None = parameter(
+        None, low=-180.0, high=180.0, unit="deg", help="WGS84 longitude of north = east = 0, where known."
+    )
+    margin_m: float = parameter(
+        10.0, low=0.0, unit="m", help="Distance that vehicles keep from the area's border and from no-go areas."
+    )
+    raster_m: float = parameter(
+        2.0, above=0.0, unit="m", help="Spacing of the raster behind clearance_m, which errs by less, to the safe side."
+    )
+
+    def __post_init__(self) -> None:
+        """Checks the polygons.
+
+        Raises:
+            ParameterError: naming the polygon and what is wrong with it.
+        """
+        corners("area.polygon_m", self.polygon_m)
+        for name, flat in self.no_go.items():
+            corners(f"area.no_go.{name}", flat)
+        if (self.origin_lat_deg is None) != (self.origin_lon_deg is None):
+            raise ParameterError(
+                f"area.origin_lat_deg, origin_lon_deg: got {self.origin_lat_deg!r}, {self.origin_lon_deg!r}; "
+                "expected both or none"
+            )
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Grid:
+    """Cells over the operating area, by their centres.
+
+    Attributes:
+        north_m: North of the rows (ny,), ascending.
+        east_m: East of the columns (nx,), ascending.
+        inside: Whether a cell's centre is in the area (ny, nx).
+        resolution_m: Cell size.
+    """
+
+    north_m: Array
+    east_m: Array
+    inside: NDArray[np.bool_]
+    resolution_m: float
+
+    @property
+    def places_m(self) -> Array:
+        """Centres (P, 2) of the cells inside, row by row."""
+        rows, columns = np.nonzero(self.inside)
+        return np.column_stack([self.north_m[rows], self.east_m[columns]])
+
+    def fill(self, values: Array, outside: float = math.nan) -> Array:
+        """Values (P,) of the cells inside as an array (ny, nx), `outside` elsewhere."""
+        full = np.full(self.inside.shape, outside)
+        full[self.inside] = values
+        return full
+
+
+class OperatingArea:
+    """The operating area, with fast and safe-sided lookups of the distance to its border.
+
+    Attributes:
+        config: The configuration.
+        polygon: Corners (n, 2): north, east (m).
+        no_go: Corners (n, 2) of each no-go area by name.
+        margin_m: Distance that vehicles keep from the border.
+    """
+
+    def __init__(self, config: AreaConfig) -> None:
+        """Rasters the distance to the border.
+
+        Raises:
+            ParameterError: if the raster would be too large, or no place of the area is left.
+        """
+        self.config = config
+        self.polygon = corners("area.polygon_m", config.polygon_m)
+        self.no_go = {name: corners(f"area.no_go.{name}", flat) for name, flat in config.no_go.items()}
+        self.margin_m = config.margin_m
+        self._raster()
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """Smallest north, largest north, smallest east, largest east of the polygon."""
+        low, high = self.polygon.min(axis=0), self.polygon.max(axis=0)
+        return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+    def contains(self, places_m: ArrayLike) -> NDArray[np.bool_]:
+        """Whether places (P, 2) are in the polygon and in no no-go area, exactly (P,)."""
+        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
+        inside = _in_polygon(self.polygon, places)
+        for polygon in self.no_go.values():
+            inside &= ~_in_polygon(polygon, places)
+        return inside
+
+    def clearance_m(self, places_m: ArrayLike) -> Array:
+        """Distance (P,) in metres of places (P, 2) to the nearest border; negative where they must not be.
+
+        From a raster, rounded down: the true clearance is never less, and at most 2 raster_m more (within the
+        polygon's extent). So `clearance_m(p) >= margin_m` never lets a place pass that is too close.
+        """
+        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
+        step = self.config.raster_m
+        row = np.clip(np.rint((places[:, 0] - self._north0_m) / step), 0, self._nodes.shape[0] - 1)
+        column = np.clip(np.rint((places[:, 1] - self._east0_m) / step), 0, self._nodes.shape[1] - 1)
+        off = np.hypot(
+            places[:, 0] - (self._north0_m + row * step), places[:, 1] - (self._east0_m + column * step)
+        )
+        # The signed distance changes by no more than the way gone.
+        return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
+
+    def grid(self, resolution_m: float) -> Grid:
+        """Cells of `resolution_m` that cover the polygon's extent, aligned to multiples of the resolution.
+
+        Raises:
+            ValueError: if the resolution is not positive or no cell centre is in the area.
+        """
+        if not (math.isfinite(resolution_m) and resolution_m > 0.0):
+            raise ValueError(f"resolution_m: got {resolution_m!r}; expected a finite number > 0")
+        low_n, high_n, low_e, high_e = self.extent_m
+        axes = []
+        for low, high in ((low_n, high_n), (low_e, high_e)):
+            first, last = math.floor(low / resolution_m), math.ceil(high / resolution_m)
+            axes.append((np.arange(first, max(last, first + 1)) + 0.5) * resolution_m)
+        north, east = axes
+        mesh = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
+        inside = self.contains(mesh).reshape(len(north), len(east))
+        if not np.any(inside):
+            raise ValueError(f"resolution_m: got {resolution_m!r}; no cell centre of that size is in the area")
+        return Grid(north, east, inside, resolution_m)
+
+    def _raster(self) -> None:
+        step = self.config.raster_m
+        low_n, high_n, low_e, high_e = self.extent_m
+        self._north0_m, self._east0_m = low_n - step, low_e - step
+        rows = math.ceil((high_n - low_n) / step) + 3
+        columns = math.ceil((high_e - low_e) / step) + 3
+        if rows * columns > MAX_NODES:
+            raise ParameterError(
+                f"area.raster_m: got {step!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m would need "
+                f"{rows * columns} raster nodes; expected at most {MAX_NODES}: choose a larger raster_m"
+            )
+        north = self._north0_m + step * np.arange(rows)
+        east = self._east0_m + step * np.arange(columns)
+        nodes = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
+        # Distance to points along the borders, half of their spacing too far at most: taken off below.
+        spacing = step / 4.0
+        border = np.concatenate([_sampled(p, spacing) for p in (self.polygon, *self.no_go.values())])
+        distance = cKDTree(border).query(nodes)[0]
+        inside = self.contains(nodes)
+        signed = np.where(inside, distance - spacing / 2.0, -distance)
+        self._nodes = signed.reshape(rows, columns)
+        if not np.any(inside):
+            raise ParameterError(
+                "area: no place is left in the polygon outside of the no-go areas (or raster_m is too coarse: "
+                f"{step!r} m)"
+            )
+
+
+def corners(name: str, flat: tuple[float, ...]) -> Array:
+    """Corners (n, 2) of a flat polygon (north, east, north, east, ...); a repeated last corner is dropped.
+
+    Args:
+        name: Its name, for messages.
+        flat: The numbers.
+
+    Raises:
+        ParameterError: if it is no simple polygon of at least three finite corners.
+    """
+    if len(flat) % 2 or len(flat) < 6:
+        raise ParameterError(
+            f"{name}: got {len(flat)} numbers; expected north, east of at least 3 corners (an even number, 6 or more)"
+        )
+    polygon = np.array(flat, dtype=float).reshape(-1, 2)
+    bad = np.flatnonzero(~np.isfinite(polygon).all(axis=1) | (np.abs(polygon) > 1e6).any(axis=1))
+    if len(bad):
+        raise ParameterError(
+            f"{name}: corner {bad[0]} is {tuple(polygon[bad[0]].tolist())}; expected finite, within 1000 km"
+        )
+    if len(polygon) > 3 and np.array_equal(polygon[0], polygon[-1]):
+        polygon = polygon[:-1]
+    following = np.roll(polygon, -1, axis=0)
+    same = np.flatnonzero((polygon == following).all(axis=1))
+    if len(same):
+        raise ParameterError(f"{name}: corner {same[0]} {tuple(polygon[same[0]].tolist())} is given twice in a row")
+    crossing = _crossing_edges(polygon, following)
+    if crossing is not None:
+        i, j = crossing
+        raise ParameterError(
+            f"{name}: crosses itself: the edge from corner {i} {tuple(polygon[i].tolist())} meets the edge from corner "
+            f"{j} {tuple(polygon[j].tolist())}; expected the corners in order around the area"
+        )
+    area = 0.5 * float(np.sum(polygon[:, 0] * following[:, 1] - following[:, 0] * polygon[:, 1]))
+    span = float(np.ptp(polygon, axis=0).max())
+    if abs(area) <= 1e-9 * span * span:
+        raise ParameterError(f"{name}: has no area: its corners lie on one line")
+    return polygon
+
+
+def _crossing_edges(a: Array, b: Array) -> tuple[int, int] | None:
+    """Numbers of two edges a[i]-b[i], a[j]-b[j] that meet elsewhere than in a shared corner, or None."""
+    n = len(a)
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        return np.sign((q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0]))
+
+    for i in range(n - 1):
+        others = np.arange(i + 1, n)
+        p, q = np.broadcast_to(a[i], (len(others), 2)), np.broadcast_to(b[i], (len(others), 2))
+        r, s = a[others], b[others]
+        neighbour = (others == i + 1) | ((i == 0) & (others == n - 1))
+        d1, d2, d3, d4 = side(p, q, r), side(p, q, s), side(r, s, p), side(r, s, q)
+        overlap = (np.minimum(p, q) <= np.maximum(r, s)).all(axis=1) & (np.minimum(r, s) <= np.maximum(p, q)).all(axis=1)
+        meets = (d1 * d2 <= 0) & (d3 * d4 <= 0) & overlap
+        # Neighbours share a corner; they cross only if they lie on one line and fold back on each other.
+        folded = (d1 == 0) & (d2 == 0) & (np.einsum("kd,kd->k", q - p, s - r) < 0.0)
+        hit = np.flatnonzero(np.where(neighbour, folded, meets))
+        if len(hit):
+            return i, int(others[hit[0]])
+    return None
+
+
+def _in_polygon(polygon: Array, places: Array) -> NDArray[np.bool_]:
+    """Even-odd rule, exact up to rounding, (P,)."""
+    inside = np.zeros(len(places), dtype=bool)
+    north, east = places[:, 0], places[:, 1]
+    for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        if n0 == n1:
+            continue
+        spans = (n0 > north) != (n1 > north)
+        inside ^= spans & (east < e0 + (north - n0) * ((e1 - e0) / (n1 - n0)))
+    return inside
+
+
+def _sampled(polygon: Array, spacing_m: float) -> Array:
+    """Points along a polygon's border, no more than `spacing_m` apart."""
+    points = []
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        count = max(1, math.ceil(float(np.hypot(*(b - a))) / spacing_m))
+        points.append(a + (b - a) * (np.arange(count) / count)[:, None])
+    return np.concatenate(points)

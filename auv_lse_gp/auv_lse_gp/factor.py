@@ -1,0 +1,112 @@
+"""A Cholesky factor that grows: L L^T = K + N, a row for each centre, kept in a buffer that doubles when full."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from auv_lse_gp import compiled
+
+Array = NDArray[np.float64]
+
+#: Rows of the blocks in which right-hand sides are solved for: small triangles, the rest is matrix products.
+BLOCK = 48
+
+
+class IllConditionedError(ValueError):
+    """The covariance of the centres cannot be factorized in double precision; nothing is added to it silently."""
+
+
+class Factor:
+    """Lower Cholesky factor L (n, n) of the centres' covariance with noise."""
+
+    def __init__(self, capacity: int = 64) -> None:
+        """Makes an empty factor with room for `capacity` rows."""
+        self._buffer = np.zeros((capacity, capacity))
+        self.size = 0
+
+    @property
+    def lower(self) -> Array:
+        """L (n, n), a view: not to be written to, and overwritten by later changes."""
+        return self._buffer[: self.size, : self.size]
+
+    def truncate(self, size: int) -> None:
+        """Forgets all rows from number `size` on."""
+        self.size = min(self.size, size)
+
+    def append(self, cross: Array, own: Array) -> None:
+        """Appends m rows.
+
+        Args:
+            cross: Covariance (m, n) of the new centres with those in the factor.
+            own: Covariance (m, m) among the new ones, with noise on the diagonal.
+
+        Raises:
+            IllConditionedError: if the result is not positive definite in double precision; the factor is unchanged.
+        """
+        old, new = self.size, self.size + len(own)
+        self._reserve(new)
+        rows = self.solve(cross.T).T
+        remainder = own - rows @ rows.T
+        # A pivot that is all rounding says nothing: n eps k(p, p) is the size of the rounding in it.
+        floor = 4.0 * new * np.finfo(float).eps * float(np.max(np.diag(own)))
+        try:
+            corner = cholesky(remainder, lower=True, check_finite=False)
+        except LinAlgError:
+            corner = None
+        if corner is None or not float(np.min(np.diag(corner))) ** 2 > floor:
+            raise IllConditionedError(
+                f"the covariance of {new} centres is not positive definite in double precision: centres too close "
+                f"together for their noise (smallest pivot wanted: {floor:.2g} m^2); expected a larger noise_std_m or "
+                "min_spacing_m. Nothing is added to the diagonal silently."
+            )
+        self._buffer[old:new, :old] = rows
+        self._buffer[old:new, old:new] = np.tril(corner)
+        self.size = new
+
+    def solve(self, right: Array) -> Array:
+        """L^-1 right, for right (n, P) or (n,)."""
+        if right.ndim == 1:
+            if compiled.AVAILABLE:
+                return np.asarray(compiled.gp().forward(self._buffer, self.size, np.ascontiguousarray(right, float)))
+            return self._solve_block(right[:, None].copy())[:, 0]
+        if compiled.AVAILABLE and right.shape[1] == 1:
+            return self.solve(right[:, 0])[:, None]
+        return self._solve_block(np.array(right, order="C"))
+
+    def solve_in_place(self, right: Array) -> Array:
+        """`solve` that overwrites `right` (n, P), C-ordered, and returns it."""
+        return self._solve_block(right)
+
+    def _solve_block(self, solved: Array) -> Array:
+        lower = self.lower
+        for begin in range(0, self.size, BLOCK):
+            end = min(begin + BLOCK, self.size)
+            if begin:
+                solved[begin:end] -= lower[begin:end, :begin] @ solved[:begin]
+            solved[begin:end] = solve_triangular(
+                lower[begin:end, begin:end], solved[begin:end], lower=True, check_finite=False
+            )
+        return solved
+
+    def solve_transposed(self, right: Array, size: int | None = None) -> Array:
+        """L^-T right, for right (n,) or (n, P); with `size`, of the leading part of L of that size."""
+        n = self.size if size is None else size
+        solved = np.array(right, dtype=float)
+        lower = self._buffer[:n, :n]
+        for begin in reversed(range(0, n, BLOCK)):
+            end = min(begin + BLOCK, n)
+            if end < n:
+                solved[begin:end] -= lower[end:, begin:end].T @ solved[end:]
+            solved[begin:end] = solve_triangular(
+                lower[begin:end, begin:end], solved[begin:end], lower=True, trans="T", check_finite=False
+            )
+        return solved
+
+    def _reserve(self, size: int) -> None:
+        if size <= len(self._buffer):
+            return
+        grown = np.zeros((max(size, 2 * len(self._buffer)),) * 2)
+        grown[: self.size, : self.size] = self.lower
+        self._buffer = grown

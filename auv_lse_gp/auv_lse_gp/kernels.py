@@ -1,0 +1,132 @@
+"""Covariance functions of the depth: stationary, in the plane, isotropic or with two axes.
+
+Every kernel is signal_std^2 rho(r), with r the distance in units of the kernel's own length (along each axis).
+Distances are scaled once per place (`Kernel.scale`), so that anisotropy costs nothing more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_gp import compiled
+from auv_lse_gp.config import KERNELS, GpConfig
+
+Array = NDArray[np.float64]
+
+#: Support of a Wendland kernel / its length scale: at one length scale, it then has the correlation of a
+#: Matern 5/2 kernel at one of its own (0.524), so that `length_scale_m` means the same for every kernel.
+SUPPORT_RATIO = {"wendland_c2": 3.3107, "wendland_c4": 3.6969}
+
+#: Default radius of the local subset (d_eps) / length scale, for the kernels without compact support. Beyond it the
+#: kernel's correlation is below 0.5 %; docs/gp.md has the error of the map against the full posterior.
+LOCAL_RATIO = {"matern32": 4.5, "matern52": 4.0, "squared_exponential": 3.5}
+
+
+def _matern32(r: Array) -> Array:
+    t = math.sqrt(3.0) * r
+    return np.asarray((1.0 + t) * np.exp(-t))
+
+
+def _matern52(r: Array) -> Array:
+    t = math.sqrt(5.0) * r
+    return np.asarray((1.0 + t + t * t / 3.0) * np.exp(-t))
+
+
+def _squared_exponential(r: Array) -> Array:
+    return np.asarray(np.exp(-0.5 * r * r))
+
+
+def _wendland_c2(r: Array) -> Array:
+    # Wendland (1995), phi_{3,1}: positive definite in up to three dimensions, twice differentiable.
+    q = np.maximum(1.0 - r, 0.0) ** 2
+    return np.asarray(q * q * (4.0 * r + 1.0))
+
+
+def _wendland_c4(r: Array) -> Array:
+    # Wendland (1995), phi_{3,2}: positive definite in up to three dimensions, four times differentiable.
+    q = np.maximum(1.0 - r, 0.0) ** 2
+    return np.asarray(q * q * q * ((35.0 * r + 18.0) * r + 3.0) / 3.0)
+
+
+#: Correlation rho(r) by name.
+CORRELATIONS: dict[str, Callable[[Array], Array]] = {
+    "matern32": _matern32,
+    "matern52": _matern52,
+    "squared_exponential": _squared_exponential,
+    "wendland_c2": _wendland_c2,
+    "wendland_c4": _wendland_c4,
+}
+
+
+class Kernel:
+    """The covariance function k(p, p') that a `GpConfig` describes.
+
+    Attributes:
+        name: One of `KERNELS`.
+        index: Its number, for the compiled code.
+        signal_variance_m2: k(p, p).
+        length_m: The kernel's own length along the first axis: length scale, or support of a Wendland kernel.
+        length_2_m: The same across.
+        support_m: Distance along the first axis beyond which k is zero; infinite without compact support.
+        local_m: Radius of the local subset (d_eps) along the first axis.
+    """
+
+    def __init__(self, config: GpConfig) -> None:
+        """Takes kernel, signal, lengths, rotation and support from `config`."""
+        self.name = config.kernel
+        self.index = KERNELS.index(config.kernel)
+        self.signal_variance_m2 = config.signal_std_m**2
+        across = (config.length_scale_2_m or config.length_scale_m) / config.length_scale_m
+        compact = self.name in SUPPORT_RATIO
+        if compact:
+            self.length_m = config.support_m or SUPPORT_RATIO[self.name] * config.length_scale_m
+            self.support_m = self.length_m
+            self.local_m = self.length_m
+        else:
+            self.length_m = config.length_scale_m
+            self.support_m = math.inf
+            self.local_m = config.support_m or LOCAL_RATIO[self.name] * config.length_scale_m
+        self.length_2_m = across * self.length_m
+        angle = math.radians(config.rotation_deg)
+        along = np.array([math.cos(angle), math.sin(angle)])  # (north, east) of the first axis
+        right = np.array([-math.sin(angle), math.cos(angle)])
+        self._to_scaled = np.stack([along / self.length_m, right / self.length_2_m], axis=1)
+        self._correlation = CORRELATIONS[self.name]
+
+    @property
+    def compact(self) -> bool:
+        """Whether k is exactly zero beyond a distance."""
+        return math.isfinite(self.support_m)
+
+    @property
+    def local_radius(self) -> float:
+        """Radius of the local subset in scaled distance."""
+        return self.local_m / self.length_m
+
+    def scale(self, places_m: Array) -> Array:
+        """Places (P, 2) in the kernel's own axes and lengths, so that r is a plain distance."""
+        return np.ascontiguousarray(places_m @ self._to_scaled)
+
+    def variance(self, places_m: Array | None = None) -> Array:
+        """k(p, p) of each place (P,), or of one place if none is given."""
+        return np.full(() if places_m is None else len(places_m), self.signal_variance_m2)
+
+    def __call__(self, a_m: Array, b_m: Array) -> Array:
+        """Covariance (A, B) in m^2 of the depths at places `a_m` (A, 2) and `b_m` (B, 2)."""
+        return self.of_scaled(self.scale(np.asarray(a_m, float)), self.scale(np.asarray(b_m, float)))
+
+    def of_scaled(self, a: Array, b: Array) -> Array:
+        """`__call__` of places already scaled."""
+        if compiled.AVAILABLE:
+            return np.asarray(compiled.gp().covariance(self.index, self.signal_variance_m2, a, b))
+        return self.of_scaled_numpy(a, b)
+
+    def of_scaled_numpy(self, a: Array, b: Array) -> Array:
+        """`of_scaled` with NumPy alone: the reference of the compiled one."""
+        dx = a[:, None, 0] - b[None, :, 0]
+        dy = a[:, None, 1] - b[None, :, 1]
+        return np.asarray(self.signal_variance_m2 * self._correlation(np.sqrt(dx * dx + dy * dy)))
