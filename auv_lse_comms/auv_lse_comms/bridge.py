@@ -1,0 +1,297 @@
+"""What one vehicle says and hears: its plan and soundings in, packets out in its own slots, and the team's back.
+
+One `ModemBridge` per vehicle. It reads no clock: `now_s` is the vehicle's own time, and must be the same clock as that
+of the TDMA epoch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.fields import capacity
+from auv_lse_comms.packet import Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.selection import ReceiversRisk, every_nth, most_useful
+from auv_lse_comms.tag import Tagger
+from auv_lse_comms.tdma import Slot, Tdma
+
+Array = NDArray[np.float64]
+
+
+class PlanLike(Protocol):
+    """A plan as the planner makes it: where it begins, its actions, and the naive path that continues it."""
+
+    @property
+    def step(self) -> int: ...  # noqa: D102  # see Packet
+    @property
+    def heading_rad(self) -> float: ...  # noqa: D102
+    @property
+    def north_m(self) -> float: ...  # noqa: D102
+    @property
+    def east_m(self) -> float: ...  # noqa: D102
+    @property
+    def actions(self) -> tuple[int, ...]: ...  # noqa: D102
+    @property
+    def heuristic(self) -> int: ...  # noqa: D102
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Received:
+    """A packet of a teammate.
+
+    Attributes:
+        source: Number of the sender.
+        stamp_s: When it was received (s).
+        packet: The sender's plan (step, state, actions, heuristic) and samples, shape (n, 3).
+    """
+
+    source: int
+    stamp_s: float
+    packet: Packet
+
+
+class ModemBridge:
+    """Between one vehicle's planner and map, and its modem."""
+
+    def __init__(
+        self,
+        tdma: TdmaConfig,
+        packet: PacketConfig,
+        address: int,
+        vehicles: int,
+        *,
+        limits: Limits | None = None,
+        key: bytes | None = None,
+        receivers: ReceiversRisk | None = None,
+    ) -> None:
+        """Starts with nothing to say.
+
+        Args:
+            tdma: Slots.
+            packet: What goes into a packet and what is refused.
+            address: Number of this vehicle, from 1, which is its modem's address.
+            vehicles: Number of vehicles of the mission.
+            limits: What a mission's packets can hold; None checks the field table's ranges only.
+            key: The team's key (`tag.read_key`), needed if `packet.tag`.
+            receivers: What the receivers know, needed if `packet.selection` is "useful".
+
+        Raises:
+            ValueError: if the key or `receivers` is missing, or the address is not a vehicle.
+        """
+        if packet.tag and key is None:
+            raise ValueError("packet.tag = true: expected a key")
+        if packet.selection == "useful" and receivers is None:
+            raise ValueError("packet.selection = 'useful': expected `receivers`, which says what a sample is worth")
+        self.tdma = Tdma(tdma, address, vehicles)
+        self.address = address
+        self.vehicles = vehicles
+        self.counts: Counter[str] = Counter()
+        self._config = packet
+        self._limits = limits
+        self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
+        self._receivers = receivers
+        self._plan: Packet | None = None
+        self._unsent = np.zeros((0, 4))  # stamp_s, north_m, east_m, depth_m
+        self._last_queued: tuple[float, float] | None = None
+        self._last_sent: Array | None = None  # samples of the last packet, while it can be taken back
+        self._last_slot: tuple[int, float] | None = None  # index and since_s of the slot it went out in
+        self._slot: Slot | None = None  # the slot the last poll fell in
+        self._used = False  # whether that slot's packet is out
+        self._why = "late"  # why not, if it is ours and is over without one
+
+    @property
+    def unsent(self) -> int:
+        """Samples waiting to be sent."""
+        return len(self._unsent)
+
+    @property
+    def backlog(self) -> Array:
+        """The samples waiting to be sent: stamp (s), north, east, depth (m), shape (n, 4)."""
+        return self._unsent.copy()
+
+    def set_plan(self, plan: PlanLike) -> None:
+        """Takes the vehicle's current best path, said in the next packets until another one comes.
+
+        Raises:
+            PacketError: (a ValueError) if no packet can say it; the plan before it stays.
+        """
+        header = Packet(
+            step=plan.step,
+            heading_rad=plan.heading_rad,
+            north_m=plan.north_m,
+            east_m=plan.east_m,
+            actions=tuple(int(action) for action in plan.actions),
+            heuristic=plan.heuristic,
+        )
+        encode(header, self._limits, self._config.reserve)
+        self._plan = header
+
+    def add_soundings(self, soundings: ArrayLike) -> int:
+        """Queues the vehicle's own soundings for sending.
+
+        Those outside the limits, which every receiver would refuse with their whole packet, are counted as
+        "samples.outside", those nearer to the last queued than `min_spacing_m` as "samples.thinned".
+
+        Args:
+            soundings: Stamp (s), north, east (m), water depth (m, positive down), shape (n, 4), in time order.
+
+        Returns:
+            How many were queued.
+
+        Raises:
+            ValueError: if the shape is another one or a number is not finite.
+        """
+        rows = np.asarray(soundings, dtype=float)
+        if rows.size == 0:
+            return 0
+        if rows.ndim != 2 or rows.shape[1] != 4:
+            raise ValueError(f"soundings of shape {rows.shape}: expected (n, 4), stamp, north, east, depth")
+        if not np.isfinite(rows).all():
+            row = rows[~np.isfinite(rows).all(axis=1)][0]
+            raise ValueError(f"sounding {row.tolist()}: expected finite stamp, north, east, depth")
+        limits = self._limits or Limits()
+        inside = limits.hold(rows[:, 1:])
+        self.counts["samples.outside"] += int((~inside).sum())
+        rows = rows[inside]
+        if self._config.min_spacing_m > 0.0:
+            rows = self._thinned(rows)
+        if not len(rows):
+            return 0
+        late = len(self._unsent) > 0 and rows[0, 0] < self._unsent[-1, 0]
+        self._unsent = np.concatenate([self._unsent, rows])
+        if late or (np.diff(rows[:, 0]) < 0.0).any():
+            self._unsent = self._unsent[np.argsort(self._unsent[:, 0], kind="stable")]
+        self.counts["samples.queued"] += len(rows)
+        return len(rows)
+
+    def _thinned(self, rows: Array) -> Array:
+        keep = np.zeros(len(rows), dtype=bool)
+        for i, (_, north, east, _) in enumerate(rows.tolist()):
+            last = self._last_queued
+            if last is None or math.hypot(north - last[0], east - last[1]) >= self._config.min_spacing_m:
+                keep[i] = True
+                self._last_queued = (north, east)
+        self.counts["samples.thinned"] += int((~keep).sum())
+        return rows[keep]
+
+    def receive(self, now_s: float, source: int, payload: bytes) -> Received | None:
+        """Takes what the modem heard.
+
+        Args:
+            now_s: Time (s).
+            source: Sender's number according to the modem.
+            payload: Any bytes.
+
+        Returns:
+            The packet, or None if it was refused: counted under "rejected.<reason>" (`packet.REASONS`).
+        """
+        try:
+            if source == self.address or not 1 <= source <= self.vehicles:
+                raise PacketError("source", f"source {source}: expected a teammate, 1..{self.vehicles}")
+            # what it says is judged first, so that the tag remembers only packets that were taken
+            packet = decode(payload, self._limits, self._config.reserve)
+            if self._tagger is not None:
+                self._tagger.check(payload, source)
+        except PacketError as error:
+            self.counts[f"rejected.{error.reason}"] += 1
+            return None
+        self.counts["received"] += 1
+        self.counts[f"received.{source}"] += 1
+        self.counts["samples.received"] += len(packet.samples)
+        if self._receivers is not None and len(packet.samples):
+            self._receivers.tell(packet.samples)
+        return Received(source=source, stamp_s=now_s, packet=packet)
+
+    def poll(self, now_s: float, ready: bool = True) -> bytes | None:
+        """The packet to send now, at most one in each own slot.
+
+        Call it at least as often as slots come. Own slots that end without a packet are counted under
+        "slots.missed.<why>": "plan" (nothing to say yet), "busy" (the modem was not ready), "late" (the first poll in
+        the slot came when a transmission no longer fitted), "asleep" (no poll came in the whole slot), "modem" (see
+        `not_sent`).
+
+        Args:
+            now_s: Time (s).
+            ready: Whether the modem can take a packet now.
+
+        Returns:
+            252 bytes to send at once, or None.
+        """
+        slot = self.tdma.slot(now_s)
+        if self._slot is None or (slot.index, slot.since_s) != (self._slot.index, self._slot.since_s):
+            self._close(slot)
+            self._slot, self._why = slot, "late"
+            self._used = (slot.index, slot.since_s) == self._last_slot  # a clock set back sends no slot twice
+        if slot.owner != self.address or self._used:
+            return None
+        first, last = self.tdma.window(slot)
+        if not first <= now_s <= last:
+            return None
+        if self._plan is None:
+            self._why = "plan"
+            return None
+        if not ready:
+            self._why = "busy"
+            return None
+        payload = self._compose(self._plan)
+        self._used, self._last_slot = True, (slot.index, slot.since_s)
+        self.counts["slots.used"] += 1
+        self.counts["sent"] += 1
+        return payload
+
+    def _close(self, slot: Slot) -> None:
+        """Counts the own slots between the last poll and this one."""
+        before = self._slot
+        if before is None:
+            return
+        if before.owner == self.address and not self._used:
+            self.counts[f"slots.missed.{self._why}"] += 1
+        if slot.since_s != before.since_s or slot.index <= before.index + 1:
+            return  # settings changed, or the clock was set back
+        order = self.tdma.settings(slot.start_s).order
+        mine = [i for i, owner in enumerate(order) if owner == self.address]
+        turns, rest = divmod(slot.index - before.index - 1, len(order))
+        asleep = turns * len(mine) + sum((i - before.index - 1) % len(order) < rest for i in mine)
+        if asleep:
+            self.counts["slots.missed.asleep"] += asleep
+
+    def _compose(self, plan: Packet) -> bytes:
+        room = capacity(len(plan.actions), self._config.reserve)
+        if self._config.selection == "useful" and self._receivers is not None:
+            chosen = most_useful(self._unsent[:, 1:], room, self._receivers)
+        else:
+            chosen = every_nth(len(self._unsent), room)
+        packet = Packet(
+            step=plan.step,
+            heading_rad=plan.heading_rad,
+            north_m=plan.north_m,
+            east_m=plan.east_m,
+            actions=plan.actions,
+            heuristic=plan.heuristic,
+            samples=self._unsent[chosen, 1:],
+        )
+        payload = encode(packet, self._limits, self._config.reserve)
+        if self._tagger is not None:
+            payload = self._tagger.seal(payload, self.address)
+        self._last_sent = self._unsent[chosen]
+        self._unsent = np.delete(self._unsent, chosen, axis=0)
+        self.counts["samples.sent"] += len(chosen)
+        return payload
+
+    def not_sent(self) -> None:
+        """The modem did not send the last packet after all: its samples are unsent again, its slot was missed."""
+        if self._last_sent is None:
+            return
+        self._unsent = np.concatenate([self._last_sent, self._unsent])
+        self._unsent = self._unsent[np.argsort(self._unsent[:, 0], kind="stable")]
+        self.counts["samples.sent"] -= len(self._last_sent)
+        self.counts["sent"] -= 1
+        self.counts["slots.used"] -= 1
+        self.counts["slots.missed.modem"] += 1
+        self._last_sent = None

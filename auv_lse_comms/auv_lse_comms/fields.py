@@ -1,0 +1,158 @@
+"""The packet's bytes as one table: sizes, ranges, the codec and the documentation all derive from it."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Bytes of every packet: one frame of the Micromodem holds 256.
+PACKET_BYTES = 252
+#: The lowest terminal byte. Below it a byte of the path is an action.
+FIRST_TERMINAL = 0xF0
+#: Terminal byte of a path that no naive path continues.
+NO_HEURISTIC = 0xFF
+#: Fills what is not used.
+FILL = 0xFF
+
+_CODES = {"uint8": "B", "uint16": "H", "float32": "f"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Field:
+    """One number on the wire, little-endian.
+
+    Attributes:
+        name: What `Packet` calls it.
+        type: "uint8", "uint16" or "float32".
+        unit: SI unit, "" for none.
+        low: Smallest value, inclusive, as the type holds it.
+        high: Largest value, inclusive, as the type holds it.
+        meaning: One line for the documentation.
+    """
+
+    name: str
+    type: str
+    unit: str = ""
+    low: float
+    high: float
+    meaning: str
+
+    @property
+    def code(self) -> str:
+        """Letter of the type in `struct`."""
+        return _CODES[self.type]
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return struct.calcsize("<" + self.code)
+
+
+def _float32(value: float) -> float:
+    return float(np.float32(value))
+
+
+#: Where the sender's path begins.
+HEADER = (
+    Field(name="step", type="uint16", low=0, high=0xFFFF, meaning="mission step of the initial state"),
+    Field(
+        name="heading_rad",
+        type="float32",
+        unit="rad",
+        low=_float32(-2.0 * math.pi),
+        high=_float32(2.0 * math.pi),
+        meaning="heading there, clockwise from north",
+    ),
+    Field(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
+    Field(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),
+)
+#: Repeated once per action.
+ACTION = Field(name="actions", type="uint8", low=0, high=FIRST_TERMINAL - 1, meaning="index in the action set")
+#: Once, after the actions.
+TERMINAL = Field(
+    name="heuristic",
+    type="uint8",
+    low=FIRST_TERMINAL,
+    high=NO_HEURISTIC,
+    meaning="ends the actions: 0xFF no more path, else the id of the naive path that continues to the mission's end",
+)
+#: Repeated once per sample; an unused place holds 12 bytes 0xFF.
+SAMPLE = (
+    Field(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
+    Field(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),
+    Field(name="depth_m", type="float32", unit="m", low=-1e3, high=12e3, meaning="water depth, positive down"),
+)
+
+HEADER_STRUCT = struct.Struct("<" + "".join(field.code for field in HEADER))
+SAMPLE_BYTES = sum(field.size for field in SAMPLE)
+#: Most actions that leave room for the terminal byte.
+MAX_ACTIONS = (PACKET_BYTES - HEADER_STRUCT.size - TERMINAL.size) // ACTION.size
+
+if HEADER_STRUCT.size != sum(field.size for field in HEADER) or MAX_ACTIONS < 1:
+    raise AssertionError(f"the field table does not fit a packet of {PACKET_BYTES} bytes")
+
+
+def samples_start(n_actions: int) -> int:
+    """First byte of the samples in a packet with this many actions."""
+    return HEADER_STRUCT.size + n_actions * ACTION.size + TERMINAL.size
+
+
+def capacity(n_actions: int, reserve: int = 0) -> int:
+    """Samples that fit a packet.
+
+    Args:
+        n_actions: Actions in the packet, 0 to `MAX_ACTIONS`.
+        reserve: Bytes at the end kept for the tag, 0 if there is none.
+
+    Raises:
+        ValueError: if the actions and the reserve do not fit the packet.
+    """
+    room = PACKET_BYTES - reserve - samples_start(n_actions)
+    if n_actions < 0 or reserve < 0 or room < 0:
+        raise ValueError(
+            f"{n_actions} actions and {reserve} bytes of tag do not fit a packet of {PACKET_BYTES} bytes; "
+            f"expected at most {MAX_ACTIONS - reserve} actions"
+        )
+    return room // SAMPLE_BYTES
+
+
+def spare_bytes(n_actions: int) -> int:
+    """Bytes left over after the samples of a full packet."""
+    return PACKET_BYTES - samples_start(n_actions) - capacity(n_actions) * SAMPLE_BYTES
+
+
+def markdown(n_actions: int) -> str:
+    """The layout of a packet with this many actions, as a table for the documentation."""
+    rows = ["| bytes | type | field | unit | range | meaning |", "|---|---|---|---|---|---|"]
+    at = 0
+
+    def row(field: Field, name: str, count: int = 1) -> None:
+        nonlocal at
+        last = at + field.size * count - 1
+        span = f"{at}" if last == at else f"{at}-{last}"
+        kind = field.type if count == 1 else f"{count} x {field.type}"
+        if field.type == "float32":
+            limits = f"{field.low:g} to {field.high:g}"
+        elif field.low >= FIRST_TERMINAL:
+            limits = f"0x{int(field.low):02X} to 0x{int(field.high):02X}"
+        else:
+            limits = f"{int(field.low)} to {int(field.high)}"
+        rows.append(f"| {span} | {kind} | `{name}` | {field.unit} | {limits} | {field.meaning} |")
+        at = last + 1
+
+    for field in HEADER:
+        row(field, field.name)
+    if n_actions:
+        row(ACTION, ACTION.name, n_actions)
+    row(TERMINAL, TERMINAL.name)
+    n = capacity(n_actions)
+    for field in SAMPLE:
+        row(field, f"samples[0].{field.name}")
+    last = samples_start(n_actions) + n * SAMPLE_BYTES - 1
+    rows.append(f"| {at}-{last} | {n - 1} x 3 float32 | `samples[1..{n - 1}]` | m | as above | unused ones all 0xFF |")
+    if last + 1 < PACKET_BYTES:
+        rows.append(f"| {last + 1}-{PACKET_BYTES - 1} | {spare_bytes(n_actions)} bytes | spare | | 0xFF | or the tag |")
+    return "\n".join(rows)

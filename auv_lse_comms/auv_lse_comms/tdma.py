@@ -1,0 +1,158 @@
+"""Time slots (section 5), computed from the time alone.
+
+Slot number i spans [epoch + i slot, epoch + (i+1) slot) and belongs to order[i mod len(order)]. A transmission may
+start at time t of its owner's clock when
+
+    start + guard <= t    and    t + duration + max_range / c + guard <= end
+
+so it has reached the farthest member a guard before the slot ends. If every clock is within one guard of the true
+time, everything sent in a slot is sent and has died away within that slot's true bounds: two slots never overlap, and
+nobody sends while something is still coming in.
+
+A change of settings is laid down with the time at which it takes effect: the start of a cycle of the old settings.
+From there the new settings count from their own epoch, so that a vehicle that knows only them finds the same slots; a
+slot that would have begun before the change is nobody's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from auv_lse_comms.config import TdmaConfig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slot:
+    """One slot.
+
+    Attributes:
+        index: Number of the slot, counted from the epoch; with `since_s` it names the slot for ever.
+        owner: Number of the vehicle that may send, 0 for nobody.
+        start_s: Its first instant (s).
+        end_s: The first instant after it (s).
+        since_s: When the settings it belongs to took effect (s), -inf for the first ones.
+    """
+
+    index: int
+    owner: int
+    start_s: float
+    end_s: float
+    since_s: float = -math.inf
+
+
+class Tdma:
+    """The slots of one team as one of its vehicles sees them."""
+
+    def __init__(self, config: TdmaConfig, address: int, vehicles: int) -> None:
+        """Starts with these settings, in force since ever.
+
+        Args:
+            config: The settings. An empty order becomes 1, 2, ..., `vehicles`.
+            address: Number of this vehicle, from 1.
+            vehicles: Number of vehicles of the mission.
+
+        Raises:
+            ValueError: if the address or an owner in the order is not a vehicle of the mission.
+        """
+        if not 1 <= address <= vehicles:
+            raise ValueError(f"address {address}: expected a vehicle of the mission, 1..{vehicles}")
+        self.address = address
+        self.vehicles = vehicles
+        self._settings: list[tuple[float, TdmaConfig]] = [(-math.inf, self._complete(config))]
+
+    def _complete(self, config: TdmaConfig) -> TdmaConfig:
+        if not config.order:
+            return dataclasses.replace(config, order=tuple(range(1, self.vehicles + 1)))
+        strangers = sorted({owner for owner in config.order if not 0 <= owner <= self.vehicles})
+        if strangers:
+            raise ValueError(f"tdma order {config.order}: {strangers} are not among the vehicles 1..{self.vehicles}")
+        return config
+
+    def settings(self, now_s: float) -> TdmaConfig:
+        """The settings in force, with the order written out."""
+        return self._at(now_s)[1]
+
+    @property
+    def pending(self) -> tuple[float, TdmaConfig] | None:
+        """The last change laid down: (time it takes effect, settings); None if there was none."""
+        return self._settings[-1] if len(self._settings) > 1 else None
+
+    def change(self, config: TdmaConfig, now_s: float, at_s: float | None = None) -> float:
+        """Lays down new settings; a change laid down earlier and not yet in force is replaced.
+
+        Args:
+            config: The new settings.
+            now_s: Time now (s).
+            at_s: Earliest time of the change (s), for instance one agreed with the whole team; at once if None.
+
+        Returns:
+            When they take effect (s): the first start of a cycle, of the settings in force, after `now_s` that is
+            not before `at_s`.
+
+        Raises:
+            ValueError: if the order names a vehicle that is not of the mission, or a time is not finite.
+        """
+        config = self._complete(config)
+        earliest = now_s if at_s is None else max(now_s, at_s)
+        if not math.isfinite(earliest):
+            raise ValueError(f"change of the tdma settings at {at_s} s, now {now_s} s: expected finite times")
+        since, old = self._at(now_s)
+        self._settings = [(since, old)]
+        slots = len(old.order)
+        index = slots * math.floor((earliest - old.epoch_s) / (old.slot_s * slots))
+        while (effective := old.epoch_s + index * old.slot_s) < earliest or effective <= now_s:
+            index += slots
+        self._settings.append((effective, config))
+        return effective
+
+    def _at(self, now_s: float) -> tuple[float, TdmaConfig]:
+        for since, config in reversed(self._settings):
+            if now_s >= since:
+                return since, config
+        return self._settings[0]  # asked about a time before a change whose forerunner is forgotten
+
+    def slot(self, now_s: float) -> Slot:
+        """The slot that the time falls in."""
+        since, config = self._at(now_s)
+        index = math.floor((now_s - config.epoch_s) / config.slot_s)
+        # the product, not the quotient, says where a slot starts: all agree on it to the last bit
+        if now_s < config.epoch_s + index * config.slot_s:
+            index -= 1
+        elif now_s >= config.epoch_s + (index + 1) * config.slot_s:
+            index += 1
+        start = config.epoch_s + index * config.slot_s
+        owner = config.order[index % len(config.order)] if start >= since else 0
+        return Slot(index=index, owner=owner, start_s=start, end_s=start + config.slot_s, since_s=since)
+
+    def window(self, slot: Slot, duration_s: float | None = None) -> tuple[float, float]:
+        """First and last time (s) at which a transmission of this duration may start in the slot (none if last < first)."""
+        config = self._at(slot.since_s)[1]
+        duration = config.send_duration_s if duration_s is None else duration_s
+        return slot.start_s + config.guard_s, slot.end_s - config.guard_s - config.travel_s - duration
+
+    def may_send(self, now_s: float, duration_s: float | None = None) -> bool:
+        """Whether this vehicle may start a transmission now.
+
+        Args:
+            now_s: Time (s) of this vehicle's clock.
+            duration_s: How long the transmission takes (s); `send_duration_s` if None.
+        """
+        slot = self.slot(now_s)
+        first, last = self.window(slot, duration_s)
+        return slot.owner == self.address and first <= now_s <= last
+
+    def next_slot(self, now_s: float) -> Slot | None:
+        """This vehicle's next slot that has not begun yet, None if it has none in the next two cycles."""
+        return next((slot for slot in self.following(now_s) if slot.owner == self.address), None)
+
+    def following(self, now_s: float) -> Iterator[Slot]:
+        """The slots after the one `now_s` falls in, through two cycles beyond the last change of settings."""
+        slot = self.slot(now_s)
+        last_since, last = self._settings[-1]
+        end = max(now_s, last_since) + 2.0 * last.slot_s * len(last.order) + last.slot_s
+        while slot.end_s <= end:
+            slot = self.slot(slot.end_s)
+            yield slot
