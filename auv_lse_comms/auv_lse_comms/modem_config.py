@@ -69,9 +69,7 @@ class ModemConfig:
             ParameterError: naming the keys and values.
         """
         if self.kind == "micromodem" and not self.port:
-            raise ParameterError(
-                "port: got '' with kind 'micromodem'; expected a serial device or 'tcp://HOST:PORT'"
-            )
+            raise ParameterError("port: got '' with kind 'micromodem'; expected a serial device or 'tcp://HOST:PORT'")
         if self.backoff_max_s < self.backoff_min_s:
             raise ParameterError(
                 f"backoff_max_s: got {self.backoff_max_s:g}; expected at least backoff_min_s = {self.backoff_min_s:g} s"
