@@ -1,0 +1,34 @@
+"""Optional compilation: the inner loops run through numba where it is installed, and as plain Python where not.
+
+The plain functions are the reference; tests call both (`function.py_func`) and compare them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+try:
+    import numba
+
+    HAVE_NUMBA = True
+except ImportError:  # numba is optional by design
+    HAVE_NUMBA = False
+
+
+def compiled(function: F) -> F:
+    """`function` compiled by numba (strict IEEE arithmetic, kept in numba's cache), or itself without numba."""
+    if not HAVE_NUMBA:
+        return function
+    try:
+        result: F = numba.njit(cache=True, fastmath=False)(function)
+    except RuntimeError:  # numba found no place it may write its cache to
+        result = numba.njit(fastmath=False)(function)
+    return result
+
+
+def plain(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The uncompiled function behind a compiled one (the reference of the tests)."""
+    return getattr(function, "py_func", function)  # type: ignore[no-any-return]

@@ -1,0 +1,168 @@
+"""Parameters of mission, vehicle, motion and planner, and the bundle of all that a planner needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from auv_lse_common.params import parameter, section
+from auv_lse_gp.area import AreaConfig
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.risk import LevelSet
+
+#: Names of `planner.method`; what each stands for is in `methods.py`.
+METHODS = (
+    "augmented",
+    "plain",
+    "best",
+    "map",
+    "lawnmower",
+    "random",
+    "myopic",
+    "max_variance",
+    "straddle",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionConfig:
+    """What all vehicles of a mission share."""
+
+    steps: int = parameter(100, low=1, high=65535, help="actions each vehicle takes (paper: l)")
+    seed: int = parameter(1, low=0, help="seed of every random stream of the mission")
+    vehicles: int = parameter(3, low=1, high=20, help="number of vehicles (paper: K); they are numbered from 1")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleConfig:
+    """One vehicle: where it starts, how deep and how fast it travels."""
+
+    depth_m: float = parameter(3.0, unit="m", low=0.0, help="depth it keeps below the surface")
+    speed_mps: float = parameter(1.5, unit="m/s", above=0.0, help="speed through the water")
+    start_north_m: float = parameter(0.0, unit="m", help="north of the start")
+    start_east_m: float = parameter(0.0, unit="m", help="east of the start")
+    start_heading_rad: float = parameter(0.0, unit="rad", help="heading at the start, clockwise from north")
+    start_delay_s: float = parameter(0.0, unit="s", low=0.0, help="time after the mission's start that it sets out")
+    min_water_m: float = parameter(
+        3.0, unit="m", low=0.0, help="least water under the vehicle: ground the map shows shallower than depth_m + this is not entered"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionConfig:
+    """The paper's section 4: an arc at the turning radius, then a straight."""
+
+    turn_radius_m: float = parameter(15.0, unit="m", above=0.0, help="turning radius (paper: r)")
+    theta_max_deg: float = parameter(90.0, unit="deg", above=0.0, high=180.0, help="largest heading change (theta_max)")
+    actions_deg: tuple[float, ...] = parameter(
+        (-90.0, -30.0, -20.0, -10.0, -5.0, 0.0, 5.0, 10.0, 20.0, 30.0, 90.0),
+        unit="deg",
+        low=-180.0,
+        high=180.0,
+        help="heading changes that can be chosen (paper: A), positive clockwise",
+    )
+    straight: str = parameter(
+        "constant",
+        choices=("constant", "printed"),
+        help="length of the straight: 'constant' r (theta_max - |a|), so that every leg is as long; 'printed' r (theta_max + |a|)",
+    )
+    track_spacing_m: float = parameter(1.0, unit="m", above=0.0, help="spacing at which tracks are checked")
+
+    def __post_init__(self) -> None:
+        """Checks what holds between the fields.
+
+        Raises:
+            ValueError: naming the actions that cannot be used.
+        """
+        if not self.actions_deg:
+            raise ValueError("motion.actions_deg: is empty; expected at least one heading change (deg)")
+        if len(self.actions_deg) > 0xF0:
+            raise ValueError(f"motion.actions_deg: has {len(self.actions_deg)} values; a packet's byte holds 240")
+        if len(set(self.actions_deg)) != len(self.actions_deg):
+            raise ValueError(f"motion.actions_deg: {list(self.actions_deg)} names a heading change twice")
+        largest = max(abs(a) for a in self.actions_deg)
+        if largest > self.theta_max_deg:
+            raise ValueError(
+                f"motion.actions_deg: {largest:g} deg exceeds motion.theta_max_deg = {self.theta_max_deg:g} deg"
+            )
+        if min(self.actions_deg) >= 0.0 and max(self.actions_deg) <= 0.0:
+            raise ValueError(f"motion.actions_deg: {list(self.actions_deg)} has no turn: no circle keeps a vehicle safe")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerConfig:
+    """How a vehicle plans. What is left out (None) follows from the method; see `methods.py`."""
+
+    method: str = parameter("augmented", choices=METHODS, help="named configuration")
+    objective: str | None = parameter(None, choices=("path", "map"), help="reward: the paper's, or the map's risk")
+    credit: str | None = parameter(
+        None,
+        choices=("printed", "beyond"),
+        help="reward beside team mates: 'printed' counts all benefit at own places, 'beyond' what their plans would not bring",
+    )
+    horizon: int | None = parameter(None, low=1, high=200, help="legs planned (paper: m)")
+    iterations: int | None = parameter(None, low=1, help="tree search iterations a decision")
+    tail: bool | None = parameter(None, help="whether a naive path to the mission's end continues the plan (augmented)")
+    naive_paths: tuple[int, ...] | None = parameter(
+        None, low=0xF0, high=0xFE, help="ids of the naive paths tried as tails (naive.py)"
+    )
+    incumbent: bool | None = parameter(
+        None, help="whether the last plan is kept unless the new one is worth more on the same data"
+    )
+    exploration: float = parameter(0.5, low=0.0, help="exploration constant of UCT, on values scaled to 0..1")
+    batch: int = parameter(8, low=1, high=256, help="paths the search values together")
+    samples_per_leg: int = parameter(1, low=1, high=20, help="measurement places along a leg that count in the reward")
+    lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
+    lane_heading_deg: float | None = parameter(
+        None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
+    )
+    map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
+    finalists: int = parameter(8, low=1, help="paths of the surrogate's search that are valued exactly")
+    team_order: str = parameter(
+        "id", choices=("id", "rotating", "all"), help="whose plans count: vehicles of lower number, in turn, or everybody's"
+    )
+    coordination: str = parameter(
+        "sequential", choices=("sequential", "dec_mcts"), help="sequential (greedy), or Dec-MCTS (Best et al. 2019)"
+    )
+    replan_lead_s: float = parameter(4.0, unit="s", low=0.0, help="time before a leg's end that the next is decided")
+    plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is dropped")
+    odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry at which planning stops")
+    map_timeout_s: float = parameter(60.0, unit="s", above=0.0, help="age of the map that is reported as a problem")
+    reanchor_m: float = parameter(
+        10.0, unit="m", above=0.0, help="distance off the leg at which planning starts from odometry, not the planned state"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerSettings:
+    """All that a `VehiclePlanner` is made from."""
+
+    mission: MissionConfig = field(default_factory=MissionConfig)
+    level_set: LevelSet = field(default_factory=LevelSet)
+    area: AreaConfig
+    gp: GpConfig = field(default_factory=GpConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    vehicle: VehicleConfig = field(default_factory=VehicleConfig)
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any], where: str) -> PlannerSettings:
+        """The settings in a nested parameter mapping; sections of other packages are left alone.
+
+        Args:
+            parameters: Nested mapping (section -> parameter -> value).
+            where: Where it came from, for messages.
+
+        Raises:
+            ParameterError: naming the key, the value, what was expected and `where`.
+        """
+        return cls(
+            mission=section(MissionConfig, parameters, "mission", where),
+            level_set=section(LevelSet, parameters, "level_set", where),
+            area=section(AreaConfig, parameters, "area", where),
+            gp=section(GpConfig, parameters, "gp", where),
+            motion=section(MotionConfig, parameters, "motion", where),
+            planner=section(PlannerConfig, parameters, "planner", where),
+            vehicle=section(VehicleConfig, parameters, "vehicle", where),
+        )

@@ -1,0 +1,103 @@
+"""The named configurations: what `planner.method` stands for, before single parameters override it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from auv_lse_planner.config import METHODS, PlannerConfig
+from auv_lse_planner.naive import COVERING, LAWNMOWERS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recipe:
+    """A method with every choice made.
+
+    Attributes:
+        method: Its name.
+        kind: "search" (tree search), "greedy" (one step ahead by a score), "random" or "naive" (a naive path alone).
+        objective: "path" (the paper's reward) or "map" (risk over the area).
+        credit: "printed" or "beyond" (see `path_reward.py`).
+        horizon: Legs searched (paper: m).
+        iterations: Search budget.
+        tail: Whether naive paths continue the plan to the mission's end (augmented).
+        naive_paths: Their ids; the best one is taken.
+        incumbent: Whether the last plan stays unless the new one is worth more.
+        score: Score of a greedy method: "benefit", "variance" or "straddle".
+    """
+
+    method: str
+    kind: str = "search"
+    objective: str = "path"
+    credit: str = "printed"
+    horizon: int = 3
+    iterations: int = 150
+    tail: bool = True
+    naive_paths: tuple[int, ...] = (LAWNMOWERS[0],)
+    incumbent: bool = True
+    score: str = ""
+
+
+RECIPES = {
+    # The paper's two methods, as printed.
+    "augmented": Recipe(method="augmented"),
+    "plain": Recipe(method="plain", horizon=10, iterations=300, tail=False, naive_paths=(), incumbent=False),
+    # Risk over the whole area instead of at the path's own places.
+    "map": Recipe(
+        method="map",
+        objective="map",
+        credit="beyond",
+        horizon=10,
+        iterations=2000,
+        tail=False,
+        naive_paths=(),
+        incumbent=False,
+    ),
+    "best": Recipe(
+        method="best",
+        objective="map",
+        credit="beyond",
+        horizon=10,
+        iterations=2000,
+        naive_paths=(*COVERING, *LAWNMOWERS),
+    ),
+    # Baselines.
+    "lawnmower": Recipe(method="lawnmower", kind="naive", horizon=1, naive_paths=(COVERING[0],)),
+    "random": Recipe(method="random", kind="random", horizon=1, tail=False, naive_paths=(), incumbent=False),
+    "myopic": Recipe(
+        method="myopic", kind="greedy", score="benefit", horizon=1, tail=False, naive_paths=(), incumbent=False
+    ),
+    "max_variance": Recipe(
+        method="max_variance", kind="greedy", score="variance", horizon=1, tail=False, naive_paths=(), incumbent=False
+    ),
+    "straddle": Recipe(
+        method="straddle", kind="greedy", score="straddle", horizon=1, tail=False, naive_paths=(), incumbent=False
+    ),
+}
+
+assert set(RECIPES) == set(METHODS)
+
+
+def recipe(config: PlannerConfig) -> Recipe:
+    """The recipe of `config.method` with what `config` sets itself on top."""
+    base = RECIPES[config.method]
+
+    def pick(name: str) -> object:
+        value = getattr(config, name)
+        return getattr(base, name) if value is None else value
+
+    tail = bool(pick("tail"))
+    paths = tuple(pick("naive_paths"))  # type: ignore[call-overload]  # a tuple of ids
+    if tail and not paths:
+        paths = (LAWNMOWERS[0],)
+    return Recipe(
+        method=base.method,
+        kind=base.kind,
+        objective=str(pick("objective")),
+        credit=str(pick("credit")),
+        horizon=int(pick("horizon")),  # type: ignore[call-overload]  # an int
+        iterations=int(pick("iterations")),  # type: ignore[call-overload]  # an int
+        tail=tail,
+        naive_paths=paths if tail or base.kind == "naive" else (),
+        incumbent=bool(pick("incumbent")),
+        score=base.score,
+    )

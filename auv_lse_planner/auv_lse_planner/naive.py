@@ -1,0 +1,284 @@
+"""Naive paths: deterministic continuations of a plan to the mission's end, named by an id in the packet.
+
+| id | path |
+|---|---|
+| 0xF0, 0xF1 | lawnmower, lanes along the main axis at `lane_spacing_m`, sweeping to the one side, to the other |
+| 0xF2, 0xF3 | the same with lanes across the main axis |
+| 0xF4 .. 0xF7 | as 0xF0 .. 0xF3, but lanes as far apart as the remaining steps need to cover the area |
+| 0xF8 | straight on, turning as little as needed at the boundary |
+| 0xF9 | hold: the tightest loop |
+| 0xFF | none |
+
+A lawnmower is built from feasible primitives from any state. It follows the lane through its start, in the direction
+nearer to its heading, makes a U-turn to the sweep's side where the lane ends, and so on until the sweep's side of the
+area is done; it then goes back to the lane next to its first one and sweeps the other side; when that is done too it
+returns over the area on the lanes in between. At each leg it takes the feasible action that, with the best
+next one, comes nearest to the lane (distance + `HEADING_WEIGHT_M` x heading error). Only the area counts, not the map,
+and all arithmetic is scalar, so an id and a state give every receiver of a packet the same path to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_planner.compiled import compiled
+from auv_lse_planner.config import PlannerConfig
+from auv_lse_planner.free_space import Area, FreeSpace, escape_action, is_feasible, loop_clearance
+from auv_lse_planner.motion import MotionTable, advance
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: The id that means "no continuation".
+NONE = 0xFF
+#: Lawnmowers at the configured spacing, and at a spacing that covers the area.
+LAWNMOWERS = (0xF0, 0xF1, 0xF2, 0xF3)
+COVERING = (0xF4, 0xF5, 0xF6, 0xF7)
+STRAIGHT_ON = 0xF8
+HOLD = 0xF9
+IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD)
+
+#: Metres off the lane that weigh as much as one radian off its direction.
+HEADING_WEIGHT_M = 20.0
+
+
+@compiled
+def _wrap(angle):  # type: ignore[no-untyped-def]  # numba
+    while angle >= math.pi:
+        angle -= 2.0 * math.pi
+    while angle < -math.pi:
+        angle += 2.0 * math.pi
+    return angle
+
+
+@compiled
+def _lane_cost(offset, error):  # type: ignore[no-untyped-def]  # numba
+    return abs(offset) + HEADING_WEIGHT_M * abs(error)
+
+
+@compiled
+def lawnmower(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, count, axis, lanes, side, low, high, straight):  # type: ignore[no-untyped-def]  # numba
+    """Actions of a lawnmower.
+
+    Args:
+        raster..steps: `FreeSpace.arguments(static=True)`.
+        state: Heading, north, east, shape (3,).
+        count: Number of actions.
+        axis: Direction of the lanes (rad, clockwise from north).
+        lanes: Distance between lanes (m).
+        side: Side to sweep to first: +1 to starboard of the axis, -1 to port.
+        low, high: Range of positions across the axis that lanes can have (m).
+        straight: Index of the straight-on action.
+    """
+    actions = np.zeros(count, dtype=np.int64)
+    kinds = turns.shape[0]
+    heading, north, east = state[0], state[1], state[2]
+    axis_c, axis_s = math.cos(axis), math.sin(axis)
+    cos_t = np.cos(turns)
+    sin_t = np.sin(turns)
+    costs = np.empty(kinds)
+    lane = min(max(-north * axis_s + east * axis_c, low), high)
+    first = lane
+    direction = 1.0 if math.cos(heading - axis) >= 0.0 else -1.0
+    sweeps = 0  # 0: the sweep's side, 1: the other side, 2 and more: back over the area between the lanes
+    settled = False
+    for index in range(count):
+        course = axis if direction > 0.0 else _wrap(axis + math.pi)
+        across = -north * axis_s + east * axis_c
+        error = _wrap(heading - course)
+        if not settled and abs(across - lane) < 0.5 * lanes and abs(error) < 0.8:
+            settled = True
+        if settled:
+            # The lane ends where a straight leg in its direction is not feasible.
+            free = is_feasible(
+                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, course, north, east, straight
+            )
+            if not free:
+                direction = -direction
+                settled = False
+                course = axis if direction > 0.0 else _wrap(axis + math.pi)
+                error = _wrap(heading - course)
+                lane += side * lanes
+                if lane > high + 0.25 * lanes or lane < low - 0.25 * lanes:
+                    sweeps += 1
+                    if sweeps == 1:
+                        side = -side
+                        lane = first + side * lanes
+                        if lane > high + 0.25 * lanes or lane < low - 0.25 * lanes:
+                            sweeps = 2
+                            lane = (high if side < 0 else low) + 0.5 * side * lanes
+                    else:
+                        lane -= 0.5 * side * lanes
+                        side = -side
+                lane = min(max(lane, low), high)
+        if settled and abs(across - lane) < 0.5 and abs(error) < 1e-6:
+            action = straight  # on the lane, and found free above
+        else:
+            # Two legs of look-ahead; cos and sin of the lane's frame, turned by each action.
+            rel_c, rel_s = math.cos(error), math.sin(error)
+            offset = (across - lane) * direction  # to starboard of the course
+            for a in range(kinds):
+                o1 = offset + rel_s * steps[a, 0] + rel_c * steps[a, 1]
+                c1 = rel_c * cos_t[a] - rel_s * sin_t[a]
+                s1 = rel_s * cos_t[a] + rel_c * sin_t[a]
+                e1 = _wrap(error + turns[a])
+                best = 1e18
+                for b in range(kinds):
+                    o2 = o1 + s1 * steps[b, 0] + c1 * steps[b, 1]
+                    best = min(best, _lane_cost(o2, _wrap(e1 + turns[b])))
+                costs[a] = best + 0.25 * _lane_cost(o1, e1)
+            action = -1
+            for _ in range(kinds):
+                a = int(np.argmin(costs))
+                if is_feasible(
+                    raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, a
+                ):
+                    action = a
+                    break
+                costs[a] = 1e30
+            if action < 0:
+                action = escape_action(
+                    raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east
+                )
+        actions[index] = action
+        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+    return actions
+
+
+@compiled
+def straight_on(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, count, order):  # type: ignore[no-untyped-def]  # numba
+    """Actions that turn as little as possible; `order` lists the actions by the size of their turn."""
+    actions = np.zeros(count, dtype=np.int64)
+    heading, north, east = state[0], state[1], state[2]
+    for index in range(count):
+        action = -1
+        for a in order:
+            if is_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, a):
+                action = a
+                break
+        if action < 0:
+            action = escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east)
+        actions[index] = action
+        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+    return actions
+
+
+@dataclass(frozen=True, slots=True)
+class LaneFrame:
+    """Direction of lanes and the range they can lie in.
+
+    Attributes:
+        axis_rad: Direction of the lanes (rad, clockwise from north).
+        low_m: Least position across them, to starboard of the axis.
+        high_m: Largest.
+        area_m2: Free area to cover.
+    """
+
+    axis_rad: float
+    low_m: float
+    high_m: float
+    area_m2: float
+
+
+class NaivePaths:
+    """The naive paths of one operating area."""
+
+    def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array) -> None:
+        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2).
+
+        The main axis is `lane_heading_deg`, or the direction of the polygon's longest side.
+        """
+        self._space = space
+        self._spacing_m = config.lane_spacing_m
+        self._arguments = space.arguments(static=True)
+        if config.lane_heading_deg is not None:
+            axis = math.radians(config.lane_heading_deg)
+        else:
+            sides = np.roll(polygon_m, -1, axis=0) - polygon_m
+            longest = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
+            axis = math.atan2(longest[1], longest[0])
+        self._frames = [self._frame(_wrap_float(axis)), self._frame(_wrap_float(axis + math.pi / 2.0))]
+        size = np.abs(space.motion.turns_rad)
+        self._by_size = np.argsort(size, kind="stable").astype(np.int64)
+
+    def _frame(self, axis: float) -> LaneFrame:
+        space = self._space
+        reach = space.motion.loops_m[:, 2].min()
+        north, east = np.meshgrid(space._nodes_north, space._nodes_east, indexing="ij")
+        across = -north * math.sin(axis) + east * math.cos(axis)
+        roomy = space.area_raster >= 0.5 * space.motion.spacing_m
+        area = float(np.count_nonzero(roomy)) * space.cell_m**2
+        usable = across[roomy] if roomy.any() else across.ravel()
+        low, high = float(usable.min()) + 0.25 * reach, float(usable.max()) - 0.25 * reach
+        if low > high:
+            low = high = 0.5 * (low + high)
+        return LaneFrame(axis, low, high, area)
+
+    def actions(self, state: Array, heuristic: int, steps: int) -> Ints:
+        """Actions of naive path `heuristic` over `steps` legs from a state (3,).
+
+        Raises:
+            ValueError: for an id that names no path.
+        """
+        if steps <= 0 or heuristic == NONE:
+            return np.empty(0, dtype=np.int64)
+        state = np.asarray(state, dtype=float)
+        motion = self._space.motion
+        if heuristic in LAWNMOWERS or heuristic in COVERING:
+            kind = (heuristic - LAWNMOWERS[0]) % 4
+            frame = self._frames[kind // 2]
+            side = 1.0 if kind % 2 == 0 else -1.0
+            spacing = self._spacing_m
+            if heuristic in COVERING:
+                spacing = max(2.0 * motion.radius_m, frame.area_m2 / (steps * motion.leg_length_m))
+            return np.asarray(
+                lawnmower(
+                    *self._arguments,
+                    state,
+                    steps,
+                    frame.axis_rad,
+                    spacing,
+                    side,
+                    frame.low_m,
+                    frame.high_m,
+                    motion.straight_on,
+                )
+            )
+        if heuristic == STRAIGHT_ON:
+            return np.asarray(straight_on(*self._arguments, state, steps, self._by_size))
+        if heuristic == HOLD:
+            loops = motion.loop_actions
+            side_first = self._freer_side(state)
+            order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
+            return np.asarray(straight_on(*self._arguments, state, steps, order))
+        raise ValueError(f"heuristic: got {heuristic:#04x}; expected one of {', '.join(f'{i:#04x}' for i in IDS)}, 0xff")
+
+    def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
+        """Measurement places (P, 2) of naive path `heuristic` over `steps` legs from a state (3,)."""
+        actions = self.actions(state, heuristic, steps)
+        motion = self._space.motion
+        return motion.sample_places(motion.roll(state, actions)[:-1], actions, samples_per_leg)
+
+    def _freer_side(self, state: Array) -> int:
+        """0 if the loop to port has more room than the one to starboard, else 1."""
+        a = self._arguments
+        rooms = [loop_clearance(*a[:4], np.stack([loop, loop]), state[0], state[1], state[2]) for loop in a[6]]
+        return int(rooms[1] > rooms[0])
+
+
+def _wrap_float(angle: float) -> float:
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def naive_path(
+    state: Array, heuristic: int, steps: int, area: Area, motion: MotionTable, config: PlannerConfig
+) -> Ints:
+    """Actions of naive path `heuristic` over `steps` legs from `state`: `NaivePaths` for a single use."""
+    space = FreeSpace(area, motion)
+    return NaivePaths(space, config, np.asarray(area.polygon, dtype=float).reshape(-1, 2)).actions(
+        state, heuristic, steps
+    )

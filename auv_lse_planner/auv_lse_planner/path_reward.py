@@ -1,0 +1,189 @@
+"""The paper's reward of a path: the expected benefit of search at its own places (PAPER.md section 2).
+
+J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the paths of the agents before, V the path.
+That is `credit="printed"`. With `credit="beyond"` the first term is E r(p | S u O): what V adds at its places beyond
+what the team mates' plans would bring anyway (a vehicle is then not paid for going where another goes).
+
+With M = cov(V, V | S u O) + sigma^2 I, the variance that is left at the path's places is
+sigma^2 - sigma^4 diag(M^-1); M grows by blocks, so a tail (naive path) that many paths share is factorized once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from auv_lse_gp.risk import LevelSet
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
+
+from auv_lse_planner.posterior import Columns, Posterior, join
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Tail:
+    """Places that end many paths, factorized.
+
+    Attributes:
+        columns: The places.
+        inverse: Inverse of M = cov + sigma^2 I, shape (T, T).
+        inverse_diagonal: Its diagonal, shape (T,).
+    """
+
+    columns: Columns
+    inverse: Array
+    inverse_diagonal: Array
+
+
+class PathReward:
+    """Path reward for one decision: the data and the team mates' places are fixed."""
+
+    def __init__(self, posterior: Posterior, level_set: LevelSet, credit: str = "printed") -> None:
+        """Takes the posterior as it stands, with the team mates' places planned (`Posterior.plan`).
+
+        Raises:
+            ValueError: for an unknown credit.
+        """
+        if credit not in ("printed", "beyond"):
+            raise ValueError(f"credit: got {credit!r}; expected 'printed' or 'beyond'")
+        self.posterior = posterior
+        self.level_set = level_set
+        self.credit = credit
+        self._noise = posterior.noise_var_m2
+
+    def before(self, columns: Columns) -> Array:
+        """Risk (P,) that the path is credited for removing: in hand, or expected after the team mates' plans."""
+        if self.credit == "printed" or not self.posterior.planned_rows:
+            return self.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2))
+        return self._expected(columns, columns.planned_var_m2)
+
+    def _expected(self, columns: Columns, var_after_m2: Array) -> Array:
+        after = np.clip(var_after_m2, 0.0, columns.data_var_m2)
+        return self.level_set.expected_risk(
+            columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after)
+        )
+
+    def contributions(self, columns: Columns) -> Array:
+        """Expected benefit (P,) at each place of the path that has these places and no others."""
+        if not len(columns):
+            return np.empty(0)
+        return self.before(columns) - self._expected(columns, self.var_after_m2(columns))
+
+    def value(self, columns: Columns) -> float:
+        """J of the path with these places."""
+        return float(self.contributions(columns).sum())
+
+    def values(self, paths: list[Columns], before: list[Array] | None = None) -> Array:
+        """J of several paths; the risk integrals are done together."""
+        everything = join_scalars(paths)
+        after = np.concatenate([self.var_after_m2(path) for path in paths])
+        gain = (np.concatenate(before) if before else self.before(everything)) - self._expected(everything, after)
+        ends = np.cumsum([0] + [len(p) for p in paths])
+        return np.add.reduceat(gain, ends[:-1]) if len(gain) else np.zeros(len(paths))
+
+    def var_after_m2(self, columns: Columns) -> Array:
+        """Variance (P,) of the depth at the path's places once all of them are measured."""
+        inverse_diagonal = _inverse_diagonal(self._matrix(columns))
+        return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
+
+    def _matrix(self, columns: Columns) -> Array:
+        matrix = self.posterior.covariance(columns, columns)
+        matrix.flat[:: len(matrix) + 1] += self._noise
+        return matrix
+
+    # ------------------------------------------------------------------ a shared tail
+
+    def tail(self, columns: Columns) -> Tail:
+        """Factorizes a tail for `values_with_tail`."""
+        factor, failed = dpotrf(self._matrix(columns), lower=1, clean=1)
+        if failed:
+            raise ValueError(f"tail of {len(columns)} places: covariance not positive definite (pivot {failed})")
+        half, _ = dpotri(factor, lower=1)
+        inverse = np.tril(half) + np.tril(half, -1).T
+        return Tail(columns, inverse, np.diag(inverse).copy())
+
+    def values_with_tail(self, heads: Columns, count: int, tail: Tail) -> Array:
+        """J of many paths that share a tail and differ in their `count` first places.
+
+        Args:
+            heads: The first places of all paths, one after another, count * B of them.
+            count: First places of each path.
+            tail: The shared tail.
+
+        Returns:
+            Values, shape (B,).
+        """
+        batch = len(heads) // count
+        cross = self.posterior.covariance(tail.columns, heads)  # (T, B count)
+        white = heads.white.reshape(len(heads.white), batch, count).transpose(1, 2, 0)
+        scaled = heads.scaled.reshape(batch, count, 2)
+        own = _batched_kernel(self.posterior, scaled) - white @ white.transpose(0, 2, 1)
+        own[:, np.arange(count), np.arange(count)] += self._noise
+        # M = [[A, c], [c^T, b]]: Schur complement of the tail's block A, s = b - c^T A^-1 c
+        solved = tail.inverse @ cross
+        by_path = solved.T.reshape(batch, count, -1)  # (B, count, T)
+        schur = own - by_path @ cross.T.reshape(batch, count, -1).transpose(0, 2, 1)
+        inverse = np.linalg.solve(schur, np.broadcast_to(np.eye(count), schur.shape))
+        # diag(M^-1): the head's is diag(s^-1), the tail's diag(A^-1) + diag(A^-1 c s^-1 c^T A^-1)
+        head_diagonal = np.einsum("bii->bi", inverse)
+        tail_diagonal = tail.inverse_diagonal + np.einsum("bit,bij,bjt->bt", by_path, inverse, by_path, optimize=True)
+        columns = _tiled(heads, tail.columns, batch, count)
+        diagonal = np.concatenate([head_diagonal, tail_diagonal], axis=1).ravel()
+        after = np.maximum(self._noise - self._noise**2 * diagonal, 0.0)
+        before = np.concatenate(
+            [
+                self.before(heads).reshape(batch, count),
+                np.broadcast_to(self.before(tail.columns), (batch, len(tail.columns))),
+            ],
+            axis=1,
+        )
+        return (before - self._expected(columns, after).reshape(batch, -1)).sum(axis=1)
+
+
+def join_scalars(paths: list[Columns]) -> Columns:
+    """All places of `paths` with an empty `white`: for what needs mean and variances only."""
+    return Columns(
+        np.empty((0, 2)),
+        np.empty((0, 0)),
+        np.concatenate([p.mean_m for p in paths]),
+        np.concatenate([p.data_var_m2 for p in paths]),
+        np.concatenate([p.planned_var_m2 for p in paths]),
+    )
+
+
+def _tiled(heads: Columns, tail: Columns, batch: int, count: int) -> Columns:
+    def both(head: Array, end: Array) -> Array:
+        return np.concatenate(
+            [head.reshape(batch, count), np.broadcast_to(end, (batch, len(end)))], axis=1
+        ).ravel()
+
+    return Columns(
+        np.empty((0, 2)),
+        np.empty((0, 0)),
+        both(heads.mean_m, tail.mean_m),
+        both(heads.data_var_m2, tail.data_var_m2),
+        both(heads.planned_var_m2, tail.planned_var_m2),
+    )
+
+
+def _batched_kernel(posterior: Posterior, scaled: Array) -> Array:
+    """k among the places of each path: (B, c, 2) -> (B, c, c)."""
+    batch, count, _ = scaled.shape
+    apart = scaled[:, :, None, :] - scaled[:, None, :, :]
+    distance = np.sqrt((apart**2).sum(axis=-1)).reshape(-1, 1)
+    flat = np.concatenate([distance, np.zeros_like(distance)], axis=1)
+    return posterior.kernel.of_scaled(flat, np.zeros((1, 2))).reshape(batch, count, count)
+
+
+def _inverse_diagonal(matrix: Array) -> Array:
+    """Diagonal of the inverse of a symmetric positive definite matrix."""
+    factor, failed = dpotrf(matrix, lower=1, clean=1)
+    if failed:
+        raise ValueError(f"covariance of {len(matrix)} planned places is not positive definite (pivot {failed})")
+    inverse, _ = dtrtri(factor, lower=1)
+    return np.einsum("ij,ij->j", inverse, inverse)
+
+
+__all__ = ["PathReward", "Tail", "join"]

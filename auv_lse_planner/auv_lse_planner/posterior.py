@@ -1,0 +1,203 @@
+"""The GP posterior of the depth as planning needs it: given the data, and given places that will be measured.
+
+Everything about a place follows from its whitened covariance w(p) = L^-1 k(X, p), with L the Cholesky factor of the
+covariance of X with noise, X being the kernel centres S and after them the places O that team mates will measure:
+
+    cov(p, q | S u O) = k(p, q) - w(p)^T w(q);    of the data alone: the same with the first |S| rows of w.
+
+The factor is kept between decisions and only its end is computed anew as centres arrive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.factor import Factor, IllConditionedError
+from auv_lse_gp.kernels import Kernel
+from auv_lse_gp.online import Centers
+from auv_lse_gp.prior_mean import PriorMean, prior_mean
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Largest number of right-hand sides solved at once.
+CHUNK = 2048
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Places, with what the posterior says of them.
+
+    Attributes:
+        scaled: Places in the kernel's axes and lengths, shape (P, 2).
+        white: Whitened covariance with data and planned places, shape (n + o, P).
+        mean_m: Posterior mean of the depth given the data, shape (P,).
+        data_var_m2: Posterior variance given the data, shape (P,).
+        planned_var_m2: Posterior variance given the data and the team mates' planned places, shape (P,).
+    """
+
+    scaled: Array
+    white: Array
+    mean_m: Array
+    data_var_m2: Array
+    planned_var_m2: Array
+
+    def __len__(self) -> int:
+        """Number of places."""
+        return len(self.mean_m)
+
+    def take(self, index: NDArray[np.int64]) -> Columns:
+        """The places at `index`."""
+        return Columns(
+            self.scaled[index],
+            self.white[:, index],
+            self.mean_m[index],
+            self.data_var_m2[index],
+            self.planned_var_m2[index],
+        )
+
+
+def join(parts: list[Columns]) -> Columns:
+    """All places of `parts`, in order."""
+    return Columns(
+        np.concatenate([p.scaled for p in parts]),
+        np.concatenate([p.white for p in parts], axis=1),
+        np.concatenate([p.mean_m for p in parts]),
+        np.concatenate([p.data_var_m2 for p in parts]),
+        np.concatenate([p.planned_var_m2 for p in parts]),
+    )
+
+
+class Posterior:
+    """Posterior of the depth given kernel centres and, after them, places that will be measured.
+
+    Attributes:
+        kernel: Covariance function.
+        noise_var_m2: Variance of a measurement that is planned.
+    """
+
+    def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
+        """Starts with no data. `mean`: prior mean (P, 2) -> (P,); by default what `config` describes."""
+        self.kernel = Kernel(config)
+        self.noise_var_m2 = config.noise_std_m**2
+        self.prior_mean = mean or prior_mean(config)
+        self.prefix = 0
+        self._factor = Factor()
+        self._scaled = np.empty((0, 2))
+        self._noise_var_m2 = np.empty(0)
+        self._centers = Centers(np.empty((0, 2)), np.empty(0), np.empty(0))
+        self._whitened = np.empty(0)
+        self._planned_scaled = np.empty((0, 2))
+
+    @property
+    def centers(self) -> Centers:
+        """The kernel centres."""
+        return self._centers
+
+    @property
+    def data_rows(self) -> int:
+        """Number of centres: the first rows of every whitened covariance."""
+        return len(self._centers)
+
+    @property
+    def planned_rows(self) -> int:
+        """Number of planned places: the rows after those."""
+        return len(self._planned_scaled)
+
+    def set_centers(self, centers: Centers) -> int:
+        """Takes new kernel centres (and forgets planned places).
+
+        Returns:
+            How many of the old centres, from the first on, are unchanged: only what follows is computed.
+
+        Raises:
+            IllConditionedError: if they cannot be factorized; the posterior then has the unchanged ones only.
+        """
+        self.forget_planned()
+        old = self._centers
+        common = min(len(old), len(centers))
+        same = (old.places_m[:common] == centers.places_m[:common]).all(axis=1) & (
+            old.noise_std_m[:common] == centers.noise_std_m[:common]
+        )
+        keep = common if same.all() else int(np.argmin(same))
+        keep = min(keep, self._factor.size)
+        self._factor.truncate(keep)
+        places = np.array(centers.places_m, dtype=float).reshape(-1, 2)
+        scaled = self.kernel.scale(places)
+        noise = np.asarray(centers.noise_std_m, dtype=float) ** 2
+        if len(scaled) > keep:
+            new = scaled[keep:]
+            try:
+                self._factor.append(
+                    self.kernel.of_scaled(new, scaled[:keep]), self.kernel.of_scaled(new, new) + np.diag(noise[keep:])
+                )
+            except IllConditionedError:
+                self._set(Centers(places[:keep], centers.depths_m[:keep], centers.noise_std_m[:keep]), scaled, noise)
+                raise
+        self._set(Centers(places, np.array(centers.depths_m), np.array(centers.noise_std_m)), scaled, noise)
+        self.prefix = keep
+        return keep
+
+    def _set(self, centers: Centers, scaled: Array, noise: Array) -> None:
+        count = len(centers)
+        self._centers, self._scaled, self._noise_var_m2 = centers, scaled[:count], noise[:count]
+        residual = centers.depths_m - self.prior_mean(centers.places_m) if count else np.empty(0)
+        self._whitened = self._factor.solve(residual) if count else np.empty(0)
+
+    def plan(self, places_m: Array) -> None:
+        """Conditions on measurements that will be made at `places_m` (O, 2), whatever they will show."""
+        self.forget_planned()
+        if len(places_m) == 0:
+            return
+        scaled = self.kernel.scale(np.asarray(places_m, dtype=float))
+        self._factor.append(
+            self.kernel.of_scaled(scaled, self._scaled),
+            self.kernel.of_scaled(scaled, scaled) + self.noise_var_m2 * np.eye(len(scaled)),
+        )
+        self._planned_scaled = scaled
+
+    def forget_planned(self) -> None:
+        """Goes back to the data alone."""
+        self._factor.truncate(self.data_rows)
+        self._planned_scaled = np.empty((0, 2))
+
+    def mean_m(self, places_m: Array) -> Array:
+        """Posterior mean (P,) given the data, without the cost of a variance."""
+        places_m = np.asarray(places_m, dtype=float)
+        mean = self.prior_mean(places_m)
+        if not self.data_rows:
+            return mean
+        weights = self._factor_data_transposed(self._whitened)
+        scaled = self.kernel.scale(places_m)
+        for begin in range(0, len(scaled), CHUNK):
+            part = scaled[begin : begin + CHUNK]
+            mean[begin : begin + CHUNK] += weights @ self.kernel.of_scaled(self._scaled, part)
+        return mean
+
+    def _factor_data_transposed(self, right: Array) -> Array:
+        if self.planned_rows:
+            raise ValueError("mean_m: places are planned; expected to be asked given the data alone")
+        return self._factor.solve_transposed(right)
+
+    def columns(self, places_m: Array) -> Columns:
+        """What the posterior says of places (P, 2)."""
+        places_m = np.asarray(places_m, dtype=float).reshape(-1, 2)
+        scaled = self.kernel.scale(places_m)
+        known = np.concatenate([self._scaled, self._planned_scaled])
+        white = self.kernel.of_scaled(known, scaled) if len(known) else np.empty((0, len(scaled)))
+        if len(known):
+            white = self._factor.solve_in_place(np.ascontiguousarray(white))
+        n = self.data_rows
+        prior = self.kernel.variance(places_m)
+        data_var = np.maximum(prior - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
+        planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
+        mean = self.prior_mean(places_m)
+        if n:
+            mean = mean + self._whitened @ white[:n]
+        return Columns(scaled, white, mean, data_var, planned_var)
+
+    def covariance(self, a: Columns, b: Columns) -> Array:
+        """Covariance (A, B) of the depths given the data and the planned places."""
+        return self.kernel.of_scaled(a.scaled, b.scaled) - a.white.T @ b.white

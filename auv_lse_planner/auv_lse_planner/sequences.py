@@ -1,0 +1,116 @@
+"""Values of action sequences from one state: the bridge between the search (actions) and the reward (places)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_planner.motion import MotionTable
+from auv_lse_planner.naive import NaivePaths
+from auv_lse_planner.path_reward import PathReward
+from auv_lse_planner.posterior import Columns, join
+
+Array = NDArray[np.float64]
+Actions = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Continuation:
+    """A sequence with the naive path that suits it best.
+
+    Attributes:
+        value: Value of both together.
+        heuristic: Id of the naive path, 0xFF if none.
+    """
+
+    value: float
+    heuristic: int
+
+
+class PathSequences:
+    """Path reward of action sequences, each continued by the best of the naive paths.
+
+    Places that sequences share (a common beginning) are looked up once.
+    """
+
+    def __init__(
+        self,
+        reward: PathReward,
+        motion: MotionTable,
+        naive: NaivePaths,
+        state: Array,
+        steps_left: int,
+        heuristics: tuple[int, ...],
+        samples_per_leg: int,
+    ) -> None:
+        """Prepares for sequences from `state`.
+
+        Args:
+            reward: Reward, with data and team mates' places fixed.
+            motion: Actions.
+            naive: Naive paths.
+            state: Root state, shape (3,).
+            steps_left: Steps to the mission's end.
+            heuristics: Ids of the naive paths to choose from; empty for none.
+            samples_per_leg: Measurement places on a leg.
+        """
+        self._reward, self._motion, self._naive = reward, motion, naive
+        self._steps_left, self._heuristics, self._samples = steps_left, heuristics, samples_per_leg
+        self._states: dict[Actions, Array] = {(): np.asarray(state, dtype=float)}
+        self._columns: dict[Actions, Columns] = {}
+        self.continuations: dict[Actions, Continuation] = {}
+
+    def _state(self, prefix: Actions) -> Array:
+        state = self._states.get(prefix)
+        if state is None:
+            state = self._motion.end_state(self._state(prefix[:-1]), prefix[-1])
+            self._states[prefix] = state
+        return state
+
+    def path_places(self, sequence: Actions, heuristic: int) -> Array:
+        """Measurement places (P, 2) of a sequence continued by a naive path."""
+        state = self._state(sequence)
+        tail = self._naive.actions(state, heuristic, self._steps_left - len(sequence))
+        actions = np.concatenate([np.array(sequence, dtype=np.int64), tail])
+        states = self._motion.roll(self._state(()), actions)
+        return self._motion.sample_places(states[:-1], actions, self._samples)
+
+    def __call__(self, sequences: list[Actions]) -> Array:
+        """Values of sequences, shape (len(sequences),)."""
+        new = list(dict.fromkeys(s[:i] for s in sequences for i in range(1, len(s) + 1) if s[:i] not in self._columns))
+        tails = {
+            (s, h): self._naive.path_places(self._state(s), h, self._steps_left - len(s), self._samples)
+            for s in sequences
+            for h in self._heuristics
+        }
+        legs = [
+            self._motion.sample_places(self._state(p[:-1])[None], np.array(p[-1:]), self._samples) for p in new
+        ]
+        places = np.concatenate([*legs, *tails.values()]) if legs or tails else np.empty((0, 2))
+        columns = self._reward.posterior.columns(places)
+        begin = 0
+        for prefix in new:
+            self._columns[prefix] = columns.take(np.arange(begin, begin + self._samples))
+            begin += self._samples
+        paths: list[Columns] = []
+        keys: list[tuple[Actions, int]] = []
+        for s in sequences:
+            head = [self._columns[s[:i]] for i in range(1, len(s) + 1)]
+            for h in self._heuristics or (0xFF,):
+                parts = list(head)
+                if self._heuristics:
+                    count = len(tails[(s, h)])
+                    parts.append(columns.take(np.arange(begin, begin + count)))
+                    begin += count
+                paths.append(join(parts))
+                keys.append((s, h))
+        values = self._reward.values(paths)
+        result = np.full(len(sequences), -np.inf)
+        index = {s: i for i, s in enumerate(sequences)}
+        for (s, h), value in zip(keys, values, strict=True):
+            if value > result[index[s]]:
+                result[index[s]] = value
+                self.continuations[s] = Continuation(float(value), h)
+        return result
