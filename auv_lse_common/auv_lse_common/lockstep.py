@@ -25,6 +25,10 @@ class Gate:
         """One more message (or `number`) of input `name` has arrived."""
         self._seen[name] += number
 
+    def reach(self, name: str, total: int) -> None:
+        """`total` messages of input `name` have arrived by now, or a revision that stands for as many."""
+        self._seen[name] = max(self._seen[name], total)
+
     def announce(self, tick: int, name: str, total: int) -> None:
         """For `tick`, `total` messages of input `name` have been published since the start."""
         if tick > self.tick:

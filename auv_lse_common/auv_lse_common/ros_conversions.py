@@ -12,9 +12,11 @@ import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 
@@ -86,6 +88,11 @@ class ConfiguredNode(Node):
         return bool(self.parameters.get("sim", {}).get("lockstep", False))
 
     @property
+    def recorded(self) -> int:
+        """1 if a recorder reads along in this mission (`record.folder` is set), else 0."""
+        return int(bool(self.parameters.get("record", {}).get("folder", "")))
+
+    @property
     def vehicle(self) -> int:
         """Number of the vehicle, from the namespace (/auv2 -> 2).
 
@@ -104,6 +111,16 @@ class ConfiguredNode(Node):
     def now_s(self) -> float:
         """Seconds of the node's ROS clock."""
         return self.get_clock().now().nanoseconds * 1e-9
+
+    def when_matched(self, readers: Mapping[Publisher, int], then: Callable[[], None]) -> None:
+        """Calls `then` once each publisher has at least its number of matched readers (discovery takes up to 3 s)."""
+
+        def check() -> None:
+            if all(publisher.get_subscription_count() >= count for publisher, count in readers.items()):
+                timer.cancel()
+                then()
+
+        timer = self.create_timer(0.05, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def show_parameters(
         self,

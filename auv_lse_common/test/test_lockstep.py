@@ -29,3 +29,13 @@ def test_early_messages_and_announcements_of_later_ticks_wait_their_turn() -> No
     gate.announce(1, "a", 9)
     assert gate.ready() is None
     assert gate.tick == 2
+
+
+def test_a_revision_counts_as_all_before_it() -> None:
+    gate = Gate(("centers",))
+    gate.announce(1, "centers", 5)
+    gate.reach("centers", 4)
+    assert gate.ready() is None
+    gate.reach("centers", 6)
+    gate.reach("centers", 2)
+    assert gate.ready() == 1

@@ -59,6 +59,9 @@ class GpNode(ConfiguredNode):
             self._done = self.create_publisher(LockstepDone, "lockstep/done", EVERY)
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
             self.create_subscription(LockstepDone, "lockstep/done", self._on_done, EVERY)
+            readers = {self._done: 4, self._centers: 1 + self.recorded, self._field: self.recorded}
+            readers |= {self._risk: self.recorded, self._isobath: self.recorded, self._diagnostics: self.recorded}
+            self.when_matched(readers, lambda: self._done.publish(LockstepDone(node="gp", vehicle=self.vehicle)))
         else:
             self.create_timer(_STEP_PERIOD_S, lambda: self.step(self.now_s()))
 

@@ -1,0 +1,78 @@
+"""Messages of the acoustic bridge."""
+
+from __future__ import annotations
+
+import numpy as np
+from auv_lse_msgs.msg import ModemTx, Plan, SampleArray, Sounding, TdmaStatus
+
+from auv_lse_common.ros_conversions import floats, header, seconds
+from auv_lse_comms.bridge import ModemBridge, Received
+from auv_lse_comms.packet import Packet
+
+
+def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
+    """Stamp (s), north, east, depth (m) of a Sounding."""
+    return (seconds(message.header.stamp), message.north_m, message.east_m, message.depth_m)
+
+
+def packet_of_plan(message: Plan) -> Packet:
+    """The plan's part of a packet."""
+    return Packet(
+        step=message.step,
+        heading_rad=message.heading_rad,
+        north_m=message.north_m,
+        east_m=message.east_m,
+        actions=tuple(int(action) for action in message.actions),
+        heuristic=message.heuristic,
+    )
+
+
+def team_plan(received: Received) -> Plan:
+    """Plan of the team mate that sent the packet."""
+    packet = received.packet
+    return Plan(
+        header=header(received.stamp_s),
+        vehicle=received.source,
+        step=packet.step,
+        heading_rad=packet.heading_rad,
+        north_m=packet.north_m,
+        east_m=packet.east_m,
+        actions=list(packet.actions),
+        heuristic=packet.heuristic,
+    )
+
+
+def team_samples(received: Received) -> SampleArray:
+    """Samples of the team mate that sent the packet."""
+    samples = np.asarray(received.packet.samples)
+    return SampleArray(
+        header=header(received.stamp_s),
+        source=received.source,
+        north_m=floats(samples[:, 0]),
+        east_m=floats(samples[:, 1]),
+        depth_m=floats(samples[:, 2]),
+    )
+
+
+def transmission(now_s: float, source: int, payload: bytes) -> ModemTx:
+    """ModemTx of a payload to all."""
+    return ModemTx(header=header(now_s), source=source, destination=0, payload=payload)
+
+
+def tdma_status(now_s: float, bridge: ModemBridge) -> TdmaStatus:
+    """The bridge's schedule and counts."""
+    slot = bridge.tdma.slot(now_s)
+    following = bridge.tdma.next_slot(now_s)
+    reasons = sorted(key for key in bridge.counts if key.startswith(("slots.missed.", "rejected.")))
+    return TdmaStatus(
+        header=header(now_s),
+        vehicle=bridge.address,
+        slot_owner=slot.owner,
+        own_slot=slot.owner == bridge.address,
+        next_own_slot=float("nan") if following is None else following.start_s,
+        slots_used=bridge.counts["slots.used"],
+        slots_missed=sum(n for key, n in bridge.counts.items() if key.startswith("slots.missed.")),
+        packets_received=bridge.counts["received"],
+        reasons=reasons,
+        counts=[bridge.counts[key] for key in reasons],
+    )
