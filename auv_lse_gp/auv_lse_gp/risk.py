@@ -243,9 +243,11 @@ def _exponential_quadratic(mean: Array, of_mean: Array, after: Array, level: Arr
 
     def tail(low: Array, high: Array, side: float) -> Array:
         """Integral from low to high of N(u; gap, s_mu^2) exp(-side slope u - square u^2) / 2."""
-        precision = 1.0 / s_mu**2 + 2.0 * square
-        center = (gap / s_mu**2 - side * slope) / precision
-        log_scale = 0.5 * (center**2 * precision - gap**2 / s_mu**2) - np.log(s_mu * np.sqrt(precision))
+        spread = 1.0 + 2.0 * square * s_mu**2
+        precision = spread / s_mu**2
+        center = (gap - side * slope * s_mu**2) / spread
+        # The completed square, written so that nothing large cancels: it is at most slope^2 / (4 square).
+        log_scale = (0.5 * (slope * s_mu) ** 2 - square * gap**2 - side * slope * gap) / spread - 0.5 * np.log(spread)
         a, b = (low - center) * np.sqrt(precision), (high - center) * np.sqrt(precision)
         flip = a > 0.0  # both in the upper tail: mirror, so that the difference keeps its digits
         a, b = np.where(flip, -b, a), np.where(flip, -a, b)

@@ -1,0 +1,139 @@
+"""Covariances and triangular solves compiled with numba. Formulas: see `kernels.py` and `factor.py`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+_LOG2E = math.log2(math.e)
+_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 in two parts, so that x - n ln 2 is exact to the last bit
+_LN2_LOW = 1.90821492927058770002e-10
+_MAGIC = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to an integer, which is then in the low bits
+_SQRT3 = math.sqrt(3.0)
+_SQRT5 = math.sqrt(5.0)
+
+
+@intrinsic
+def _bits(typingctx, value):  # type: ignore[no-untyped-def]  # numba's interface
+    """The 64 bits of a double as an integer."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return builder.bitcast(args[0], ir.IntType(64))
+
+    return types.int64(types.float64), codegen
+
+
+@intrinsic
+def _double(typingctx, value):  # type: ignore[no-untyped-def]  # numba's interface
+    """The double with these 64 bits."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        return builder.bitcast(args[0], ir.DoubleType())
+
+    return types.float64(types.int64), codegen
+
+
+@njit(inline="always", fastmath={"contract"})
+def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
+    """exp(x) for x <= 0, 0 below -700, within 1.5 units of the last place: no branch and no call, so loops vectorize."""
+    y = max(x, -700.0)
+    t = y * _LOG2E + _MAGIC
+    n = t - _MAGIC
+    r = (y - n * _LN2_HIGH) - n * _LN2_LOW  # |r| <= ln 2 / 2; Taylor to r^13 leaves 4e-18
+    p = 1.6059043836821613e-10
+    p = p * r + 2.08767569878681e-09
+    p = p * r + 2.505210838544172e-08
+    p = p * r + 2.755731922398589e-07
+    p = p * r + 2.7557319223985893e-06
+    p = p * r + 2.48015873015873e-05
+    p = p * r + 1.984126984126984e-04
+    p = p * r + 1.388888888888889e-03
+    p = p * r + 8.333333333333333e-03
+    p = p * r + 4.1666666666666664e-02
+    p = p * r + 1.6666666666666666e-01
+    p = p * r + 0.5
+    p = p * r + 1.0
+    p = p * r + 1.0
+    scale = _double((_bits(t) << np.int64(52)) + np.int64(4607182418800017408))  # 2^n
+    return p * scale if x > -700.0 else 0.0
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _matern32(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    for j in range(len(bx)):
+        t = _SQRT3 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        out[j] = variance * ((1.0 + t) * _exp(-t))
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _matern52(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    for j in range(len(bx)):
+        t = _SQRT5 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        out[j] = variance * ((1.0 + t + t * t * (1.0 / 3.0)) * _exp(-t))
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _squared_exponential(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    for j in range(len(bx)):
+        square = (bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y)
+        out[j] = variance * _exp(-0.5 * square)
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _wendland_c2(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    for j in range(len(bx)):
+        r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        q = max(1.0 - r, 0.0)
+        q = q * q
+        out[j] = variance * (q * q * (4.0 * r + 1.0))
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _wendland_c4(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    for j in range(len(bx)):
+        r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        q = max(1.0 - r, 0.0)
+        q = q * q
+        out[j] = variance * (q * q * q * ((35.0 * r + 18.0) * r + 3.0) * (1.0 / 3.0))
+
+
+@njit("void(i8, f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True)
+def covariance_row(index, variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    """Covariance of scaled places (bx, by) with one place (x, y); `index` as in `config.KERNELS`."""
+    if index == 0:
+        _matern32(variance, bx, by, x, y, out)
+    elif index == 1:
+        _matern52(variance, bx, by, x, y, out)
+    elif index == 2:
+        _squared_exponential(variance, bx, by, x, y, out)
+    elif index == 3:
+        _wendland_c2(variance, bx, by, x, y, out)
+    else:
+        _wendland_c4(variance, bx, by, x, y, out)
+
+
+@njit("f8[:, ::1](i8, f8, f8[:, :], f8[:, :])", cache=True)
+def covariance(index, variance, a, b):  # type: ignore[no-untyped-def]  # numba's types
+    """Covariance (A, B) of scaled places a (A, 2) and b (B, 2)."""
+    bx, by = b[:, 0].copy(), b[:, 1].copy()
+    out = np.empty((len(a), len(b)))
+    for i in range(len(a)):
+        covariance_row(index, variance, bx, by, a[i, 0], a[i, 1], out[i])
+    return out
+
+
+@njit("f8[::1](f8[:, ::1], i8, f8[::1])", cache=True, fastmath={"reassoc", "contract"})
+def forward(lower, size, right):  # type: ignore[no-untyped-def]  # numba's types
+    """Solves L x = right with the leading rows of `lower`, row by row: one pass over L, no copy of it."""
+    x = right.copy()
+    for i in range(size):
+        total = 0.0
+        row = lower[i]
+        for j in range(i):
+            total += row[j] * x[j]
+        x[i] = (x[i] - total) / row[i]
+    return x
