@@ -347,17 +347,26 @@ class Connection:
         self._retry_s = steady_s + self.wait_s
 
 
+class Readable(Protocol):
+    """Something with a file descriptor that becomes readable."""
+
+    def fileno(self) -> int:
+        """The file descriptor."""
+        ...
+
+
 class Watcher:
     """A thread that waits for bytes on a port and calls `wake` (from that thread) when there are some.
 
     The owner reads them and calls `handled`, after which the thread waits again. `stop` ends it.
     """
 
-    def __init__(self, transport: Transport, wake: Callable[[], None]) -> None:
+    def __init__(self, transport: Readable, wake: Callable[[], None]) -> None:
         """Starts watching."""
         self._transport = transport
         self._wake = wake
         self._handled = threading.Event()
+        self._stopped = False
         self._stop_read, self._stop_write = os.pipe()
         self._thread = threading.Thread(target=self._watch, name="port watcher", daemon=True)
         self._thread.start()
@@ -368,12 +377,14 @@ class Watcher:
 
     def stop(self) -> None:
         """Ends the thread and waits for it; to be called before the port is closed."""
-        if self._thread.is_alive():
-            os.write(self._stop_write, b"x")
-            self._handled.set()
-            self._thread.join()
-            os.close(self._stop_read)
-            os.close(self._stop_write)
+        if self._stopped:
+            return
+        self._stopped = True
+        os.write(self._stop_write, b"x")
+        self._handled.set()
+        self._thread.join()
+        os.close(self._stop_read)
+        os.close(self._stop_write)
 
     def _watch(self) -> None:
         while True:
