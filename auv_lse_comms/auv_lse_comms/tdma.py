@@ -128,7 +128,12 @@ class Tdma:
         return Slot(index=index, owner=owner, start_s=start, end_s=start + config.slot_s, since_s=since)
 
     def window(self, slot: Slot, duration_s: float | None = None) -> tuple[float, float]:
-        """First and last time (s) at which a transmission of this duration may start in the slot (none if last < first)."""
+        """First and last time (s) at which a transmission may start in the slot; if last < first, none fits.
+
+        Args:
+            slot: The slot.
+            duration_s: How long the transmission takes (s); `send_duration_s` if None.
+        """
         config = self._at(slot.since_s)[1]
         duration = config.send_duration_s if duration_s is None else duration_s
         return slot.start_s + config.guard_s, slot.end_s - config.guard_s - config.travel_s - duration

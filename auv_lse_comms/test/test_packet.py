@@ -1,0 +1,336 @@
+"""Packet codec: golden bytes packed by hand, round trips, and damage."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import math
+import struct
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from auv_lse_comms.packet import REASONS, Limits, Packet, PacketError, decode, encode
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from auv_lse_comms import fields
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# 1 -> 3F800000, -2.5 -> C0200000, 100 -> 42C80000, 15 -> 41700000, 0.5 -> 3F000000, -0.25 -> BE800000,
+# 200 -> 43480000, 16.5 -> 41840000 (IEEE 754 single, by hand), all little-endian
+START = "2a00" + "0000003f" + "0000c842" + "000020c0"  # step 42, heading 0.5, north 100, east -2.5
+SAMPLE_A = "0000803f" + "000020c0" + "00007041"  # 1, -2.5, 15
+SAMPLE_B = "00004843" + "000080be" + "00008441"  # 200, -0.25, 16.5
+UNUSED = "ff" * 12
+
+GOLDEN = {
+    # m = 3: 14 + 3 + 1 + 19 * 12 = 246 bytes, 6 spare
+    "augmented, full": (
+        START + "00050a" + "f2" + SAMPLE_A + SAMPLE_B * 18 + "ff" * 6,
+        (0, 5, 10),
+        0xF2,
+        [(1.0, -2.5, 15.0)] + [(200.0, -0.25, 16.5)] * 18,
+    ),
+    "augmented, two samples": (
+        START + "00050a" + "f0" + SAMPLE_A + SAMPLE_B + UNUSED * 17 + "ff" * 6,
+        (0, 5, 10),
+        0xF0,
+        [(1.0, -2.5, 15.0), (200.0, -0.25, 16.5)],
+    ),
+    # m = 10: 14 + 10 + 1 + 18 * 12 = 241 bytes, 11 spare
+    "plain, full": (
+        START + "0102030405060708090a" + "ff" + SAMPLE_B * 18 + "ff" * 11,
+        tuple(range(1, 11)),
+        0xFF,
+        [(200.0, -0.25, 16.5)] * 18,
+    ),
+    # no actions: 14 + 1 + 19 * 12 = 243, 9 spare
+    "mission over": (START + "ff" + UNUSED * 19 + "ff" * 9, (), 0xFF, []),
+    # 9 actions: 14 + 9 + 1 + 19 * 12 = 252, none spare
+    "no spare byte": (
+        START + "090807060504030201" + "fe" + SAMPLE_A * 19,
+        (9, 8, 7, 6, 5, 4, 3, 2, 1),
+        0xFE,
+        [(1.0, -2.5, 15.0)] * 19,
+    ),
+    # 237 actions: 14 + 237 + 1 = 252
+    "longest path": (START + "ef" * 237 + "f1", (0xEF,) * 237, 0xF1, []),
+}
+
+
+@pytest.mark.parametrize("layout", GOLDEN)
+def test_golden_packet_packed_by_hand(layout: str) -> None:
+    text, actions, heuristic, samples = GOLDEN[layout]
+    data = bytes.fromhex(text)
+    assert len(data) == 252
+    packet = Packet(
+        step=42,
+        heading_rad=0.5,
+        north_m=100.0,
+        east_m=-2.5,
+        actions=actions,
+        heuristic=heuristic,
+        samples=np.array(samples).reshape(-1, 3),
+    )
+    assert encode(packet) == data
+    assert decode(data) == packet
+
+
+def test_golden_packet_with_room_for_a_tag() -> None:
+    data = bytes.fromhex(START + "00050a" + "f2" + SAMPLE_A * 19 + "0123456789ab")
+    packet = decode(data, reserve=6)
+    assert packet.samples.tolist() == [[1.0, -2.5, 15.0]] * 19
+    assert encode(packet, reserve=6) == data[:-6] + b"\xff" * 6
+    with pytest.raises(PacketError, match="spare: bytes 246 to 251 are 0123456789ab"):
+        decode(data)
+
+
+def test_capacity_is_the_papers() -> None:
+    assert fields.capacity(3) == 19  # PAPER.md section 5
+    assert fields.capacity(10) == 18
+    assert fields.capacity(3, reserve=6) == 19
+    assert fields.capacity(10, reserve=6) == 18
+    for n in range(fields.MAX_ACTIONS + 1):
+        assert fields.samples_start(n) + fields.capacity(n) * 12 + fields.spare_bytes(n) == 252
+        assert 0 <= fields.spare_bytes(n) < 12
+    with pytest.raises(ValueError, match="238 actions and 0 bytes of tag do not fit"):
+        fields.capacity(238)
+
+
+def test_documented_layouts_derive_from_the_table() -> None:
+    text = (ROOT / "docs" / "packet.md").read_text()
+    for n_actions in (3, 10):
+        assert fields.markdown(n_actions) in text
+    for reason, meaning in REASONS.items():
+        assert f"| `{reason}` | {meaning} |" in text
+
+
+def single(low: float, high: float) -> st.SearchStrategy[float]:
+    """Numbers that a float32 holds, in a field's range."""
+    return st.floats(low, high, width=32, allow_nan=False)
+
+
+@st.composite
+def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
+    n_actions = draw(st.integers(0, fields.MAX_ACTIONS - reserve))
+    n = draw(st.integers(0, fields.capacity(n_actions, reserve)))
+    rows = [[draw(single(f.low, f.high)) for f in fields.SAMPLE] for _ in range(n)]
+    return Packet(
+        step=draw(st.integers(0, 65535)),
+        heading_rad=draw(single(fields.HEADER[1].low, fields.HEADER[1].high)),
+        north_m=draw(single(fields.HEADER[2].low, fields.HEADER[2].high)),
+        east_m=draw(single(fields.HEADER[3].low, fields.HEADER[3].high)),
+        actions=tuple(draw(st.lists(st.integers(0, 239), min_size=n_actions, max_size=n_actions))),
+        heuristic=draw(st.integers(0xF0, 0xFF)),
+        samples=np.array(rows, dtype=float).reshape(n, 3),
+    )
+
+
+@settings(max_examples=150, deadline=None)
+@given(packets())
+def test_round_trip(packet: Packet) -> None:
+    data = encode(packet)
+    assert len(data) == 252
+    assert decode(data) == packet
+    assert encode(decode(data)) == data
+
+
+@settings(max_examples=60, deadline=None)
+@given(packets(reserve=8), st.binary(min_size=8, max_size=8))
+def test_round_trip_leaves_the_tag_alone(packet: Packet, tag: bytes) -> None:
+    data = encode(packet, reserve=8)
+    assert len(data) == 252
+    assert decode(data[:-8] + tag, reserve=8) == packet
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(*[st.floats(-1e5, 1e5)] * 2, st.floats(-100.0, 1e4)), max_size=19))
+def test_numbers_are_rounded_to_float32_and_no_further(rows: list[tuple[float, float, float]]) -> None:
+    samples = np.array(rows, dtype=float).reshape(-1, 3)
+    got = decode(encode(dataclasses.replace(PLAIN, samples=samples))).samples
+    assert np.array_equal(got, samples.astype(np.float32).astype(float))
+
+
+PLAIN = Packet(step=1, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(1, 2, 3))
+LIMITS = Limits(
+    steps=100,
+    n_actions=11,
+    max_length=10,
+    heuristics=(0xF0, 0xF1),
+    north_m=(-10, 500),
+    east_m=(-20, 600),
+    depth_m=(0, 50),
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason", "message"),
+    [
+        ({"step": -1}, "step", "step = -1: expected 0..65535"),
+        ({"step": 65536}, "step", "step = 65536"),
+        ({"heading_rad": 6.2832}, "heading", "heading_rad = 6.28"),
+        ({"heading_rad": math.nan}, "not_finite", "heading_rad = nan"),
+        ({"north_m": math.inf}, "not_finite", "north_m = inf"),
+        ({"north_m": 1e300}, "not_finite", "north_m = inf"),
+        ({"north_m": 1.1e6}, "position", "north_m = 1100000.0: expected -1e[+]06..1e[+]06 m"),
+        ({"east_m": -1.1e6}, "position", "east_m = -1100000.0"),
+        ({"actions": (0, 240)}, "action", r"actions \[0, 240\]"),
+        ({"actions": (-1,)}, "action", r"actions \[-1\]"),
+        ({"actions": (0,) * 238}, "terminal", "238 actions: expected at most 237"),
+        ({"heuristic": 0xEF}, "heuristic", "heuristic = 239: expected 240..255"),
+        ({"heuristic": 256}, "heuristic", "heuristic = 256"),
+        ({"samples": np.zeros((20, 3))}, "sample", "20 samples: expected at most 19 with 3 actions"),
+        ({"samples": np.zeros((2, 4))}, "sample", r"shape \(2, 4\): expected \(n, 3\)"),
+        ({"samples": np.zeros(3)}, "sample", r"shape \(3,\)"),
+        ({"samples": np.array([[0.0, 0.0, math.nan]])}, "not_finite", r"samples\[0\].depth_m = nan"),
+        ({"samples": np.array([[0.0, 0.0, 5.0], [0.0, 2e6, 5.0]])}, "sample", r"samples\[1\].east_m = 2000000.0"),
+        (
+            {"samples": np.array([[0.0, 0.0, 12001.0]])},
+            "sample",
+            "depth_m = 12001.0: expected -1000..12000",
+        ),
+    ],
+)
+def test_sender_raises_out_of_range(change: dict[str, object], reason: str, message: str) -> None:
+    with pytest.raises(PacketError, match=message) as caught:
+        encode(dataclasses.replace(PLAIN, **change))
+    assert caught.value.reason == reason
+    assert reason in REASONS
+
+
+@pytest.mark.parametrize("change", [{"step": 1.5}, {"actions": (1.0,)}, {"heuristic": "f0"}])
+def test_sender_raises_on_what_is_not_an_integer(change: dict[str, object]) -> None:
+    with pytest.raises(TypeError):
+        encode(dataclasses.replace(PLAIN, **change))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"step": 101}, "step"),
+        ({"north_m": 500.1}, "position"),
+        ({"east_m": -20.1}, "position"),
+        ({"actions": (0, 11)}, "action"),
+        ({"actions": (0,) * 11}, "terminal"),
+        ({"heuristic": 0xF2}, "heuristic"),
+        ({"samples": np.array([[501.0, 0.0, 1.0]])}, "sample"),
+        ({"samples": np.array([[0.0, 601.0, 1.0]])}, "sample"),
+        ({"samples": np.array([[0.0, 0.0, 50.1]])}, "sample"),
+    ],
+)
+def test_limits_hold_on_both_sides(change: dict[str, object], reason: str) -> None:
+    packet = dataclasses.replace(PLAIN, **change)
+    with pytest.raises(PacketError) as sending:
+        encode(packet, LIMITS)
+    with pytest.raises(PacketError) as receiving:
+        decode(encode(packet), LIMITS)
+    assert sending.value.reason == receiving.value.reason == reason
+
+
+def test_limits_hold_after_rounding() -> None:
+    # float32(0.1) > 0.1: a value on the limit that rounds beyond it is refused by sender and receivers alike
+    limits = Limits(depth_m=(0.0, 0.1))
+    samples = np.array([[0.0, 0.0, 0.1]])
+    assert not limits.hold(samples).any()
+    with pytest.raises(PacketError):
+        encode(dataclasses.replace(PLAIN, samples=samples), limits)
+
+
+def test_every_heuristic_none_included_is_told_apart() -> None:
+    for heuristic in range(0xF0, 0x100):
+        assert decode(encode(dataclasses.replace(PLAIN, heuristic=heuristic))).heuristic == heuristic
+    assert decode(encode(PLAIN), LIMITS).heuristic == 0xFF
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"steps": 65536}, "steps"),
+        ({"n_actions": 241}, "n_actions"),
+        ({"north_m": (5.0, 4.0)}, "north_m"),
+        ({"depth_m": (0.0, math.nan)}, "depth_m"),
+        ({"max_length": 238}, "max_length"),
+        ({"heuristics": (0xEF,)}, "heuristics"),
+    ],
+)
+def test_limits_wider_than_the_table_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Limits(**change)  # type: ignore[arg-type]
+
+
+def test_box_of_a_polygon() -> None:
+    north_m, east_m = Limits.box(np.array([[0.0, 10.0], [700.0, 20.0], [350.0, 610.0]]), 50.0)
+    assert north_m == (-50.0, 750.0)
+    assert east_m == (-40.0, 660.0)
+
+
+def test_damage_has_its_reason() -> None:
+    good = encode(dataclasses.replace(PLAIN, samples=np.full((3, 3), 7.0)))
+
+    def reason(data: bytes) -> str:
+        with pytest.raises(PacketError) as caught:
+            decode(data, LIMITS)
+        return caught.value.reason
+
+    assert reason(b"") == "length"
+    assert reason(good[:-1]) == "length"
+    assert reason(good + b"\xff") == "length"
+    assert reason(good[:6] + struct.pack("<f", math.inf) + good[10:]) == "not_finite"
+    assert reason(good[:2] + struct.pack("<f", 7.0) + good[6:]) == "heading"
+    assert reason(good[:30] + b"\xff" * 12 + good[42:]) == "gap"
+    assert reason(good[:-1] + b"\x00") == "spare"
+    assert reason(good[:14] + bytes(238)) == "terminal"
+    assert decode(bytearray(good)) == decode(memoryview(good)) == decode(good)
+
+
+def load_fuzz() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("comms_fuzz", ROOT / "benchmarks" / "comms_fuzz.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["comms_fuzz"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_fuzz_only_packet_errors_escape() -> None:
+    counts = load_fuzz().fuzz(50_000, np.random.default_rng(5))
+    total = sum(sum(c.values()) for c in counts.values())
+    assert total == 50_000
+    reasons = {reason for c in counts.values() for reason in c}
+    for name in (
+        "length",
+        "not_finite",
+        "position",
+        "terminal",
+        "heuristic",
+        "sample",
+        "gap",
+        "spare",
+        "action",
+        "step",
+    ):
+        assert name in reasons
+    assert 0 < counts["bits flipped"]["decoded"] < sum(counts["bits flipped"].values())
+
+
+def test_fuzz_notices_a_broken_decoder(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = load_fuzz()
+    monkeypatch.setattr(module, "decode", lambda data, limits: PLAIN)
+    with pytest.raises(module.Finding):
+        module.fuzz(100, np.random.default_rng(1))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=300) | st.binary(min_size=252, max_size=252))
+def test_any_bytes_decode_or_raise_packet_error(data: bytes) -> None:
+    try:
+        packet = decode(data)
+    except PacketError as error:
+        assert error.reason in REASONS  # noqa: PT017
+    else:
+        assert encode(packet) == data

@@ -1,0 +1,204 @@
+"""Fuzzing of the packet's decoder: from a million damaged inputs only `PacketError` may escape.
+
+    python benchmarks/comms_fuzz.py [inputs] [seed]
+
+Three things are held against the decoder, whatever comes in: nothing but `PacketError` escapes, its reason is one of
+`REASONS`, and what does decode encodes to the very same bytes and lies within the limits. Where the damage determines
+the reason, that reason is required.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+from auv_lse_comms.fields import HEADER_STRUCT, NO_HEURISTIC, PACKET_BYTES, SAMPLE_BYTES, capacity, samples_start
+from auv_lse_comms.packet import REASONS, Limits, Packet, PacketError, decode, encode
+
+LIMITS = Limits(
+    steps=100,
+    n_actions=11,
+    heuristics=(0xF0, 0xF1, 0xF2, 0xF3),
+    north_m=(-100.0, 800.0),
+    east_m=(-100.0, 700.0),
+    depth_m=(-10.0, 60.0),
+)
+
+
+class Finding(AssertionError):
+    """The decoder did what it must never do."""
+
+
+def packet(rng: np.random.Generator) -> Packet:
+    """A packet within `LIMITS`, of any length of path and any number of samples."""
+    n_actions = int(rng.integers(0, 30))
+    n = int(rng.integers(0, capacity(n_actions) + 1))
+    low, high = (-100.0, -100.0, -10.0), (800.0, 700.0, 60.0)
+    return Packet(
+        step=int(rng.integers(0, 101)),
+        heading_rad=float(rng.uniform(-np.pi, np.pi)),
+        north_m=float(rng.uniform(-100.0, 800.0)),
+        east_m=float(rng.uniform(-100.0, 700.0)),
+        actions=tuple(rng.integers(0, 11, n_actions).tolist()),
+        heuristic=int(rng.choice([*LIMITS.heuristics, NO_HEURISTIC])),
+        samples=rng.uniform(low, high, (n, 3)),
+    )
+
+
+def _random_length(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    data = rng.bytes(int(rng.integers(0, 600)))
+    return data, set() if len(data) == PACKET_BYTES else {"length"}
+
+
+def _random_bytes(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    return rng.bytes(PACKET_BYTES), set()
+
+
+def _truncated(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    return good[: int(rng.integers(0, PACKET_BYTES))], {"length"}
+
+
+def _padded(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    return good + rng.bytes(int(rng.integers(1, 5))), {"length"}
+
+
+def _flipped(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    data = bytearray(good)
+    for bit in rng.integers(0, PACKET_BYTES * 8, int(rng.integers(1, 9))).tolist():
+        data[bit // 8] ^= 1 << (bit % 8)
+    return bytes(data), set()
+
+
+def _burst(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    start, length = int(rng.integers(0, PACKET_BYTES)), int(rng.integers(1, 40))
+    return (good[:start] + rng.bytes(length) + good[start + length :])[:PACKET_BYTES], set()
+
+
+def _wrong_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    data = bytearray(good)
+    data[HEADER_STRUCT.size + len(sent.actions)] = int(rng.integers(0xF4, 0xFF))
+    return bytes(data), {"heuristic"}
+
+
+def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    data = bytearray(good)
+    for i in range(HEADER_STRUCT.size, PACKET_BYTES):
+        data[i] = min(data[i], int(rng.integers(0, 0xF0)))
+    return bytes(data), {"terminal"}
+
+
+def _not_finite(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    places = [2, 6, 10]
+    start = samples_start(len(sent.actions))
+    places += [start + 4 * i for i in range(3 * len(sent.samples))]
+    at = int(rng.choice(places))
+    value = float(rng.choice([np.nan, np.inf, -np.inf]))
+    return good[:at] + struct.pack("<f", value) + good[at + 4 :], {"not_finite"}
+
+
+def _outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    at = int(rng.choice([6, 10]))
+    value = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(3.0, 30.0))
+    return good[:at] + struct.pack("<f", value) + good[at + 4 :], {"position"}
+
+
+def _sample_outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    if not len(sent.samples):
+        return good, set()
+    at = samples_start(len(sent.actions)) + 4 * int(rng.integers(0, 3 * len(sent.samples)))
+    value = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(3.0, 30.0))
+    return good[:at] + struct.pack("<f", value) + good[at + 4 :], {"sample"}
+
+
+def _gap(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    if len(sent.samples) < 2:
+        return good, set()
+    at = samples_start(len(sent.actions)) + SAMPLE_BYTES * int(rng.integers(0, len(sent.samples) - 1))
+    return good[:at] + b"\xff" * SAMPLE_BYTES + good[at + SAMPLE_BYTES :], {"gap"}
+
+
+def _spare(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    stop = samples_start(len(sent.actions)) + SAMPLE_BYTES * capacity(len(sent.actions))
+    if stop == PACKET_BYTES:
+        return good, set()
+    data = bytearray(good)
+    data[int(rng.integers(stop, PACKET_BYTES))] = int(rng.integers(0, 0xFF))
+    return bytes(data), {"spare"}
+
+
+Damage = Callable[[np.random.Generator, bytes, Packet], tuple[bytes, set[str]]]
+DAMAGES: dict[str, Damage] = {
+    "random length": _random_length,
+    "random bytes": _random_bytes,
+    "truncated": _truncated,
+    "padded": _padded,
+    "bits flipped": _flipped,
+    "burst": _burst,
+    "wrong terminal": _wrong_terminal,
+    "lost terminal": _lost_terminal,
+    "NaN or infinite": _not_finite,
+    "position outside": _outside,
+    "sample outside": _sample_outside,
+    "gap": _gap,
+    "spare bytes": _spare,
+}
+
+
+def judge(data: bytes, expected: set[str], limits: Limits | None) -> str:
+    """The reason for which an input is refused, "decoded" if it is not.
+
+    Raises:
+        Finding: if anything but `PacketError` escapes, the reason is unknown or another one than expected, or what
+            was decoded does not encode to the same bytes.
+    """
+    try:
+        got = decode(data, limits)
+    except PacketError as error:
+        if error.reason not in REASONS or (expected and error.reason not in expected):
+            raise Finding(f"{data.hex()}: {error}; expected {expected or 'a known reason'}") from error
+        return error.reason
+    except Exception as error:
+        raise Finding(f"{data.hex()}: {type(error).__name__}: {error} escaped") from error
+    if expected:
+        raise Finding(f"{data.hex()}: decoded; expected {expected}")
+    if encode(got, limits) != data:
+        raise Finding(f"{data.hex()}: encodes to other bytes once decoded")
+    return "decoded"
+
+
+def fuzz(inputs: int, rng: np.random.Generator) -> dict[str, Counter[str]]:
+    """Feeds this many inputs to the decoder; returns the reasons counted for each kind of damage.
+
+    Raises:
+        Finding: see `judge`.
+    """
+    counts: dict[str, Counter[str]] = {name: Counter() for name in DAMAGES}
+    kinds = list(DAMAGES.items())
+    good, sent = b"", packet(rng)
+    for i in range(inputs):
+        if i % 20 == 0:
+            sent = packet(rng)
+            good = encode(sent, LIMITS)
+        name, damage = kinds[i % len(kinds)]
+        data, expected = damage(rng, good, sent)
+        # without limits the action set is unknown, so that only the damage itself is judged
+        strict = bool(expected) or i % 2 == 0
+        counts[name][judge(data, expected, LIMITS if strict else None)] += 1
+    return counts
+
+
+def main() -> None:
+    """Prints what became of each kind of damage."""
+    inputs = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
+    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    counts = fuzz(inputs, np.random.default_rng(seed))
+    for name, reasons in counts.items():
+        print(f"{name:18}", ", ".join(f"{reason} {n}" for reason, n in reasons.most_common()))
+    print(f"{inputs} inputs, only PacketError escaped")
+
+
+if __name__ == "__main__":
+    main()
