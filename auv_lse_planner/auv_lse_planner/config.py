@@ -125,6 +125,9 @@ class PlannerConfig:
     coordination: str = parameter(
         "sequential", choices=("sequential", "dec_mcts"), help="sequential (greedy), or Dec-MCTS (Best et al. 2019)"
     )
+    deadline_s: float = parameter(
+        2.0, unit="s", low=0.0, help="wall clock after which a decision takes the best plan so far; 0: none; not in lockstep"
+    )
     replan_lead_s: float = parameter(4.0, unit="s", low=0.0, help="time before a leg's end that the next is decided")
     plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is dropped")
     odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry at which planning stops")

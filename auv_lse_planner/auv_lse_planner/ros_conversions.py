@@ -1,0 +1,101 @@
+"""The planner's messages: the one place where north/east/heading becomes a pose in the map frame (ENU)."""
+
+from __future__ import annotations
+
+import math
+
+from auv_lse_msgs.msg import Bound, Waypoint
+from auv_lse_msgs.msg import Plan as PlanMessage
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry, Path
+from numpy.typing import NDArray
+
+from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
+from auv_lse_common.ros_conversions import header
+from auv_lse_planner.plan import Leg, Plan
+from auv_lse_planner.vehicle_planner import BoundRecord
+
+
+def navigation(message: Odometry) -> tuple[float, float, float, float]:
+    """Heading (rad, clockwise from north), north, east (m) and speed (m/s) of an ENU Odometry."""
+    pose, twist = message.pose.pose, message.twist.twist
+    q = pose.orientation
+    heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
+    return heading, pose.position.y, pose.position.x, math.hypot(twist.linear.x, twist.linear.y)
+
+
+def plan_message(now_s: float, plan: Plan) -> PlanMessage:
+    """Plan message of a plan."""
+    return PlanMessage(
+        header=header(now_s),
+        vehicle=plan.vehicle,
+        step=plan.step,
+        heading_rad=plan.heading_rad,
+        north_m=plan.north_m,
+        east_m=plan.east_m,
+        actions=list(plan.actions),
+        heuristic=plan.heuristic,
+    )
+
+
+def plan_from_message(message: PlanMessage) -> Plan:
+    """The plan of a Plan message."""
+    return Plan(
+        vehicle=message.vehicle,
+        step=message.step,
+        heading_rad=message.heading_rad,
+        north_m=message.north_m,
+        east_m=message.east_m,
+        actions=tuple(int(action) for action in message.actions),
+        heuristic=message.heuristic,
+    )
+
+
+def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, last: bool) -> Waypoint:
+    """Waypoint of the next leg."""
+    end = leg.end_state
+    return Waypoint(
+        header=header(now_s),
+        step=leg.step,
+        start_heading_rad=leg.heading_rad,
+        start_north_m=leg.north_m,
+        start_east_m=leg.east_m,
+        turn_rad=leg.action_rad,
+        turn_radius_m=leg.radius_m,
+        straight_m=leg.straight_m,
+        end_heading_rad=float(end[0]),
+        end_north_m=float(end[1]),
+        end_east_m=float(end[2]),
+        speed_mps=speed_mps,
+        depth_m=depth_m,
+        last=last,
+    )
+
+
+def path_message(now_s: float, states: NDArray[np.float64], depth_m: float) -> Path:
+    """Path through states (heading, north, east), shape (n, 3), at the vehicle's depth."""
+    path = Path(header=header(now_s))
+    for heading, north, east in states:
+        pose = PoseStamped(header=path.header)
+        pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = float(east), float(north), -depth_m
+        o = pose.pose.orientation
+        o.x, o.y, o.z, o.w = quaternion_from_heading(float(heading))
+        path.poses.append(pose)
+    return path
+
+
+def bound_message(now_s: float, bound: BoundRecord, planning_s: float) -> Bound:
+    """Bound message of a decision's record, which took `planning_s` of wall clock."""
+    return Bound(
+        header=header(now_s),
+        step=bound.step,
+        jbar=bound.jbar,
+        reward_so_far=bound.reward_so_far,
+        lower_bound=bound.lower_bound,
+        lower_bound_max=bound.lower_bound_max,
+        incumbent_value=bound.incumbent_value,
+        incumbent_kept=bound.incumbent_kept,
+        iterations=bound.iterations,
+        planning_s=planning_s,
+        deadline_hit=bound.deadline_hit,
+    )
