@@ -85,8 +85,8 @@ class Ground(Protocol):
         """One or two sentences for the log and the report."""
 
 
-#: The operating area of the default mission: 600 m north-south by 700 m east-west about the start (0, 0).
-DEFAULT_WINDOW = Extent(north_min_m=-300.0, north_max_m=300.0, east_min_m=-350.0, east_max_m=350.0)
+#: The operating area of the default mission (AreaConfig's default): 600 m north-south by 700 m east-west.
+DEFAULT_WINDOW = Extent(north_min_m=-50.0, north_max_m=550.0, east_min_m=-50.0, east_max_m=650.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +96,7 @@ class LakeConfig:
     seed: int = parameter(-1, low=-1, help="which lake of the family; -1 takes the mission's seed")
     deepest_m: float = parameter(35.0, above=0.0, high=1000.0, unit="m", help="depth the valley floor tends to")
     terrace_m: float = parameter(
-        9.0, low=0.0, unit="m", help="depth the old flood plain inside the window tends to; 0 lets islands emerge"
+        10.0, low=0.0, unit="m", help="depth the old flood plain inside the window tends to; 0 lets islands emerge"
     )
     level_m: float = parameter(15.0, above=0.0, unit="m", help="depth whose contour is to be interesting")
     deep_share_low: float = parameter(0.4, above=0.0, high=0.75, help="least share of the window deeper than level_m")
@@ -106,8 +106,8 @@ class LakeConfig:
     steepness: float = parameter(1.0, above=0.0, high=10.0, help="slopes relative to the default lake's")
     roughness_m: float = parameter(0.7, low=0.0, high=5.0, unit="m", help="standard deviation of the small relief")
     roughness_scale_m: float = parameter(60.0, low=5.0, unit="m", help="length scale of the small relief")
-    north_m: float = parameter(0.0, unit="m", help="middle of the window, north")
-    east_m: float = parameter(0.0, unit="m", help="middle of the window, east")
+    north_m: float = parameter(250.0, unit="m", help="middle of the window, north")
+    east_m: float = parameter(300.0, unit="m", help="middle of the window, east")
     height_m: float = parameter(600.0, low=100.0, unit="m", help="the window's length from south to north")
     width_m: float = parameter(700.0, low=100.0, unit="m", help="the window's length from west to east")
     shore_m: float = parameter(150.0, low=20.0, unit="m", help="width of the banks around the window, up to land")
@@ -169,7 +169,7 @@ def _draw(config: LakeConfig, rng: np.random.Generator) -> _Valley:
     islands[:, 3] = rng.uniform(0.6, 1.0, config.islands)
     islands[:, 4] = rng.uniform(0.0, np.pi, config.islands)
     features = 48
-    # Random Fourier features of a squared exponential kernel (Rahimi & Recht 2007): smooth relief of one scale.
+    # Normal wave vectors: relief with a squared exponential covariance of one length scale.
     relief = np.concatenate(
         [rng.standard_normal((features, 2)) * scale / config.roughness_scale_m, rng.uniform(0, 2 * np.pi, (features, 1))],
         axis=1,
@@ -214,10 +214,17 @@ def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
         a = math.cos(turn) * du + math.sin(turn) * dv
         b = -math.sin(turn) * du + math.cos(turn) * dv
         total = total - 1.1 * np.exp(-0.5 * ((a / radius) ** 2 + (b / (radius * stretch)) ** 2))
-    relief = np.zeros_like(total)
-    for kn, ke, phase in valley.relief:
-        relief += np.cos(kn * north + ke * east + phase)
-    return total, relief * math.sqrt(2.0 / len(valley.relief))
+    return total, _relief(valley.relief, north, east)
+
+
+def _relief(waves: Array, north: Array, east: Array) -> Array:
+    """Random Fourier features (Rahimi & Recht 2007): a sum of waves (F, 3), unit variance, in blocks of places."""
+    n, e = north.ravel(), east.ravel()
+    relief = np.empty(n.shape)
+    for i in range(0, n.size, 8192):
+        j = slice(i, i + 8192)
+        relief[j] = np.cos(np.multiply.outer(n[j], waves[:, 0]) + np.multiply.outer(e[j], waves[:, 1]) + waves[:, 2]).sum(1)
+    return relief.reshape(north.shape) * math.sqrt(2.0 / len(waves))
 
 
 def _closed_shoals(shallow: NDArray[np.bool_], cell_m2: float, least_m2: float) -> int:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from auv_lse_common.params import ParameterError, from_mapping
+from auv_lse_gp.area import AreaConfig
 from auv_lse_sim.ground import DEFAULT_WINDOW, Extent, FunctionGround, LakeConfig, SyntheticLake, _closed_shoals
 
 WINDOW = LakeConfig().window
@@ -16,6 +17,8 @@ def grid(spacing_m: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_default_window_is_the_default_operating_area():
     assert WINDOW == DEFAULT_WINDOW
+    corners = np.reshape(AreaConfig().polygon_m, (-1, 2))
+    assert (*corners.min(axis=0), *corners.max(axis=0)) == (-50.0, -50.0, 550.0, 650.0)
     assert (WINDOW.height_m, WINDOW.width_m) == (600.0, 700.0)
 
 
@@ -24,7 +27,7 @@ def test_every_lake_has_a_contour_an_island_and_both_sides(seed):
     lake = SyntheticLake(mission_seed=seed)
     depth = lake.depth_m(*grid())
     assert np.isfinite(depth).all()
-    assert 7.0 < depth.min() < 15.0 < depth.max() < 35.0 + 2 * 0.7
+    assert 8.0 < depth.min() < 15.0 < depth.max() < 35.0 + 2 * 0.7
     assert 0.25 <= (depth > 15.0).mean() <= 0.75
     assert _closed_shoals(depth < 15.0, 100.0, 800.0) >= 1
     # An inlet or a bend makes the contour longer than the straight crossing of the window.
@@ -32,7 +35,7 @@ def test_every_lake_has_a_contour_an_island_and_both_sides(seed):
     assert crossings > 900.0
     # The start can be navigated: deeper than the deepest vehicle with clearance, over a turning circle.
     angle = np.linspace(0.0, 2 * math.pi, 24)
-    assert lake.depth_m(30 * np.cos(angle), 30 * np.sin(angle)).min() > 7.0
+    assert lake.depth_m(30 * np.cos(angle), 30 * np.sin(angle)).min() > 8.0
 
 
 def test_same_seed_same_lake_and_other_seed_other_lake():
@@ -48,7 +51,7 @@ def test_lake_is_smooth(seed):
     """Central differences converge as h^2: a kink in depth or slope would leave a term of order h or 1."""
     lake = SyntheticLake(mission_seed=seed)
     rng = np.random.default_rng(seed)
-    north, east = rng.uniform(-440, 440, 400), rng.uniform(-480, 480, 400)
+    north, east = rng.uniform(-190, 690, 400), rng.uniform(-190, 790, 400)
 
     def slope(h: float) -> np.ndarray:
         return (lake.depth_m(north + h, east) - lake.depth_m(north - h, east)) / (2 * h)
@@ -63,8 +66,8 @@ def test_lake_is_smooth(seed):
 def test_banks_rise_to_land_and_beyond_is_unknown():
     lake = SyntheticLake(mission_seed=1)
     e = lake.extent
-    assert np.isnan(lake.depth_m(e.north_max_m + 1.0, 0.0))
-    depth = lake.depth_m(0.0, np.linspace(WINDOW.east_max_m, e.east_max_m, 40)[:-1])
+    assert np.isnan(lake.depth_m(e.north_max_m + 1.0, 300.0))
+    depth = lake.depth_m(250.0, np.linspace(WINDOW.east_max_m, e.east_max_m, 40)[:-1])
     assert depth[-1] < 0.2
     assert (np.diff(depth[20:]) < 0).all()
 

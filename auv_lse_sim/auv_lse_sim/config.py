@@ -1,0 +1,52 @@
+"""The section `sim` of a mission file: everything that stands in for the sea, the vehicles and their instruments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from auv_lse_common.params import parameter
+
+from auv_lse_sim.channel import ChannelConfig
+from auv_lse_sim.ground import LakeConfig
+from auv_lse_sim.ground_files import BathymetryConfig
+from auv_lse_sim.navigation_config import (
+    AltimeterConfig,
+    CompassConfig,
+    CurrentConfig,
+    DvlConfig,
+    DynamicsConfig,
+    GpsConfig,
+    GyroConfig,
+    PressureConfig,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NavigationConfig:
+    """The estimate of place and heading as a whole."""
+
+    ideal: bool = parameter(False, help="true: odometry is the truth, whatever the instruments are")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimConfig:
+    """Section `sim`. Each part has `ideal: true` to make it perfect; `ideal: true` here makes all of them perfect."""
+
+    tick_s: float = parameter(1.0, above=0.0, high=10.0, unit="s", help="the engine's time step")
+    lockstep: bool = parameter(True, help="time waits for every planner that owes a decision: repeatable, and fast")
+    real_time_factor: float = parameter(
+        0.0, low=0.0, high=1000.0, help="speed of simulated time against the clock; 0: as fast as it goes"
+    )
+    ideal: bool = parameter(False, help="true: perfect vehicles, instruments and water; the channel is not touched")
+    bathymetry: BathymetryConfig = field(default_factory=BathymetryConfig)
+    lake: LakeConfig = field(default_factory=LakeConfig)
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    current: CurrentConfig = field(default_factory=CurrentConfig)
+    navigation: NavigationConfig = field(default_factory=NavigationConfig)
+    gyro: GyroConfig = field(default_factory=GyroConfig)
+    compass: CompassConfig = field(default_factory=CompassConfig)
+    dvl: DvlConfig = field(default_factory=DvlConfig)
+    altimeter: AltimeterConfig = field(default_factory=AltimeterConfig)
+    pressure: PressureConfig = field(default_factory=PressureConfig)
+    gps: GpsConfig = field(default_factory=GpsConfig)
+    channel: ChannelConfig = field(default_factory=ChannelConfig)
