@@ -759,7 +759,7 @@ class Micromodem:
         self.counts["received"] += 1
         self._events.append(
             PacketReceived(
-                utc_s=self._end_of_reception_s(statistics, len(frames)),
+                utc_s=self._end_of_reception_s(statistics, len(payload)),
                 source=frames[0].source,
                 destination=destination,
                 payload=payload,
@@ -786,11 +786,11 @@ class Micromodem:
             return "frames missing"
         return ""
 
-    def _end_of_reception_s(self, statistics: nmea.ReceptionStatistics | None, frames: int) -> float:
+    def _end_of_reception_s(self, statistics: nmea.ReceptionStatistics | None, count: int) -> float:
         if statistics is None or not self._clock_right or statistics.rate not in nmea.RATES:
             return self._now_s
-        end_s = statistics.utc_s + nmea.packet_duration_s(statistics.rate, frames)
-        return end_s if abs(end_s - self._now_s) <= ARRIVAL_WINDOW_S else self._now_s
+        end_s = statistics.utc_s + nmea.packet_duration_s(statistics.rate, count)
+        return round(end_s, 4) if abs(end_s - self._now_s) <= ARRIVAL_WINDOW_S else self._now_s
 
     def _travel_s(self, statistics: nmea.ReceptionStatistics | None) -> float:
         if statistics is None or not self._config.synchronous or not nmea.clock_is_synchronous(statistics.clock):

@@ -56,14 +56,14 @@ RATES = {
 
 BROADCAST = 0
 
-#: What a packet takes besides its data: probe, header and equalizer training (s); with it one 256-byte frame at
-#: rate 4 takes 1.98 s, the "about 2 s" of the field.
-PACKET_OVERHEAD_S = 0.4
+#: What a packet takes besides its data: probe, header and equalizer training (s). With it a 252-byte packet at rate 4
+#: takes 2.00 s, the "about 2 s" of the field.
+PACKET_OVERHEAD_S = 0.45
 
 
-def packet_duration_s(rate: int, frames: int) -> float:
-    """Nominal duration (s) on the water of a packet of `frames` frames at packet rate number `rate`."""
-    return PACKET_OVERHEAD_S + frames * RATES[rate].frame_bytes * 8.0 / RATES[rate].bit_rate
+def packet_duration_s(rate: int, count: int) -> float:
+    """Nominal duration (s) on the water of a packet of `count` bytes at packet rate number `rate`."""
+    return PACKET_OVERHEAD_S + 8.0 * count / RATES[rate].bit_rate
 
 
 class SentenceError(ValueError):

@@ -69,7 +69,7 @@ class Arrival:
     """A packet that comes out of the water.
 
     Attributes:
-        end_s: End of its reception (s, the simulation's clock).
+        start_s: When its first sound arrives (s, the simulation's clock).
         source: The sender's modem address.
         destination: Whom it is for, 0: all.
         payload: What was sent; None if it was heard but could not be decoded.
@@ -79,7 +79,7 @@ class Arrival:
         doppler_mps: Relative speed of the sender (m/s).
     """
 
-    end_s: float
+    start_s: float
     source: int
     destination: int
     payload: bytes | None
@@ -220,11 +220,10 @@ class ModemEmulator:
                     )
                 )
         if self.settings["CST"] != "0":
-            begin_s = arrival.end_s - nmea.packet_duration_s(arrival.rate, arrival.frames)
             self._say(
                 nmea.ReceptionStatistics(
                     mode=nmea.MODE_GOOD if good else nmea.MODE_BAD_CRC,
-                    utc_s=max(0.0, begin_s + self._clock_error_s),
+                    utc_s=max(0.0, arrival.start_s + self._clock_error_s),
                     clock=self._clock_status,
                     detection=detection,
                     rate=arrival.rate,
@@ -372,7 +371,7 @@ class ModemEmulator:
             )
         )
         sending.end_s = now_s + (
-            duration_s if duration_s is not None else nmea.packet_duration_s(cycle.rate, len(sending.frames))
+            duration_s if duration_s is not None else nmea.packet_duration_s(cycle.rate, len(payload))
         )
 
     def _end(self, sending: _Outgoing) -> None:
@@ -676,36 +675,31 @@ class EmulatorRack:
 def perfect_water(
     rack: Callable[[], EmulatorRack], delay_s: float = 0.5
 ) -> tuple[Callable[[int, Transmission], None], Callable[[float], None]]:
-    """A channel for tests and the desk: everyone hears everything `delay_s` after its end.
+    """A channel for tests and the desk: everyone hears everything, `delay_s` later.
 
     Returns:
         `transmit` for an `EmulatorRack`, and `tick(now_s)`, which delivers what has arrived by then.
     """
-    under_way: deque[tuple[int, Arrival]] = deque()
+    under_way: deque[tuple[float, int, Arrival]] = deque()
 
     def transmit(vehicle: int, packet: Transmission) -> None:
-        end_s = packet.start_s + nmea.packet_duration_s(packet.rate, packet.frames) + delay_s
+        end_s = packet.start_s + delay_s + nmea.packet_duration_s(packet.rate, len(packet.payload))
         for other in rack().modems:
             if other != vehicle:
-                under_way.append(
-                    (
-                        other,
-                        Arrival(
-                            end_s=end_s,
-                            source=packet.source,
-                            destination=packet.destination,
-                            payload=packet.payload,
-                            snr_db=20.0,
-                            rate=packet.rate,
-                            frames=packet.frames,
-                        ),
-                    )
+                arrival = Arrival(
+                    start_s=packet.start_s + delay_s,
+                    source=packet.source,
+                    destination=packet.destination,
+                    payload=packet.payload,
+                    snr_db=20.0,
+                    rate=packet.rate,
+                    frames=packet.frames,
                 )
+                under_way.append((end_s, other, arrival))
 
     def tick(now_s: float) -> None:
-        for other, arrival in list(under_way):
-            if arrival.end_s <= now_s:
-                under_way.remove((other, arrival))
-                rack().arrive(other, arrival)
+        for item in [item for item in under_way if item[0] <= now_s]:
+            under_way.remove(item)
+            rack().arrive(item[1], item[2])
 
     return transmit, tick
