@@ -35,6 +35,9 @@ MISSION_TOPICS = {
     "/sim/status": "auv_lse_msgs/msg/SimStatus",
 }
 
+#: In lockstep, how many ticks the recorder may be behind before the simulator waits for it.
+RECORDER_LAG_TICKS = 20
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Process:

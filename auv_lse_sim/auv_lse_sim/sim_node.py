@@ -1,0 +1,257 @@
+"""Stands in for INS, DVL and acoustic modem of every vehicle, and keeps the mission's time."""
+
+from __future__ import annotations
+
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, SimStatus, Sounding, Waypoint
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
+from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import FluidPressure, Range
+
+from auv_lse_common.lockstep import Gate
+from auv_lse_common.params import ParameterError
+from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, header, run, seconds, stamp
+from auv_lse_sim.processes import RECORDER_LAG_TICKS
+from auv_lse_sim.ros_conversions import (
+    altitude_message,
+    arrival_message,
+    leg_of_waypoint,
+    odometry_message,
+    pressure_message,
+    sounding_message,
+    truth_message,
+)
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world import VehicleOutput
+
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+_STALLED_S = 60.0
+
+
+class SimNode(ConfiguredNode):
+    """sim_node: the simulated world of all vehicles. Namespace: none; needs the whole file (--params-file)."""
+
+    def __init__(self) -> None:
+        """Makes the world from the mission file, wires every vehicle's topics, and waits for the nodes."""
+        super().__init__("sim_node")
+        path = _parameter_file(sys.argv)
+        settings = Settings.load(path)
+        self._settings = settings
+        self._world = settings.world()
+        self._vehicles = range(1, settings.mission.vehicles + 1)
+        self._tick = 0
+        self._now_s = 0.0
+        self._steps = [0] * len(self._vehicles)
+        self._finished = [False] * len(self._vehicles)
+        self._sent = self._received = self._lost = 0
+        self._soundings = [0] * len(self._vehicles)
+        self._arrivals = [0] * len(self._vehicles)
+        self._transmissions: list[ModemTx] = []
+        self._recorded_tick = 0
+        self._waiting_since_s = time.monotonic()
+        self._speed = _Speed()
+
+        self._clock = self.create_publisher(ClockMessage, "/clock", EVERY)
+        self._status = self.create_publisher(SimStatus, "/sim/status", LATCHED)
+        names = [f"/auv{k}/" for k in self._vehicles]
+        self._sounding = [self.create_publisher(Sounding, n + "sounding", EVERY) for n in names]
+        self._odometry = [self.create_publisher(Odometry, n + "odometry", EVERY) for n in names]
+        self._altitude = [self.create_publisher(Range, n + "altitude", EVERY) for n in names]
+        self._pressure = [self.create_publisher(FluidPressure, n + "pressure", EVERY) for n in names]
+        self._rx = [self.create_publisher(ModemRx, n + "modem/rx", EVERY) for n in names]
+        self._truth = [self.create_publisher(Odometry, f"/truth{n}odometry", EVERY) for n in names]
+        for k, n in zip(self._vehicles, names, strict=True):
+            self.create_subscription(ModemTx, n + "modem/tx", partial(self._on_transmission, k), EVERY)
+            self.create_subscription(Waypoint, n + "waypoint", partial(self._on_waypoint, k), EVERY)
+        self._wire_time(names)
+        self._publish_status(SimStatus.WAITING, "for the mission's nodes")
+
+    def _wire_time(self, names: list[str]) -> None:
+        """Lockstep: the gates of a tick. Otherwise: a timer. Either begins once every reader is matched."""
+        readers = {self._clock: 3 * len(self._vehicles) + self.recorded, self._status: self.recorded}
+        for k in self._vehicles:
+            i = k - 1
+            readers |= {self._sounding[i]: 2 + self.recorded, self._odometry[i]: 1 + self.recorded}
+            readers |= {self._rx[i]: 1 + self.recorded, self._truth[i]: self.recorded}
+            readers |= {self._altitude[i]: self.recorded, self._pressure[i]: self.recorded}
+        inputs = [f"{what} of auv{k}" for k in self._vehicles for what in ("waypoints", "packets")]
+        self._gate = Gate(tuple(inputs))
+        if self.lockstep:
+            self._tick_topic = self.create_publisher(LockstepTick, "/lockstep/tick", EVERY)
+            readers[self._tick_topic] = 3 * len(self._vehicles) + self.recorded
+            for k, n in zip(self._vehicles, names, strict=True):
+                self.create_subscription(LockstepDone, n + "lockstep/done", partial(self._on_done, k), EVERY)
+            self.create_subscription(LockstepDone, "/lockstep/done", self._on_recorded, EVERY)
+            self._ready: set[tuple[int, str]] = set()
+            self._begun = False
+            self.create_timer(1.0, self._watch, clock=_STEADY)
+        self.when_matched(readers, self._begin)
+
+    # ------------------------------------------------------------------ time
+
+    def _begin(self) -> None:
+        self.get_logger().info(f"every node is there; {self._world.ground.describe()}")
+        if not self.lockstep:
+            factor = self._settings.sim.real_time_factor or 1.0
+            self.create_timer(self._settings.sim.tick_s / factor, self._run_tick, clock=_STEADY)
+            return
+        self._begun = True
+        self._start_lockstep()
+
+    def _start_lockstep(self) -> None:
+        if self._begun and self._tick == 0 and len(self._ready) == 3 * len(self._vehicles):
+            self._run_tick()
+
+    def _run_tick(self) -> None:
+        """One tick: advance the world, publish what it brings and, in lockstep, announce it."""
+        for message in self._transmissions:
+            self._transmit(message)
+        self._transmissions.clear()
+        if all(self._finished):
+            self._publish_status(SimStatus.FINISHED, "every vehicle has travelled its last leg")
+            return
+        self._tick += 1
+        self._now_s = self._tick * self._settings.sim.tick_s
+        if self._now_s > self._settings.longest_s:
+            slow = [k for k in self._vehicles if not self._finished[k - 1]]
+            self._publish_status(SimStatus.FAILED, f"vehicles {slow} have not finished by {self._now_s:.0f} s")
+            return
+        outputs = self._world.tick(self._now_s)
+        self._lost += len(self._world.lost)
+        self._clock.publish(ClockMessage(clock=stamp(self._now_s)))
+        for k, output in outputs.items():
+            self._publish(k, output)
+        if self.lockstep:
+            tick = LockstepTick(stamp=stamp(self._now_s), tick=self._tick)
+            tick.soundings, tick.arrivals = self._soundings, self._arrivals
+            tick.odometries = [self._tick] * len(self._vehicles)
+            self._waiting_since_s = time.monotonic()
+            self._tick_topic.publish(tick)
+        self._speed.note(self._now_s)
+        self._publish_status(SimStatus.RUNNING, "")
+
+    def _publish(self, k: int, output: VehicleOutput) -> None:
+        i = k - 1
+        for row in output.soundings:
+            self._sounding[i].publish(sounding_message(row))
+        self._soundings[i] += len(output.soundings)
+        for arrival in output.arrivals:
+            self._rx[i].publish(arrival_message(arrival))
+        self._arrivals[i] += len(output.arrivals)
+        self._received += len(output.arrivals)
+        self._odometry[i].publish(odometry_message(output.odometry, output.pressure_depth_m, k))
+        self._altitude[i].publish(altitude_message(self._now_s, output.altitude_m, k))
+        self._pressure[i].publish(pressure_message(self._now_s, output.pressure_depth_m, k))
+        self._truth[i].publish(truth_message(output.truth, k))
+        steps = self._settings.mission.steps
+        self._finished[i] = output.truth.step >= steps - 1 and output.truth.loitering
+        self._steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
+
+    # ------------------------------------------------------------------ what the vehicles do
+
+    def _on_waypoint(self, k: int, message: Waypoint) -> None:
+        try:
+            self._world.command(k, leg_of_waypoint(message))
+        except ValueError as error:
+            self.get_logger().error(f"auv{k}: {error}")
+        self._gate.count(f"waypoints of auv{k}")
+        self._advance()
+
+    def _on_transmission(self, k: int, message: ModemTx) -> None:
+        self._gate.count(f"packets of auv{k}")
+        self._transmissions.append(message)
+        self._transmissions.sort(key=lambda m: (seconds(m.header.stamp), m.source))
+        self._advance()
+
+    def _transmit(self, message: ModemTx) -> None:
+        try:
+            self._world.transmit(message.source, max(seconds(message.header.stamp), self._now_s), bytes(message.payload))
+            self._sent += 1
+        except ValueError as error:
+            self.get_logger().error(f"packet of auv{message.source} at {seconds(message.header.stamp):.1f} s: {error}")
+
+    # ------------------------------------------------------------------ lockstep
+
+    def _on_done(self, k: int, message: LockstepDone) -> None:
+        if message.tick == 0:
+            self._ready.add((k, message.node))
+            self._start_lockstep()
+        elif message.node == "planner":
+            self._gate.announce(message.tick, f"waypoints of auv{k}", message.second)
+        elif message.node == "modem_sent":
+            self._gate.announce(message.tick, f"packets of auv{k}", message.first)
+        self._advance()
+
+    def _on_recorded(self, message: LockstepDone) -> None:
+        self._recorded_tick = max(self._recorded_tick, message.tick)
+        self._advance()
+
+    def _advance(self) -> None:
+        """The next tick, once every vehicle has handled this one and the recorder is not far behind."""
+        if not self.lockstep or self._tick == 0:
+            return
+        tick = self._gate.ready()
+        if tick is None or (self.recorded and self._recorded_tick < self._tick - RECORDER_LAG_TICKS):
+            return
+        self._gate.handled(tick)
+        self._run_tick()
+
+    def _watch(self) -> None:
+        """Lockstep: a node that does not answer is named, instead of waiting in silence for ever."""
+        if self._tick and not all(self._finished) and time.monotonic() - self._waiting_since_s > _STALLED_S:
+            text = ", ".join(f"{name}: {count}" for name, count in self._gate.missing().items())
+            self._publish_status(SimStatus.FAILED, f"tick {self._tick}: no answer for {_STALLED_S:.0f} s; missing {text}")
+            self._waiting_since_s = time.monotonic()
+
+    def _publish_status(self, state: int, message: str) -> None:
+        self._status.publish(
+            SimStatus(
+                header=header(self._now_s),
+                state=state,
+                message=message,
+                steps=self._steps,
+                steps_total=self._settings.mission.steps,
+                packets_sent=self._sent,
+                packets_received=self._received,
+                packets_lost=self._lost,
+                speed=self._speed.value,
+            )
+        )
+
+
+class _Speed:
+    """Simulated seconds per second of wall clock, over the last few seconds."""
+
+    def __init__(self) -> None:
+        self._marks: list[tuple[float, float]] = []
+        self.value = 0.0
+
+    def note(self, sim_s: float) -> None:
+        now = time.monotonic()
+        if self._marks and now - self._marks[-1][0] < 0.2:
+            return
+        self._marks = [*self._marks[-25:], (now, sim_s)]
+        (wall_0, sim_0), (wall_1, sim_1) = self._marks[0], self._marks[-1]
+        if wall_1 > wall_0:
+            self.value = (sim_1 - sim_0) / (wall_1 - wall_0)
+
+
+def _parameter_file(arguments: list[str]) -> Path:
+    """The file after --params-file: the simulator needs every vehicle's part of it.
+
+    Raises:
+        ParameterError: if there is none.
+    """
+    if "--params-file" in arguments[:-1]:
+        return Path(arguments[arguments.index("--params-file") + 1])
+    raise ParameterError("sim_node: --params-file MISSION.yaml is missing; the simulator needs every vehicle's parameters")
+
+
+def main() -> int:
+    """Entry point of `ros2 run auv_lse_sim sim_node`."""
+    return run(SimNode)
