@@ -1,0 +1,104 @@
+"""The figures of merit of a mission: `summary.json`, with unit and meaning of each kept in one table, here."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+
+def figure(unit: str, help: str) -> Any:
+    """A field of `Summary` with its unit ("" for a plain number) and meaning."""
+    return dataclasses.field(metadata={"unit": unit, "help": help})
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """What a mission achieved. None: not known (no truth, no naive part, nothing to compare)."""
+
+    vehicles: int = figure("", "number of vehicles (K)")
+    steps: int = figure("", "legs travelled by the vehicle that did most")
+    method: str = figure("", "planner.method of the mission")
+    seed: int = figure("", "mission.seed")
+    team_reward: float = figure(
+        "cost", "realized team reward as printed: each leg's drop of Bayes risk at its own place, summed over legs"
+    )
+    lower_bound: float | None = figure(
+        "cost", "running maximum of the time-varying lower bound: team reward so far + naive part of Jbar"
+    )
+    bound_kept: bool | None = figure("", "whether team_reward is at least lower_bound")
+    path_reward: float = figure(
+        "cost", "whole-path reward: drop of Bayes risk from no data to all data, summed over all places of the paths"
+    )
+    path_bound_start: float | None = figure(
+        "cost", "expected path_reward of the plans in hand at the start (Jbar of the first joint plan)"
+    )
+    path_bound_max: float | None = figure(
+        "cost", "largest expected path_reward of the plans in hand before the last leg"
+    )
+    lawnmower_value: float = figure("cost", "expected path_reward, at the start, of all vehicles mowing the lawn")
+    path_bound_kept: bool | None = figure("", "whether path_reward is at least lawnmower_value")
+    risk_before: float = figure("cost/place", "mean Bayes risk over the map before the mission")
+    risk_after: float = figure("cost/place", "mean Bayes risk over the map given the soundings of all vehicles")
+    loss_after: float | None = figure(
+        "cost/place", "mean of the costs really incurred by the final calls; as large as risk_after if that is honest"
+    )
+    f1: float | None = figure("", "F1 score of 'at least the level deep', on the map from all soundings")
+    misclassified_m2: float | None = figure("m2", "area on the wrong side of the level")
+    false_safe_m2: float | None = figure("m2", "area called at least the level deep that is shallower")
+    false_unsafe_m2: float | None = figure("m2", "area called shallower than the level that is not")
+    isobath_error_m: float | None = figure("m", "mean distance between estimated and true isobath, both directions")
+    isobath_error_p95_m: float | None = figure("m", "95th percentile of those distances")
+    isobath_found: float | None = figure("", "share of the true isobath within 10 m of the estimate")
+    isobath_made_up: float | None = figure("", "share of the estimate farther than 10 m from any true isobath")
+    isobath_length_m: float = figure("m", "length of the estimated isobath")
+    depth_rmse_m: float | None = figure("m", "root mean square error of the map's depth")
+    area_m2: float = figure("m2", "area judged: inside the operating area, of known depth")
+    local_risk: tuple[float, ...] = figure("cost/place", "mean Bayes risk of each vehicle's own final map")
+    local_risk_error: tuple[float, ...] = figure(
+        "cost/place", "per vehicle: mean over the map of |own posterior risk - risk given all soundings|"
+    )
+    local_f1: tuple[float, ...] | None = figure("", "per vehicle: F1 score of its own final map")
+    navigation_error_m: tuple[float, ...] | None = figure("m", "per vehicle: RMS horizontal error of odometry")
+    navigation_error_end_m: tuple[float, ...] | None = figure(
+        "m", "per vehicle: horizontal error of odometry at the end"
+    )
+    f1_true_positions: float | None = figure(
+        "", "f1 with the soundings booked at their true positions: without navigation error"
+    )
+    misclassified_true_positions_m2: float | None = figure("m2", "misclassified_m2 without navigation error")
+    isobath_error_true_positions_m: float | None = figure("m", "isobath_error_m without navigation error")
+    distance_m: tuple[float, ...] = figure("m", "per vehicle: distance travelled")
+    min_separation_m: float | None = figure("m", "least horizontal distance between two vehicles after 60 s")
+    soundings: int = figure("", "soundings made by all vehicles")
+    samples_received: int = figure("", "team-mates' samples received, all vehicles together")
+    packets_sent: int = figure("", "packets sent by all vehicles")
+    packets_received: int = figure("", "receptions by all vehicles (a packet can be received by K - 1)")
+    delivery: float | None = figure("", "packets_received / (packets_sent (K - 1)); None for a lone vehicle")
+    planning_median_s: float | None = figure("s", "median wall-clock time of a decision")
+    planning_max_s: float | None = figure("s", "longest wall-clock time of a decision")
+    sim_s: float = figure("s", "mission time")
+    wall_s: float | None = figure("s", "wall-clock time of the mission")
+
+    def to_json(self) -> str:
+        """The summary as JSON: NaN and infinity become null."""
+        return json.dumps({k: _plain(v) for k, v in dataclasses.asdict(self).items()}, indent=2, allow_nan=False) + "\n"
+
+    def write(self, path: Path) -> None:
+        """Writes `summary.json`."""
+        path.write_text(self.to_json())
+
+
+def table() -> list[tuple[str, str, str]]:
+    """Rows (key, unit, meaning) of every key, in order."""
+    return [(f.name, f.metadata["unit"], f.metadata["help"]) for f in dataclasses.fields(Summary)]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+from auv_lse_sim.bag import BagError, read_bag, read_run, write_run
+
+
+def same(a, b):
+    """Equal up to the nanosecond that a ROS stamp keeps and the rounding of a quaternion."""
+    np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-8)
+
+
+def test_a_run_survives_the_recording(tmp_path, synthetic_run):
+    run = synthetic_run(steps=6)
+    write_run(run, tmp_path / "run")
+    back = read_run(tmp_path / "run", ground=run.ground, wall_s=run.wall_s)
+    assert back.parameters == run.parameters
+    assert [v.vehicle for v in back.vehicles] == [1, 2]
+    for a, b in zip(run.vehicles, back.vehicles, strict=True):
+        same(a.soundings, b.soundings)
+        same(a.received, b.received)
+        same(a.odometry[:, :3], b.odometry[:, :3])
+        same(np.exp(1j * a.truth[:, 3]), np.exp(1j * b.truth[:, 3]))  # headings, whatever the turn
+        same(a.truth[:, :3], b.truth[:, :3])
+        assert len(a.decisions) == len(b.decisions)
+        for c, d in zip(a.decisions, b.decisions, strict=True):
+            assert (c.step, c.actions, c.heuristic, c.method) == (d.step, d.actions, d.heuristic, d.method)
+            same(
+                (c.now_s, c.jbar, c.reward_so_far, c.lower_bound, c.wall_s),
+                (d.now_s, d.jbar, d.reward_so_far, d.lower_bound, d.wall_s),
+            )
+    assert [(p.source, p.payload) for p in back.sent] == [(p.source, p.payload) for p in run.sent]
+    assert [(p.receiver, p.source, p.snr_db) for p in back.received] == [
+        (p.receiver, p.source, p.snr_db) for p in run.received
+    ]
+    assert back.sim_s == pytest.approx(run.sim_s)
+
+
+def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
+    reader = pytest.importorskip("mcap.reader")
+    decoder = pytest.importorskip("mcap_ros2.decoder")
+    run = synthetic_run(steps=4)
+    write_run(run, tmp_path / "run")
+    (file,) = (tmp_path / "run" / "bag").glob("*.mcap")
+    counts = {}
+    with file.open("rb") as stream:
+        for _, channel, message, decoded in reader.make_reader(
+            stream, decoder_factories=[decoder.DecoderFactory()]
+        ).iter_decoded_messages():
+            counts[channel.topic] = counts.get(channel.topic, 0) + 1
+            if channel.topic == "/auv1/sounding" and counts[channel.topic] == 1:
+                stamp_ns = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
+                assert stamp_ns == message.log_time
+                assert decoded.depth_m == pytest.approx(run.vehicles[0].soundings[0, 3])
+    assert counts["/auv1/sounding"] == len(run.vehicles[0].soundings)
+    assert counts["/auv2/plan"] == 4
+    assert counts["/truth/auv2/odometry"] == len(run.vehicles[1].truth)
+
+
+def test_a_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    write_run(run, tmp_path)
+    with pytest.raises(BagError, match=r"bag: exists"):
+        write_run(run, tmp_path)
+
+
+def test_a_recording_cut_off_is_named(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    with pytest.raises(BagError, match=r"has no metadata\.yaml"):
+        read_bag(tmp_path / "nothing", run.parameters)
+    write_run(run, tmp_path)
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:100])
+    with pytest.raises(BagError, match="cannot be read"):
+        read_bag(tmp_path / "bag", run.parameters)
+
+
+def test_a_recording_of_something_else_is_named(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    run.vehicles, run.sent, run.received = [], [], []
+    write_run(run, tmp_path)
+    with pytest.raises(BagError, match="holds no topic"):
+        read_bag(tmp_path / "bag", run.parameters)
