@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from auv_lse_planner.config import METHODS, PlannerConfig
-from auv_lse_planner.naive import COVERING, LAWNMOWERS
+from auv_lse_planner.naive import COVERING, LAWNMOWERS, STRIPS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +20,7 @@ class Recipe:
         horizon: Legs searched (paper: m).
         iterations: Search budget.
         tail: Whether naive paths continue the plan to the mission's end (augmented).
-        naive_paths: Their ids; the best one is taken.
+        naive_paths: Their ids; the best one is taken (kind "naive": vehicle n takes the n-th, modulo their number).
         incumbent: Whether the last plan stays unless the new one is worth more.
         score: Score of a greedy method: "benefit", "variance" or "straddle".
     """
@@ -61,7 +61,7 @@ RECIPES = {
         naive_paths=(*COVERING, *LAWNMOWERS),
     ),
     # Baselines.
-    "lawnmower": Recipe(method="lawnmower", kind="naive", horizon=1, naive_paths=(COVERING[0],)),
+    "lawnmower": Recipe(method="lawnmower", kind="naive", horizon=1, naive_paths=STRIPS),
     "random": Recipe(method="random", kind="random", horizon=1, tail=False, naive_paths=(), incumbent=False),
     "myopic": Recipe(
         method="myopic", kind="greedy", score="benefit", horizon=1, tail=False, naive_paths=(), incumbent=False

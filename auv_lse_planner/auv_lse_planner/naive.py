@@ -7,6 +7,7 @@
 | 0xF4 .. 0xF7 | as 0xF0 .. 0xF3, but lanes as far apart as the remaining steps need to cover the area |
 | 0xF8 | straight on, turning as little as needed at the boundary |
 | 0xF9 | hold: the tightest loop |
+| 0xFA .. 0xFE | as 0xF4, but over strip 1 to 5 of the area only, which is cut into as many strips as there are vehicles (at most 5) |
 | 0xFF | none |
 
 A lawnmower is built from feasible primitives from any state. It follows the lane through its start, in the direction
@@ -40,7 +41,8 @@ LAWNMOWERS = (0xF0, 0xF1, 0xF2, 0xF3)
 COVERING = (0xF4, 0xF5, 0xF6, 0xF7)
 STRAIGHT_ON = 0xF8
 HOLD = 0xF9
-IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD)
+STRIPS = (0xFA, 0xFB, 0xFC, 0xFD, 0xFE)
+IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD, *STRIPS)
 
 #: Metres off the lane that weigh as much as one radian off its direction.
 HEADING_WEIGHT_M = 20.0
@@ -187,8 +189,8 @@ class LaneFrame:
 class NaivePaths:
     """The naive paths of one operating area."""
 
-    def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array) -> None:
-        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2).
+    def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array, vehicles: int = 1) -> None:
+        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for so many `vehicles`.
 
         The main axis is `lane_heading_deg`, or the direction of the polygon's longest side.
         """
@@ -202,6 +204,7 @@ class NaivePaths:
             longest = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
             axis = math.atan2(longest[1], longest[0])
         self._frames = [self._frame(_wrap_float(axis)), self._frame(_wrap_float(axis + math.pi / 2.0))]
+        self._strips = min(vehicles, len(STRIPS))
         size = np.abs(space.motion.turns_rad)
         self._by_size = np.argsort(size, kind="stable").astype(np.int64)
 
@@ -228,13 +231,22 @@ class NaivePaths:
             return np.empty(0, dtype=np.int64)
         state = np.asarray(state, dtype=float)
         motion = self._space.motion
-        if heuristic in LAWNMOWERS or heuristic in COVERING:
-            kind = (heuristic - LAWNMOWERS[0]) % 4
+        if heuristic in LAWNMOWERS or heuristic in COVERING or heuristic in STRIPS:
+            kind = (heuristic - LAWNMOWERS[0]) % 4 if heuristic not in STRIPS else 0
             frame = self._frames[kind // 2]
             side = 1.0 if kind % 2 == 0 else -1.0
-            spacing = self._spacing_m
-            if heuristic in COVERING:
-                spacing = max(2.0 * motion.radius_m, frame.area_m2 / (steps * motion.leg_length_m))
+            spacing, low, high = self._spacing_m, frame.low_m, frame.high_m
+            if heuristic not in LAWNMOWERS:
+                spacing = frame.area_m2 / (steps * motion.leg_length_m)
+            if heuristic in STRIPS and self._strips > 1:
+                spacing /= self._strips
+                width = (high - low) / self._strips
+                number = (heuristic - STRIPS[0]) % self._strips
+                inset = min(0.5 * spacing, 0.5 * width)
+                low, high = low + number * width + inset, low + (number + 1) * width - inset
+                across = -state[1] * math.sin(frame.axis_rad) + state[2] * math.cos(frame.axis_rad)
+                side = 1.0 if across < 0.5 * (low + high) else -1.0  # from the near side to the far one
+            spacing = max(spacing, 2.0 * motion.radius_m)
             return np.asarray(
                 lawnmower(
                     *self._arguments,
@@ -243,8 +255,8 @@ class NaivePaths:
                     frame.axis_rad,
                     spacing,
                     side,
-                    frame.low_m,
-                    frame.high_m,
+                    low,
+                    high,
                     motion.straight_on,
                 )
             )
@@ -275,10 +287,15 @@ def _wrap_float(angle: float) -> float:
 
 
 def naive_path(
-    state: Array, heuristic: int, steps: int, area: Area, motion: MotionTable, config: PlannerConfig
+    state: Array,
+    heuristic: int,
+    steps: int,
+    area: Area,
+    motion: MotionTable,
+    config: PlannerConfig,
+    vehicles: int = 1,
 ) -> Ints:
     """Actions of naive path `heuristic` over `steps` legs from `state`: `NaivePaths` for a single use."""
     space = FreeSpace(area, motion)
-    return NaivePaths(space, config, np.asarray(area.polygon, dtype=float).reshape(-1, 2)).actions(
-        state, heuristic, steps
-    )
+    polygon = np.asarray(area.polygon, dtype=float).reshape(-1, 2)
+    return NaivePaths(space, config, polygon, vehicles).actions(state, heuristic, steps)

@@ -19,6 +19,7 @@ from auv_lse_gp.kernels import Kernel
 from auv_lse_gp.online import Centers
 from auv_lse_gp.prior_mean import PriorMean, prior_mean
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 Array = NDArray[np.float64]
 
@@ -90,6 +91,7 @@ class Posterior:
         self._centers = Centers(np.empty((0, 2)), np.empty(0), np.empty(0))
         self._whitened = np.empty(0)
         self._planned_scaled = np.empty((0, 2))
+        self._watched: _Watched | None = None
 
     @property
     def centers(self) -> Centers:
@@ -124,6 +126,8 @@ class Posterior:
         keep = common if same.all() else int(np.argmin(same))
         keep = min(keep, self._factor.size)
         self._factor.truncate(keep)
+        if self._watched is not None:
+            self._watched.truncate(keep)
         places = np.array(centers.places_m, dtype=float).reshape(-1, 2)
         scaled = self.kernel.scale(places)
         noise = np.asarray(centers.noise_std_m, dtype=float) ** 2
@@ -143,6 +147,8 @@ class Posterior:
     def _set(self, centers: Centers, scaled: Array, noise: Array) -> None:
         count = len(centers)
         self._centers, self._scaled, self._noise_var_m2 = centers, scaled[:count], noise[:count]
+        if self._watched is not None:
+            self._watched.follow(self)
         residual = centers.depths_m - self.prior_mean(centers.places_m) if count else np.empty(0)
         self._whitened = self._factor.solve(residual) if count else np.empty(0)
 
@@ -162,6 +168,21 @@ class Posterior:
         """Goes back to the data alone."""
         self._factor.truncate(self.data_rows)
         self._planned_scaled = np.empty((0, 2))
+
+    def watch(self, places_m: Array) -> None:
+        """Keeps the columns of fixed places (the map's) from now on: `watched` then costs only what has changed."""
+        self._watched = _Watched(self, np.asarray(places_m, dtype=float))
+        self._watched.follow(self)
+
+    def watched(self) -> Columns:
+        """The columns of the watched places; `white` is a view that the next change overwrites.
+
+        Raises:
+            ValueError: if no places are watched.
+        """
+        if self._watched is None:
+            raise ValueError("watched: no places are watched; expected `watch` to be called before")
+        return self._watched.columns(self)
 
     def mean_m(self, places_m: Array) -> Array:
         """Posterior mean (P,) given the data, without the cost of a variance."""
@@ -201,3 +222,47 @@ class Posterior:
     def covariance(self, a: Columns, b: Columns) -> Array:
         """Covariance (A, B) of the depths given the data and the planned places."""
         return self.kernel.of_scaled(a.scaled, b.scaled) - a.white.T @ b.white
+
+
+class _Watched:
+    """Whitened covariance of fixed places with the centres, row by row as centres come and go."""
+
+    def __init__(self, posterior: Posterior, places_m: Array) -> None:
+        self.scaled = posterior.kernel.scale(places_m)
+        self._prior_mean = posterior.prior_mean(places_m)
+        self._prior_var = posterior.kernel.variance(places_m)
+        self._white = np.zeros((64, len(places_m)))
+        self._rows = 0
+
+    def truncate(self, rows: int) -> None:
+        self._rows = min(self._rows, rows)
+
+    def _extend(self, posterior: Posterior, known: Array) -> None:
+        """Rows for the known places (scaled) from number `_rows` on, from the same rows of the factor."""
+        begin, end = self._rows, len(known)
+        if end <= begin:
+            return
+        if end > len(self._white):
+            grown = np.zeros((max(end, 2 * len(self._white)), self._white.shape[1]))
+            grown[:begin] = self._white[:begin]
+            self._white = grown
+        lower = posterior._factor.lower
+        right = posterior.kernel.of_scaled(known[begin:end], self.scaled)
+        right -= lower[begin:end, :begin] @ self._white[:begin]
+        self._white[begin:end] = solve_triangular(
+            lower[begin:end, begin:end], right, lower=True, check_finite=False, overwrite_b=True
+        )
+        self._rows = end
+
+    def follow(self, posterior: Posterior) -> None:
+        self._extend(posterior, posterior._scaled)
+
+    def columns(self, posterior: Posterior) -> Columns:
+        n = posterior.data_rows
+        self._rows = min(self._rows, n)
+        self._extend(posterior, np.concatenate([posterior._scaled, posterior._planned_scaled]))
+        white = self._white[: self._rows]
+        data_var = np.maximum(self._prior_var - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
+        planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
+        mean = self._prior_mean + posterior._whitened @ white[:n] if n else self._prior_mean
+        return Columns(self.scaled, white, mean, data_var, planned_var)

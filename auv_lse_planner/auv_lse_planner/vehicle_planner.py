@@ -19,21 +19,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.online import Centers
 from numpy.typing import NDArray
 
-from auv_lse_planner.config import PlannerSettings
+from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.free_space import FreeSpace
-from auv_lse_planner.methods import recipe
+from auv_lse_planner.map_reward import MapReward
+from auv_lse_planner.methods import Recipe, recipe
 from auv_lse_planner.motion import MotionTable
 from auv_lse_planner.naive import IDS, NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.plan import Leg, Plan
-from auv_lse_planner.posterior import Posterior
-from auv_lse_planner.search import TreeSearch
-from auv_lse_planner.sequences import PathSequences
+from auv_lse_planner.posterior import Columns, Posterior
+from auv_lse_planner.proposals import Proposal, Situation, naive_only, one_leg, search_map, search_path
+from auv_lse_planner.surrogate import Surrogate
 from auv_lse_planner.team import Team
 
 Array = NDArray[np.float64]
@@ -163,7 +164,7 @@ class VehiclePlanner:
         self.area = OperatingArea(settings.area)
         self.motion = MotionTable(settings.motion)
         self.space = FreeSpace(self.area, self.motion, settings.area.raster_m)
-        self.naive = NaivePaths(self.space, settings.planner, self.area.polygon)
+        self.naive = NaivePaths(self.space, settings.planner, self.area.polygon, settings.mission.vehicles)
         self.posterior = Posterior(settings.gp)
         self.team = Team(
             vehicle,
@@ -182,18 +183,21 @@ class VehiclePlanner:
         self._leg_started_s = math.nan
         self._path: _Path | None = None
         self._decided = 0
+        self.plans_refused = 0
+        self._map_grid: Grid | None = None
+        self._surrogate: Surrogate | None = None
+        self._risk_at_start = math.nan
         self._reward_so_far = 0.0
         self._bound_max = -math.inf
         self._seeds: list[tuple[int, ...]] = []
         self.records: list[BoundRecord] = []
         self.set_planner(settings.planner)
 
-    def set_planner(self, config: object) -> None:
-        """Takes new planner parameters (`PlannerConfig`); they take effect at the next decision."""
-        from auv_lse_planner.config import PlannerConfig
+    def set_planner(self, config: PlannerConfig) -> None:
+        """Takes new planner parameters; they take effect at the next decision.
 
-        if not isinstance(config, PlannerConfig):
-            raise TypeError(f"set_planner: got {type(config).__name__}; expected PlannerConfig")
+        Lanes (which all receivers must share), the map's spacing and the team's order stay as they were.
+        """
         self.planner = config
         self.recipe = recipe(config)
 
@@ -222,8 +226,6 @@ class VehiclePlanner:
             self.plans_refused += 1
             return
         self.team.hear(now_s, plan)
-
-    plans_refused = 0
 
     def odometry(self, now_s: float, heading_rad: float, north_m: float, east_m: float, speed_mps: float) -> None:
         """Takes the estimated state of the vehicle at `now_s`; values that are not finite are ignored."""
@@ -402,47 +404,64 @@ class VehiclePlanner:
         left = self.settings.mission.steps - step
         horizon = min(how.horizon, left)
         heuristics = how.naive_paths if how.tail and left > horizon else ()
-        reward = PathReward(self.posterior, self.settings.level_set, how.credit)
         escape = not self.space.feasible(state).size
-        sequences = PathSequences(
-            reward, self.motion, self.naive, state, left, heuristics, self.planner.samples_per_leg
+        situation = Situation(
+            state=state,
+            steps_left=left,
+            horizon=horizon,
+            heuristics=heuristics,
+            iterations=how.iterations,
+            exploration=self.planner.exploration,
+            batch=self.planner.batch,
+            samples_per_leg=self.planner.samples_per_leg,
+            finalists=self.planner.finalists,
+            rng=self._rng,
+            deadline=deadline,
+            seeds=self._seeds,
         )
-        search = TreeSearch(
-            self.space.choices,
-            self.motion.end_state,
-            sequences,
-            horizon,
-            self.planner.exploration,
-            self.planner.batch,
-            self._rng,
-        )
-        result = search.run(state, how.iterations, deadline, self._seeds)
-        heuristic = sequences.continuations[result.actions].heuristic
-        plan = self._plan(step, state, result.actions, heuristic)
-        chosen = _Path(plan, *self.rebuild(plan), len(result.actions))
-        value, kept, incumbent_value, infeasible = result.value, False, math.nan, False
+        reward: PathReward | MapReward
+        if how.objective == "map":
+            reward = MapReward(self._map_posterior(), self.settings.level_set)
+            if step == 0:
+                self._risk_at_start = float(reward.risk_in_hand.sum())
+            # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
+            self._reward_so_far = self._risk_at_start - float(reward.risk_in_hand.sum())
+        else:
+            reward = PathReward(self.posterior, self.settings.level_set, how.credit)
+        found = self._propose(how, situation, reward)
+        plan = self._plan(step, state, found.actions, found.heuristic)
+        chosen = _Path(plan, *self.rebuild(plan), len(found.actions))
+        value, kept, incumbent_value, infeasible = found.value, False, math.nan, False
         if self._path is not None and not reanchored:
             states, actions, _ = self._path.rest(step)
             if len(actions):
                 infeasible = not self.space.path_feasible(states[0], actions, max(1, horizon))
                 incumbent_value = reward.value(self._columns(states, actions))
-                if how.incumbent and not infeasible and incumbent_value >= value:
+                if how.incumbent and not infeasible and not incumbent_value < value:
                     chosen, value, kept = self._path, incumbent_value, True
         self._path = chosen
         states, actions, explicit = chosen.rest(step)
-        gains = reward.contributions(self._columns(states, actions))
-        per_leg = gains.reshape(len(actions), -1).sum(axis=1)
-        naive_part = float(per_leg[explicit:].sum()) if heuristics or kept else 0.0
+        columns = self._columns(states, actions)
+        per_leg = self.planner.samples_per_leg
+        if isinstance(reward, MapReward):
+            naive_part = value - reward.value(columns.take(np.arange(explicit * per_leg)))
+            first_part = 0.0
+        else:
+            gains = reward.contributions(columns)
+            naive_part = float(gains[explicit * per_leg :].sum())
+            first_part = float(gains[:per_leg].sum())
         first = int(actions[0])
-        self._seeds = [a[1:] for a, _ in result.ranking if a[0] == first and len(a) > 1][:4]
-        bound = self._bound(now_s, step, value, naive_part, incumbent_value, kept, result.iterations, result.deadline_hit)
-        self._reward_so_far += float(per_leg[0])
+        self._seeds = [a[1:] for a, _ in found.ranking if a and a[0] == first and len(a) > 1][:4]
+        if kept:
+            self._seeds.insert(0, tuple(int(a) for a in actions[1 : 1 + how.horizon]))
+        bound = self._bound(now_s, step, value, naive_part, incumbent_value, kept, found.iterations, found.deadline_hit)
+        self._reward_so_far += first_part
         statistics = Statistics(
             centers=len(self.posterior.centers),
             team_places=team_places,
-            evaluations=result.evaluations,
-            best_new_value=result.value,
-            progress=result.progress,
+            evaluations=found.evaluations,
+            best_new_value=found.value,
+            progress=found.progress,
             escape=escape,
             reanchored=reanchored,
             incumbent_infeasible=infeasible,
@@ -450,7 +469,31 @@ class VehiclePlanner:
         leg = Leg.of(self.motion, step, states[0], first)
         return Decision(plan=chosen.plan, leg=leg, bound=bound, statistics=statistics)
 
-    def _columns(self, states: Array, actions: Ints):  # type: ignore[no-untyped-def]
+    def _propose(self, how: Recipe, situation: Situation, reward: PathReward | MapReward) -> Proposal:
+        """The method's new plan."""
+        if how.kind == "search":
+            if isinstance(reward, MapReward):
+                return search_map(situation, self.space, self.naive, reward, self._surrogate_for(reward))
+            return search_path(situation, self.space, self.naive, reward)
+        if how.kind == "naive":
+            heuristic = how.naive_paths[(self.vehicle - 1) % len(how.naive_paths)]
+            return naive_only(situation, self.space, self.naive, reward, heuristic)
+        return one_leg(situation, self.space, self.naive, reward, how.score)
+
+    def _map_posterior(self) -> Posterior:
+        if self._map_grid is None:
+            self._map_grid = self.area.grid(self.planner.map_spacing_m)
+            self.posterior.watch(self._map_grid.places_m)
+        return self.posterior
+
+    def _surrogate_for(self, reward: MapReward) -> Surrogate:
+        if self._surrogate is None:
+            assert self._map_grid is not None
+            self._surrogate = Surrogate(self._map_grid, self.settings.level_set)
+        self._surrogate.set(reward)
+        return self._surrogate
+
+    def _columns(self, states: Array, actions: Ints) -> Columns:
         return self.posterior.columns(self.motion.sample_places(states[:-1], actions, self.planner.samples_per_leg))
 
     def _plan(self, step: int, state: Array, actions: tuple[int, ...], heuristic: int) -> Plan:

@@ -1,0 +1,208 @@
+"""How each kind of method makes a new plan: tree search on the path's or the map's reward, one leg ahead, naive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_planner.free_space import FreeSpace
+from auv_lse_planner.lattice_search import LatticeSearch
+from auv_lse_planner.map_reward import MapReward
+from auv_lse_planner.naive import NONE, NaivePaths
+from auv_lse_planner.path_reward import PathReward
+from auv_lse_planner.search import Actions, TreeSearch
+from auv_lse_planner.sequences import PathSequences
+from auv_lse_planner.surrogate import Surrogate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """What a decision starts from, and its budget.
+
+    Attributes:
+        state: Heading, north, east, shape (3,).
+        steps_left: Steps to the mission's end.
+        horizon: Legs to search.
+        heuristics: Ids of naive paths that may continue the plan; empty for none.
+        iterations: Search budget.
+        exploration: Exploration constant.
+        batch: Paths valued together.
+        samples_per_leg: Measurement places on a leg.
+        finalists: Paths of a surrogate's search that are valued exactly.
+        rng: Random stream.
+        deadline: Says when to stop.
+        seeds: Action sequences tried first.
+    """
+
+    state: Array
+    steps_left: int
+    horizon: int
+    heuristics: tuple[int, ...]
+    iterations: int
+    exploration: float
+    batch: int
+    samples_per_leg: int
+    finalists: int
+    rng: np.random.Generator
+    deadline: Callable[[], bool] | None
+    seeds: list[Actions]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """A new plan.
+
+    Attributes:
+        actions: Its actions.
+        heuristic: Naive path that continues it, 0xFF for none.
+        value: Its exact value; NaN if the method does not value it.
+        iterations: Search iterations.
+        evaluations: Different paths valued exactly.
+        deadline_hit: Whether the deadline ended the search.
+        ranking: Sequences with values, best first.
+        progress: (iteration, best value) at every improvement.
+    """
+
+    actions: Actions
+    heuristic: int
+    value: float
+    iterations: int = 0
+    evaluations: int = 0
+    deadline_hit: bool = False
+    ranking: list[tuple[Actions, float]] = field(default_factory=list)
+    progress: list[tuple[int, float]] = field(default_factory=list)
+
+
+def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward) -> Proposal:
+    """Tree search on the paper's reward, every path valued exactly."""
+    s = situation
+    sequences = PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg)
+    search = TreeSearch(
+        space.choices, space.motion.end_state, sequences, s.horizon, s.exploration, s.batch, s.rng
+    )
+    result = search.run(s.state, s.iterations, s.deadline, s.seeds)
+    return Proposal(
+        actions=result.actions,
+        heuristic=sequences.continuations[result.actions].heuristic,
+        value=result.value,
+        iterations=result.iterations,
+        evaluations=result.evaluations,
+        deadline_hit=result.deadline_hit,
+        ranking=result.ranking,
+        progress=result.progress,
+    )
+
+
+def search_map(
+    situation: Situation, space: FreeSpace, naive: NaivePaths, reward: MapReward, surrogate: Surrogate
+) -> Proposal:
+    """Tree search on the surrogate of the map's reward; its finalists, continued by naive paths, are valued exactly."""
+    s = situation
+    search = LatticeSearch(space, naive, surrogate, s.samples_per_leg)
+    ranking, done, hit = search.run(s.state, s.horizon, s.iterations, s.exploration, s.rng, s.deadline, s.seeds)
+    finalists = _diverse(ranking, s.finalists)
+    best: tuple[float, Actions, int] = (-math.inf, (), NONE)
+    motion = space.motion
+    exact: list[tuple[Actions, float]] = []
+    progress: list[tuple[int, float]] = []
+    for actions in finalists:
+        if exact and s.deadline is not None and s.deadline():
+            hit = True
+            break
+        states = motion.roll(s.state, actions)
+        head = motion.sample_places(states[:-1], np.array(actions), s.samples_per_leg)
+        heuristic, places = NONE, head
+        if s.heuristics:
+            options = []
+            for candidate in s.heuristics:
+                tail = naive.path_places(states[-1], candidate, s.steps_left - len(actions), s.samples_per_leg)
+                whole = np.concatenate([head, tail])
+                options.append((surrogate.value(whole), candidate, whole))
+            _, heuristic, places = max(options, key=lambda option: option[0])
+        value = reward.value(reward.posterior.columns(places))
+        exact.append((actions, value))
+        if value > best[0]:
+            best = (value, actions, heuristic)
+            progress.append((done, value))
+    return Proposal(
+        actions=best[1],
+        heuristic=best[2],
+        value=best[0],
+        iterations=done,
+        evaluations=len(exact),
+        deadline_hit=hit,
+        ranking=sorted(exact, key=lambda item: -item[1]) + ranking[:16],
+        progress=progress,
+    )
+
+
+def _diverse(ranking: list[tuple[Actions, float]], count: int) -> list[Actions]:
+    """The best sequences: half of `count` outright, half the best of each first action."""
+    chosen = [a for a, _ in ranking[: (count + 1) // 2]]
+    firsts = {a[0] for a in chosen}
+    for actions, _ in ranking:
+        if len(chosen) >= count:
+            break
+        if actions[0] not in firsts:
+            firsts.add(actions[0])
+            chosen.append(actions)
+    for actions, _ in ranking:
+        if len(chosen) >= count:
+            break
+        if actions not in chosen:
+            chosen.append(actions)
+    return chosen
+
+
+def naive_only(
+    situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward | MapReward, heuristic: int
+) -> Proposal:
+    """A naive path alone (the lawnmower), from here to the mission's end; its first leg is checked against the map."""
+    s = situation
+    actions: Actions = ()
+    first = int(naive.actions(s.state, heuristic, s.steps_left)[0])
+    choices = space.choices(s.state)
+    if first not in choices:
+        # shallow ground that only the map knows: turn away as little as possible, then mow on
+        turns = space.motion.turns_rad
+        actions = (int(choices[np.argmin(np.abs(turns[choices] - turns[first]))]),)
+    places = _whole(s, space, naive, actions, heuristic)
+    return Proposal(actions=actions, heuristic=heuristic, value=reward.value(reward.posterior.columns(places)))
+
+
+def one_leg(
+    situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward | MapReward, score: str
+) -> Proposal:
+    """The best next leg by a score, or a random one for "": the baselines that look one step ahead."""
+    s = situation
+    choices = space.choices(s.state)
+    states = np.broadcast_to(s.state, (len(choices), 3))
+    columns = reward.posterior.columns(space.motion.end_states(states, choices)[:, 1:])
+    level = reward.level_set
+    std = np.sqrt(columns.planned_var_m2)
+    if score == "variance":
+        scores = std
+    elif score == "straddle":  # Bryan et al. 2006
+        scores = 1.96 * std - np.abs(columns.mean_m - level.level_m)
+    elif score == "benefit":
+        path = PathReward(reward.posterior, level)
+        scores = path.values([columns.take(np.array([i])) for i in range(len(choices))])
+    else:
+        scores = s.rng.random(len(choices))
+    action = int(choices[int(np.argmax(scores))])
+    places = _whole(s, space, naive, (action,), NONE)
+    return Proposal(actions=(action,), heuristic=NONE, value=reward.value(reward.posterior.columns(places)))
+
+
+def _whole(s: Situation, space: FreeSpace, naive: NaivePaths, actions: Actions, heuristic: int) -> Array:
+    """Measurement places of actions and the naive path after them."""
+    own = np.array(actions, dtype=np.int64)
+    state = space.motion.roll(s.state, own)[-1]
+    every = np.concatenate([own, naive.actions(state, heuristic, s.steps_left - len(own))])
+    return space.motion.sample_places(space.motion.roll(s.state, every)[:-1], every, s.samples_per_leg)
