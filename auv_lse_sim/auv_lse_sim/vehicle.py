@@ -23,6 +23,7 @@ SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
 #: An ideal vehicle this near to a leg's start is on it (a plan's numbers are rounded to 32 bits).
 RAILS_M = 0.01
+_STATE = (HEADING, NORTH, EAST)
 
 
 class LegLike(Protocol):
@@ -54,7 +55,7 @@ class Odometry:
         north_m: North of the estimated place.
         east_m: East of it.
         speed_mps: Speed over ground.
-        covariance: Of north (m), east (m), heading (rad), shape (3, 3).
+        covariance: Of heading (rad), north, east (m), shape (3, 3).
     """
 
     stamp_s: float
@@ -412,7 +413,7 @@ class SimVehicle:
             north_m=float(x[NORTH]),
             east_m=float(x[EAST]),
             speed_mps=math.hypot(float(x[SURGE]), float(x[SWAY])),
-            covariance=self._p[:3, :3].copy(),
+            covariance=self._p[np.ix_(_STATE, _STATE)],
         )
 
     def truth(self, now_s: float) -> Truth:

@@ -15,6 +15,7 @@ from auv_lse_sim.channel import Arrival, Channel, land_between
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.current import Current
 from auv_lse_sim.ground import Ground
+from auv_lse_sim.settings import Settings
 from auv_lse_sim.vehicle import LegLike, Odometry, SimVehicle, Truth
 
 Array = NDArray[np.float64]
@@ -78,6 +79,12 @@ class World:
         self.channel = Channel(sim.channel, stream(seed, "channel"), land_between(ground.depth_m))
         self._now_s = 0.0
         self.lost: list[Arrival] = []
+
+    @classmethod
+    def of(cls, settings: Settings, ground: Ground) -> World:
+        """The world of a whole mission's settings."""
+        vehicles = [own.vehicle for own in settings.vehicles]
+        return cls(settings.sim, vehicles, settings.area, ground, settings.mission.seed)
 
     @property
     def now_s(self) -> float:

@@ -1,0 +1,284 @@
+"""A whole mission file, checked: every section of every package, for every vehicle.
+
+The file is an ordinary ROS 2 parameter file. `/**:` holds for all, `/auv2/**:` for one vehicle, and only sections
+that vehicles may differ in (`PER_VEHICLE`) may stand there: with different motion primitives or slots, vehicles could
+not rebuild each other's plans, nor keep out of each other's slots.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from auv_lse_common.params import (
+    ParameterError,
+    check_sections,
+    merge,
+    nest,
+    parameters_for,
+    read_parameter_file,
+    section,
+    to_mapping,
+)
+from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.link_config import LinkConfig
+from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_gp.area import AreaConfig
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.config import MissionConfig, MotionConfig, PlannerConfig, PlannerSettings, VehicleConfig
+
+from auv_lse_sim.config import SimConfig
+from auv_lse_sim.recorder import RecordConfig
+
+#: Sections in which vehicles may differ.
+PER_VEHICLE = ("vehicle", "planner", "gp", "modem", "link")
+
+#: Depths (m) that vehicles without one of their own take in turn (the paper's).
+DEPTHS_M = (3.0, 4.0, 5.0)
+
+Patterns = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleSettings:
+    """The sections that may differ between vehicles."""
+
+    vehicle: VehicleConfig = field(default_factory=VehicleConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    gp: GpConfig = field(default_factory=GpConfig)
+    modem: ModemConfig = field(default_factory=ModemConfig)
+    link: LinkConfig = field(default_factory=LinkConfig)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """Everything a mission is made from.
+
+    Attributes:
+        where: The file it came from, for messages.
+        mission, level_set, area, motion, tdma, packet, sim, record: Sections that hold for all.
+        common: What vehicles have where they have nothing of their own.
+        vehicles: Each vehicle's own sections, by number from 1.
+    """
+
+    where: str = "settings"
+    mission: MissionConfig = field(default_factory=MissionConfig)
+    level_set: LevelSet = field(default_factory=LevelSet)
+    area: AreaConfig = field(default_factory=AreaConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    tdma: TdmaConfig = field(default_factory=TdmaConfig)
+    packet: PacketConfig = field(default_factory=PacketConfig)
+    sim: SimConfig = field(default_factory=SimConfig)
+    record: RecordConfig = field(default_factory=RecordConfig)
+    common: VehicleSettings = field(default_factory=VehicleSettings)
+    vehicles: tuple[VehicleSettings, ...]
+
+    @classmethod
+    def load(cls, path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Settings:
+        """Reads a mission file, or takes the defaults if there is none.
+
+        Args:
+            path: A ROS 2 parameter file.
+            overrides: Values on top, for all vehicles: dotted names ("mission.seed") or nested mappings. A name that
+                begins with a vehicle ("auv2.vehicle.depth_m") is for that one.
+
+        Raises:
+            ParameterError: naming the key, the value, what was expected and the file.
+        """
+        patterns: Patterns = read_parameter_file(path) if path is not None else {"/**": {}}
+        return cls.from_patterns(patterns, str(path) if path is not None else "defaults", overrides)
+
+    @classmethod
+    def from_patterns(
+        cls, patterns: Mapping[str, Mapping[str, Any]], where: str, overrides: Mapping[str, Any] | None = None
+    ) -> Settings:
+        """The settings in what `read_parameter_file` gives."""
+        patterns = _with_overrides(patterns, overrides or {})
+        for pattern, values in patterns.items():
+            _check_pattern(pattern, values, where)
+        for_all = parameters_for({k: v for k, v in patterns.items() if _vehicle_of(k) is None}, "/settings")
+        mission = section(MissionConfig, for_all, "mission", where)
+        for pattern in patterns:
+            number = _vehicle_of(pattern)
+            if number is not None and not 1 <= number <= mission.vehicles:
+                # A file for a larger team may be flown by a smaller one, but there is no vehicle 0.
+                if number > mission.vehicles:
+                    continue
+                raise ParameterError(f"{where}: {pattern}: vehicle {number}; expected 1 to {mission.vehicles}")
+        vehicles = []
+        for number in range(1, mission.vehicles + 1):
+            own = parameters_for(patterns, f"/auv{number}/settings")
+            if "depth_m" not in own.get("vehicle", {}):
+                own = merge(own, {"vehicle": {"depth_m": DEPTHS_M[(number - 1) % len(DEPTHS_M)]}})
+            vehicles.append(_vehicle_settings(own, f"{where} (auv{number})"))
+        return cls(
+            where=where,
+            mission=mission,
+            level_set=section(LevelSet, for_all, "level_set", where),
+            area=section(AreaConfig, for_all, "area", where),
+            motion=section(MotionConfig, for_all, "motion", where),
+            tdma=section(TdmaConfig, for_all, "tdma", where),
+            packet=section(PacketConfig, for_all, "packet", where),
+            sim=section(SimConfig, for_all, "sim", where),
+            record=section(RecordConfig, for_all, "record", where),
+            common=_vehicle_settings(for_all, where),
+            vehicles=tuple(vehicles),
+        )
+
+    def with_overrides(self, overrides: Mapping[str, Any]) -> Settings:
+        """These settings with other values, as `load` takes them."""
+        return Settings.from_patterns(self.to_patterns(), self.where, overrides)
+
+    def vehicle(self, number: int) -> VehicleSettings:
+        """The sections of vehicle `number` (from 1).
+
+        Raises:
+            ValueError: if there is no such vehicle.
+        """
+        if not 1 <= number <= len(self.vehicles):
+            raise ValueError(f"vehicle {number}: expected 1 to {len(self.vehicles)}")
+        return self.vehicles[number - 1]
+
+    def planner_settings(self, number: int) -> PlannerSettings:
+        """What the planner of vehicle `number` is made from."""
+        own = self.vehicle(number)
+        return PlannerSettings(
+            mission=self.mission,
+            level_set=self.level_set,
+            area=self.area,
+            gp=own.gp,
+            motion=self.motion,
+            planner=own.planner,
+            vehicle=own.vehicle,
+        )
+
+    def parameters(self, number: int) -> dict[str, Any]:
+        """The nested parameters that the nodes of vehicle `number` get."""
+        return parameters_for(self.to_patterns(), f"/auv{number}/settings")
+
+    def to_patterns(self) -> Patterns:
+        """The complete mission file as nested mappings: every default filled in, the seed among them."""
+        shared = ("mission", "level_set", "area", "motion", "tdma", "packet", "sim", "record")
+        for_all = {name: to_mapping(getattr(self, name)) for name in shared}
+        common = {name: to_mapping(getattr(self.common, name)) for name in PER_VEHICLE}
+        patterns: Patterns = {"/**": {**for_all, **common}}
+        for number, own in enumerate(self.vehicles, 1):
+            different: dict[str, Any] = {}
+            for name in PER_VEHICLE:
+                mine = to_mapping(getattr(own, name))
+                values = {k: v for k, v in mine.items() if k not in common[name] or common[name][k] != v}
+                if values:
+                    different[name] = values
+            if different:
+                patterns[f"/auv{number}/**"] = different
+        return patterns
+
+    def to_parameter_file(self) -> str:
+        """The complete mission file as text; it loads to equal settings."""
+        lines = [
+            "# A complete mission: every parameter is here, those left at their default too.",
+            "# Read by ros2 run ... --params-file, the launch file, scripts/mission and the fleet engine alike.",
+        ]
+        body = {pattern: {"ros__parameters": _plain(values)} for pattern, values in self.to_patterns().items()}
+        return "\n".join(lines) + "\n" + yaml.dump(body, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=110)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes floats so that YAML 1.1 (and so ROS) reads them as floats: 1.0e-05, never 1e-05."""
+
+
+def _float(dumper: yaml.SafeDumper, value: float) -> Any:
+    text = repr(value)
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        sign = exponent if exponent[0] in "+-" else "+" + exponent
+        text = f"{mantissa if '.' in mantissa else mantissa + '.0'}e{sign}"
+    return dumper.represent_scalar("tag:yaml.org,2002:float", text)
+
+
+def _list(dumper: yaml.SafeDumper, value: list[Any]) -> Any:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value, flow_style=True)
+
+
+_Dumper.add_representer(float, _float)
+_Dumper.add_representer(list, _list)
+_Dumper.ignore_aliases = lambda self, data: True  # type: ignore[method-assign]  # ROS reads no YAML aliases
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value
+
+
+def _vehicle_settings(parameters: Mapping[str, Any], where: str) -> VehicleSettings:
+    return VehicleSettings(
+        vehicle=section(VehicleConfig, parameters, "vehicle", where),
+        planner=section(PlannerConfig, parameters, "planner", where),
+        gp=section(GpConfig, parameters, "gp", where),
+        modem=section(ModemConfig, parameters, "modem", where),
+        link=section(LinkConfig, parameters, "link", where),
+    )
+
+
+def _vehicle_of(pattern: str) -> int | None:
+    match = re.fullmatch(r"/?auv(\d+)(/\*\*)?", pattern)
+    return int(match.group(1)) if match else None
+
+
+def _check_pattern(pattern: str, values: Mapping[str, Any], where: str) -> None:
+    number = _vehicle_of(pattern)
+    if pattern not in ("/**", "**") and number is None:
+        raise ParameterError(
+            f"{where}: {pattern}: expected '/**' (all) or '/auv1/**' (one vehicle): a section means the same to every node"
+        )
+    nested = nest(values)
+    check_sections(nested, f"{where}: {pattern}", ignore=("use_sim_time",))
+    if number is not None:
+        for name in nested:
+            if name not in PER_VEHICLE:
+                raise ParameterError(
+                    f"{where}: {pattern}: {name}: the same for the whole team; expected under '/**' "
+                    f"(vehicles may differ in {', '.join(PER_VEHICLE)})"
+                )
+
+
+def _with_overrides(patterns: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Any]) -> Patterns:
+    result: Patterns = {pattern: nest(values) for pattern, values in patterns.items()}
+    nested = _nested(overrides)
+    for name, values in nested.items():
+        number = _vehicle_of(name)
+        if number is None:
+            # On top of what a single vehicle says too, since an override is the last word.
+            for pattern in result:
+                if _vehicle_of(pattern) is not None and name in result[pattern]:
+                    result[pattern][name] = _without(result[pattern][name], values)
+            result["/**"] = merge(result.get("/**", {}), {name: values})
+        else:
+            pattern = next((p for p in result if _vehicle_of(p) == number), f"/auv{number}/**")
+            result[pattern] = merge(result.get(pattern, {}), values)
+    return result
+
+
+def _nested(overrides: Mapping[str, Any]) -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for name, value in overrides.items():
+        result = merge(result, nest({name: _nested(value) if isinstance(value, Mapping) else value}))
+    return result
+
+
+def _without(values: Any, taken: Any) -> Any:
+    if not isinstance(values, Mapping) or not isinstance(taken, Mapping):
+        return values
+    return {
+        k: _without(v, taken[k]) if isinstance(taken.get(k), Mapping) else v
+        for k, v in values.items()
+        if k not in taken or isinstance(taken[k], Mapping)
+    }
