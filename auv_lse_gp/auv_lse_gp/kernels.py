@@ -119,11 +119,27 @@ class Kernel:
         """Covariance (A, B) in m^2 of the depths at places `a_m` (A, 2) and `b_m` (B, 2)."""
         return self.of_scaled(self.scale(np.asarray(a_m, float)), self.scale(np.asarray(b_m, float)))
 
-    def of_scaled(self, a: Array, b: Array) -> Array:
-        """`__call__` of places already scaled."""
+    def of_scaled(self, a: Array, b: Array, out: Array | None = None) -> Array:
+        """`__call__` of places already scaled, into `out` (A, B) if given."""
         if compiled.AVAILABLE:
-            return np.asarray(compiled.gp().covariance(self.index, self.signal_variance_m2, a, b))
+            out = np.empty((len(a), len(b))) if out is None else out
+            compiled.gp().covariance(self.index, self.signal_variance_m2, a, b, out)
+            return out
+        if out is not None:
+            out[...] = self.of_scaled_numpy(a, b)
+            return out
         return self.of_scaled_numpy(a, b)
+
+    def subtract_weighted(self, a: Array, weights: Array, b: Array, out: Array) -> None:
+        """out (m, B) -= weights (A, m)^T k(a, b), for places already scaled, of which b may be very many."""
+        if compiled.AVAILABLE and weights.shape[1] <= 16:
+            compiled.gp().subtract_weighted(
+                self.index, self.signal_variance_m2, a, np.ascontiguousarray(weights), b, out
+            )
+            return
+        for begin in range(0, len(b), 2048):
+            part = slice(begin, begin + 2048)
+            out[:, part] -= weights.T @ self.of_scaled(a, b[part])
 
     def of_scaled_numpy(self, a: Array, b: Array) -> Array:
         """`of_scaled` with NumPy alone: the reference of the compiled one."""

@@ -18,6 +18,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auv_lse_gp import compiled
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.factor import Factor, IllConditionedError
 from auv_lse_gp.kernels import Kernel
@@ -273,12 +274,22 @@ class OnlineGp:
             return self._predict_local(places)
         mean = np.asarray(self.prior_mean(places), float)
         variance = np.array(self.kernel.variance(places))
-        for begin in range(0, len(places) if self._size else 0, CHUNK):
-            part = slice(begin, begin + CHUNK)
-            whitened = self.whiten(places[part])
-            mean[part] += self.whitened_residuals @ whitened
-            variance[part] -= np.einsum("np,np->p", whitened, whitened)
+        self.condition_on_all(self.kernel.scale(places), mean, variance)
         return mean, np.sqrt(np.maximum(variance, 0.0))
+
+    def condition_on_all(self, scaled: Array, mean: Array, variance: Array) -> None:
+        """Turns prior mean (P,) and variance (P,) of places (P, 2) in the kernel's axes into the posterior's."""
+        self._sync()
+        n = self._size
+        if not n:
+            return
+        memory = np.empty(n * min(CHUNK, len(scaled)))
+        for begin in range(0, len(scaled), CHUNK):
+            part = slice(begin, min(begin + CHUNK, len(scaled)))
+            columns = part.stop - begin
+            whitened = memory[: n * columns].reshape(n, columns)
+            self._factor.solve_in_place(self.kernel.of_scaled(self._scaled[:n], scaled[part], whitened))
+            add_whitened(whitened, self._whitened[:n], mean[part], variance[part])
 
     def mean(self, places_m: ArrayLike) -> Array:
         """Mean (P,) of the depth at places (P, 2); cheaper than `predict`."""
@@ -398,6 +409,15 @@ class OnlineGp:
         self._depths_m, self._noise_m2, self._whitened = (
             np.pad(x, (0, grow)) for x in (self._depths_m, self._noise_m2, self._whitened)
         )
+
+
+def add_whitened(whitened: Array, residuals: Array, mean: Array, variance: Array) -> None:
+    """mean (P,) += residuals^T w, variance (P,) -= sum of w^2, for the whitened covariance w (n, P)."""
+    if compiled.AVAILABLE:
+        compiled.gp().add_whitened(whitened, residuals, mean, variance)
+        return
+    mean += residuals @ whitened
+    variance -= np.einsum("np,np->p", whitened, whitened)
 
 
 class _Group:
