@@ -6,7 +6,6 @@ both. Where a message rounds (a stamp to nanoseconds, a heading to a quaternion 
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,9 +28,6 @@ from auv_lse_sim.settings import Settings
 from auv_lse_sim.world import VehicleOutput, World
 
 Array = NDArray[np.float64]
-
-#: A mission that takes this many times as long as its legs should is stopped.
-PATIENCE = 3.0
 
 
 def stamped(time_s: float) -> float:
@@ -161,16 +157,6 @@ class Fleet:
         """Whether every vehicle has travelled all its legs."""
         return all(crew.planner.finished for crew in self.crews)
 
-    @property
-    def longest_s(self) -> float:
-        """Time after which a mission is given up."""
-        leg = max(
-            math.radians(self.settings.motion.theta_max_deg) * self.settings.motion.turn_radius_m * 2.0, 1.0
-        )
-        slowest = min(own.vehicle.speed_mps for own in self.settings.vehicles)
-        latest = max(own.vehicle.start_delay_s for own in self.settings.vehicles)
-        return latest + PATIENCE * self.settings.mission.steps * leg / slowest + 600.0
-
     def tick(self) -> None:
         """One tick of the mission."""
         began = time.perf_counter()
@@ -250,10 +236,10 @@ class Fleet:
             progress: Called after every tick.
 
         Returns:
-            What the mission leaves; a mission given up after `longest_s` says so in its notes.
+            What the mission leaves; a mission given up after `Settings.longest_s` says so in its notes.
         """
         while not self.finished:
-            if self.now_s >= self.longest_s:
+            if self.now_s >= self.settings.longest_s:
                 late = [f"auv{crew.vehicle}" for crew in self.crews if not crew.planner.finished]
                 self.notes.append(f"stopped at {self.now_s:.0f} s: {', '.join(late)} had not finished")
                 break

@@ -7,6 +7,7 @@ not rebuild each other's plans, nor keep out of each other's slots.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -40,6 +41,26 @@ PER_VEHICLE = ("vehicle", "planner", "gp", "modem", "link")
 
 #: Depths (m) that vehicles without one of their own take in turn (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
+
+#: What checks each section of a mission file.
+SECTION_CLASSES: dict[str, type] = {
+    "mission": MissionConfig,
+    "vehicle": VehicleConfig,
+    "level_set": LevelSet,
+    "area": AreaConfig,
+    "gp": GpConfig,
+    "motion": MotionConfig,
+    "planner": PlannerConfig,
+    "tdma": TdmaConfig,
+    "packet": PacketConfig,
+    "modem": ModemConfig,
+    "link": LinkConfig,
+    "sim": SimConfig,
+    "record": RecordConfig,
+}
+
+#: A mission that takes this many times as long as its legs should is given up.
+PATIENCE = 3.0
 
 Patterns = dict[str, dict[str, Any]]
 
@@ -156,6 +177,14 @@ class Settings:
             planner=own.planner,
             vehicle=own.vehicle,
         )
+
+    @property
+    def longest_s(self) -> float:
+        """Mission time (s) after which a mission that has not finished is given up."""
+        leg = max(math.radians(self.motion.theta_max_deg) * self.motion.turn_radius_m * 2.0, 1.0)
+        slowest = min(own.vehicle.speed_mps for own in self.vehicles)
+        latest = max(own.vehicle.start_delay_s for own in self.vehicles)
+        return latest + PATIENCE * self.mission.steps * leg / slowest + 600.0
 
     def parameters(self, number: int) -> dict[str, Any]:
         """The nested parameters that the nodes of vehicle `number` get."""

@@ -16,6 +16,7 @@ from sensor_msgs.msg import FluidPressure, Range
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import ParameterError
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, header, run, seconds, stamp
+from auv_lse_sim.ground_source import ground_of
 from auv_lse_sim.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.ros_conversions import (
     altitude_message,
@@ -27,7 +28,7 @@ from auv_lse_sim.ros_conversions import (
     truth_message,
 )
 from auv_lse_sim.settings import Settings
-from auv_lse_sim.world import VehicleOutput
+from auv_lse_sim.world import VehicleOutput, World
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _STALLED_S = 60.0
@@ -42,7 +43,7 @@ class SimNode(ConfiguredNode):
         path = _parameter_file(sys.argv)
         settings = Settings.load(path)
         self._settings = settings
-        self._world = settings.world()
+        self._world = World.of(settings, ground_of(settings))
         self._vehicles = range(1, settings.mission.vehicles + 1)
         self._tick = 0
         self._now_s = 0.0
@@ -149,7 +150,8 @@ class SimNode(ConfiguredNode):
         self._pressure[i].publish(pressure_message(self._now_s, output.pressure_depth_m, k))
         self._truth[i].publish(truth_message(output.truth, k))
         steps = self._settings.mission.steps
-        self._finished[i] = output.truth.step >= steps - 1 and output.truth.loitering
+        if not self.lockstep:
+            self._finished[i] = output.truth.step >= steps - 1 and output.truth.loitering
         self._steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
 
     # ------------------------------------------------------------------ what the vehicles do
@@ -182,6 +184,7 @@ class SimNode(ConfiguredNode):
             self._ready.add((k, message.node))
             self._start_lockstep()
         elif message.node == "planner":
+            self._finished[k - 1] = message.finished
             self._gate.announce(message.tick, f"waypoints of auv{k}", message.second)
         elif message.node == "modem_sent":
             self._gate.announce(message.tick, f"packets of auv{k}", message.first)

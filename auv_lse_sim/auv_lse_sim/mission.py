@@ -1,0 +1,292 @@
+"""scripts/mission: flies a team mission as real ROS 2 processes and leaves one run folder."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rich.console import Console
+
+from auv_lse_common.params import ParameterError
+from auv_lse_sim.display import Display, Progress
+from auv_lse_sim.launcher import LaunchError, ProcessGroup, local_environment, own_domain
+from auv_lse_sim.processes import mission_processes
+from auv_lse_sim.settings import Settings
+
+_START_S = 90.0
+
+
+class MissionError(RuntimeError):
+    """A mission that did not end as it should: what happened, and where to look."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/mission."""
+    p = argparse.ArgumentParser(
+        prog="scripts/mission",
+        description="Flies a team mission as real ROS 2 processes and leaves one run folder with the recording, the "
+        "figures and a report.",
+    )
+    p.add_argument("mission", nargs="?", type=Path, metavar="MISSION.yaml", help="mission file (default: config/missions/default.yaml)")
+    p.add_argument("--vehicles", type=int, metavar="K", help="number of vehicles, 1 to 20")
+    p.add_argument("--steps", type=int, metavar="N", help="legs that each vehicle travels")
+    p.add_argument("--method", metavar="NAME", help="planning method: augmented, plain, best, ... (docs/planner.md)")
+    p.add_argument("--seed", type=int, help="seed of every random stream: ground, sensors, channel, planners")
+    p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
+    p.add_argument("--bathymetry", type=Path, metavar="FILE", help="real ground: CSV of soundings, npz or ESRI ASCII grid, GeoTIFF")
+    p.add_argument(
+        "--area",
+        type=float,
+        nargs=4,
+        metavar=("SOUTH", "WEST", "NORTH", "EAST"),
+        help="operating area (m, local north and east); with --bathymetry default: the file's extent",
+    )
+    p.add_argument("--real-time-factor", type=float, metavar="X", help="paced run, X times real time (default: lockstep, as fast as it goes)")
+    p.add_argument("--modem", choices=("direct", "emulated"), default="direct", help="emulated: through serial ports, drivers and Micromodem sentences")
+    p.add_argument("--vehicle-link", choices=("direct", "mavlink"), default="direct", help="mavlink: through a simulated MAVLink vehicle")
+    p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="any parameter, as --set planner.iterations=500; again for more")
+    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
+    p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
+    p.add_argument("--parameters", action="store_true", help="print every parameter with unit, range and meaning, and end")
+    return p
+
+
+def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Flat parameters {name: value} that the command line asks for.
+
+    Raises:
+        ParameterError: for a --set that is not NAME=VALUE.
+    """
+    import yaml
+
+    wanted: dict[str, Any] = {}
+    pairs = {
+        "mission.vehicles": options.vehicles,
+        "mission.steps": options.steps,
+        "mission.seed": options.seed,
+        "planner.method": options.method,
+        "sim.channel.packet_loss": options.packet_loss,
+    }
+    wanted.update({name: value for name, value in pairs.items() if value is not None})
+    if options.bathymetry is not None:
+        wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
+    if options.real_time_factor is not None:
+        wanted.update({"sim.real_time_factor": options.real_time_factor, "sim.lockstep": False})
+    if options.area is not None:
+        south, west, north, east = options.area
+        wanted["area.polygon_m"] = [south, west, north, west, north, east, south, east]
+    for text in options.set:
+        name, sign, value = text.partition("=")
+        if not sign or not name:
+            raise ParameterError(f"--set {text!r}: expected NAME=VALUE, as planner.iterations=500")
+        wanted[name] = yaml.safe_load(value)
+    return wanted
+
+
+def run_folder(wanted: Path | None, root: Path) -> Path:
+    """Makes the run folder.
+
+    Raises:
+        MissionError: if it exists and holds something, or cannot be made.
+    """
+    folder = wanted
+    if folder is None:
+        base = root / "runs" / datetime.now().strftime("%Y-%m-%d-%H%M%S")
+        folder, again = base, 1
+        while folder.exists():
+            again += 1
+            folder = base.with_name(f"{base.name}-{again}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise MissionError(f"--out {folder}: exists and is not empty; expected a new or empty folder (nothing was changed)")
+    try:
+        (folder / "logs").mkdir(parents=True)
+    except OSError as error:
+        raise MissionError(f"--out {folder}: cannot be made: {error.strerror or error}") from error
+    return folder.resolve()
+
+
+class _Interrupt:
+    """Ctrl-C and SIGTERM as a flag, so that every process is ended in order."""
+
+    def __init__(self) -> None:
+        self.came = False
+        for sign in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(sign, self._note)
+
+    def _note(self, sign: int, frame: FrameType | None) -> None:
+        self.came = True
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Flies a mission. Returns 0, 1 if it failed, 2 if what was asked cannot be done, 130 after Ctrl-C."""
+    options = parser().parse_args(arguments)
+    console = Console(stderr=False)
+    if options.parameters:
+        print_parameters(console)
+        return 0
+    root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[2]))
+    try:
+        settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
+        settings, notes = prepare(settings, area_given=options.area is not None)
+        folder = run_folder(options.out, root)
+    except (ParameterError, MissionError, ValueError) as error:
+        console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
+        return 2
+    for note in notes:
+        console.print(note, highlight=False, soft_wrap=True)
+    console.print(f"run folder: {folder}", highlight=False, soft_wrap=True)
+    settings = settings.with_overrides({"record.folder": str(folder / "bag")})
+    (folder / "mission.yaml").write_text(settings.to_parameter_file())
+    interrupt = _Interrupt()
+    started = time.monotonic()
+    try:
+        with own_domain() as domain:
+            environment = local_environment(root, domain)
+            phases = fly(settings, folder, environment, console, interrupt, options.modem, options.vehicle_link)
+    except (MissionError, LaunchError) as error:
+        console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
+        return 1
+    wall_s = time.monotonic() - started
+    code = 130 if interrupt.came else 0
+    if interrupt.came:
+        console.print("interrupted: every process is ended, the recording is readable", highlight=False)
+    try:
+        conclude(folder, settings, wall_s, phases, console, report=not options.no_report)
+    except (OSError, ValueError) as error:
+        console.print(f"[red]error:[/] the mission was flown, but its evaluation failed: {error}", soft_wrap=True)
+        return code or 1
+    return code
+
+
+def prepare(settings: Settings, area_given: bool) -> tuple[Settings, list[str]]:
+    """Fits the operating area and the start to the ground.
+
+    Returns:
+        The settings to fly, and what a person should know of it.
+
+    Raises:
+        GroundError: if the ground cannot be used, or there is nowhere to go.
+    """
+    from auv_lse_sim.ground_source import ground_of
+
+    ground = ground_of(settings)
+    return settings, [ground.describe()]
+
+
+def print_parameters(console: Console) -> None:
+    """Every parameter of a mission file with default, unit, range and meaning."""
+    from rich.table import Table
+
+    from auv_lse_common.params import describe
+    from auv_lse_sim.settings import SECTION_CLASSES
+
+    for name, cls in SECTION_CLASSES.items():
+        table = Table(title=f"{name}: {(cls.__doc__ or '').strip().splitlines()[0]}", title_justify="left")
+        for column in ("parameter", "default", "unit", "allowed", "meaning"):
+            table.add_column(column, overflow="fold")
+        for row in describe(cls, f"{name}."):
+            table.add_row(*(str(cell) for cell in row))
+        console.print(table)
+
+
+def fly(
+    settings: Settings,
+    folder: Path,
+    environment: dict[str, str],
+    console: Console,
+    interrupt: _Interrupt,
+    modem: str,
+    vehicle_link: str,
+) -> dict[str, float]:
+    """Starts every process, watches the mission to its end, and ends every process.
+
+    Returns:
+        Wall-clock seconds of each phase.
+
+    Raises:
+        MissionError: if a node died or the simulator gave up; every process is ended then, too.
+    """
+    os.environ.update(environment)
+    vehicles = settings.mission.vehicles
+    progress = Progress(vehicles=vehicles, steps_total=settings.mission.steps)
+    phases: dict[str, float] = {}
+    began = time.monotonic()
+    group = ProcessGroup(folder / "logs", environment)
+    try:
+        with contextlib.ExitStack() as stack:
+            stack.callback(group.stop)
+            for process in mission_processes(vehicles, modem, vehicle_link):
+                group.start(process, folder / "mission.yaml", ("-p", "use_sim_time:=true") if _follows(process.executable) else ())
+            watch = stack.enter_context(_watching(progress))
+            display = stack.enter_context(Display(progress, console))
+            while not interrupt.came:
+                state, message = watch(0.1)
+                display.refresh()
+                for name, code in group.ended():
+                    raise MissionError(
+                        f"{name} ended by itself (exit code {code}); the end of {group.log(name)}:\n{group.last_words(name)}"
+                    )
+                if state == "failed":
+                    raise MissionError(f"the simulator gave up: {message}; logs: {folder / 'logs'}")
+                if state == "finished":
+                    progress.phase = "finished"
+                    phases["mission"] = time.monotonic() - began - phases.get("start", 0.0)
+                    break
+                if state == "running" and "start" not in phases:
+                    progress.phase = "running"
+                    phases["start"] = time.monotonic() - began
+                if state == "waiting" and time.monotonic() - began > _START_S + 10.0 * vehicles:
+                    raise MissionError(f"the nodes have not found each other: {message}; logs: {folder / 'logs'}")
+            ending = time.monotonic()
+            progress.phase = "ending"
+    finally:
+        phases["ending"] = time.monotonic() - locals().get("ending", time.monotonic())
+    return phases
+
+
+def _follows(executable: str) -> bool:
+    """Whether a process's clock follows /clock (the simulator makes it)."""
+    return executable != "sim_node"
+
+
+@contextlib.contextmanager
+def _watching(progress: Progress) -> Any:
+    """Follows the mission's topics into `progress`; gives a function that waits a little and tells the state."""
+    from auv_lse_sim.watch_node import Watcher
+
+    with Watcher(progress) as watcher:
+        yield watcher.wait
+
+
+def conclude(
+    folder: Path, settings: Settings, wall_s: float, phases: dict[str, float], console: Console, report: bool
+) -> None:
+    """Evaluates the recording into summary.json, isobath.geojson and, if asked, the figures and the report."""
+    from auv_lse_sim.bag import read_run
+    from auv_lse_sim.evaluation import ground_grid
+    from auv_lse_sim.ground_source import ground_of
+    from auv_lse_sim.report import write_report
+
+    began = time.monotonic()
+    ground = ground_grid(settings.planner_settings(1), ground_of(settings))
+    run = read_run(folder, ground=ground, wall_s=wall_s)
+    summary = write_report(run, folder, figures=report)
+    phases["report"] = time.monotonic() - began
+    for line in summary.lines():
+        console.print(line, highlight=False, soft_wrap=True)
+    told = "report.html" if report else "summary.json"
+    times = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
+    console.print(f"{folder / told}   ({times})", highlight=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
