@@ -117,7 +117,7 @@ def lawnmower(raster, north0, east0, cell, tracks, spacing, loops, turns, steps,
                         lane -= 0.5 * side * lanes
                         side = -side
                 lane = min(max(lane, low), high)
-        if settled and abs(across - lane) < 0.5 and abs(error) < 1e-6:
+        if settled and abs(across - lane) < 1.5 and abs(error) < 0.009:
             action = straight  # on the lane, and found free above
         else:
             # Two legs of look-ahead; cos and sin of the lane's frame, turned by each action.
@@ -221,8 +221,15 @@ class NaivePaths:
             low = high = 0.5 * (low + high)
         return LaneFrame(axis, low, high, area)
 
-    def actions(self, state: Array, heuristic: int, steps: int) -> Ints:
+    def actions(self, state: Array, heuristic: int, steps: int, around_shallows: bool = False) -> Ints:
         """Actions of naive path `heuristic` over `steps` legs from a state (3,).
+
+        Args:
+            state: Heading, north, east.
+            heuristic: Id.
+            steps: Number of legs.
+            around_shallows: Whether ground that this vehicle's map shows to be too shallow is avoided too; other
+                vehicles cannot rebuild the path then.
 
         Raises:
             ValueError: for an id that names no path.
@@ -231,6 +238,7 @@ class NaivePaths:
             return np.empty(0, dtype=np.int64)
         state = np.asarray(state, dtype=float)
         motion = self._space.motion
+        space = self._space.arguments(static=not around_shallows)
         if heuristic in LAWNMOWERS or heuristic in COVERING or heuristic in STRIPS:
             kind = (heuristic - LAWNMOWERS[0]) % 4 if heuristic not in STRIPS else 0
             frame = self._frames[kind // 2]
@@ -249,7 +257,7 @@ class NaivePaths:
             spacing = max(spacing, 2.0 * motion.radius_m)
             return np.asarray(
                 lawnmower(
-                    *self._arguments,
+                    *space,
                     state,
                     steps,
                     frame.axis_rad,
@@ -261,12 +269,12 @@ class NaivePaths:
                 )
             )
         if heuristic == STRAIGHT_ON:
-            return np.asarray(straight_on(*self._arguments, state, steps, self._by_size))
+            return np.asarray(straight_on(*space, state, steps, self._by_size))
         if heuristic == HOLD:
             loops = motion.loop_actions
             side_first = self._freer_side(state)
             order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
-            return np.asarray(straight_on(*self._arguments, state, steps, order))
+            return np.asarray(straight_on(*space, state, steps, order))
         raise ValueError(f"heuristic: got {heuristic:#04x}; expected one of {', '.join(f'{i:#04x}' for i in IDS)}, 0xff")
 
     def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:

@@ -20,6 +20,9 @@ from auv_lse_planner.surrogate import Surrogate
 
 Array = NDArray[np.float64]
 
+#: Legs of a lawnmower that are checked against the map, and of a detour around shallow ground.
+DETOUR_LEGS = 10
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
@@ -163,15 +166,17 @@ def _diverse(ranking: list[tuple[Actions, float]], count: int) -> list[Actions]:
 def naive_only(
     situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward | MapReward, heuristic: int
 ) -> Proposal:
-    """A naive path alone (the lawnmower), from here to the mission's end; its first leg is checked against the map."""
+    """A naive path alone (the lawnmower), to the mission's end.
+
+    Where it would cross ground that the map shows to be too shallow, its first legs lead around and are given one by
+    one, as other vehicles do not know of that ground.
+    """
     s = situation
+    static = naive.actions(s.state, heuristic, s.steps_left)
     actions: Actions = ()
-    first = int(naive.actions(s.state, heuristic, s.steps_left)[0])
-    choices = space.choices(s.state)
-    if first not in choices:
-        # shallow ground that only the map knows: turn away as little as possible, then mow on
-        turns = space.motion.turns_rad
-        actions = (int(choices[np.argmin(np.abs(turns[choices] - turns[first]))]),)
+    if not space.path_feasible(s.state, static, DETOUR_LEGS):
+        around = naive.actions(s.state, heuristic, s.steps_left, around_shallows=True)
+        actions = tuple(int(a) for a in around[:DETOUR_LEGS])
     places = _whole(s, space, naive, actions, heuristic)
     return Proposal(actions=actions, heuristic=heuristic, value=reward.value(reward.posterior.columns(places)))
 

@@ -40,6 +40,9 @@ from auv_lse_planner.team import Team
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+#: Legs of a continued plan that must be feasible on the map, at least.
+LOOK_AHEAD = 3
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundRecord:
@@ -435,9 +438,10 @@ class VehiclePlanner:
         if self._path is not None and not reanchored:
             states, actions, _ = self._path.rest(step)
             if len(actions):
-                infeasible = not self.space.path_feasible(states[0], actions, max(1, horizon))
+                infeasible = not self.space.path_feasible(states[0], actions, max(LOOK_AHEAD, horizon))
                 incumbent_value = reward.value(self._columns(states, actions))
-                if how.incumbent and not infeasible and not incumbent_value < value:
+                stays = how.kind == "naive" or incumbent_value >= value
+                if how.incumbent and not infeasible and stays:
                     chosen, value, kept = self._path, incumbent_value, True
         self._path = chosen
         states, actions, explicit = chosen.rest(step)

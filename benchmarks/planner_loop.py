@@ -1,0 +1,187 @@
+"""A light mission loop for measuring planners: true ground, perfect tracking, packets that get lost; no navigation.
+
+The full engine is `auv_lse_sim.fleet`; this one leaves out what does not concern the choice of paths (instruments,
+modem, currents), so that hundreds of missions can be compared.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from auv_lse_common.seeds import stream
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.online import OnlineGp
+from auv_lse_planner.config import PlannerSettings
+from auv_lse_planner.vehicle_planner import VehiclePlanner
+from auv_lse_sim.isobath import compare, trace
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SLOT_S = 10
+SAMPLES_PER_PACKET = 18
+
+
+@dataclass(slots=True)
+class _Boat:
+    planner: VehiclePlanner
+    gp: OnlineGp
+    heading: float
+    north: float
+    east: float
+    leg: Any = None
+    queue: list[Any] = field(default_factory=list)
+    plan: Any = None
+    soundings: list[tuple[float, float, float, float]] = field(default_factory=list)
+    unsent: list[tuple[float, float, float]] = field(default_factory=list)
+    visited: list[tuple[float, float]] = field(default_factory=list)
+    wall_s: list[float] = field(default_factory=list)
+
+
+@dataclass(slots=True, kw_only=True)
+class Outcome:
+    """What a mission brought; risks are means of Bayes risk over a 5 m grid of the area."""
+
+    risk_third: float
+    risk_end: float
+    f1: float
+    isobath_m: float
+    team_reward: float
+    wall_ms: float
+    wall_max_ms: float
+    travelled_m: float
+    kept_share: float
+    records: list[list[Any]]
+    boats: list[Any]
+
+
+def settings_for(
+    method: str, vehicles: int, area: dict[str, Any] | None = None, planner: dict[str, Any] | None = None, **sections: Any
+) -> PlannerSettings:
+    """Mission settings of a method."""
+    return PlannerSettings.from_parameters(
+        {
+            "area": area or {},
+            "mission": {"vehicles": vehicles, **sections.pop("mission", {})},
+            "planner": {"method": method, **(planner or {})},
+            **sections,
+        },
+        "benchmark",
+    )
+
+
+def fly(settings: PlannerSettings, ground: Any, seed: int, loss: float = 0.0, sounding_std_m: float = 0.2) -> Outcome:
+    """Flies one mission; everything by chance from `seed`."""
+    vehicles = settings.mission.vehicles
+    noise, channel = stream(seed, "soundings"), stream(seed, "channel")
+    v = settings.vehicle
+    boats = [
+        _Boat(
+            VehiclePlanner(k, settings, stream(seed, "planner", k)),
+            OnlineGp(settings.gp),
+            v.start_heading_rad,
+            v.start_north_m,
+            v.start_east_m,
+        )
+        for k in range(1, vehicles + 1)
+    ]
+    now = 0
+    for boat in boats:
+        boat.planner.odometry(0.0, boat.heading, boat.north, boat.east, v.speed_mps)
+    limit = int(3.0 * settings.mission.steps * boats[0].planner.motion.leg_length_m / v.speed_mps) + 100
+    while not all(b.planner.finished for b in boats) and now < limit:
+        for boat in boats:
+            if boat.planner.due(float(now)):
+                begin = time.perf_counter()
+                boat.planner.set_centers(boat.gp.centers, float(now))
+                decision = boat.planner.decide(float(now))
+                boat.wall_s.append(time.perf_counter() - begin)
+                boat.plan = decision.plan
+                if boat.leg is None:
+                    boat.leg = decision.leg
+                else:
+                    boat.queue.append(decision.leg)
+        if now % SLOT_S == 0:
+            _send(boats, (now // SLOT_S) % vehicles, float(now), loss, channel)
+        now += 1
+        for boat in boats:
+            if boat.leg is None or boat.planner.finished:
+                continue
+            along = boat.leg.progress_m(boat.north, boat.east) + v.speed_mps
+            if along > boat.leg.length_m and boat.queue:
+                end = boat.leg.end_state
+                boat.visited.append((float(end[1]), float(end[2])))
+                along -= boat.leg.length_m
+                boat.leg = boat.queue.pop(0)
+            boat.heading, boat.north, boat.east = (float(x) for x in boat.leg.state_at(along))
+            if now % 2 == 0:
+                depth = float(ground.depth_m(boat.north, boat.east))
+                if np.isfinite(depth):
+                    depth = max(depth + sounding_std_m * float(noise.normal()), 0.1)
+                    boat.gp.add(boat.north, boat.east, depth)
+                    boat.soundings.append((float(now), boat.north, boat.east, depth))
+                    boat.unsent.append((boat.north, boat.east, depth))
+            boat.planner.odometry(float(now), boat.heading, boat.north, boat.east, v.speed_mps)
+    return _evaluate(settings, ground, boats)
+
+
+def _send(boats: list[_Boat], index: int, now_s: float, loss: float, channel: np.random.Generator) -> None:
+    boat = boats[index]
+    if boat.plan is None or len(boats) == 1:
+        return
+    every = max(1, -(-len(boat.unsent) // SAMPLES_PER_PACKET))
+    samples = boat.unsent[::every][:SAMPLES_PER_PACKET]
+    boat.unsent = []
+    for other, receiver in enumerate(boats):
+        if other == index or channel.random() < loss:
+            continue
+        receiver.planner.hear(now_s, boat.plan)
+        for sample in samples:
+            receiver.gp.add(*sample)
+
+
+def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Outcome:
+    area = OperatingArea(settings.area)
+    grid = area.grid(5.0)
+    places = grid.places_m
+    truth = np.asarray(ground.depth_m(places[:, 0], places[:, 1]))
+    known = np.isfinite(truth)
+    third_s = settings.mission.steps / 3.0 * boats[0].planner.motion.leg_length_m / settings.vehicle.speed_mps
+    rows = sorted(row for boat in boats for row in boat.soundings)
+    gp = OnlineGp(settings.gp)
+    risks = []
+    level = settings.level_set
+    index = 0
+    mean = std = np.zeros(len(places))
+    for until in (third_s, np.inf):
+        while index < len(rows) and rows[index][0] <= until:
+            gp.add(*rows[index][1:])
+            index += 1
+        mean, std = gp.predict(places)
+        risks.append(float(level.risk(mean, std)[known].mean()))
+    called, is_safe = level.safe(mean, std)[known], truth[known] >= level.level_m
+    hits = int(np.sum(called & is_safe))
+    both = int(called.sum() + is_safe.sum())
+    estimate = trace(grid.north_m, grid.east_m, grid.fill(mean), level.level_m)
+    exact = trace(grid.north_m, grid.east_m, grid.fill(truth), level.level_m)
+    visited = np.array([p for boat in boats for p in boat.visited]).reshape(-1, 2)
+    m, s = gp.predict(visited)
+    prior = OnlineGp(settings.gp).predict(visited)
+    wall = np.array([w for boat in boats for w in boat.wall_s])
+    records = [boat.planner.records for boat in boats]
+    return Outcome(
+        risk_third=risks[0],
+        risk_end=risks[1],
+        f1=2 * hits / both if both else float("nan"),
+        isobath_m=compare(estimate, exact).mean_m,
+        team_reward=float((level.risk(*prior) - level.risk(m, s)).sum()),
+        wall_ms=1e3 * float(np.mean(wall[1:])),
+        wall_max_ms=1e3 * float(np.max(wall[1:])),
+        travelled_m=sum(len(r) for r in records) * boats[0].planner.motion.leg_length_m,
+        kept_share=float(np.mean([r.incumbent_kept for rs in records for r in rs])),
+        records=records,
+        boats=boats,
+    )
