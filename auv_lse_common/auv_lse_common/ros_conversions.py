@@ -114,11 +114,18 @@ class ConfiguredNode(Node):
 
     def when_matched(self, readers: Mapping[Publisher, int], then: Callable[[], None]) -> None:
         """Calls `then` once each publisher has at least its number of matched readers (discovery takes up to 3 s)."""
+        checks = 0
 
         def check() -> None:
-            if all(publisher.get_subscription_count() >= count for publisher, count in readers.items()):
+            nonlocal checks
+            checks += 1
+            waiting = {p.topic: f"{p.get_subscription_count()} of {n}" for p, n in readers.items()}
+            waiting = {topic: text for topic, text in waiting.items() if int(text.split()[0]) < int(text.split()[2])}
+            if not waiting:
                 timer.cancel()
                 then()
+            elif checks % 200 == 0:  # every 10 s
+                self.get_logger().warning(f"still waiting for readers of {waiting}")
 
         timer = self.create_timer(0.05, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
 

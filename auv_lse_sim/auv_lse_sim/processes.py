@@ -27,7 +27,7 @@ VEHICLE_TOPICS = {
 }
 
 #: Last names of the topics that late readers get the last message of.
-LATCHED_TOPICS = ("kernel_centers", "isobath", "risk_map", "field", "plan")
+LATCHED_TOPICS = ("kernel_centers", "risk_map", "field", "plan", "status")
 
 #: Topics that belong to the whole mission.
 MISSION_TOPICS = {
