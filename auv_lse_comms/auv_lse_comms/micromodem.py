@@ -412,6 +412,11 @@ class Micromodem:
         return (self.state, self._clock, self._rebooting, len(self._out), len(self._events), self._strikes, waits)
 
     @property
+    def is_open(self) -> bool:
+        """The shell has said `opened`, and not `closed` since."""
+        return self.state is not State.CLOSED
+
+    @property
     def quiet(self) -> bool:
         """No answer of the modem is awaited that would come at once (so a lockstep tick may end)."""
         at_rest = self.state in (State.IDLE, State.SENDING)

@@ -1,0 +1,77 @@
+"""A modem's driver on its port, with its line log: what `micromodem_node` owns. Knows no ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TextIO
+
+from auv_lse_comms.line_log import Entry, LoggedModem, format_entry
+from auv_lse_comms.micromodem import Event, Micromodem
+from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
+
+
+class ModemPort:
+    """The driver and the port it speaks on, which is opened again whenever it fails.
+
+    `step` carries bytes both ways; `now_s` is the host's clock (UTC or simulated), `steady_s` one that never jumps, for
+    the waits before the port is opened again.
+    """
+
+    def __init__(self, config: ModemConfig, address: int) -> None:
+        """For the modem of vehicle number `address`; opens nothing yet.
+
+        Raises:
+            AddressError: if `modem.port` is no address.
+            OSError: if the line log cannot be written.
+        """
+        where = read_address(config.port, config.baud)
+        self.modem = Micromodem(config, address)
+        self.connection = Connection(lambda: open_transport(where), config.backoff_min_s, config.backoff_max_s)
+        self._log: TextIO | None = None
+        self._driver: Micromodem | LoggedModem = self.modem
+        if config.log_file:
+            path = Path(config.log_file)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._log = path.open("a", encoding="ascii", buffering=1)  # a line at a time: a crash loses none
+            self._driver = LoggedModem(self.modem, self._record)
+
+    @property
+    def transport(self) -> Transport | None:
+        """The open port, to wait on for bytes; None if it is closed."""
+        return self.connection.transport
+
+    def send(self, now_s: float, payload: bytes, destination: int) -> int:
+        """Asks for a packet to be transmitted; see `Micromodem.send`. `step` puts it on the wire."""
+        return self._driver.send(now_s, payload, destination)
+
+    def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
+        """Opens the port if it is time, takes what has come, lets time pass (unless not `poll`), writes; tells events."""
+        if self.connection.poll(steady_s):
+            self._driver.opened(now_s)
+        data = self.connection.read(steady_s)
+        if data:
+            self._driver.receive(now_s, data)
+        if poll:
+            self._driver.poll(now_s)
+        if self.modem.wants_reopen:
+            self.connection.close(steady_s, "the modem does not answer")
+        self.connection.write(self._driver.outgoing(), steady_s)
+        if self.connection.transport is None and self.modem.is_open:
+            self._driver.closed(now_s, self.connection.problem)
+        return self._driver.events()
+
+    def close(self, now_s: float, steady_s: float) -> list[Event]:
+        """Closes port and log for good."""
+        self.connection.close(steady_s, "shutting down")
+        if self.modem.is_open:
+            self._driver.closed(now_s, "shutting down")
+        events = self._driver.events()
+        if self._log is not None:
+            self._log.close()
+            self._log = None
+        return events
+
+    def _record(self, entry: Entry) -> None:
+        if self._log is not None:
+            self._log.write(format_entry(entry) + "\n")
