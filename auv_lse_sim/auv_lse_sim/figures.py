@@ -42,11 +42,11 @@ STYLE = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,
-    "savefig.dpi": 200,
     "figure.facecolor": "white",
     "axes.titlelocation": "left",
 }
 WIDTH_IN = 7.3
+DPI = 200
 
 
 def vehicle_style(index: int) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def vehicle_style(index: int) -> dict[str, Any]:
 def save(figure: Figure, path: Path) -> None:
     """Writes a figure as PNG."""
     FigureCanvasAgg(figure)
-    figure.savefig(path, metadata={"Software": None})
+    figure.savefig(path, dpi=DPI, metadata={"Software": None})
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:

@@ -153,6 +153,7 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
     stepwise, whole = np.zeros(steps + 1), np.zeros(steps + 1)
     bound, whole_bound = np.full(steps + 1, np.nan), np.full(steps + 1, np.nan)
     per_vehicle = np.zeros((len(run.vehicles), steps))
+    augmented = any(d.heuristic != NONE for v in run.vehicles for d in v.decisions)
     chosen = set(np.linspace(0, steps - 1, min(max(bounds, 2), steps)).round().astype(int).tolist()) if steps else set()
     for step in range(steps):
         plans = [own.get(step) for own in decisions]
@@ -162,7 +163,7 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
             tails = np.concatenate([tail for _, tail in parts])
             before, after = _expected(gp, level_set, noise_m2, np.concatenate([heads, tails]), visited)
             prior = _risk(OnlineGp(settings[0].gp), level_set, np.concatenate([heads, tails, visited]))
-            if len(tails):
+            if augmented:
                 bound[step] = stepwise[step] + float((before - after)[len(heads) : len(heads) + len(tails)].sum())
             whole_bound[step] = float((prior - after).sum())
         places = [
@@ -182,7 +183,7 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
         visited = np.concatenate([visited, here])
         prior_visited = np.concatenate([prior_visited, _risk(OnlineGp(settings[0].gp), level_set, here)])
         whole[step + 1] = float((prior_visited - _risk(gp, level_set, visited)).sum())
-    bound[steps] = stepwise[steps] if np.any(np.isfinite(bound)) else np.nan
+    bound[steps] = stepwise[steps] if augmented else np.nan
     whole_bound[steps] = whole[steps]
     return Curves(
         stepwise=stepwise,

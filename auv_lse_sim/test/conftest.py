@@ -101,23 +101,19 @@ def make_run(steps=30, drift_mps=0.002, with_truth=True):
         if number % 3 == 2:
             continue
         arrival = float(stamp) + 5.25
-        received.append(
-            PacketReceived(stamp_s=arrival, receiver=receiver, source=source, snr_db=17.5, payload=payload)
-        )
+        received.append(PacketReceived(stamp_s=arrival, receiver=receiver, source=source, snr_db=17.5, payload=payload))
         own = vehicles[source - 1].soundings
         for row in own[(own[:, 0] > stamp - 30.0) & (own[:, 0] <= stamp)][::10]:
             heard[receiver].append((arrival, source, *np.float32(row[1:4]).astype(float)))
     for vehicle in vehicles:
         vehicle.received = np.array(heard[vehicle.vehicle]).reshape(-1, 5)
-    run = RunData(
-        parameters=parameters, vehicles=vehicles, sent=sent, received=received, sim_s=end_s, wall_s=1.5
-    )
+    run = RunData(parameters=parameters, vehicles=vehicles, sent=sent, received=received, sim_s=end_s, wall_s=1.5)
     if with_truth:
         run.ground = ground_grid(mission_settings(parameters, 1)[0], Valley())
     return run
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def synthetic_run():
     """`make_run`, for tests to vary."""
     return make_run

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.online import OnlineGp
+from auv_lse_planner.naive import NONE
+from auv_lse_sim.evaluation import mission_settings
+from auv_lse_sim.reward import PlannedPath, leg_times, replay, running_maximum
+
+
+def settings_of(run):
+    settings = mission_settings(run.parameters, len(run.vehicles))
+    return settings, OperatingArea(settings[0].area)
+
+
+def dense_risk(settings, soundings, places):
+    """Risk at places from the textbook formula, with every sounding a datum (no spacing rule)."""
+    from auv_lse_gp.kernels import Kernel
+
+    kernel, gp = Kernel(settings.gp), settings.gp
+    x, z = soundings[:, 1:3], soundings[:, 3]
+    gram = kernel(x, x) + gp.noise_std_m**2 * np.eye(len(x))
+    cross = kernel(x, places)
+    mean = gp.mean_depth_m + cross.T @ np.linalg.solve(gram, z - gp.mean_depth_m)
+    variance = gp.signal_std_m**2 - np.sum(cross * np.linalg.solve(gram, cross), axis=0)
+    return settings.level_set.risk(mean, np.sqrt(variance))
+
+
+def test_leg_times_are_when_the_states_were_passed(synthetic_run):
+    run = synthetic_run(steps=10, drift_mps=0.0)
+    leg_s = 15.0 * np.pi / 2.0 / 1.5
+    times = leg_times(run.vehicles[0])
+    assert times[-1] == np.inf
+    assert times[:-1] == pytest.approx(leg_s * np.arange(10), abs=0.7)  # odometry every 0.65 s
+
+
+def test_reward_is_the_drop_of_risk_at_the_legs_own_places(synthetic_run):
+    run = synthetic_run(steps=3, drift_mps=0.0)
+    for pattern in run.parameters.values():
+        if "gp" in pattern:
+            pattern["gp"] = {**pattern["gp"], "min_spacing_m": 0.0, "merge": False}
+    settings, area = settings_of(run)
+    curves = replay(run, settings, area)
+    leg_s = 15.0 * np.pi / 2.0 / 1.5
+    data = np.empty((0, 4))
+    total, visited = 0.0, np.empty((0, 2))
+    for step in range(3):
+        places = []
+        for vehicle in run.vehicles:
+            end = vehicle.decisions[step]
+            places.append([end.north_m + 15.0 * np.pi / 2.0, end.east_m])  # the first legs go straight north
+        here = np.array(places)
+        before = dense_risk(settings[0], data, here)
+        for vehicle in run.vehicles:
+            stamps = vehicle.soundings[:, 0]
+            on_leg = (stamps >= leg_s * step - 1e-9) & (stamps < leg_s * (step + 1) - 1e-9)
+            data = np.concatenate([data, vehicle.soundings[on_leg]])
+        drop = before - dense_risk(settings[0], data, here)
+        total += drop.sum()
+        visited = np.concatenate([visited, here])
+        assert curves.stepwise[step + 1] == pytest.approx(total, abs=1e-6)
+        assert curves.per_vehicle[:, step] == pytest.approx(drop, abs=1e-6)
+    prior = 5.0 * len(visited)  # the prior mean is the level: each call is a coin toss, min(10 / 2, 10 / 2)
+    assert curves.whole[-1] == pytest.approx(prior - dense_risk(settings[0], data, visited).sum(), abs=1e-6)
+
+
+def test_bounds_follow_the_plans(synthetic_run):
+    run = synthetic_run(steps=8)
+    settings, area = settings_of(run)
+    curves = replay(run, settings, area)
+    assert curves.stepwise[0] == curves.whole[0] == 0.0
+    # At the start the whole path is planned: 16 places worth 5 each at most.
+    assert 0.0 < curves.bound[0] < curves.whole_bound[0] < 80.0
+    assert np.all(np.diff(curves.bound_max[np.isfinite(curves.bound_max)]) >= 0.0)
+    assert curves.bound[-1] == curves.stepwise[-1]
+    assert curves.whole_bound[-1] == curves.whole[-1]
+    # The last plans have no naive part left: a bound that is the sum so far.
+    assert curves.bound[7] == pytest.approx(curves.stepwise[7])
+
+
+def test_expected_whole_path_reward_of_the_first_plan_is_its_expected_benefit(synthetic_run):
+    run = synthetic_run(steps=8)
+    settings, area = settings_of(run)
+    paths = [PlannedPath(s, area) for s in settings]
+    places = np.concatenate(
+        [np.concatenate(p.places(v.decisions[0])) for p, v in zip(paths, run.vehicles, strict=True)]
+    )
+    gp = OnlineGp(settings[0].gp)
+    _, covariance = gp.posterior(places)
+    noise = settings[0].gp.noise_std_m ** 2 * np.eye(len(places))
+    after = np.diag(covariance - covariance @ np.linalg.solve(covariance + noise, covariance))
+    std = np.sqrt(np.diag(covariance) - after)
+    benefit = settings[0].level_set.benefit(np.full(len(places), 15.0), std, np.sqrt(after))
+    assert replay(run, settings, area).whole_bound[0] == pytest.approx(benefit.sum(), rel=1e-9)
+
+
+def test_plans_without_naive_part_have_no_bound(synthetic_run):
+    from dataclasses import replace
+
+    run = synthetic_run(steps=5)
+    for vehicle in run.vehicles:
+        vehicle.decisions = [replace(d, heuristic=NONE) for d in vehicle.decisions]
+    settings, area = settings_of(run)
+    curves = replay(run, settings, area)
+    assert np.all(np.isnan(curves.bound))
+    assert np.isfinite(curves.naive_value)
+    assert curves.naive_value > 0.0
+
+
+def test_planned_paths_are_those_of_the_packet(synthetic_run):
+    run = synthetic_run(steps=30)
+    settings, area = settings_of(run)
+    path = PlannedPath(settings[0], area)
+    decision = run.vehicles[0].decisions[4]
+    head, tail = path.places(decision)
+    assert (len(head), len(tail)) == (3, 30 - 4 - 3)
+    following = run.vehicles[0].decisions[5]
+    assert head[0] == pytest.approx([following.north_m, following.east_m], abs=1e-3)
+    assert np.all(area.clearance_m(tail) >= 0.0)
+
+
+def test_running_maximum_passes_over_unknowns():
+    assert running_maximum(np.array([np.nan, 2.0, np.nan, 1.0, 3.0]))[1:].tolist() == [2.0, 2.0, 2.0, 3.0]
+    assert np.isnan(running_maximum(np.array([np.nan, 1.0]))[0])
