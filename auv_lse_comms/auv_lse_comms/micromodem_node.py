@@ -72,9 +72,9 @@ class MicromodemNode(ConfiguredNode):
             self._watched[1].handled()
 
     def _on_transmit(self, message: ModemTx) -> None:
-        now_s = max(self._now_s(), seconds(message.header.stamp)) if self.lockstep else self._now_s()
+        self._tick_s = max(self._tick_s, seconds(message.header.stamp))  # it may overtake the tick's announcement
         try:
-            self._port.send(now_s, bytes(message.payload), message.destination)
+            self._port.send(self._now_s(), bytes(message.payload), message.destination)
         except ValueError as error:
             self.get_logger().error(f"packet of {len(message.payload)} bytes: {error}")
         self._step(poll=False)

@@ -46,7 +46,7 @@ class ModemPort:
         return self._driver.send(now_s, payload, destination)
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
-        """Opens the port if it is time, takes what has come, lets time pass (unless not `poll`), writes; tells events."""
+        """Opens the port if it is time, takes what has come, lets time pass (if `poll`), writes; tells events."""
         if self.connection.poll(steady_s):
             self._driver.opened(now_s)
         data = self.connection.read(steady_s)

@@ -1,0 +1,225 @@
+import math
+import random
+
+import pytest
+from auv_lse_comms import sentences as nmea
+from auv_lse_comms.sentences import Sentence, SentenceError, SentenceReader, read_message
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+# Lines as real modems and WHOI's own software write them, with their checksums, typed in by hand.
+REAL = [
+    b"$CCCYC,0,1,0,4,0,1*5D\r\n",  # sent by acomms 3.1.1 (the facts of the project)
+    b"$CACFG,SRC,1*33\r\n",
+    b"$CCTMQ,0*54\r\n",
+]
+
+
+def one(data: bytes) -> Sentence:
+    (sentence,) = SentenceReader().feed(data)
+    return sentence
+
+
+@pytest.mark.parametrize("line", REAL)
+def test_reads_and_rewrites_real_lines(line):
+    assert one(line).encode() == line
+
+
+def test_checksum_by_hand():
+    # 'A' ^ 'B' ^ 'C' = 0x41 ^ 0x42 ^ 0x43 = 0x40
+    assert nmea.checksum("ABC") == "40"
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"$CACFG,SRC,1*34\r\n", "bad_checksum"),
+        (b"$CACFG,SRC,1*3\r\n", "bad_checksum"),
+        (b"$CACFG,SRC,1*333\r\n", "bad_checksum"),
+        (b"$CACFG,SRC,1\r\n", "no_checksum"),
+        (b"$CACFG,SR\x80,1*33\r\n", "bad_character"),
+        (b"U-Boot 1.1.6 (ADI)\r\n", "not_a_sentence"),
+        (b"$CACFG,SR$CACFG,SRC,1*33\r\n", "broken_off"),
+        (b"junk$CACFG,SRC,1*33\r\n", "not_a_sentence"),
+        (b"$" + b"A" * 5000 + b"\r\n", "overlong"),
+        (b"$,1*1D\r\n", "bad_type"),
+    ],
+)
+def test_every_kind_of_bad_line_is_counted_once_and_the_next_line_is_read(data, reason):
+    reader = SentenceReader()
+    found = reader.feed(data) + reader.feed(b"$CACFG,SRC,1*33\r\n")
+    assert found[-1] == Sentence("CACFG", ("SRC", "1"))
+    assert reader.counts[reason] == 1
+    assert sum(reader.counts.values()) == reader.counts["sentences"] + 1
+
+
+def test_lower_case_checksum_and_bare_line_ends_are_taken():
+    reader = SentenceReader()
+    assert len(reader.feed(b"$CATXF,252*51\n$CATXF,252*51\r$CAREV,1,AUV,2*0a\r\n")) == 2  # the last one is wrong
+    assert reader.counts["bad_checksum"] == 1
+    assert one(b"$CACYC,0,3,0,4,0,1*5d\r\n").type == "CACYC"
+
+
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=30), st.integers(0, 2**32))
+def test_any_cutting_of_the_stream_gives_the_same_sentences(cuts, seed):
+    rng = random.Random(seed)
+    sentences = [Sentence("CATXF", (str(rng.randrange(10**6)),)) for _ in range(8)]
+    stream = b"".join(s.encode() for s in sentences)
+    reader, found, at = SentenceReader(), [], 0
+    for cut in [*cuts, len(stream)]:
+        found += reader.feed(stream[at : at + cut])
+        at += cut
+    assert found == sentences
+
+
+@settings(max_examples=300)
+@given(st.binary(max_size=400))
+def test_garbage_never_raises_and_never_hides_a_following_sentence(junk):
+    reader = SentenceReader()
+    reader.feed(junk)
+    assert reader.feed(b"\r\n$CATXF,252*51\r\n")[-1] == Sentence("CATXF", ("252",))
+
+
+def test_a_corrupted_byte_is_caught_wherever_it_is():
+    line = Sentence("CARXD", ("2", "0", "0", "1", "00FF12")).encode()
+    for index in range(1, len(line) - 2):
+        for flip in (0x01, 0x10, 0x80):
+            bad = bytearray(line)
+            bad[index] ^= flip
+            good = [s for s in SentenceReader().feed(bytes(bad)) if s.type == "CARXD" and s.fields[4:] == ("00FF12",)]
+            # flipping the case of a checksum letter is the only change that may pass
+            assert not good or bytes(bad).upper() == line
+
+
+def test_memory_is_bounded_by_the_longest_line():
+    reader = SentenceReader()
+    for _ in range(200):
+        reader.feed(b"x" * 1000)
+    assert reader.counts["overlong"] == 1
+    assert len(reader._line) <= nmea.MAX_LINE
+
+
+MESSAGES = [
+    nmea.Revision(time="030259", ident="AUV", version="2.0.27087"),
+    nmea.Setting(name="SRC", value="3"),
+    nmea.ClockSet(timed_out=False, utc_s=1575255779.0),
+    nmea.ClockTime(utc_s=1575255779.0, resolution_s=1.0, source="USER_CMD", pps="EXT"),
+    nmea.Cycle(source=1, destination=0, rate=4, ack=False, frames=1),
+    nmea.DataRequest(time="030259", source=1, destination=0, ack=False, max_bytes=256, frame=1),
+    nmea.FrameTaken(source=1, destination=0, ack=False, count=252),
+    nmea.TransmitStart(count=252),
+    nmea.TransmitEnd(count=252),
+    nmea.TransmitStatistics(
+        utc_s=1575255779.5, clock=14, mode=0, rate=4, source=1, destination=0, frames_expected=1, frames_sent=1, count=252
+    ),
+    nmea.ReceptionStart(kind=1),
+    nmea.Detection(peak=300, power_db=120, ratio_db=30, spl_db=110),
+    nmea.FrameHeard(source=2, destination=0, ack=False, frame=1, data=bytes(range(252))),
+    nmea.ReceptionStatistics(
+        mode=0,
+        utc_s=1575255779.1234,
+        clock=14,
+        rate=4,
+        source=2,
+        destination=0,
+        frames=1,
+        snr_in_db=12.3,
+        snr_out_db=10.1,
+        snr_symbol_db=9.9,
+        mse_db=-10.5,
+        doppler_mps=0.2,
+        noise_db=60,
+    ),
+    nmea.Notice(kind="BAD_CRC", detail="1"),
+    nmea.Trouble(time="030259", module="DATA_TIMEOUT", number=1, detail=""),
+]
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+def test_messages_survive_the_wire(message):
+    again = read_message(one(message.sentence().encode()))
+    if isinstance(message, nmea.ReceptionStatistics):
+        assert math.isclose(again.utc_s, message.utc_s, abs_tol=1e-4)
+        assert again.detection == message.detection
+        assert (again.snr_in_db, again.mse_db, again.doppler_mps) == (12.3, -10.5, 0.2)
+    else:
+        assert again == message
+
+
+def test_every_message_the_driver_understands_is_covered_above():
+    assert {m.sentence().type for m in MESSAGES} == set(nmea.MESSAGES)
+
+
+def test_statistics_of_older_firmware_have_no_version_and_no_date():
+    fields = "0,030259.1234,0,00300,00120,00030,00110,0,0,0,0,0,4,2,0,0,3,1,0,12,12.3,10.0,9.9,-10.5,0,0.2"
+    statistics = read_message(Sentence("CACST", tuple(fields.split(","))))
+    assert (statistics.rate, statistics.source, statistics.frames, statistics.snr_in_db) == (4, 2, 1, 12.3)
+    assert math.isnan(statistics.utc_s)
+
+
+def test_statistics_of_a_packet_timeout_need_no_more_than_mode_and_time():
+    statistics = read_message(Sentence("CACST", ("6", "2", "20191202030259.1234")))
+    assert statistics.mode == nmea.MODE_PACKET_TIMEOUT
+    assert math.isclose(statistics.utc_s, 1575255779.1234, abs_tol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "words"),
+    [
+        ("CARXD", ("2", "0", "0", "1", "0G"), "data"),
+        ("CARXD", ("2", "0", "0", "1", "000"), "data"),
+        ("CARXD", ("2", "0", "0"), "frame"),
+        ("CARXD", ("-1", "0", "0", "1", "00"), "src"),
+        ("CARXD", ("200", "0", "0", "1", "00"), "expected 0 to 127"),
+        ("CADRQ", ("030259", "1", "0", "0", "1_0", "1"), "nbytes"),
+        ("CACYC", ("0", "1", "0", "9", "0", "1"), "rate"),
+        ("CATMQ", ("yesterday", "NONE", "NONE"), "expected a time"),
+        ("CATMQ", ("2019-13-02T03:02:59Z", "NONE", "NONE"), "expected a time"),
+        ("CACST", ("6", "0", "x", "nan"), "toa_mode"),
+        ("CATXP", ("９",), "integer"),  # a Unicode digit is no digit here
+    ],
+)
+def test_bad_fields_are_refused_by_name(kind, fields, words):
+    with pytest.raises(SentenceError, match=words) as error:
+        read_message(Sentence(kind, fields))
+    assert f"${kind}" in str(error.value)
+
+
+@settings(max_examples=500)
+@given(st.sampled_from(sorted(nmea.MESSAGES)), st.lists(st.text(max_size=12), max_size=35))
+def test_only_sentence_error_escapes_from_any_fields(kind, fields):
+    try:
+        read_message(Sentence(kind, tuple(fields)))
+    except SentenceError:
+        pass
+
+
+def test_unknown_types_are_no_error_and_their_count_is_bounded():
+    assert read_message(Sentence("CAXXX", ())) is None
+    counts = nmea.TypeCounts()
+    for number in range(1000):
+        counts.add(f"CA{number:03d}")
+    assert len(counts.counts) == nmea.MAX_UNKNOWN_TYPES + 1
+    assert sum(counts.counts.values()) == 1000
+
+
+def test_times_by_hand():
+    assert nmea.iso_time(1575255779.9) == "2019-12-02T03:02:59Z"
+    assert nmea.clock_time(1575255779.9) == "030259"
+    assert nmea.arrival_time(1575255779.12341) == "20191202030259.1234"
+    assert nmea.arrival_time(1575255779.99999) == "20191202030300.0000"
+    assert nmea.read_iso_time("2019-12-02T03:02:59Z", "t") == (1575255779.0, 1.0)
+    assert nmea.read_iso_time("2019-12-02T03:02:59.25Z", "t") == (1575255779.25, 0.01)
+    assert math.isnan(nmea.read_arrival_time("00000000000000.0000"))
+
+
+def test_clock_status_bits():
+    assert nmea.clock_is_synchronous(2 | 3 << 2)
+    assert nmea.clock_is_synchronous(3 | 4 << 2)
+    assert not nmea.clock_is_synchronous(2 | 1 << 2)  # held by its own RTC
+    assert not nmea.clock_is_synchronous(1 | 3 << 2)  # never set
+
+
+def test_duration_of_the_usual_packet_is_about_two_seconds():
+    assert nmea.packet_duration_s(4, 252) == pytest.approx(0.45 + 252 * 8 / 1300)
+    assert 1.9 < nmea.packet_duration_s(4, 252) < 2.1
