@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from auv_lse_common.params import parameter
 
 from auv_lse_comms.fields import SAMPLE
-from auv_lse_comms.packet import Array, Limits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +28,9 @@ class TdmaConfig:
         high=600.0,
         help="kept free at both ends of a slot: the largest error of a vehicle's clock that causes no overlap",
     )
-    epoch_s: float = parameter(0.0, unit="s", help="time at which a cycle starts (for field use: in UTC)")
+    epoch_s: float = parameter(
+        0.0, unit="s", low=-1e10, high=1e10, help="time at which a cycle starts (for field use: in UTC)"
+    )
     send_duration_s: float = parameter(
         2.2, unit="s", above=0.0, high=600.0, help="time one packet takes to send (about 2 s at rate 4)"
     )
@@ -121,20 +122,3 @@ class PacketConfig:
     def reserve(self) -> int:
         """Bytes at a packet's end that the tag takes."""
         return self.tag_bytes if self.tag else 0
-
-    def limits(self, polygon_m: Array, steps: int, n_actions: int, heuristics: tuple[int, ...]) -> Limits:
-        """What a mission's packets can hold; the same for sender and receivers.
-
-        Args:
-            polygon_m: Corners of the operating area, north and east (m), shape (P, 2).
-            steps: Steps of the mission.
-            n_actions: Size of the action set.
-            heuristics: Ids of the naive paths.
-        """
-        depth_m = (self.depth_min_m, self.depth_max_m)
-        if not self.check_limits:
-            return Limits(steps=steps, n_actions=n_actions, heuristics=heuristics, depth_m=depth_m)
-        north_m, east_m = Limits.box(polygon_m, self.area_margin_m)
-        return Limits(
-            steps=steps, n_actions=n_actions, heuristics=heuristics, north_m=north_m, east_m=east_m, depth_m=depth_m
-        )

@@ -97,7 +97,7 @@ class Tdma:
         """
         config = self._complete(config)
         earliest = now_s if at_s is None else max(now_s, at_s)
-        if not math.isfinite(earliest):
+        if not (math.isfinite(now_s) and math.isfinite(now_s if at_s is None else at_s)):
             raise ValueError(f"change of the tdma settings at {at_s} s, now {now_s} s: expected finite times")
         since, old = self._at(now_s)
         self._settings = [(since, old)]
@@ -123,9 +123,9 @@ class Tdma:
             index -= 1
         elif now_s >= config.epoch_s + (index + 1) * config.slot_s:
             index += 1
-        start = config.epoch_s + index * config.slot_s
+        start, end = (config.epoch_s + i * config.slot_s for i in (index, index + 1))
         owner = config.order[index % len(config.order)] if start >= since else 0
-        return Slot(index=index, owner=owner, start_s=start, end_s=start + config.slot_s, since_s=since)
+        return Slot(index=index, owner=owner, start_s=start, end_s=end, since_s=since)
 
     def window(self, slot: Slot, duration_s: float | None = None) -> tuple[float, float]:
         """First and last time (s) at which a transmission may start in the slot; if last < first, none fits.

@@ -14,6 +14,7 @@ depends on the transmissions alone, so that a run repeats from its seed.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -59,8 +60,12 @@ RATES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelConfig:
-    """Section `sim.channel`: the water between the modems. `ideal` names the value that switches an effect off."""
+    """Section `sim.channel`: the water between the modems. Each effect has a value that switches it off (ideal)."""
 
+    ideal: bool = parameter(
+        False,
+        help="true: every packet is read by all, at the end of its transmission, but for packet_loss and blackouts",
+    )
     rate: int = parameter(4, low=0, high=5, help="Micromodem packet rate; 3 to 5 hold a 252-byte packet")
     overhead_s: float = parameter(
         0.45, unit="s", low=0.0, high=10.0, help="preamble and header of a transmission, before its data"
@@ -117,6 +122,23 @@ class ChannelConfig:
         for a, b, start, end in self.outages:
             if a != int(a) or b != int(b) or min(a, b) < 0 or not start <= end:
                 raise ValueError(f"blackouts: {(a, b, start, end)}; expected two vehicle numbers, from_s <= until_s")
+
+    @property
+    def in_force(self) -> ChannelConfig:
+        """These settings with every effect of the physics made ideal if `ideal`."""
+        if not self.ideal:
+            return self
+        return dataclasses.replace(
+            self,
+            delay=False,
+            spreading="none",
+            absorption="none",
+            fading_db=0.0,
+            frame_errors=False,
+            half_duplex=False,
+            interference=False,
+            land_blocks=False,
+        )
 
     @property
     def outages(self) -> list[tuple[float, float, float, float]]:
@@ -238,6 +260,7 @@ class Channel:
             rng: All the channel's chance.
             blocked: Whether land lies between two positions; None: nowhere.
         """
+        config = config.in_force
         self.config = config
         self._rng = rng
         self._blocked = blocked if config.land_blocks else None

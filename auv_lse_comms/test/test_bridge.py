@@ -1,0 +1,328 @@
+"""ModemBridge: what goes out in own slots, what comes in, and the counts; whole teams over a lossy wire."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.packet import Limits, Packet, PacketError, decode, encode
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+TDMA = TdmaConfig()
+PLAN = Packet(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), heuristic=0xF1)
+
+
+def bridge(address: int = 1, vehicles: int = 3, **packet: object) -> ModemBridge:
+    return ModemBridge(TDMA, PacketConfig(**packet), address, vehicles)  # type: ignore[arg-type]
+
+
+def rows(n: int, start_s: float = 0.0) -> Array:
+    """Soundings that tell themselves apart by their depth."""
+    t = start_s + np.arange(n)
+    return np.stack([t, 1.5 * t, -0.5 * t, t], axis=1)
+
+
+def test_says_plan_and_samples_once_in_each_own_slot() -> None:
+    b = bridge(2)
+    b.set_plan(PLAN)
+    b.add_soundings(rows(5))
+    sent = [(t, p) for t in np.arange(0.0, 60.0, 0.25).tolist() if (p := b.poll(t)) is not None]
+    assert [t for t, _ in sent] == [10.5, 40.5]
+    first, second = (decode(p) for _, p in sent)
+    assert dataclasses.replace(first, samples=PLAN.samples) == PLAN
+    assert first.samples[:, 2].tolist() == [0, 1, 2, 3, 4]
+    assert len(second.samples) == 0
+    assert b.counts["slots.used"] == b.counts["sent"] == 2
+    assert b.counts["samples.sent"] == 5
+
+
+def test_says_the_latest_plan() -> None:
+    b = bridge()
+    b.set_plan(PLAN)
+    b.set_plan(dataclasses.replace(PLAN, step=5, actions=(4,)))
+    payload = b.poll(1.0)
+    assert payload is not None
+    assert (decode(payload).step, decode(payload).actions) == (5, (4,))
+
+
+def test_backlog_after_a_gap_spreads_over_it() -> None:
+    b = bridge()
+    b.set_plan(PLAN)
+    b.add_soundings(rows(300))
+    payload = b.poll(301.0)
+    assert payload is not None
+    got = decode(payload).samples[:, 2]
+    assert len(got) == 19
+    assert got[0] == 0
+    assert got[-1] == 299
+    assert np.diff(got).max() <= 17
+    assert b.unsent == 281
+
+
+def test_each_sample_is_sent_once_and_none_starves() -> None:
+    b = bridge(1, 1)
+    b.set_plan(PLAN)
+    sent: list[float] = []
+    for slot in range(400):
+        if slot < 60:
+            b.add_soundings(rows(30, 30.0 * slot))
+        payload = b.poll(10.0 * slot + 1.0)
+        assert payload is not None
+        sent += decode(payload).samples[:, 2].tolist()
+    assert sorted(sent) == list(range(1800))
+    assert b.counts["samples.sent"] == b.counts["samples.queued"] == 1800
+
+
+def test_late_soundings_take_their_place_in_time() -> None:
+    b = bridge()
+    b.add_soundings(rows(3, 10.0))
+    b.add_soundings(rows(3, 0.0))
+    assert b.backlog[:, 0].tolist() == [0, 1, 2, 10, 11, 12]
+
+
+def test_soundings_nearer_than_the_spacing_are_thinned() -> None:
+    b = bridge(min_spacing_m=4.0)
+    assert b.add_soundings(rows(30)) == 10  # 1.58 m apart: every third
+    assert b.add_soundings(rows(30)[-1:]) == 0
+    assert b.counts["samples.thinned"] == 21
+    assert (np.hypot(*np.diff(b.backlog[:, 1:3], axis=0).T) >= 4.0).all()
+
+
+def test_soundings_outside_the_limits_are_not_queued() -> None:
+    b = ModemBridge(TDMA, PacketConfig(), 1, 3, limits=Limits(north_m=(0.0, 10.0), depth_m=(0.0, 50.0)))
+    assert b.add_soundings([[0, 5, 0, 5], [1, 11, 0, 5], [2, 5, 0, 51], [3, 6, 0, 6]]) == 2
+    assert b.counts["samples.outside"] == 2
+
+
+@pytest.mark.parametrize("bad", [[[0.0, 1.0, 2.0]], [0.0, 1.0, 2.0, 3.0], np.zeros((2, 5))])
+def test_soundings_of_another_shape_are_refused(bad: object) -> None:
+    with pytest.raises(ValueError, match=r"expected \(n, 4\), stamp, north, east, depth"):
+        bridge().add_soundings(bad)  # type: ignore[arg-type]
+
+
+def test_soundings_that_are_not_finite_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"sounding \[1.0, 2.0, nan, 3.0\]: expected finite"):
+        bridge().add_soundings([[0, 1, 1, 1], [1.0, 2.0, math.nan, 3.0]])
+    assert bridge().add_soundings([]) == 0
+
+
+def test_a_plan_that_no_packet_can_say_is_refused_and_the_old_one_stays() -> None:
+    b = bridge()
+    b.set_plan(PLAN)
+    with pytest.raises(PacketError, match="step = 70000"):
+        b.set_plan(dataclasses.replace(PLAN, step=70000))
+    payload = b.poll(1.0)
+    assert payload is not None
+    assert decode(payload).step == 4
+
+
+def test_receives_plan_and_samples() -> None:
+    b = bridge(1)
+    packet = dataclasses.replace(PLAN, samples=np.arange(6.0).reshape(2, 3))
+    received = b.receive(12.5, 2, encode(packet))
+    assert received is not None
+    assert (received.source, received.stamp_s, received.packet) == (2, 12.5, packet)
+    assert b.counts == {"received": 1, "received.2": 1, "samples.received": 2}
+
+
+def test_refused_packets_are_counted_by_reason() -> None:
+    b = ModemBridge(TDMA, PacketConfig(), 1, 3, limits=Limits(n_actions=11, north_m=(-100.0, 100.0)))
+    good = encode(PLAN)
+    for source, payload in (
+        (2, good[:-1]),
+        (2, b""),
+        (1, good),
+        (0, good),
+        (4, good),
+        (2, encode(dataclasses.replace(PLAN, actions=(11,)))),
+        (3, encode(dataclasses.replace(PLAN, north_m=101.0))),
+        (3, good[:2] + b"\x00\x00\xc0\x7f" + good[6:]),
+    ):
+        assert b.receive(1.0, source, payload) is None
+    assert {k: v for k, v in b.counts.items() if v} == {
+        "rejected.length": 2,
+        "rejected.source": 3,
+        "rejected.action": 1,
+        "rejected.position": 1,
+        "rejected.not_finite": 1,
+    }
+
+
+def missed(b: ModemBridge) -> dict[str, int]:
+    return {k.removeprefix("slots.missed."): v for k, v in b.counts.items() if k.startswith("slots.missed.") and v}
+
+
+def test_missed_slots_and_why() -> None:
+    b = bridge(1, 3)  # own slots at 0, 30, 60, ...
+    for t in range(12):
+        b.poll(float(t))
+    assert missed(b) == {"plan": 1}
+    b.set_plan(PLAN)
+    for t in range(30, 42):
+        b.poll(float(t), ready=False)
+    assert missed(b) == {"plan": 1, "busy": 1}
+    b.poll(59.0)
+    b.poll(68.0)
+    assert b.poll(69.0) is None
+    b.poll(70.0)
+    assert missed(b) == {"plan": 1, "busy": 1, "late": 1}
+    b.poll(155.0)  # slots at 90, 120 and 150 begun; the last still goes on
+    assert b.counts["slots.used"] == 1
+    assert missed(b) == {"plan": 1, "busy": 1, "late": 1, "asleep": 2}
+    # ready after all, later in the slot
+    b.poll(181.0, ready=False)
+    assert b.poll(184.0) is not None
+    b.poll(190.0)
+    assert missed(b) == {"plan": 1, "busy": 1, "late": 1, "asleep": 2}
+
+
+@pytest.mark.parametrize("order", [(1,), (2,), (1, 2), (1, 1, 2), (2, 1, 0, 1), (1, 2, 3, 1, 1)])
+def test_slots_slept_through_are_counted_exactly(order: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(len(order))
+    for _ in range(50):
+        b = ModemBridge(TdmaConfig(order=order), PacketConfig(), 1, 3)
+        first, last = sorted(rng.integers(0, 60, 2).tolist())
+        b.poll(10.0 * first + 5.0)
+        b.poll(10.0 * last + 5.0)
+        # no plan: each own slot from the first poll's to the one before the last poll's was missed
+        assert sum(missed(b).values()) == sum(order[i % len(order)] == 1 for i in range(first, last))
+
+
+def test_joins_in_mid_cycle() -> None:
+    b = bridge(3, 3)
+    b.set_plan(PLAN)
+    assert b.poll(1_000_004.0) is None  # slot 100000, owner 2
+    assert b.poll(1_000_011.0) is not None
+    assert missed(b) == {}
+
+
+def test_a_clock_set_back_sends_no_slot_twice() -> None:
+    b = bridge(1, 3)
+    b.set_plan(PLAN)
+    assert b.poll(32.0) is not None
+    assert b.poll(25.0) is None
+    assert b.poll(31.0) is None
+    assert b.poll(61.0) is not None
+
+
+def test_what_the_modem_did_not_send_is_unsent_again() -> None:
+    b = bridge()
+    b.not_sent()  # nothing to take back
+    b.set_plan(PLAN)
+    b.add_soundings(rows(40))
+    assert b.poll(1.0) is not None
+    assert b.unsent == 21
+    b.not_sent()
+    b.not_sent()
+    assert b.backlog.tolist() == rows(40).tolist()
+    assert missed(b) == {"modem": 1}
+    assert b.counts["sent"] == b.counts["slots.used"] == b.counts["samples.sent"] == 0
+
+
+def test_settings_change_at_a_cycles_start() -> None:
+    b = bridge(1, 3)
+    b.set_plan(PLAN)
+    assert b.tdma.change(TdmaConfig(order=(2, 1), slot_s=20.0), 5.0) == 30.0
+    sent = [t for t in range(130) if b.poll(float(t)) is not None]
+    assert sent == [1, 61, 101]  # [20, 40) of the new settings began before the change
+    assert missed(b) == {}
+
+
+def test_tag_within_a_team() -> None:
+    key = bytes(range(16))
+    config = PacketConfig(tag=True, key_file="key")
+    team = [ModemBridge(TDMA, config, a, 3, key=key) for a in (1, 2)]
+    outsider = ModemBridge(TDMA, PacketConfig(), 2, 3)
+    for b in (*team, outsider):
+        b.set_plan(PLAN)
+        b.add_soundings(rows(19))
+    payload, forged = team[1].poll(11.0), outsider.poll(11.0)
+    assert payload is not None
+    assert forged is not None
+    assert payload[:-6] == forged[:-6]
+    assert team[0].receive(13.0, 2, payload) is not None
+    assert team[0].receive(23.0, 2, payload) is None
+    assert team[0].receive(33.0, 2, forged) is None
+    assert team[0].receive(33.0, 3, payload) is None
+    assert outsider.receive(13.0, 1, payload) is None
+    assert team[0].counts["rejected.replay"] == 1
+    assert team[0].counts["rejected.tag"] == 2
+    assert outsider.counts["rejected.spare"] == 1
+
+
+def test_missing_helpers_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"packet.tag = true: expected a key"):
+        ModemBridge(TDMA, PacketConfig(tag=True, key_file="key"), 1, 3)
+    with pytest.raises(ValueError, match=r"selection = 'useful': expected `receivers`"):
+        ModemBridge(TDMA, PacketConfig(selection="useful"), 1, 3)
+    with pytest.raises(ValueError, match="tag = true: expected key_file"):
+        PacketConfig(tag=True)
+    with pytest.raises(ValueError, match="depth_min_m = 5"):
+        PacketConfig(depth_min_m=5.0, depth_max_m=5.0)
+
+
+class Deepest:
+    """Receivers for whom deeper is better."""
+
+    def __init__(self) -> None:
+        self.told = 0
+
+    def tell(self, samples_m: Array) -> None:
+        self.told += len(samples_m)
+
+    def gains(self, samples_m: Array) -> Array:
+        return np.asarray(samples_m[:, 2])
+
+
+def test_useful_selection_asks_the_receivers() -> None:
+    receivers = Deepest()
+    b = ModemBridge(TDMA, PacketConfig(selection="useful"), 1, 3, receivers=receivers)
+    b.set_plan(PLAN)
+    b.add_soundings(rows(40))
+    payload = b.poll(1.0)
+    assert payload is not None
+    assert decode(payload).samples[:, 2].tolist() == [0.0, *range(22, 40)]
+    assert receivers.told == 19
+    b.receive(12.0, 2, encode(dataclasses.replace(PLAN, samples=np.ones((7, 3)))))
+    assert receivers.told == 26
+
+
+@pytest.mark.parametrize("vehicles", [1, 2, 3, 20])
+def test_a_team_over_a_lossy_wire(vehicles: int) -> None:
+    """Every sample that was sent and not lost arrives once, whatever the loss; the schedule is kept by all."""
+    rng = np.random.default_rng(vehicles)
+    team = [bridge(a, vehicles) for a in range(1, vehicles + 1)]
+    heard: list[Counter[float]] = [Counter() for _ in team]
+    sent: list[Counter[float]] = [Counter() for _ in team]
+    delivered = [0] * vehicles
+    cycles = 6
+    for t in range(10 * vehicles * cycles):
+        for b in team:
+            b.add_soundings([[t, 1.0, 2.0, (t * vehicles + b.address - 1) / 8.0]])
+            b.set_plan(dataclasses.replace(PLAN, step=t))
+        payloads = [(b.address, p) for b in team if (p := b.poll(float(t))) is not None]
+        assert len(payloads) <= 1
+        for source, payload in payloads:
+            assert source == team[0].tdma.slot(t).owner
+            sent[source - 1].update(decode(payload).samples[:, 2].tolist())
+            for b in team:
+                if b.address != source and rng.random() > 0.3:
+                    received = b.receive(t + 3.0, source, payload)
+                    assert received is not None
+                    assert received.packet.step == t
+                    heard[b.address - 1].update(received.packet.samples[:, 2].tolist())
+                    delivered[b.address - 1] += 1
+    for i, b in enumerate(team):
+        assert b.counts["slots.used"] == cycles
+        assert missed(b) == {}
+        assert set(sent[i].values()) <= {1}
+        assert set(heard[i].values()) <= {1}
+        assert set(heard[i]) <= set().union(*(sent[j] for j in range(vehicles) if j != i))
+        assert b.counts["received"] == delivered[i]
+        assert not [k for k in b.counts if k.startswith("rejected")]
