@@ -12,6 +12,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
         (f"share/{package}/launch", glob("launch/*.launch.py")),
+        (f"share/{package}/missions", glob("missions/*.yaml")),
     ],
     zip_safe=True,
     maintainer="AUV LSE developers",

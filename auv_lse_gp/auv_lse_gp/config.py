@@ -66,7 +66,7 @@ class GpConfig:
     max_depth_m: float = parameter(1000.0, unit="m", help="A sounding deeper than this is refused as absurd.")
     map_resolution_m: float = parameter(5.0, above=0.0, unit="m", help="Cell size of the map.")
     publish_period_s: float = parameter(
-        10.0, above=0.0, unit="s", help="Node: time between field, risk map, isobath and diagnostics."
+        30.0, above=0.0, unit="s", help="Node: time between field, risk map, isobath and diagnostics."
     )
 
     def __post_init__(self) -> None:

@@ -21,6 +21,7 @@ from auv_lse_sim.display import Display, Progress
 from auv_lse_sim.launcher import LaunchError, ProcessGroup, local_environment, own_domain
 from auv_lse_sim.processes import mission_processes
 from auv_lse_sim.settings import Settings
+from auv_lse_sim.summary import Summary
 
 _START_S = 90.0
 
@@ -272,20 +273,42 @@ def conclude(
 ) -> None:
     """Evaluates the recording into summary.json, isobath.geojson and, if asked, the figures and the report."""
     from auv_lse_sim.bag import read_run
-    from auv_lse_sim.evaluation import ground_grid
+    from auv_lse_sim.evaluation import evaluate, ground_grid
     from auv_lse_sim.ground_source import ground_of
-    from auv_lse_sim.report import write_report
+    from auv_lse_sim.report import write_isobath, write_report
 
     began = time.monotonic()
     ground = ground_grid(settings.planner_settings(1), ground_of(settings))
     run = read_run(folder, ground=ground, wall_s=wall_s)
-    summary = write_report(run, folder, figures=report)
+    if report:
+        summary = write_report(run, folder)
+    else:
+        evaluation = evaluate(run)
+        summary = evaluation.summary
+        summary.write(folder / "summary.json")
+        write_isobath(evaluation, folder / "isobath.geojson")
     phases["report"] = time.monotonic() - began
-    for line in summary.lines():
+    for line in headlines(summary):
         console.print(line, highlight=False, soft_wrap=True)
     told = "report.html" if report else "summary.json"
     times = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
     console.print(f"{folder / told}   ({times})", highlight=False, soft_wrap=True)
+
+
+def headlines(summary: Summary) -> list[str]:
+    """The few figures of a mission that a person wants first."""
+    s = summary
+    bound = "" if s.lower_bound is None else f", lower bound {s.lower_bound:.1f}"
+    lines = [
+        f"map-wide Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place; team reward {s.team_reward:.1f}{bound}",
+    ]
+    if s.isobath_error_m is not None and s.f1 is not None and s.misclassified_m2 is not None:
+        lines.append(
+            f"isobath within {s.isobath_error_m:.1f} m of the truth on average; F1 {s.f1:.3f}; "
+            f"{s.misclassified_m2:.0f} m2 of {s.area_m2:.0f} m2 misclassified"
+        )
+    lines.append(f"packets {s.packets_sent} sent, {s.packets_received} received")
+    return lines
 
 
 if __name__ == "__main__":

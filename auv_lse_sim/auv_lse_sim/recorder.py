@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from auv_lse_common.params import parameter
@@ -66,6 +66,7 @@ class BagWriter:
         self._connections: dict[str, Any] = {}
         self.count = 0
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)  # chunks, as rosbag2's zstd_fast
         for key, text in snapshot.items():
             self._writer.set_custom_data(key, text)
         try:

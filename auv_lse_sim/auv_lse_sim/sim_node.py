@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, SimStatus, Sounding, Waypoint
@@ -14,7 +15,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.lockstep import Gate
-from auv_lse_common.params import ParameterError
+from auv_lse_common.params import ParameterError, read_parameter_file
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, header, run, seconds, stamp
 from auv_lse_sim.ground_source import ground_of
 from auv_lse_sim.processes import RECORDER_LAG_TICKS
@@ -185,6 +186,8 @@ class SimNode(ConfiguredNode):
             self._start_lockstep()
         elif message.node == "planner":
             self._finished[k - 1] = message.finished
+            if message.finished:
+                self._steps[k - 1] = self._settings.mission.steps
             self._gate.announce(message.tick, f"waypoints of auv{k}", message.second)
         elif message.node == "modem_sent":
             self._gate.announce(message.tick, f"packets of auv{k}", message.first)
@@ -245,14 +248,19 @@ class _Speed:
 
 
 def _parameter_file(arguments: list[str]) -> Path:
-    """The file after --params-file: the simulator needs every vehicle's part of it.
+    """The mission file among the --params-file arguments: the simulator needs every vehicle's part of it.
 
     Raises:
         ParameterError: if there is none.
     """
-    if "--params-file" in arguments[:-1]:
-        return Path(arguments[arguments.index("--params-file") + 1])
-    raise ParameterError("sim_node: --params-file MISSION.yaml is missing; the simulator needs every vehicle's parameters")
+    given = [Path(b) for a, b in pairwise(arguments) if a == "--params-file"]
+    for path in given:
+        if "mission" in read_parameter_file(path).get("/**", {}):
+            return path
+    raise ParameterError(
+        f"sim_node: expected --params-file MISSION.yaml with a 'mission' section under '/**'; got "
+        f"{', '.join(map(str, given)) or 'no --params-file'} (any run's mission.yaml will do)"
+    )
 
 
 def main() -> int:
