@@ -846,15 +846,15 @@ class Micromodem:
             if self.state in TRANSMITTING:
                 self._abort(f"data timeout at frame {message.number}")
             return  # else: the answer to a packet that was dropped as too late
-        self._events.append(Problem(text=f"modem error: {text}"))
-        if message.module != "NMEA":
-            return
         # NMEA: it did not understand our last command, whichever that was
-        if self.state is State.CONFIGURING and not self._rebooting:
+        if message.module == "NMEA" and self.state is State.CONFIGURING and not self._rebooting:
             self._setting_refused(text)
-        elif self.state in (State.CYCLING, State.REQUESTING, State.GIVING):
+            return
+        if message.module == "NMEA" and self.state in (State.CYCLING, State.REQUESTING, State.GIVING):
             self._abort(f"refused by the modem: {text}")
-        elif self._clock in (_Clock.ASKED, _Clock.SETTING):
+            return
+        self._events.append(Problem(text=f"modem error: {text}"))
+        if message.module == "NMEA" and self._clock in (_Clock.ASKED, _Clock.SETTING):
             self._clock_over()
 
 

@@ -1,0 +1,558 @@
+"""The driver against a modem whose every line is written in the test: no emulator, nothing shared but the format."""
+
+import itertools
+import math
+
+import pytest
+
+from auv_lse_common.params import ParameterError, from_mapping
+from auv_lse_comms import micromodem as mm
+from auv_lse_comms import sentences as nmea
+from auv_lse_comms.micromodem import HANDLERS, TRANSITIONS, Cause, Micromodem, State
+from auv_lse_comms.modem_config import ModemConfig
+
+NOW_S = 1575255779.05  # 2019-12-02T03:02:59.05Z
+PAYLOAD = bytes(range(252))
+
+
+def line(text: str) -> bytes:
+    value = 0
+    for character in text:
+        value ^= ord(character)
+    return f"${text}*{value:02X}\r\n".encode()
+
+
+def config(**values) -> ModemConfig:
+    return ModemConfig(kind="micromodem", port="/dev/null", **values)
+
+
+class Desk:
+    """A driver and somebody who types the modem's answers."""
+
+    def __init__(self, **values):
+        self.modem = Micromodem(config(**values), 3)
+        self.now_s = NOW_S
+
+    def said(self) -> list[str]:
+        return [text.split("*")[0].lstrip("$") for text in self.modem.outgoing().decode().split("\r\n") if text]
+
+    def hear(self, *texts: str) -> list[mm.Event]:
+        for text in texts:
+            self.modem.receive(self.now_s, line(text))
+        return self.modem.events()
+
+    def wait(self, seconds: float, step: float = 0.1) -> list[mm.Event]:
+        for _ in range(round(seconds / step)):
+            self.now_s += step
+            self.modem.poll(self.now_s)
+        return self.modem.events()
+
+    def configure(self) -> "Desk":
+        self.modem.opened(self.now_s)
+        while (asked := self.said())[-1].startswith("CCCFG"):
+            self.hear("CACFG," + asked[-1].split(",", 1)[1])
+        assert asked == ["CCTMQ,0"]
+        self.hear(f"CATMQ,{nmea.iso_time(self.now_s)},USER_CMD,RTC")
+        assert self.modem.state is State.IDLE
+        return self
+
+    def sending(self) -> "Desk":
+        self.configure()
+        self.modem.send(self.now_s, PAYLOAD)
+        self.said()
+        self.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,252", "CATXP,252")
+        self.said()
+        assert self.modem.state is State.SENDING
+        return self
+
+
+def kinds(events):
+    return [type(event).__name__ for event in events]
+
+
+# ------------------------------------------------------------------ configuration
+
+
+def test_settings_are_sent_one_by_one_each_after_the_answer_to_the_one_before():
+    desk = Desk()
+    desk.modem.opened(desk.now_s)
+    said = []
+    for _ in range(20):
+        now = desk.said()
+        assert len(now) == 1
+        said += now
+        if not now[0].startswith("CCCFG"):
+            break
+        desk.hear("CACFG," + now[0].split(",", 1)[1])
+    assert said[0] == "CCCFG,SRC,3"
+    assert {"CCCFG,CST,1", "CCCFG,RXP,1", "CCCFG,REV,1", "CCCFG,ASD,0"} <= set(said)
+    assert said[-1] == "CCTMQ,0"
+
+
+def test_ready_only_after_settings_and_clock():
+    desk = Desk().configure()
+    assert desk.modem.counts["configured"] == 1
+
+
+def test_an_unanswered_setting_is_repeated_and_then_the_port_is_given_up():
+    desk = Desk(retries=2, reply_timeout_s=1.0)
+    desk.modem.opened(desk.now_s)
+    assert desk.said() == ["CCCFG,SRC,3"]
+    desk.wait(1.1)
+    assert desk.said() == ["CCCFG,SRC,3"]
+    assert not desk.modem.wants_reopen
+    events = desk.wait(2.2)
+    assert desk.modem.wants_reopen
+    assert "Problem" in kinds(events)
+    desk.modem.closed(desk.now_s, "reopening")
+    desk.modem.opened(desk.now_s)
+    assert not desk.modem.wants_reopen
+    assert desk.said() == ["CCCFG,SRC,3"]
+
+
+def test_a_setting_the_modem_does_not_know_is_reported_and_passed_over_unless_vital():
+    desk = Desk()
+    desk.modem.opened(desk.now_s)
+    desk.said()
+    desk.hear("CACFG,SRC,3")
+    desk.said()
+    desk.hear("CACFG,CST,1")
+    assert desk.said() == ["CCCFG,RXP,1"]
+    (problem,) = desk.hear("CAERR,030259,NMEA,4,unknown setting")
+    assert "RXP" in problem.text
+    assert desk.said() == ["CCCFG,REV,1"]
+    assert desk.modem.counts["settings_refused"] == 1
+
+
+def test_a_vital_setting_refused_is_asked_again_for_ever():
+    desk = Desk(retries=1, reply_timeout_s=1.0)
+    desk.modem.opened(desk.now_s)
+    for _ in range(5):
+        assert desk.said() == ["CCCFG,SRC,3"]
+        desk.hear("CAERR,030259,NMEA,4,no")
+        if not (said := desk.said()):
+            desk.wait(1.1)
+            said = desk.said()
+        assert said == ["CCCFG,SRC,3"]
+        desk.hear("CACFG,SRC,9")  # nor does another value count as an answer
+        if not desk.modem._out:
+            desk.wait(1.1)
+    assert desk.modem.state is State.CONFIGURING
+
+
+# ------------------------------------------------------------------ clock
+
+
+def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again():
+    desk = Desk()
+    desk.now_s = math.floor(NOW_S) + 0.5
+    desk.modem.opened(desk.now_s)
+    while (asked := desk.said())[-1].startswith("CCCFG"):
+        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
+    (checked,) = desk.hear("CATMQ,2000-01-01T00:00:00Z,NONE,NONE")
+    assert not checked.within_tolerance
+    assert checked.offset_s == pytest.approx(946684801.0 - desk.now_s)
+    assert desk.said() == []  # not in the middle of a second
+    desk.wait(0.55, step=0.05)
+    assert desk.said() == ["CCTMS,2019-12-02T03:03:00Z,0"]
+    desk.hear("CATMS,0,2019-12-02T03:03:00Z")
+    assert desk.said() == ["CCTMQ,0"]
+    events = desk.hear("CATMQ,2019-12-02T03:03:00Z,USER_CMD,RTC")
+    assert kinds(events) == ["ClockChecked", "ModemReady"]
+    assert desk.modem.counts["clock_set"] == 1
+
+
+@pytest.mark.parametrize(("reading_s", "offset_s"), [(0, 0.0), (-1, 0.0), (-2, -1.5), (1, 0.5), (5, 4.5)])
+def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(reading_s, offset_s):
+    desk = Desk(set_clock=False, clock_tolerance_s=0.1)
+    desk.now_s = math.floor(NOW_S) + 0.5 if reading_s != -1 else math.floor(NOW_S)
+    desk.modem.opened(desk.now_s)
+    while (asked := desk.said())[-1].startswith("CCCFG"):
+        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
+    events = desk.hear(f"CATMQ,{nmea.iso_time(desk.now_s + reading_s)},NONE,NONE")
+    assert events[0].offset_s == pytest.approx(offset_s)
+    assert desk.modem.state is State.IDLE  # it is used all the same
+    assert ("Problem" in kinds(events)) == (abs(offset_s) > 0.1)
+
+
+def test_a_modem_without_clock_commands_is_used_all_the_same():
+    desk = Desk()
+    desk.modem.opened(desk.now_s)
+    while (asked := desk.said())[-1].startswith("CCCFG"):
+        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
+    events = desk.hear("CAERR,030259,NMEA,1,unknown command")
+    assert kinds(events) == ["Problem", "ModemReady"]
+
+
+def test_clock_and_address_are_asked_for_again_and_again():
+    desk = Desk(clock_period_s=10.0).configure()
+    desk.wait(9.0)
+    assert desk.said() == []
+    desk.wait(1.5)
+    assert desk.said() == ["CCCFQ,SRC", "CCTMQ,0"]
+
+
+def test_silence_is_noticed_by_the_clock_check():
+    desk = Desk(clock_period_s=10.0, reply_timeout_s=1.0, retries=1).configure()
+    desk.wait(25.0)
+    assert desk.modem.wants_reopen
+
+
+def test_a_step_back_of_the_hosts_clock_does_not_freeze_the_waits():
+    desk = Desk(reply_timeout_s=1.0)
+    desk.modem.opened(desk.now_s)
+    desk.said()
+    desk.now_s -= 1e6
+    desk.wait(1.2)
+    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.modem.counts["clock_steps"] == 1
+
+
+# ------------------------------------------------------------------ transmission
+
+
+def test_the_handshake_word_for_word():
+    desk = Desk().configure()
+    number = desk.modem.send(desk.now_s, PAYLOAD)
+    assert desk.said() == ["CCCYC,0,3,0,4,0,1"]
+    desk.hear("CACYC,0,3,0,4,0,1")
+    assert desk.said() == []
+    desk.hear("CADRQ,030259,3,0,0,256,1")
+    assert desk.said() == ["CCTXD,3,0,0," + PAYLOAD.hex().upper()]
+    assert desk.hear("CATXD,3,0,0,252") == []
+    assert desk.hear("CATXP,252") == [mm.TransmitStarted(number=number)]
+    assert desk.modem.quiet
+    assert desk.hear("CATXF,252") == [mm.TransmitDone(number=number)]
+    assert desk.hear("CAXST,6,20191202,030259.0000,14,0,200,5000,25000,4,3,0,0,1,1,3,252") == []
+    assert desk.modem.state is State.IDLE
+
+
+@pytest.mark.parametrize(("rate", "size", "frames"), [(3, 252, 1), (4, 257, 2), (5, 2048, 8)])
+def test_frames_by_rate(rate, size, frames):
+    desk = Desk(rate=rate).configure()
+    payload = bytes(i % 251 for i in range(size))
+    desk.modem.send(desk.now_s, payload, 7)
+    assert desk.said() == [f"CCCYC,0,3,7,{rate},0,{frames}"]
+    desk.hear(f"CACYC,0,3,7,{rate},0,{frames}")
+    sent = b""
+    for frame in range(1, frames + 1):
+        desk.hear(f"CADRQ,030259,3,7,0,256,{frame}")
+        (said,) = desk.said()
+        sent += bytes.fromhex(said.split(",")[-1])
+        desk.hear(f"CATXD,3,7,0,{len(said.split(',')[-1]) // 2}")
+    assert sent == payload
+    assert kinds(desk.hear(f"CATXP,{size}", f"CATXF,{size}")) == ["TransmitStarted", "TransmitDone"]
+
+
+@pytest.mark.parametrize("size", [0, 513])
+def test_a_payload_that_does_not_fit_is_refused(size):
+    with pytest.raises(ValueError, match=f"got {size} bytes; expected 1 to 512 at rate 4"):
+        Desk().configure().modem.send(NOW_S, bytes(size))
+
+
+@pytest.mark.parametrize(
+    "lost",
+    [
+        {"CACYC,0,3,0,4,0,1"},
+        {"CATXD,3,0,0,252"},
+        {"CATXP,252"},
+        {"CACYC,0,3,0,4,0,1", "CATXD,3,0,0,252", "CATXP,252"},
+    ],
+)
+def test_lines_lost_on_the_wire_do_not_lose_the_transmission(lost):
+    desk = Desk().configure()
+    desk.modem.send(desk.now_s, PAYLOAD)
+    answers = ["CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,252", "CATXP,252", "CATXF,252"]
+    events = desk.hear(*(answer for answer in answers if answer not in lost))
+    assert kinds(events) == ["TransmitStarted", "TransmitDone"]
+    assert desk.modem.state is State.IDLE
+
+
+@pytest.mark.parametrize(
+    ("heard", "error", "reason"),
+    [
+        ((), "CAERR,030259,NMEA,5,bad rate", "refused by the modem"),
+        (("CACYC,0,3,0,4,0,1",), "CAERR,030259,DATA_TIMEOUT,1", "data timeout at frame 1"),
+        (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAERR,030259,DATA_TIMEOUT,1", "data timeout"),
+        (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAXST,6,20191202,030259.0000,14,4", "data timeout"),
+        (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAERR,030259,NMEA,7,bad frame", "refused"),
+        (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,64,1", "takes 64 bytes"),
+        (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,256,2", "asks for frame 2 of 1"),
+        (("CACYC,0,3,0,4,0,1",), "CAREV,030259,INIT,", "rebooted"),
+    ],
+)
+def test_every_refusal_ends_the_transmission_once(heard, error, reason):
+    desk = Desk().configure()
+    number = desk.modem.send(desk.now_s, PAYLOAD)
+    desk.hear(*heard)
+    failures = [e for e in desk.hear(error) + desk.wait(20.0) if isinstance(e, mm.TransmitFailed)]
+    assert [f.number for f in failures] == [number]
+    assert reason in failures[0].reason
+
+
+def test_other_errors_are_told_and_leave_the_transmission_alone():
+    desk = Desk().configure()
+    desk.modem.send(desk.now_s, PAYLOAD)
+    (problem,) = desk.hear("CAERR,030259,AUX,3,something inside")
+    assert "AUX 3 something inside" in problem.text
+    assert desk.modem.state is State.CYCLING
+    assert desk.modem.counts["error: AUX"] == 1
+    desk.hear("CAERR,030259,NEWMODULE,3,who knows")
+    assert desk.modem.counts["error: other"] == 1
+
+
+def test_a_packet_whose_slot_has_gone_is_dropped_and_a_late_request_is_not_answered():
+    desk = Desk(start_timeout_s=2.0).configure()
+    number = desk.modem.send(desk.now_s, PAYLOAD)
+    desk.said()
+    desk.hear("CACYC,0,3,0,4,0,1")
+    events = desk.wait(2.1)
+    assert [e.number for e in events] == [number]
+    assert "too late" in events[0].reason
+    desk.hear("CADRQ,030302,3,0,0,256,1")
+    assert desk.said() == []
+    assert desk.modem.counts["unasked_requests"] == 1
+    assert desk.hear("CAERR,030304,DATA_TIMEOUT,1") == []  # the modem's own end of it
+
+
+def test_one_packet_waits_while_the_modem_is_busy_and_a_second_is_refused():
+    desk = Desk().sending()
+    second = desk.modem.send(desk.now_s, PAYLOAD[::-1])
+    third = desk.modem.send(desk.now_s, PAYLOAD)
+    assert [(e.number, "busy" in e.reason) for e in desk.modem.events()] == [(third, True)]
+    assert desk.said() == []
+    desk.hear("CATXF,252")
+    assert desk.said() == ["CCCYC,0,3,0,4,0,1"]
+    desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1")
+    assert desk.said() == ["CCTXD,3,0,0," + PAYLOAD[::-1].hex().upper()]
+    assert desk.hear("CATXP,252") == [mm.TransmitStarted(number=second)]
+
+
+def test_a_packet_asked_for_while_the_modem_is_away_is_dropped_in_time():
+    desk = Desk(start_timeout_s=2.0)
+    desk.modem.poll(desk.now_s)
+    number = desk.modem.send(desk.now_s, PAYLOAD)
+    assert desk.wait(1.5) == []
+    (failure,) = desk.wait(1.0)
+    assert (failure.number, "no modem" in failure.reason) == (number, True)
+    desk.configure()
+    assert desk.said() == []
+
+
+def test_a_transmission_without_end_is_given_up():
+    desk = Desk(transmit_timeout_s=5.0).sending()
+    events = desk.wait(5.2)
+    assert kinds(events) == ["TransmitFailed"]
+    assert desk.modem.state is State.IDLE
+
+
+def test_a_closed_port_fails_what_was_on_the_way():
+    desk = Desk().sending()
+    desk.modem.closed(desk.now_s, "unplugged")
+    assert kinds(desk.modem.events()) == ["ModemLost", "TransmitFailed"]
+    desk.modem.receive(desk.now_s, b"$CATXF,252*51\r\n")
+    assert desk.modem.events() == []
+
+
+# ------------------------------------------------------------------ reception
+
+CYCLE, PROBE, MFD = "CACYC,0,2,0,4,0,1", "CARXP,1", "CAMFD,00300,00120,00030,00110"
+FRAME = "CARXD,2,0,0,1," + PAYLOAD.hex().upper()
+
+
+def statistics(mode=0, bad=0, frames=1, toa="20191202030257.0500", clock=14):
+    return (
+        f"CACST,6,{mode},{toa},{clock},00300,00120,00030,00110,0,0,0,0,0,4,2,0,0,3,{frames},{bad},"
+        "12,12.3,10.0,9.9,-10.5,0,0.2,60,25000,5000"
+    )
+
+
+def test_a_reception_ends_with_its_statistics_and_tells_what_the_modem_measured():
+    desk = Desk().configure()
+    assert desk.hear(CYCLE, PROBE, MFD, FRAME) == []
+    (packet,) = desk.hear(statistics())
+    assert (packet.source, packet.destination, packet.payload, packet.rate) == (2, 0, PAYLOAD, 4)
+    assert packet.snr_db == 12.3
+    assert packet.utc_s == pytest.approx(1575255777.05 + nmea.packet_duration_s(4, 252), abs=1e-4)
+    assert math.isnan(packet.travel_s)  # clocks are not said to be synchronous
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations([CYCLE, PROBE, MFD])))
+def test_the_order_of_the_announcements_does_not_matter(order):
+    desk = Desk().configure()
+    assert kinds(desk.hear(*order, FRAME, statistics())) == ["PacketReceived"]
+
+
+@pytest.mark.parametrize("lost", [CYCLE, PROBE, MFD])
+def test_lost_announcements_do_not_lose_the_packet(lost):
+    desk = Desk().configure()
+    heard = [text for text in (CYCLE, PROBE, MFD, FRAME, statistics()) if text != lost]
+    assert kinds(desk.hear(*heard)) == ["PacketReceived"]
+
+
+def test_lost_statistics_do_not_lose_the_packet():
+    desk = Desk(receive_timeout_s=5.0).configure()
+    assert desk.hear(CYCLE, PROBE, FRAME) == []
+    (packet,) = desk.wait(5.2)
+    assert packet.payload == PAYLOAD
+    assert math.isnan(packet.snr_db)
+    assert desk.modem.counts["receptions_without_statistics"] == 1
+    events = desk.hear(CYCLE, PROBE, FRAME, CYCLE, PROBE, FRAME, statistics())
+    assert kinds(events) == ["PacketReceived", "PacketReceived"]
+
+
+@pytest.mark.parametrize(
+    ("heard", "reason"),
+    [
+        ((CYCLE, PROBE, "CAMSG,BAD_CRC,1", statistics(mode=1, bad=1)), "bad CRC"),
+        ((CYCLE, PROBE, "CAMSG,Bad CRC,1", statistics(mode=1, bad=1)), "bad CRC"),
+        ((CYCLE, PROBE, FRAME, statistics(mode=1, bad=1)), "bad CRC"),
+        ((CYCLE, PROBE, "CAMSG,PACKET_TIMEOUT,1", "CACST,6,2,20191202030259.0500"), "packet timeout"),
+        ((CYCLE, PROBE, statistics()), "no frame"),
+        ((PROBE,), "timed out"),
+        (("CACYC,0,2,0,4,0,2", PROBE, FRAME, statistics(frames=2)), "frames missing"),
+        (("CARXD,2,0,0,2,00", statistics()), "frames missing"),
+        ((statistics(),), "no frame"),
+    ],
+)
+def test_a_reception_that_makes_no_packet_is_told_once_with_its_reason(heard, reason):
+    desk = Desk().configure()
+    events = desk.hear(*heard) + desk.wait(30.0)
+    failures = [e for e in events if isinstance(e, mm.ReceptionFailed)]
+    assert len(failures) == 1
+    assert reason in failures[0].reason
+    assert not [e for e in events if isinstance(e, mm.PacketReceived)]
+
+
+def test_two_frames_make_one_packet_in_the_order_of_their_numbers():
+    desk = Desk().configure()
+    (packet,) = desk.hear("CACYC,0,2,0,4,0,2", "CARXD,2,0,0,2,BB", "CARXD,2,0,0,1,AA", statistics(frames=2))
+    assert packet.payload == b"\xaa\xbb"
+
+
+def test_a_frame_filled_up_with_zeros_is_cut_to_the_packet():
+    desk = Desk().configure()
+    (packet,) = desk.hear(CYCLE, FRAME + "00000000", statistics())
+    assert packet.payload == PAYLOAD
+    (packet,) = desk.hear(CYCLE, FRAME + "00000001", statistics())
+    assert len(packet.payload) == 256  # that was no filling: the packet layer shall judge it
+
+
+def test_packets_for_others_are_not_handed_on():
+    desk = Desk().configure()
+    assert desk.hear("CACYC,0,2,9,4,0,1", "CARXD,2,9,0,1,00", statistics()) == []
+    assert desk.modem.counts["not_for_us"] == 1
+
+
+def test_a_reception_during_the_handshake_disturbs_neither():
+    desk = Desk().configure()
+    number = desk.modem.send(desk.now_s, PAYLOAD)
+    events = desk.hear(PROBE, CYCLE, "CACYC,0,3,0,4,0,1", FRAME, "CADRQ,030259,3,0,0,256,1", statistics(), "CATXP,252")
+    assert kinds(events) == ["PacketReceived", "TransmitStarted"]
+    assert events[1].number == number
+
+
+def test_travel_time_from_the_second_when_clocks_are_synchronous():
+    desk = Desk(synchronous=True).configure()
+    (packet,) = desk.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000"))
+    assert packet.travel_s == pytest.approx(0.4)
+    (packet,) = desk.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000", clock=6))
+    assert math.isnan(packet.travel_s)  # held by its own RTC only
+
+
+@pytest.mark.parametrize("toa", ["20000101000000.0000", "garbage", ""])
+def test_a_time_of_arrival_that_cannot_be_is_replaced_by_the_hosts(toa):
+    desk = Desk().configure()
+    (packet,) = desk.hear(CYCLE, FRAME, statistics(toa=toa))
+    assert packet.utc_s == desk.now_s
+
+
+def test_an_fsk_packet_has_two_statistics_and_ends_with_the_second():
+    desk = Desk().configure()
+    mini = "CACST,6,0,20191202030257.0500,14,1,1,1,1,0,0,0,0,0,0,2,0,0,1,1,0,12,12.3,10.0,9.9,-10.5,0,0.2,60,25000,5000"
+    assert desk.hear("CACYC,0,2,0,0,0,1", mini) == []
+    assert kinds(desk.hear("CARXP,0", "CARXD,2,0,0,1,AABB", mini)) == ["PacketReceived"]
+
+
+# ------------------------------------------------------------------ reboot
+
+
+def test_a_reboot_is_configured_anew_when_the_modem_says_it_is_up():
+    desk = Desk().sending()
+    events = desk.hear("CAREV,030300,INIT,")
+    assert kinds(events) == ["ModemLost", "TransmitFailed"]
+    assert desk.said() == []
+    desk.hear("CAREV,030300,AUV,2.0.27087")
+    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.modem.version == "2.0.27087"
+    assert desk.modem.counts["reboots"] == 1
+
+
+def test_a_reboot_whose_second_line_is_lost_is_configured_after_a_wait():
+    desk = Desk().configure()
+    desk.hear("CAREV,030300,INIT,")
+    desk.wait(2.1)
+    assert desk.said() == ["CCCFG,SRC,3"]
+
+
+def test_a_reboot_nobody_heard_is_noticed_by_the_address():
+    desk = Desk(clock_period_s=5.0).configure()
+    desk.wait(5.1)
+    assert "CCCFQ,SRC" in desk.said()
+    (lost,) = desk.hear("CACFG,SRC,0")
+    assert "address is 0" in lost.reason
+    assert desk.said() == ["CCCFG,SRC,3"]
+
+
+def test_the_revision_said_now_and_then_is_no_reboot():
+    desk = Desk().configure()
+    assert desk.hear("CAREV,030300,AUV,2.0.27087") == []
+    assert desk.modem.state is State.IDLE
+
+
+# ------------------------------------------------------------------ the table, and the rest
+
+
+def test_the_table_in_the_text_is_the_table_in_the_code():
+    words = {line.strip() for line in mm.__doc__.splitlines()}
+    for (state, cause), after in TRANSITIONS.items():
+        if cause in (Cause.FAILED, Cause.REBOOTED, Cause.CLOSED):
+            continue  # written for groups of states
+        assert any(row.split()[:3] == [state.name, cause.name, after.name] for row in words), (state, cause)
+
+
+def test_a_move_that_is_not_in_the_table_is_our_bug():
+    with pytest.raises(RuntimeError, match="no transition from CLOSED by SEND"):
+        Micromodem(config(), 3)._move(Cause.SEND)
+
+
+def test_every_message_has_a_handler():
+    read = {type(reader.__self__) and reader.__self__ for reader in nmea.MESSAGES.values()}
+    assert read == set(HANDLERS)
+
+
+def test_bad_fields_are_told_and_survived():
+    desk = Desk().configure()
+    (problem,) = desk.hear("CARXD,2,0,0,1,XYZ")
+    assert "CARXD" in problem.text
+    assert kinds(desk.hear(CYCLE, FRAME, statistics())) == ["PacketReceived"]
+
+
+@pytest.mark.parametrize("address", [0, 128, -1])
+def test_address_out_of_range(address):
+    with pytest.raises(ValueError, match=f"got {address}; expected 1 to 127"):
+        Micromodem(config(), address)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"kind": "micromodem"}, "port"),
+        ({"rate": 2}, "rate"),
+        ({"backoff_min_s": 5.0, "backoff_max_s": 1.0}, "backoff_max_s"),
+        ({"bauds": 1}, "did you mean 'baud'"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused_by_name(values, words):
+    with pytest.raises(ParameterError, match=words):
+        from_mapping(ModemConfig, values, "mission.yaml: modem")
