@@ -1,10 +1,12 @@
 """Optional compilation: the inner loops run through numba where it is installed, and as plain Python where not.
 
-The plain functions are the reference; tests call both (`function.py_func`) and compare them.
+The plain functions are the reference; tests call both (`function.py_func`) and compare them. The environment variable
+AUV_LSE_NUMBA=0, set before the import, forces the plain ones.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -13,7 +15,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 try:
     import numba
 
-    HAVE_NUMBA = True
+    HAVE_NUMBA = os.environ.get("AUV_LSE_NUMBA", "1") != "0"
 except ImportError:  # numba is optional by design
     HAVE_NUMBA = False
 

@@ -178,6 +178,7 @@ class VehiclePlanner:
             self.rebuild,
         )
         self._map_problem = ""
+        self._new_centers: Centers | None = None
         self._map_s: float | None = None
         self._shallow_places = self.area.grid(max(10.0, 2.0 * settings.area.raster_m))
         self._odometry: _Odometry | None = None
@@ -207,9 +208,15 @@ class VehiclePlanner:
     # ------------------------------------------------------------------ what comes in
 
     def set_centers(self, centers: Centers, now_s: float | None = None) -> None:
-        """Takes the map: all kernel centres. Cheap where the old ones are the first of the new ones."""
+        """Takes the map: all kernel centres. It is taken in at the next decision (cheap where old ones come first)."""
+        self._new_centers = centers
         if now_s is not None:
             self._map_s = now_s
+
+    def _take_centers(self) -> None:
+        centers, self._new_centers = self._new_centers, None
+        if centers is None:
+            return
         try:
             self.posterior.set_centers(centers)
             self._map_problem = ""
@@ -356,6 +363,7 @@ class VehiclePlanner:
             raise ValueError(f"decide: all {total} steps are decided; expected to be asked only when `due`")
         state, reanchored = self._anchor(step)
         state = np.array([float(np.float32(v)) for v in state])
+        self._take_centers()
         places = self._team_places(now_s, step)
         self.posterior.plan(places)
         try:
@@ -425,7 +433,7 @@ class VehiclePlanner:
         reward: PathReward | MapReward
         if how.objective == "map":
             reward = MapReward(self._map_posterior(), self.settings.level_set)
-            if step == 0:
+            if math.isnan(self._risk_at_start):
                 self._risk_at_start = float(reward.risk_in_hand.sum())
             # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
             self._reward_so_far = self._risk_at_start - float(reward.risk_in_hand.sum())

@@ -1,0 +1,86 @@
+"""What several planner tests need: an area, settings, data, and dense reference computations."""
+
+from __future__ import annotations
+
+import numpy as np
+from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.kernels import Kernel
+from auv_lse_gp.online import Centers
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
+from auv_lse_planner.free_space import FreeSpace
+from auv_lse_planner.motion import MotionTable
+from auv_lse_planner.naive import NaivePaths
+
+SMALL = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
+
+
+def area(polygon=SMALL, **options) -> OperatingArea:
+    return OperatingArea(AreaConfig(polygon_m=polygon, **options))
+
+
+def world(polygon=SMALL, motion=None, planner=None, vehicles=1, **options):
+    """Area, motion table, free space, naive paths."""
+    a = area(polygon, **options)
+    m = MotionTable(motion or MotionConfig())
+    space = FreeSpace(a, m)
+    return a, m, space, NaivePaths(space, planner or PlannerConfig(), a.polygon, vehicles)
+
+
+def settings(planner=None, vehicles=1, steps=20, **sections) -> PlannerSettings:
+    return PlannerSettings.from_parameters(
+        {
+            "area": {"polygon_m": list(SMALL)},
+            "mission": {"vehicles": vehicles, "steps": steps},
+            "planner": planner or {},
+            **sections,
+        },
+        "test",
+    )
+
+
+def centers(rng: np.random.Generator, count: int, noise: float = 0.3) -> Centers:
+    """Data of a wavy ground at random places."""
+    places = rng.uniform([0.0, 0.0], [360.0, 460.0], (count, 2))
+    return Centers(places, depth(places), np.full(count, noise))
+
+
+def depth(places):
+    return 15.0 + 8.0 * np.sin(places[:, 0] / 60.0) * np.cos(places[:, 1] / 75.0)
+
+
+def dense_posterior(config: GpConfig, data: Centers, measured, at):
+    """Mean and variance at `at` given the data; variance given also measurements at `measured`: plain dense algebra."""
+    kernel = Kernel(config)
+
+    def variance(known, noise):
+        if not len(known):
+            return np.full(len(at), config.signal_std_m**2)
+        cov = kernel(known, known) + np.diag(noise)
+        cross = kernel(at, known)
+        return config.signal_std_m**2 - np.einsum("pi,ip->p", cross, np.linalg.solve(cov, cross.T))
+
+    noise = np.asarray(data.noise_std_m) ** 2
+    mean = np.full(len(at), config.mean_depth_m)
+    if len(data):
+        cov = kernel(data.places_m, data.places_m) + np.diag(noise)
+        mean = mean + kernel(at, data.places_m) @ np.linalg.solve(cov, data.depths_m - config.mean_depth_m)
+    both = np.concatenate([data.places_m, measured]) if len(measured) else data.places_m
+    all_noise = np.concatenate([noise, np.full(len(measured), config.noise_std_m**2)])
+    return mean, variance(data.places_m, noise), variance(both, all_noise)
+
+
+def expected_risk(level: LevelSet, mean, before, after):
+    after = np.clip(after, 0.0, before)
+    return level.expected_risk(mean, np.sqrt(before - after), np.sqrt(after))
+
+
+def border_distance(operating_area: OperatingArea, places):
+    """Exact distance of places to the nearest border line."""
+    best = np.full(len(places), np.inf)
+    for polygon in (operating_area.polygon, *operating_area.no_go.values()):
+        for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            along = np.clip((places - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+            best = np.minimum(best, np.hypot(*(places - (a + along[:, None] * (b - a))).T))
+    return best

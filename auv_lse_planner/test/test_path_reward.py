@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.path_reward import PathReward
+from auv_lse_planner.posterior import Posterior, join
+from planner_helpers import centers, dense_posterior, expected_risk
+
+
+def _situation(seed, data=60, team=0, level=None, credit="printed"):
+    rng = np.random.default_rng(seed)
+    config = GpConfig()
+    known = centers(rng, data)
+    posterior = Posterior(config)
+    posterior.set_centers(known)
+    others = rng.uniform(0, 400, (team, 2))
+    posterior.plan(others)
+    level = level or LevelSet()
+    return rng, config, known, others, level, PathReward(posterior, level, credit)
+
+
+def _dense_value(config, known, others, path, level, credit):
+    """The paper's reward by plain dense algebra."""
+    mean, var, after = dense_posterior(config, known, np.concatenate([others, path]), path)
+    if credit == "printed":
+        before = level.risk(mean, np.sqrt(var))
+    else:
+        _, _, planned = dense_posterior(config, known, others, path)
+        before = expected_risk(level, mean, var, planned)
+    return before - expected_risk(level, mean, var, after)
+
+
+LEVELS = [LevelSet(), LevelSet(cost_false_safe=20.0, cost_false_unsafe=5.0)]
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("credit", ["printed", "beyond"])
+@pytest.mark.parametrize(("data", "team", "length"), [(0, 0, 10), (60, 0, 30), (60, 25, 100), (200, 60, 13)])
+def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, level, credit):
+    rng, config, known, others, level, reward = _situation(data + length, data, team, level, credit)
+    for _ in range(3):
+        path = rng.uniform([0, 0], [360, 460], (length, 2))
+        columns = reward.posterior.columns(path)
+        dense = _dense_value(config, known, others, path, level, credit)
+        assert reward.contributions(columns) == pytest.approx(dense, abs=1e-9)
+        assert reward.value(columns) == pytest.approx(dense.sum(), abs=1e-9 * max(1.0, dense.sum()))
+
+
+def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
+    rng, *_, reward = _situation(3, 50, 10)
+    paths = [reward.posterior.columns(rng.uniform(0, 400, (n, 2))) for n in (1, 7, 30, 7)]
+    assert reward.values(paths) == pytest.approx([reward.value(p) for p in paths], abs=1e-10)
+
+
+@pytest.mark.parametrize("credit", ["printed", "beyond"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_paths_that_share_a_tail_are_worth_what_they_are_from_scratch(credit, count):
+    rng, config, known, others, level, reward = _situation(4, 120, 20, credit=credit)
+    tail_places = rng.uniform(0, 400, (97, 2))
+    heads = rng.uniform(0, 400, (6 * count, 2))
+    tail = reward.tail(reward.posterior.columns(tail_places))
+    values = reward.values_with_tail(reward.posterior.columns(heads), count, tail)
+    for i in range(6):
+        whole = np.concatenate([heads[i * count : (i + 1) * count], tail_places])
+        assert values[i] == pytest.approx(reward.value(reward.posterior.columns(whole)), abs=1e-9)
+        assert values[i] == pytest.approx(_dense_value(config, known, others, whole, level, credit).sum(), abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_longer_path_is_never_worth_less_and_none_is_worth_nothing(seed):
+    rng, *_, reward = _situation(seed, 40, 5)
+    path = reward.posterior.columns(rng.uniform(0, 400, (25, 2)))
+    values = [reward.value(path.take(np.arange(n))) for n in range(26)]
+    assert values[0] == 0.0
+    assert np.all(np.diff(values) >= -1e-9)
+
+
+def test_team_credit_takes_off_what_team_mates_bring_anyway():
+    rng = np.random.default_rng(6)
+    posterior = Posterior(GpConfig())
+    posterior.set_centers(centers(rng, 30))
+    path = rng.uniform(0, 400, (10, 2))
+    posterior.plan(path)  # a team mate goes exactly there
+    columns = posterior.columns(path)
+    printed, beyond = PathReward(posterior, LevelSet()), PathReward(posterior, LevelSet(), "beyond")
+    assert 0.0 < beyond.value(columns) < 0.2 * printed.value(columns)
+    posterior.forget_planned()
+    alone = PathReward(posterior, LevelSet()).value(posterior.columns(path))
+    assert printed.value(columns) > alone
+
+
+def test_joined_places_keep_their_order():
+    _, _, _, _, _, reward = _situation(7, 10)
+    a = reward.posterior.columns(np.array([[0.0, 0.0], [10.0, 0.0]]))
+    b = reward.posterior.columns(np.array([[20.0, 0.0]]))
+    whole = reward.posterior.columns(np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]))
+    assert join([a, b]).white == pytest.approx(whole.white, abs=1e-12)
+
+
+def test_unknown_credit_is_refused():
+    with pytest.raises(ValueError, match="credit: got 'half'"):
+        _situation(8, 5, credit="half")
