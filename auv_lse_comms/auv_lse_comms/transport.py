@@ -25,6 +25,8 @@ from typing import Any, Protocol
 
 READ_BYTES = 65536
 CONNECT_TIMEOUT_S = 3.0
+#: A peer that takes nothing for so long is taken for dead (s).
+WRITE_TIMEOUT_S = 2.0
 
 _HOST_PORT = re.compile(r"(tcp|udpin|udpout)://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})\Z")
 _SERIAL = re.compile(r"(?:serial://)?(/[^\s:]+)(?::(\d{3,7}))?\Z")
@@ -107,7 +109,7 @@ class SerialPort:
         self._name = device
         self._failures: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)
         try:
-            self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=2.0, exclusive=True)
+            self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except self._failures as error:
             raise TransportError(f"{device}: cannot be opened: {error}") from error
 
@@ -155,6 +157,7 @@ class TcpPort:
             self._socket = socket.create_connection((host, port), timeout=CONNECT_TIMEOUT_S)
         except OSError as error:
             raise TransportError(f"{self._name}: cannot connect: {error}") from error
+        self._socket.settimeout(WRITE_TIMEOUT_S)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
@@ -165,10 +168,11 @@ class TcpPort:
     def read(self) -> bytes:
         """See `Transport`."""
         try:
-            data = self._socket.recv(READ_BYTES, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return b""
-        except OSError as error:
+            readable, _, _ = select.select([self._socket], [], [], 0.0)
+            if not readable:
+                return b""
+            data = self._socket.recv(READ_BYTES)
+        except (OSError, ValueError) as error:
             raise TransportError(f"{self._name}: cannot be read: {error}") from error
         if not data:
             raise TransportError(f"{self._name}: the other side has closed")

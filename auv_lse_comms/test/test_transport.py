@@ -1,0 +1,213 @@
+import itertools
+import os
+import pty
+import socket
+import threading
+import time
+
+import pytest
+
+from auv_lse_comms.transport import (
+    Address,
+    AddressError,
+    Connection,
+    TransportError,
+    UdpPort,
+    Watcher,
+    open_transport,
+    read_address,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("/dev/ttyUSB0", Address(kind="serial", place="/dev/ttyUSB0", number=19200)),
+        ("serial:///dev/ttyACM0:115200", Address(kind="serial", place="/dev/ttyACM0", number=115200)),
+        ("tcp://127.0.0.1:4001", Address(kind="tcp", place="127.0.0.1", number=4001)),
+        ("udpin://0.0.0.0:14550", Address(kind="udpin", place="0.0.0.0", number=14550)),
+        ("udpout://[::1]:14550", Address(kind="udpout", place="::1", number=14550)),
+    ],
+)
+def test_addresses(text, address):
+    assert read_address(text) == address
+
+
+@pytest.mark.parametrize("text", ["", "ttyUSB0", "tcp://host", "tcp://host:99999", "http://host:80", "/dev/tty USB"])
+def test_text_that_is_no_address_is_refused_with_the_forms_known(text):
+    with pytest.raises(AddressError, match="expected /dev/NAME"):
+        read_address(text)
+
+
+def wait_for(condition, patience_s=5.0):
+    until = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < until, "did not happen in time"
+        time.sleep(0.002)
+
+
+def gather(transport, count):
+    data = b""
+
+    def enough():
+        nonlocal data
+        data += transport.read()
+        return len(data) >= count
+
+    wait_for(enough)
+    return data
+
+
+def test_serial_port_both_ways_and_its_end():
+    master, slave = pty.openpty()
+    port = open_transport(read_address(os.ttyname(slave)))
+    assert port.read() == b""
+    everything = bytes(range(256))
+    port.write(everything)
+    got = b""
+    while len(got) < 256:
+        got += os.read(master, 256)
+    assert got == everything  # no echo, no line editing, no CR and LF changed
+    os.write(master, everything)
+    assert gather(port, 256) == everything
+    with pytest.raises(TransportError, match="cannot be opened"):
+        open_transport(read_address(os.ttyname(slave)))  # one owner at a time
+    os.close(slave)
+    os.close(master)
+    with pytest.raises(TransportError, match="/dev/pts"):
+        wait_for(lambda: port.read() and False)
+    port.close()
+    port.close()
+
+
+@pytest.mark.parametrize("place", ["/dev/does-not-exist", "/dev/null"])
+def test_what_is_no_serial_device_is_named(place):
+    with pytest.raises(TransportError, match=place):
+        open_transport(read_address(place))
+
+
+def test_tcp_both_ways_and_its_end():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        number = server.getsockname()[1]
+        port = open_transport(read_address(f"tcp://127.0.0.1:{number}"))
+        peer, _ = server.accept()
+        assert port.read() == b""
+        port.write(b"out")
+        assert peer.recv(10) == b"out"
+        peer.sendall(b"in")
+        assert gather(port, 2) == b"in"
+        peer.close()
+        with pytest.raises(TransportError, match=f"tcp://127.0.0.1:{number}: the other side has closed"):
+            wait_for(lambda: port.read() and False)
+        port.close()
+    with pytest.raises(TransportError, match="cannot connect"):
+        open_transport(read_address(f"tcp://127.0.0.1:{number}"))
+
+
+def test_udp_answers_the_last_speaker():
+    a = UdpPort("udpin", "127.0.0.1", 0)
+    b = UdpPort("udpout", "127.0.0.1", a.local_port)
+    a.write(b"nobody has spoken: goes nowhere")
+    assert b.read() == b""
+    b.write(b"hello")
+    assert gather(a, 5) == b"hello"
+    a.write(b"one")
+    a.write(b"two")
+    assert gather(b, 6) == b"onetwo"
+    a.close()
+    b.write(b"into the void")
+    b.write(b"and again")  # the refusal of the first must not be an error
+    assert b.read() == b""
+    b.close()
+
+
+def test_a_udp_port_that_is_taken_is_named():
+    a = UdpPort("udpin", "127.0.0.1", 0)
+    with pytest.raises(TransportError, match=str(a.local_port)):
+        UdpPort("udpin", "127.0.0.1", a.local_port)
+    a.close()
+
+
+class FakePort:
+    def __init__(self):
+        self.fails = False
+        self.closed = False
+        self.data = b""
+
+    def fileno(self):
+        return -1
+
+    def read(self):
+        if self.fails:
+            raise TransportError("fake: broken")
+        data, self.data = self.data, b""
+        return data
+
+    def write(self, data):
+        if self.fails:
+            raise TransportError("fake: broken")
+
+    def close(self):
+        self.closed = True
+
+
+def test_a_connection_is_made_again_for_ever_with_longer_and_longer_waits():
+    tried = []
+    now = 0.0
+
+    def refuse():
+        tried.append(now)
+        raise TransportError("fake: not there")
+
+    connection = Connection(refuse, 0.5, 8.0)
+    while now < 200.0:
+        assert not connection.poll(now)
+        now += 0.125
+    waits = [b - a for a, b in itertools.pairwise(tried)]
+    assert waits[:6] == [0.5, 1.0, 2.0, 4.0, 8.0, 8.0]
+    assert set(waits[4:]) == {8.0}
+    assert connection.problem == "fake: not there"
+
+
+def test_a_connection_that_speaks_starts_again_with_the_short_wait():
+    ports = []
+
+    def make():
+        ports.append(FakePort())
+        return ports[-1]
+
+    connection = Connection(make, 0.5, 8.0)
+    assert connection.poll(0.0)
+    assert not connection.poll(0.0)  # it is open
+    for number in range(4):  # opens, and breaks without a byte: the waits grow
+        ports[-1].fails = True
+        assert connection.read(100.0 * number) == b""
+        assert ports[-1].closed
+        assert connection.wait_s == 0.5 * 2**number
+        assert connection.poll(100.0 * number + 50.0)
+    ports[-1].data = b"x"
+    assert connection.read(400.0) == b"x"
+    ports[-1].fails = True
+    connection.write(b"y", 400.0)
+    assert connection.transport is None
+    assert connection.wait_s == 0.5
+
+
+def test_watcher_wakes_once_per_arrival_and_stops():
+    a = UdpPort("udpin", "127.0.0.1", 0)
+    b = UdpPort("udpout", "127.0.0.1", a.local_port)
+    woken = threading.Semaphore(0)
+    watcher = Watcher(a, woken.release)
+    assert not woken.acquire(timeout=0.05)
+    for _ in range(3):
+        b.write(b"x")
+        assert woken.acquire(timeout=5.0)
+        assert not woken.acquire(timeout=0.02)  # it does not spin while the bytes wait to be read
+        assert gather(a, 1) == b"x"
+        watcher.handled()
+    threads = threading.active_count()
+    watcher.stop()
+    watcher.stop()
+    assert threading.active_count() == threads - 1
+    a.close()
+    b.close()
