@@ -6,9 +6,10 @@ import dataclasses
 import math
 
 import numpy as np
-from auv_lse_common.params import ParameterError, parameter
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
+
+from auv_lse_common.params import ParameterError, parameter
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ class AreaConfig:
         unit="m",
         help="Corners of the operating area in order, either way round: north, east, north, east, ...",
     )
-    no_go: dict[str, tuple[float, ...]] = parameter(
+    no_go: dict[str, tuple[float, ...]] = parameter(  # noqa: RUF009  # makes a field, copied for each
         {}, unit="m", help="Areas not to be entered, by name: corners as in polygon_m."
     )
     origin_lat_deg: float | None = parameter(
@@ -132,9 +133,7 @@ class OperatingArea:
         step = self.config.raster_m
         row = np.clip(np.rint((places[:, 0] - self._north0_m) / step), 0, self._nodes.shape[0] - 1)
         column = np.clip(np.rint((places[:, 1] - self._east0_m) / step), 0, self._nodes.shape[1] - 1)
-        off = np.hypot(
-            places[:, 0] - (self._north0_m + row * step), places[:, 1] - (self._east0_m + column * step)
-        )
+        off = np.hypot(places[:, 0] - (self._north0_m + row * step), places[:, 1] - (self._east0_m + column * step))
         # The signed distance changes by no more than the way gone.
         return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
 
@@ -147,10 +146,10 @@ class OperatingArea:
         if not (math.isfinite(resolution_m) and resolution_m > 0.0):
             raise ValueError(f"resolution_m: got {resolution_m!r}; expected a finite number > 0")
         low_n, high_n, low_e, high_e = self.extent_m
-        axes = []
+        axes: list[Array] = []
         for low, high in ((low_n, high_n), (low_e, high_e)):
             first, last = math.floor(low / resolution_m), math.ceil(high / resolution_m)
-            axes.append((np.arange(first, max(last, first + 1)) + 0.5) * resolution_m)
+            axes.append((np.arange(first, max(last, first + 1), dtype=np.float64) + 0.5) * resolution_m)
         north, east = axes
         mesh = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
         inside = self.contains(mesh).reshape(len(north), len(east))
@@ -231,7 +230,8 @@ def _crossing_edges(a: Array, b: Array) -> tuple[int, int] | None:
     n = len(a)
 
     def side(p: Array, q: Array, r: Array) -> Array:
-        return np.sign((q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0]))
+        pq, pr = q - p, r - p
+        return np.sign(pq[..., 0] * pr[..., 1] - pq[..., 1] * pr[..., 0])
 
     for i in range(n - 1):
         others = np.arange(i + 1, n)
@@ -239,8 +239,8 @@ def _crossing_edges(a: Array, b: Array) -> tuple[int, int] | None:
         r, s = a[others], b[others]
         neighbour = (others == i + 1) | ((i == 0) & (others == n - 1))
         d1, d2, d3, d4 = side(p, q, r), side(p, q, s), side(r, s, p), side(r, s, q)
-        overlap = (np.minimum(p, q) <= np.maximum(r, s)).all(axis=1) & (np.minimum(r, s) <= np.maximum(p, q)).all(axis=1)
-        meets = (d1 * d2 <= 0) & (d3 * d4 <= 0) & overlap
+        overlap = (np.minimum(p, q) <= np.maximum(r, s)) & (np.minimum(r, s) <= np.maximum(p, q))
+        meets = (d1 * d2 <= 0) & (d3 * d4 <= 0) & overlap.all(axis=1)
         # Neighbours share a corner; they cross only if they lie on one line and fold back on each other.
         folded = (d1 == 0) & (d2 == 0) & (np.einsum("kd,kd->k", q - p, s - r) < 0.0)
         hit = np.flatnonzero(np.where(neighbour, folded, meets))

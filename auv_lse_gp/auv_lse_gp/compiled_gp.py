@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]  # has no types
 from numba import njit, types
 from numba.extending import intrinsic
 
@@ -51,7 +51,7 @@ def _wide_vectors(typingctx):  # type: ignore[no-untyped-def]  # numba's interfa
 
 @njit(inline="always", fastmath={"contract"})
 def _exp(x):  # type: ignore[no-untyped-def]  # numba's types
-    """exp(x) for x <= 0, 0 below -700, within 1.5 units of the last place: no branch and no call, so loops vectorize."""
+    """exp(x) for x <= 0, 0 below -700, to 1.5 units of the last place; no branch, no call: loops vectorize."""
     y = max(x, -700.0)
     t = y * _LOG2E + _MAGIC
     n = t - _MAGIC

@@ -84,7 +84,7 @@ class GpConfig:
             if getattr(self, name) not in choices:
                 raise ParameterError(f"gp.{name}: got {getattr(self, name)!r}; expected one of {', '.join(choices)}")
         if self.mean == "survey" and not self.survey_file:
-            raise ParameterError("gp.survey_file: got ''; expected the survey that gp.mean 'survey' takes its depth from")
+            raise ParameterError("gp.survey_file: got ''; expected the file of soundings that gp.mean 'survey' needs")
         if self.min_depth_m >= self.max_depth_m:
             raise ParameterError(
                 f"gp.min_depth_m: got {self.min_depth_m!r}; expected less than gp.max_depth_m ({self.max_depth_m!r})"

@@ -10,7 +10,6 @@ them: the state before them is kept, and they are conditioned on afresh each tim
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,13 +22,16 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_gp import compiled
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.factor import Factor, IllConditionedError
-from auv_lse_gp.kernels import Kernel
+from auv_lse_gp.kernels import LOCAL_RATIO, Kernel
 from auv_lse_gp.prior_mean import PriorMean, prior_mean
 
 Array = NDArray[np.float64]
 
 #: Places handled at once by `predict`, so that the work stays in the processor's cache.
 CHUNK = 2048
+
+#: Soundings that one centre is merged from, at most.
+MERGED_AT_MOST = 256
 
 
 class SoundingError(ValueError):
@@ -81,6 +85,7 @@ class OnlineGp:
         kernel: Its covariance function.
         counts: What became of the soundings.
         revision: Changes whenever the posterior does.
+        problems: What the user should know of: a support below the default, merges that were undone.
     """
 
     def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
@@ -94,6 +99,8 @@ class OnlineGp:
         self.kernel = Kernel(config)
         self.counts = Counts()
         self.revision = 0
+        self.problems: list[str] = []
+        self._warn_of_short_support()
         self.prior_mean = mean or prior_mean(config)
         self._size = 0
         self._places_m = np.zeros((64, 2))
@@ -168,7 +175,7 @@ class OnlineGp:
                 self._groups.append(_Group(self.kernel, place[0], depth_m, self.config.noise_std_m))
             self.counts.kept += 1
             return Outcome.KEPT
-        if not self.config.merge or near >= len(self._groups):
+        if not self.config.merge or near >= len(self._groups) or self._groups[near].full:
             self.counts.too_close += 1
             return Outcome.TOO_CLOSE
         self._groups[near].add(place[0], depth_m)
@@ -198,7 +205,7 @@ class OnlineGp:
         noise = np.broadcast_to(np.asarray(noise_std_m, dtype=float), depths.shape)
         for name, values in (("places_m", places), ("depths_m", depths), ("noise_std_m", noise)):
             if not np.all(np.isfinite(values)):
-                raise ValueError(f"{name}: holds {np.ravel(values)[~np.isfinite(np.ravel(values))][0]}; expected finite")
+                raise ValueError(f"{name}: holds {values[~np.isfinite(values)][0]}; expected finite numbers")
         if np.any(noise <= 0.0):
             raise ValueError(f"noise_std_m: holds {float(np.min(noise))}; expected standard deviations > 0 m")
         self._sync()
@@ -318,6 +325,16 @@ class OnlineGp:
 
     # ---------------------------------------------------------------- inside
 
+    def _warn_of_short_support(self) -> None:
+        usual = LOCAL_RATIO.get(self.kernel.name, 0.0) * self.config.length_scale_m
+        if self.config.local and not self.kernel.compact and self.kernel.local_m < usual:
+            text = (
+                f"gp.support_m: {self.kernel.local_m:g} m is less than {LOCAL_RATIO[self.kernel.name]:g} length scales "
+                f"({usual:g} m): the local subset of {self.kernel.name} then errs visibly, see docs/gp.md"
+            )
+            self.problems.append(text)
+            warnings.warn(text, stacklevel=3)
+
     def _predict_stale(self, place_m: Array) -> tuple[float, float]:
         """`predict` at one place (1, 2) from what the factor holds, without merges that wait: for the gate."""
         n = self._factor.size
@@ -390,15 +407,23 @@ class OnlineGp:
         if not self._moved:
             return
         first, last = min(self._moved), self._size
+        held = tuple(x[first:last].copy() for x in (self._places_m, self._depths_m, self._noise_m2))
+        places, depths, noise_m2 = (x.copy() for x in held)
         for i in self._moved:
-            self._places_m[i], self._depths_m[i], self._noise_m2[i] = self._groups[i].summary()
+            places[i - first], depths[i - first], noise_m2[i - first] = self._groups[i].summary()
         self._moved.clear()
-        places, depths = self._places_m[first:last].copy(), self._depths_m[first:last].copy()
-        noise_m2 = self._noise_m2[first:last].copy()
         revision = self.revision
         self._truncate(first)
-        self._append(places, depths, noise_m2)
-        self.revision = revision
+        try:
+            self._append(places, depths, noise_m2)
+        except IllConditionedError:
+            # Merging lowers the noise and may bring centres together. What was held before is known to work.
+            self._append(*held)
+            self.problems.append(
+                "merging made the covariance of the centres ill-conditioned: these soundings are not merged"
+            )
+        finally:
+            self.revision = revision
 
     def _reserve(self, size: int) -> None:
         if size <= len(self._depths_m):
@@ -433,6 +458,11 @@ class _Group:
         self._depth_sum_m = depth_m
         self._noise_m2 = noise_std_m**2
         self._pair_sum = kernel.signal_variance_m2  # sum over all pairs of k(p_i, p_j)
+
+    @property
+    def full(self) -> bool:
+        """Whether it takes no more: beyond, a sounding adds next to nothing."""
+        return len(self._places_m) >= MERGED_AT_MOST
 
     def add(self, place_m: Array, depth_m: float) -> None:
         with_others = self._kernel(place_m[None], np.array(self._places_m)).sum()

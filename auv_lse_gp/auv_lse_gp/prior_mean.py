@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from auv_lse_common.params import ParameterError
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import cKDTree
 
+from auv_lse_common.params import ParameterError
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.soundings import read_soundings
 

@@ -15,10 +15,10 @@ import math
 from typing import Any
 
 import numpy as np
-from auv_lse_common.params import ParameterError, parameter
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfinv, log_ndtr, ndtr, ndtri, owens_t
 
+from auv_lse_common.params import ParameterError, parameter
 from auv_lse_gp import compiled
 
 Array = NDArray[np.float64]
@@ -188,7 +188,9 @@ def benefit_of_search(
     """
     mean, of_mean, after = _arrays(("mean_m", mean_m), ("std_of_mean_m", std_of_mean_m), ("std_after_m", std_after_m))
     expected = expected_bayes_risk(mean, of_mean, after, level_m, cost_false_safe, cost_false_unsafe, method)
-    return bayes_risk(mean, np.sqrt(of_mean**2 + after**2), level_m, cost_false_safe, cost_false_unsafe) - expected
+    in_hand = bayes_risk(mean, np.sqrt(of_mean**2 + after**2), level_m, cost_false_safe, cost_false_unsafe)
+    # The two are computed by different functions: what is below 0 with the exact method is their rounding.
+    return np.maximum(in_hand - expected, 0.0) if method == "exact" else in_hand - expected
 
 
 def expected_bayes_risk_numpy(
@@ -261,11 +263,9 @@ def _exponential_quadratic(mean: Array, of_mean: Array, after: Array, level: Arr
     below, above = np.minimum(star, 0.0), np.maximum(star, 0.0)
     # u < star costs c2 P(f >= l | u); P is the tail for u < 0 and 1 - tail for u > 0. And mirrored for u > star.
     value = c2 * (tail(-inf, below, -1.0) + np.where(star > 0.0, mass(zero, above) - tail(zero, above, 1.0), 0.0))
-    value = value + c1 * (tail(above, inf, 1.0) + np.where(star < 0.0, mass(below, zero) - tail(below, zero, -1.0), 0.0))
+    value += c1 * (tail(above, inf, 1.0) + np.where(star < 0.0, mass(below, zero) - tail(below, zero, -1.0), 0.0))
     h = _standardized(-gap, np.sqrt(of_mean**2 + after**2))
-    return np.where(
-        of_mean == 0.0, np.minimum(c1 * ndtr(h), c2 * ndtr(-h)), np.where(after == 0.0, 0.0, value)
-    )
+    return np.where(of_mean == 0.0, np.minimum(c1 * ndtr(h), c2 * ndtr(-h)), np.where(after == 0.0, 0.0, value))
 
 
 def _standardized(gap: Array, std: Array) -> Array:
@@ -290,8 +290,9 @@ def _arrays(*named: tuple[str, ArrayLike]) -> list[Array]:
 def _costs(cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike) -> list[Array]:
     costs = _arrays(("cost_false_safe", cost_false_safe), ("cost_false_unsafe", cost_false_unsafe))
     for name, cost in zip(("cost_false_safe", "cost_false_unsafe"), costs, strict=True):
-        if not np.all((cost > 0.0) & np.isfinite(cost)):
-            raise ValueError(f"{name}: got {_worst(cost, ~((cost > 0.0) & np.isfinite(cost)))}; expected a finite cost > 0")
+        bad = ~((cost > 0.0) & np.isfinite(cost))
+        if np.any(bad):
+            raise ValueError(f"{name}: got {_worst(cost, bad)}; expected a finite cost > 0")
     return costs
 
 

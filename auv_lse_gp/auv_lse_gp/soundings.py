@@ -45,7 +45,7 @@ def _csv(path: Path) -> Array:
         names = [name.strip() for name in reader.fieldnames or []]
         missing = [name for name in ("north_m", "east_m", "depth_m") if name not in names]
         if missing:
-            raise ValueError(f"{path}: its columns are {', '.join(names) or 'none'}; expected also {', '.join(missing)}")
+            raise ValueError(f"{path}: has columns {', '.join(names) or 'none'}; expected also {', '.join(missing)}")
         reader.fieldnames = names
         rows = []
         for row in reader:
