@@ -564,7 +564,9 @@ class Micromodem:
             ClockChecked(offset_s=offset_s, within_tolerance=self._clock_right, source=message.source, pps=message.pps)
         )
         self._clock_tries += 1
-        if self._clock_right or not self._config.set_clock or self._clock_tries > CLOCK_TRIES:
+        # a time of arrival counts as synchronous only if the clock was set from outside, right as it may be
+        unset = self._config.synchronous and message.source in ("NONE", "RTC")
+        if (self._clock_right and not unset) or not self._config.set_clock or self._clock_tries > CLOCK_TRIES:
             if not self._clock_right:
                 self.counts["clock_off"] += 1
                 self._events.append(Problem(text=f"the modem's clock is {offset_s:+.1f} s off the host's"))

@@ -1,0 +1,406 @@
+"""The emulated modem and the driver: on a wire of bytes that the test owns, on ptys and on TCP."""
+
+import math
+import os
+import random
+import stat
+import time
+
+import pytest
+
+from auv_lse_comms import micromodem as mm
+from auv_lse_comms import sentences as nmea
+from auv_lse_comms.micromodem import Micromodem, State
+from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_comms.modem_port import ModemPort
+from auv_lse_sim.modem_emulator import (
+    MAX_UNREAD_BYTES,
+    Arrival,
+    EmulatorRack,
+    ModemEmulator,
+    PtyShell,
+    TcpShell,
+    perfect_water,
+)
+
+NOW_S = 5000.0
+PAYLOAD = bytes(range(252))
+
+
+class Wire:
+    """A driver and an emulated modem, joined; `spoil` may change bytes on their way."""
+
+    def __init__(self, vehicle=3, spoil=lambda data: data, clock_error_s=0.0, **values):
+        self.sent = []
+        self.spoil = spoil
+        self.modem = ModemEmulator(self.sent.append, clock_error_s=clock_error_s)
+        self.driver = Micromodem(ModemConfig(kind="micromodem", port="pty", **values), vehicle)
+        self.told = []
+        self.now_s = NOW_S
+        self.modem.boot(self.now_s)
+        self.modem.outgoing()  # nobody was connected yet
+        self.driver.opened(self.now_s)
+        self.flow()
+
+    def flow(self):
+        for _ in range(200):
+            down, up = self.driver.outgoing(), self.modem.outgoing()
+            if down:
+                self.modem.receive(self.now_s, self.spoil(down))
+            if up:
+                self.driver.receive(self.now_s, self.spoil(up))
+            self.told += self.driver.events()
+            if self.driver.wants_reopen:
+                self.driver.closed(self.now_s, "reopening")
+                self.driver.opened(self.now_s)
+            elif not down and not up:
+                return
+        raise AssertionError("driver and modem never come to rest")
+
+    def pass_time(self, seconds, step=0.5):
+        for _ in range(round(seconds / step)):
+            self.now_s += step
+            self.modem.poll(self.now_s)
+            self.driver.poll(self.now_s)
+            self.flow()
+
+    def of(self, kind):
+        return [event for event in self.told if isinstance(event, kind)]
+
+
+def test_no_time_need_pass_to_configure_and_to_start_a_packet():
+    wire = Wire(clock_error_s=-1000.0)
+    assert wire.driver.state is State.IDLE
+    assert wire.modem.settings["SRC"] == "3"
+    assert wire.modem.settings["CST"] == "1"
+    wire.driver.send(wire.now_s, PAYLOAD)
+    wire.flow()
+    (packet,) = wire.sent
+    assert (packet.start_s, packet.source, packet.destination, packet.rate) == (NOW_S, 3, 0, 4)
+    assert packet.payload == PAYLOAD
+    assert wire.driver.quiet
+    wire.pass_time(3.0)
+    assert [type(e) for e in wire.told if not isinstance(e, mm.ClockChecked)] == [
+        mm.ModemReady,
+        mm.TransmitStarted,
+        mm.TransmitDone,
+    ]
+
+
+def test_the_channels_duration_ends_the_transmission():
+    wire = Wire()
+    wire.modem._transmit = lambda packet: 7.0
+    wire.driver.send(wire.now_s, PAYLOAD)
+    wire.pass_time(6.5)
+    assert wire.driver.state is State.SENDING
+    wire.pass_time(1.0)
+    assert wire.driver.state is State.IDLE
+
+
+@pytest.mark.parametrize(("rate", "size", "frames"), [(3, 252, 1), (4, 500, 2), (5, 2000, 8)])
+def test_every_usable_rate_both_ways(rate, size, frames):
+    wire = Wire(rate=rate)
+    payload = bytes(i % 255 + 1 for i in range(size))
+    wire.driver.send(wire.now_s, payload)
+    wire.flow()
+    assert (wire.sent[0].payload, wire.sent[0].frames) == (payload, frames)
+    wire.pass_time(8.0)
+    wire.modem.arrive(
+        Arrival(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=5.0, rate=rate, frames=frames)
+    )
+    wire.flow()
+    (packet,) = wire.of(mm.PacketReceived)
+    assert (packet.payload, packet.snr_db, packet.rate) == (payload, 5.0, rate)
+    assert packet.utc_s == pytest.approx(wire.now_s + nmea.packet_duration_s(rate, size), abs=1e-4)
+
+
+def test_what_cannot_be_decoded_is_told_as_a_failed_reception():
+    wire = Wire()
+    wire.modem.arrive(Arrival(start_s=NOW_S, source=1, destination=0, payload=None, snr_db=-4.0))
+    wire.flow()
+    assert [(e.reason, e.snr_db) for e in wire.of(mm.ReceptionFailed)] == [("bad CRC", -4.0)]
+
+
+def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
+    modem = ModemEmulator(pytest.fail)
+    modem.boot(NOW_S)
+    modem.arrive(Arrival(start_s=NOW_S, source=1, destination=0, payload=PAYLOAD))
+    said = modem.outgoing()
+    assert b"CARXD" in said
+    assert b"CACST" not in said
+    modem.receive(NOW_S, nmea.Cycle(source=0, destination=0, rate=4, ack=False, frames=1).initiate().encode())
+    assert b"CADRQ" not in modem.outgoing()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (nmea.Sentence("CCXYZ", ("1",)).encode(), b"unknown command"),
+        (b"$CCCFG,SRC,1*00\r\n", b"bad line"),
+        (nmea.Sentence("CCCFG", ("NOPE", "1")).encode(), b"unknown setting"),
+        (nmea.Sentence("CCCFG", ("SRC", "200")).encode(), b"out of range"),
+        (nmea.Sentence("CCCYC", ("0", "1", "0", "4", "0", "3")).encode(), b"rate 4 with 3 frames"),
+        (nmea.Sentence("CCTMS", ("noon", "0")).encode(), b"expected a time"),
+        (nmea.Sentence("CCTXD", ("1", "0", "0", "ABC")).encode(), b"hexadecimal"),
+    ],
+)
+def test_commands_that_are_wrong_are_refused_in_words(command, words):
+    modem = ModemEmulator(pytest.fail)
+    modem.receive(NOW_S, command)
+    said = modem.outgoing()
+    assert b"CAERR" in said
+    assert words in said
+    assert modem.counts["refused"] == 1
+
+
+def test_the_modem_gives_up_waiting_for_data():
+    modem = ModemEmulator(pytest.fail)
+    modem.settings |= {"SRC": "1", "XST": "1"}
+    modem.receive(NOW_S, b"$CCCYC,0,1,0,4,0,1*5D\r\n")
+    assert b"CADRQ" in modem.outgoing()
+    modem.poll(NOW_S + 2.0)
+    said = modem.outgoing()
+    assert b"DATA_TIMEOUT,1" in said
+    assert b"CAXST,6," in said
+    modem.poll(NOW_S + 60.0)
+    assert b"CATXP" not in modem.outgoing()
+
+
+def test_synchronous_transmissions_wait_for_the_second_and_give_travel_times():
+    wire = Wire(synchronous=True)
+    wire.now_s += 0.4
+    wire.driver.send(wire.now_s, PAYLOAD)
+    wire.flow()
+    assert wire.sent == []
+    wire.pass_time(0.6, step=0.1)
+    assert wire.sent[0].start_s == pytest.approx(NOW_S + 1.0)
+    wire.modem.arrive(Arrival(start_s=NOW_S + 4.3, source=1, destination=0, payload=PAYLOAD, snr_db=5.0))
+    wire.flow()
+    assert wire.of(mm.PacketReceived)[0].travel_s == pytest.approx(0.3, abs=1e-4)
+
+
+def test_a_modem_that_forgets_everything_is_configured_again():
+    wire = Wire()
+    wire.modem.boot(wire.now_s, forget=True)
+    wire.flow()
+    assert wire.modem.settings["SRC"] == "3"
+    assert wire.driver.state is State.IDLE
+    assert len(wire.of(mm.ModemReady)) == 2
+    wire.modem.settings["SRC"] = "0"  # another reboot, unheard
+    wire.pass_time(61.0)
+    assert wire.modem.settings["SRC"] == "3"
+    assert wire.driver.counts["reboots"] == 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
+    """One byte in 1000 is changed, dropped or doubled, both ways, for two hours of slots; then the cable is mended."""
+    rng = random.Random(seed)
+
+    def spoil(data):
+        out = bytearray()
+        for byte in data:
+            chance = rng.random()
+            if chance < 1 / 3000:
+                out.append(byte ^ 1 << rng.randrange(8))
+            elif chance < 2 / 3000:
+                continue
+            elif chance < 3 / 3000:
+                out += bytes((byte, byte))
+            else:
+                out.append(byte)
+        return bytes(out)
+
+    wire = Wire(spoil=spoil)
+    asked = []
+    words = {random.Random(slot).randbytes(252) for slot in range(240)}
+    for slot in range(240):
+        asked.append(wire.driver.send(wire.now_s, PAYLOAD))
+        wire.flow()
+        wire.pass_time(15.0)
+        arrival = Arrival(start_s=wire.now_s, source=1, destination=0, payload=random.Random(slot).randbytes(252), snr_db=9.0)
+        wire.modem.arrive(arrival)
+        wire.flow()
+        wire.pass_time(15.0)
+    started = [e.number for e in wire.of(mm.TransmitStarted)]
+    done = [e.number for e in wire.of(mm.TransmitDone)]
+    failed = [e.number for e in wire.of(mm.TransmitFailed)]
+    # every packet has one outcome, and one that is told as sent went out as it was
+    assert sorted(done + failed) == asked
+    assert set(done) <= set(started)
+    assert len(wire.sent) >= len(done)
+    # eight bits of exclusive or let through what cancels (a character doubled twice): one in a hundred on such a
+    # cable, which is why packets can carry a tag
+    wrong_out = sum(packet.payload != PAYLOAD for packet in wire.sent)
+    received = wire.of(mm.PacketReceived)
+    wrong_in = sum(packet.payload not in words for packet in received)
+    assert wrong_out <= 0.05 * len(wire.sent)
+    assert wrong_in <= 0.05 * len(received)
+    assert 20 < len(done) < 240  # it was a bad cable, and it was used
+    wire.spoil = lambda data: data
+    wire.pass_time(180.0)
+    assert wire.driver.state is State.IDLE
+    before = len(wire.of(mm.TransmitDone))
+    for _ in range(5):
+        wire.driver.send(wire.now_s, PAYLOAD)
+        wire.flow()
+        wire.pass_time(10.0)
+    assert len(wire.of(mm.TransmitDone)) == before + 5
+
+
+# ------------------------------------------------------------------ shells
+
+
+def serve_until(condition, rack, ports, now_s=NOW_S, patience_s=10.0):
+    """Carries bytes over the real ports, with simulated time standing still, until `condition`."""
+    told = []
+    until = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < until, "did not happen in time"
+        rack.serve(now_s)
+        for port in ports:
+            told += port.step(now_s, time.monotonic())
+        time.sleep(0.0005)
+    return told
+
+
+def shells(kind, vehicles, folder):
+    if kind == "tcp":
+        return {v: TcpShell() for v in vehicles}
+    return {v: PtyShell(folder / "modems" / f"auv{v}") for v in vehicles}
+
+
+@pytest.mark.parametrize("kind", ["pty", "tcp"])
+def test_a_team_talks_through_real_ports_while_simulated_time_stands_still(kind, tmp_path):
+    team = (1, 2, 3)
+    transmit, water = perfect_water(lambda: rack, delay_s=0.5)
+    rack = EmulatorRack(shells(kind, team, tmp_path), transmit, NOW_S)
+    try:
+        configs = {v: ModemConfig(kind="micromodem", port=rack.ports[v]) for v in team}
+        ports = [ModemPort(configs[v], v) for v in team]
+        serve_until(lambda: all(p.modem.state is State.IDLE for p in ports), rack, ports)
+        assert [m.address for m in rack.modems.values()] == [1, 2, 3]
+        now_s = NOW_S
+        heard = []
+        for slot, (v, port) in enumerate([*zip(team, ports, strict=True)] * 2):
+            now_s = NOW_S + 10.0 * (slot + 1)
+            payload = random.Random(slot).randbytes(252)
+            port.send(now_s, payload, 0)
+            serve_until(lambda slot=slot: sum(rack.transmitted.values()) > slot, rack, ports, now_s)
+            rack.poll(now_s + 3.0)
+            water(now_s + 3.0)
+            want = len(heard) + 2
+            while len(heard) < want:
+                told = serve_until(lambda: True, rack, ports, now_s + 3.0)
+                for p in ports:
+                    told += [(p.modem.address, e) for e in p.step(now_s + 3.0, time.monotonic())]
+                heard += [e for e in told if isinstance(e, tuple) and isinstance(e[1], mm.PacketReceived)]
+            assert {address for address, _ in heard[-2:]} == set(team) - {v}
+            assert all(e.payload == payload and e.source == v for _, e in heard[-2:])
+            serve_until(lambda: all(p.modem.state is State.IDLE for p in ports), rack, ports, now_s + 3.0)
+        assert rack.delivered == {1: 4, 2: 4, 3: 4}
+        for port in ports:
+            port.close(now_s, time.monotonic())
+    finally:
+        rack.close()
+
+
+@pytest.mark.parametrize("kind", ["pty", "tcp"])
+def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
+    first = shells(kind, (1,), tmp_path)[1]
+    place = first.port
+    rack = EmulatorRack({1: first}, lambda v, t: None, NOW_S)
+    config = ModemConfig(kind="micromodem", port=place, backoff_min_s=0.01, backoff_max_s=0.05)
+    port = ModemPort(config, 1)
+    serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
+    rack.close()
+    told = []
+    until = time.monotonic() + 10.0
+    while port.modem.state is not State.CLOSED:
+        assert time.monotonic() < until
+        told += port.step(NOW_S, time.monotonic())
+    assert any(isinstance(e, mm.ModemLost) for e in told)
+    for _ in range(50):
+        port.step(NOW_S, time.monotonic())
+        time.sleep(0.002)
+    assert port.connection.failures > 1
+    again = PtyShell(tmp_path / "modems" / "auv1") if kind == "pty" else TcpShell(int(place.rsplit(":", 1)[1]))
+    rack = EmulatorRack({1: again}, lambda v, t: None, NOW_S)
+    serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
+    port.close(NOW_S, time.monotonic())
+    rack.close()
+
+
+def test_a_line_log_of_a_real_port_replays(tmp_path):
+    from auv_lse_comms.line_log import read_entries, replay
+
+    log = tmp_path / "logs" / "modem.log"
+    rack = EmulatorRack({1: PtyShell()}, lambda v, t: None, NOW_S)
+    config = ModemConfig(kind="micromodem", port=rack.ports[1], log_file=str(log))
+    port = ModemPort(config, 1)
+    serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
+    port.send(NOW_S + 1.0, PAYLOAD, 0)
+    told = serve_until(lambda: rack.transmitted[1] == 1, rack, [port], NOW_S + 1.0)
+    rack.arrive(1, Arrival(start_s=NOW_S, source=2, destination=0, payload=PAYLOAD, snr_db=3.0))
+    told += serve_until(lambda: port.modem.counts["received"] == 1, rack, [port], NOW_S + 1.0)
+    told += port.close(NOW_S + 2.0, time.monotonic())
+    rack.close()
+    with log.open() as lines:
+        again = replay(read_entries(lines), config)
+    assert again.said == again.logged
+    assert [e for _, e in again.events if isinstance(e, mm.PacketReceived)] == [
+        e for e in told if isinstance(e, mm.PacketReceived)
+    ]
+
+
+def test_a_pty_is_a_serial_device_and_its_link_goes_with_it(tmp_path):
+    link = tmp_path / "auv1"
+    shell = PtyShell(link)
+    assert stat.S_ISCHR(os.stat(shell.port).st_mode)
+    assert shell.port == str(link)
+    other = PtyShell(link)  # takes the place of the first
+    shell.close()
+    assert link.exists()
+    other.close()
+    other.close()
+    assert not link.is_symlink()
+
+
+def test_a_host_that_does_not_read_loses_old_lines_not_the_simulator():
+    shell = PtyShell()
+    for _ in range(400):
+        shell.write(b"$CATXF,252*51\r\n" * 100)
+    assert shell._unread.dropped > 0
+    assert len(shell._unread._data) <= MAX_UNREAD_BYTES
+    shell.close()
+
+
+def test_a_new_tcp_host_takes_the_place_of_the_old():
+    rack = EmulatorRack({1: TcpShell()}, lambda v, t: None, NOW_S)
+    ports = [ModemPort(ModemConfig(kind="micromodem", port=rack.ports[1]), 1) for _ in range(2)]
+    serve_until(lambda: ports[0].modem.state is State.IDLE, rack, ports[:1])
+    serve_until(lambda: ports[1].modem.state is State.IDLE, rack, ports[1:])
+    until = time.monotonic() + 5.0
+    while ports[0].modem.state is not State.CLOSED:
+        assert time.monotonic() < until
+        ports[0].connection.read(time.monotonic())
+        if ports[0].connection.transport is None:
+            break
+    for port in ports:
+        port.close(NOW_S, time.monotonic())
+    rack.close()
+
+
+def test_every_number_said_is_one_that_can_be_read():
+    """The modem's own sentences, over all settings and levels, pass the reader that the driver uses."""
+    modem = ModemEmulator(lambda packet: None)
+    modem.settings |= dict.fromkeys(("CST", "RXP", "REV", "XST", "MFD"), "1") | {"SRC": "2"}
+    for snr_db in (-40.0, -0.04, 0.0, 12.34, 99.9, math.nan):
+        for payload in (PAYLOAD, None):
+            modem.arrive(
+                Arrival(start_s=0.0, source=1, destination=0, payload=payload, snr_db=snr_db, doppler_mps=-1.5)
+            )
+    sentences = nmea.SentenceReader().feed(modem.outgoing())
+    assert len(sentences) == 6 * 2 * 5
+    for sentence in sentences:
+        assert nmea.read_message(sentence) is not None
