@@ -79,6 +79,7 @@ class PathSequences:
 
     def __call__(self, sequences: list[Actions]) -> Array:
         """Values of sequences, shape (len(sequences),)."""
+        wanted, sequences = sequences, list(dict.fromkeys(sequences))
         new = list(dict.fromkeys(s[:i] for s in sequences for i in range(1, len(s) + 1) if s[:i] not in self._columns))
         tails = {
             (s, h): self._naive.path_places(self._state(s), h, self._steps_left - len(s), self._samples)
@@ -107,10 +108,9 @@ class PathSequences:
                 paths.append(join(parts))
                 keys.append((s, h))
         values = self._reward.values(paths)
-        result = np.full(len(sequences), -np.inf)
-        index = {s: i for i, s in enumerate(sequences)}
+        best: dict[Actions, float] = {}
         for (s, h), value in zip(keys, values, strict=True):
-            if value > result[index[s]]:
-                result[index[s]] = value
+            if value > best.get(s, -np.inf):
+                best[s] = float(value)
                 self.continuations[s] = Continuation(float(value), h)
-        return result
+        return np.array([best[s] for s in wanted])

@@ -296,7 +296,7 @@ class VehiclePlanner:
         if self._leg is None:
             return now_s >= self.settings.vehicle.start_delay_s
         lead = self.settings.vehicle.speed_mps * self.planner.replan_lead_s
-        return self._remaining_m() <= lead or self._overdue(now_s)
+        return bool(self._remaining_m() <= lead or self._overdue(now_s))
 
     def problems(self, now_s: float) -> list[str]:
         """What keeps the planner from working as it should, in words; empty if nothing."""

@@ -1,0 +1,314 @@
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from auv_lse_common.params import ParameterError, from_mapping
+from auv_lse_gp.online import Centers, OnlineGp
+from auv_lse_planner.config import METHODS, PlannerConfig, PlannerSettings
+from auv_lse_planner.methods import RECIPES, recipe
+from auv_lse_planner.plan import Plan
+from auv_lse_planner.vehicle_planner import VehiclePlanner
+from planner_helpers import centers, depth, settings
+
+
+def _fly(planner, gp=None, ticks=2000, until=None, push=None):
+    """Perfect tracking at 1 Hz; `push(t)` is added to the reported position. Yields every decision."""
+    v = planner.settings.vehicle
+    state = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
+    leg, queue, decisions = None, [], []
+    for t in range(ticks):
+        off = np.zeros(2) if push is None else push(t)
+        planner.odometry(float(t), state[0], state[1] + off[0], state[2] + off[1], v.speed_mps)
+        if planner.finished or (until is not None and len(decisions) >= until):
+            return decisions
+        if planner.due(float(t)):
+            if gp is not None:
+                planner.set_centers(gp.centers, float(t))
+            decisions.append(planner.decide(float(t)))
+            if leg is None:
+                leg = decisions[-1].leg
+            else:
+                queue.append(decisions[-1].leg)
+        if leg is None:
+            continue
+        along = leg.progress_m(state[1], state[2]) + v.speed_mps
+        if along > leg.length_m and queue:
+            along -= leg.length_m
+            leg = queue.pop(0)
+        state = leg.state_at(along)
+        if gp is not None and t % 3 == 0:
+            gp.add(state[1], state[2], float(depth(state[None, 1:])[0]))
+    return decisions
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
+    s = settings({"method": method}, steps=12)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    decisions = _fly(planner, OnlineGp(s.gp))
+    assert planner.finished
+    assert [d.leg.step for d in decisions] == list(range(12))
+    assert [r.step for r in planner.records] == list(range(12))
+    for before, after in zip(decisions, decisions[1:], strict=False):
+        end = before.leg.end_state
+        assert (after.leg.north_m, after.leg.east_m) == pytest.approx((end[1], end[2]), abs=1e-3)
+    for d in decisions:
+        assert planner.space.leg_free(
+            np.array([d.leg.heading_rad, d.leg.north_m, d.leg.east_m]),
+            int(np.argmin(np.abs(planner.motion.turns_rad - d.leg.action_rad))),
+        )
+        assert d.bound.lower_bound_max >= d.bound.lower_bound
+        assert math.isfinite(d.bound.jbar)
+    assert not planner.due(1e6)
+    with pytest.raises(ValueError, match="all 12 steps are decided"):
+        planner.decide(1e6)
+
+
+@pytest.mark.parametrize("method", ["augmented", "best"])
+def test_the_same_seed_decides_the_same(method):
+    s = settings({"method": method, "iterations": 100}, steps=5)
+    runs = [_fly(VehiclePlanner(1, s, np.random.default_rng(3)), OnlineGp(s.gp)) for _ in range(2)]
+    assert [d.leg for d in runs[0]] == [d.leg for d in runs[1]]
+    assert [d.plan for d in runs[0]] == [d.plan for d in runs[1]]
+
+
+def test_decisions_are_due_after_the_delay_and_near_the_legs_end():
+    s = settings(steps=3, vehicle={"start_delay_s": 5.0})
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    assert not planner.due(10.0)  # no odometry
+    planner.odometry(0.0, 0.0, 0.0, 0.0, 0.0)
+    assert not planner.due(4.0)
+    assert planner.due(5.0)
+    first = planner.decide(5.0)
+    assert planner.leg == first.leg
+    assert not planner.due(5.5)
+    lead = s.planner.replan_lead_s * s.vehicle.speed_mps
+    for left, due in ((lead + 0.5, False), (lead - 0.5, True)):
+        at = first.leg.state_at(first.leg.length_m - left)
+        planner.odometry(15.0, *at, 1.5)
+        assert planner.due(15.0) is due
+    second = planner.decide(15.0)
+    assert planner.leg == first.leg  # still on the first
+    assert not planner.due(15.5)
+    at = second.leg.state_at(1.0)
+    planner.odometry(20.0, *at, 1.5)
+    assert planner.leg == second.leg
+
+
+def test_without_fresh_odometry_it_stops_planning_and_says_so():
+    planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
+    assert any("odometry: none" in p for p in planner.problems(1.0))
+    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    assert planner.problems(1.0) == []
+    assert planner.due(9.0)
+    assert not planner.due(11.0)
+    assert any("planning has stopped" in p for p in planner.problems(11.0))
+    planner.odometry(12.0, 0.0, 0.0, 0.0, 1.5)
+    assert planner.due(12.0)
+    planner.odometry(13.0, math.nan, 0.0, 0.0, 1.5)  # not a state: as if nothing had come
+    assert planner.due(13.0)
+
+
+def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
+    planner = VehiclePlanner(2, settings(vehicles=2), np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    planner.set_centers(centers(np.random.default_rng(1), 5), 0.0)
+    assert any("no plan of vehicle 1" in p for p in planner.problems(1.0))
+    planner.odometry(100.0, 0.0, 0.0, 0.0, 1.5)
+    assert any(p.startswith("map: last 100 s ago") for p in planner.problems(100.0))
+    assert planner.due(100.0)
+    planner.decide(100.0)
+
+
+def test_the_incumbent_never_lets_jbar_fall_on_unchanged_data():
+    for method in ("augmented", "best"):
+        s = settings({"method": method, "iterations": 40, "incumbent": True}, steps=15)
+        planner = VehiclePlanner(1, s, np.random.default_rng(2))
+        decisions = _fly(planner)  # no data ever arrives
+        for d in decisions[1:]:
+            assert d.bound.jbar >= d.bound.incumbent_value - 1e-9
+            assert d.bound.incumbent_kept == (d.bound.incumbent_value >= d.statistics.best_new_value)
+
+
+def test_without_the_incumbent_the_search_decides():
+    s = settings({"method": "augmented", "iterations": 10, "incumbent": False}, steps=10)
+    decisions = _fly(VehiclePlanner(1, s, np.random.default_rng(2)))
+    assert not any(d.bound.incumbent_kept for d in decisions)
+    assert any(d.bound.incumbent_value > d.bound.jbar for d in decisions[1:])
+
+
+def test_a_kept_plan_is_travelled_exactly_as_it_was_announced():
+    s = settings({"method": "augmented", "iterations": 30}, steps=30)
+    planner = VehiclePlanner(1, s, np.random.default_rng(5))
+    decisions = _fly(planner)
+    kept = [d for d in decisions if d.bound.incumbent_kept]
+    assert kept
+    for d in kept:
+        states, actions = planner.rebuild(d.plan)  # what every receiver does
+        at = states[d.leg.step - d.plan.step]
+        assert (d.leg.heading_rad, d.leg.north_m, d.leg.east_m) == tuple(at)
+        assert len(actions) == 30 - d.plan.step
+
+
+def test_plans_survive_the_packets_float32():
+    s = settings(steps=10)
+    planner = VehiclePlanner(1, s, np.random.default_rng(5))
+    for d in _fly(planner):
+        p = d.plan
+        received = Plan(
+            vehicle=p.vehicle,
+            step=p.step,
+            heading_rad=float(np.float32(p.heading_rad)),
+            north_m=float(np.float32(p.north_m)),
+            east_m=float(np.float32(p.east_m)),
+            actions=p.actions,
+            heuristic=p.heuristic,
+        )
+        assert received == p
+        other = VehiclePlanner(1, s, np.random.default_rng(99))
+        assert np.array_equal(other.rebuild(received)[0], planner.rebuild(p)[0])
+
+
+def test_a_vehicle_driven_off_its_leg_plans_from_where_it_is():
+    s = settings(steps=6)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    first = planner.decide(0.0)
+    at = first.leg.state_at(first.leg.length_m - 3.0)
+    pushed = (at[1] + 30.0 * math.sin(at[0]), at[2] - 30.0 * math.cos(at[0]))
+    planner.odometry(14.0, at[0], *pushed, 1.5)
+    second = planner.decide(14.0)
+    assert second.statistics.reanchored
+    assert math.hypot(second.leg.north_m - pushed[0], second.leg.east_m - pushed[1]) < 6.1
+    assert planner.leg == second.leg  # it does not wait for the end of a leg that it is not on
+
+
+def test_a_start_elsewhere_than_configured_is_taken_from_odometry():
+    planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
+    planner.odometry(0.0, 1.0, 200.0, 300.0, 1.5)
+    decision = planner.decide(0.0)
+    assert decision.statistics.reanchored
+    assert (decision.leg.north_m, decision.leg.east_m) == (200.0, 300.0)
+
+
+def test_it_escapes_from_a_corner_without_an_exception():
+    s = settings(vehicle={"start_north_m": 375.0, "start_east_m": 475.0, "start_heading_rad": 0.8}, steps=8)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    decisions = _fly(planner)
+    assert decisions[0].statistics.escape
+    assert not decisions[-1].statistics.escape
+    assert planner.finished
+
+
+def test_shallow_ground_on_the_map_ends_the_incumbent():
+    s = settings({"method": "lawnmower"}, steps=12)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    first = planner.decide(0.0)
+    states, _ = planner.rebuild(first.plan)
+    ahead = states[3, 1:]
+    # a survey at every 20 m: 20 m of water, but for a shoal of 30 m radius in the third leg's way
+    survey = np.array([[n, e] for n in np.arange(-20.0, 200.0, 20.0) for e in np.arange(-20.0, 200.0, 20.0)])
+    depths = np.where(np.hypot(*(survey - ahead).T) < 30.0, 1.0, 20.0)
+    shoal = Centers(survey, depths, np.full(len(survey), 0.3))
+    planner.set_centers(shoal)
+    at = first.leg.end_state
+    planner.odometry(15.0, *at, 1.5)
+    second = planner.decide(15.0)
+    assert second.statistics.incumbent_infeasible
+    assert not second.bound.incumbent_kept
+    states, actions = planner.rebuild(second.plan)
+    for state, action in zip(states[:4], actions[:4], strict=False):
+        track = planner.motion.track(state, int(action), 1.0)
+        assert planner.posterior.mean_m(track).min() > 3.0
+
+
+def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
+    s = settings({"method": "augmented", "credit": "beyond"}, vehicles=2, steps=10)
+    one = VehiclePlanner(1, s, np.random.default_rng(1))
+    two = VehiclePlanner(2, s, np.random.default_rng(1))
+    one.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    two.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    plan = one.decide(0.0).plan
+    two.hear(0.0, dataclasses.replace(plan, heuristic=0x20))
+    two.hear(0.0, dataclasses.replace(plan, actions=(77,)))
+    two.hear(0.0, dataclasses.replace(plan, north_m=math.nan))
+    assert any("3 received plans" in p for p in two.problems(0.0))
+    two.hear(0.0, plan)
+    decision = two.decide(0.0)
+    assert decision.statistics.team_places == 10
+    mine, theirs = two.rebuild(decision.plan)[0][:, 1:], one.rebuild(plan)[0][:, 1:]
+    apart = np.hypot(*(mine[-1] - theirs[-1]))
+    assert apart > 20.0
+
+
+def test_parameters_can_be_changed_while_it_runs():
+    s = settings({"method": "augmented", "iterations": 20}, steps=10)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    first = planner.decide(0.0)
+    planner.set_planner(PlannerConfig(method="best", iterations=200))
+    planner.odometry(15.0, *first.leg.end_state, 1.5)
+    second = planner.decide(15.0)
+    assert second.bound.method == "best"
+    assert second.bound.iterations == 200
+    assert math.isfinite(second.bound.lower_bound)
+
+
+@pytest.mark.parametrize("method", ["augmented", "plain", "best"])
+def test_a_deadline_gives_a_feasible_plan(method):
+    planner = VehiclePlanner(1, settings({"method": method}, steps=60), np.random.default_rng(1))
+    planner.set_centers(centers(np.random.default_rng(1), 100))
+    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    decision = planner.decide(0.0, deadline=lambda: True)
+    assert decision.bound.deadline_hit
+    state = np.array([0.0, 0.0, 0.0])
+    for action in decision.plan.actions:
+        assert action in planner.space.feasible(state)
+        state = planner.motion.end_state(state, action)
+
+
+def test_samples_per_leg_count_in_the_reward():
+    values = []
+    for samples in (1, 3):
+        planner = VehiclePlanner(1, settings({"samples_per_leg": samples}), np.random.default_rng(1))
+        planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+        values.append(planner.decide(0.0).bound.jbar)
+    assert values[1] > 2.0 * values[0]
+
+
+def test_a_vehicle_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match="vehicle: got 4; expected 1 to mission.vehicles = 2"):
+        VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
+
+
+def test_recipes_are_the_papers_and_can_be_overridden():
+    paper = RECIPES["augmented"]
+    assert (paper.objective, paper.credit, paper.horizon, paper.tail) == ("path", "printed", 3, True)
+    plain = RECIPES["plain"]
+    assert (plain.objective, plain.credit, plain.horizon, plain.tail, plain.incumbent) == ("path", "printed", 10, False, False)
+    changed = recipe(PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)))
+    assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))
+    assert recipe(PlannerConfig(method="plain", tail=True)).naive_paths == (0xF0,)
+
+
+@pytest.mark.parametrize(
+    ("planner", "message"),
+    [
+        ({"method": "bset"}, "planner.method: got 'bset'; expected one of"),
+        ({"iteratons": 5}, "did you mean 'iterations'"),
+        ({"horizon": 0}, "planner.horizon: got 0; expected"),
+        ({"naive_paths": [0x10]}, r"planner.naive_paths\[0\]: got 16"),
+    ],
+)
+def test_wrong_parameters_are_named(planner, message):
+    with pytest.raises(ParameterError, match=message):
+        PlannerSettings.from_parameters({"area": {}, "planner": planner}, "file.yaml")
+
+
+def test_configuration_round_trip():
+    from auv_lse_common.params import to_mapping
+
+    config = PlannerConfig(method="best", horizon=7, naive_paths=(0xF4,))
+    assert from_mapping(PlannerConfig, to_mapping(config), "again") == config
