@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 import yaml
+
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for, read_parameter_file
-
 from auv_lse_sim.run_data import (
     DecisionRecord,
     GroundGrid,

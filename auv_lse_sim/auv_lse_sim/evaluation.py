@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from auv_lse_common.params import parameters_for
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap, Field
 from auv_lse_planner.config import PlannerSettings
-from numpy.typing import NDArray
-
 from auv_lse_sim import isobath
 from auv_lse_sim.reward import Curves, replay
 from auv_lse_sim.run_data import DepthSource, GroundGrid, RunData, VehicleRun

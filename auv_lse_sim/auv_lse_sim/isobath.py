@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from auv_lse_common.frames import geodetic_from_local
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from auv_lse_common.frames import geodetic_from_local
 
 Array = NDArray[np.float64]
 

@@ -21,6 +21,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.online import IllConditionedError, OnlineGp, SoundingError
 from auv_lse_gp.risk import LevelSet
@@ -28,9 +31,6 @@ from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.motion import MotionTable
 from auv_lse_planner.naive import COVERING, LAWNMOWERS, NONE, NaivePaths
-from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-
 from auv_lse_sim.run_data import DecisionRecord, RunData, VehicleRun
 
 Array = NDArray[np.float64]

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.motion import MotionTable
 from auv_lse_sim.evaluation import ground_grid, mission_settings

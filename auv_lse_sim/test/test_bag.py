@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from auv_lse_sim.bag import BagError, read_bag, read_run, write_run
 
 

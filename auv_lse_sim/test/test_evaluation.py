@@ -3,6 +3,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap, Field
 from auv_lse_sim.evaluation import (

@@ -3,8 +3,8 @@ import math
 
 import numpy as np
 import pytest
-from auv_lse_common.frames import local_from_geodetic
 
+from auv_lse_common.frames import local_from_geodetic
 from auv_lse_sim import isobath
 
 

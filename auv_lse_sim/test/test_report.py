@@ -4,6 +4,7 @@ import struct
 
 import pytest
 import yaml
+
 from auv_lse_sim.report import number, write_report
 from auv_lse_sim.summary import table
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.naive import NONE

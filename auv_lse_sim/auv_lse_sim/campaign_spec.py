@@ -1,0 +1,184 @@
+"""What a campaign flies: settings times seeds, from a YAML file.
+
+name: loss                          # the campaign's name; its folder, unless --out says otherwise
+mission: ../missions/default.yaml   # optional: the mission file to start from (beside this file)
+set: {mission.steps: 50}            # optional: parameters of all missions, by dotted name
+grid:                               # every combination of these ...
+  planner.method: [augmented, plain]
+  sim.channel.packet_loss: [0.0, 0.5]
+list:                               # ... and of these with it, each a label and the parameters it stands for
+  - {label: pair, mission.vehicles: 2}
+  - {label: trio, mission.vehicles: 3}
+seeds: 50                           # 1 to 50; or a list; or {first: 101, count: 50}
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.params import ParameterError
+from auv_lse_sim.settings import Patterns, Settings
+
+#: Keys of a campaign file.
+KEYS = ("name", "mission", "set", "grid", "list", "seeds")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One mission of a campaign.
+
+    Attributes:
+        id: Names the mission: a digest of its complete parameters, so that a changed campaign file repeats only
+            what it changed.
+        group: The setting it belongs to, readable: all seeds of one setting share it.
+        varied: The parameters in which settings differ, with this mission's values.
+        seed: Its seed.
+        patterns: Its complete mission file.
+    """
+
+    id: str
+    group: str
+    varied: Mapping[str, Any]
+    seed: int
+    patterns: Patterns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignSpec:
+    """A campaign.
+
+    Attributes:
+        name: Its name.
+        settings: Parameters of each setting (dotted names), with its label.
+        seeds: Seeds that every setting is flown with.
+        varied: Names of the parameters in which settings differ, in order.
+        base: The mission file that all settings start from.
+        where: The file it came from, for messages.
+    """
+
+    name: str
+    settings: tuple[tuple[str, Mapping[str, Any]], ...]
+    seeds: tuple[int, ...]
+    varied: tuple[str, ...]
+    base: Patterns
+    where: str
+
+    @classmethod
+    def load(cls, path: Path) -> CampaignSpec:
+        """Reads a campaign file.
+
+        Raises:
+            ParameterError: naming the key, the value and what was expected.
+        """
+        try:
+            content = yaml.safe_load(path.read_text())
+        except OSError as error:
+            raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except yaml.YAMLError as error:
+            raise ParameterError(f"{path}: not valid YAML: {error}") from error
+        return cls.from_mapping(content, str(path), path.resolve().parent, path.stem)
+
+    @classmethod
+    def from_mapping(cls, content: Any, where: str, folder: Path, name: str = "campaign") -> CampaignSpec:
+        """The campaign that a mapping (as in the file) describes; `folder` is where its mission file is looked for.
+
+        Raises:
+            ParameterError: naming the key, the value and what was expected.
+        """
+        if not isinstance(content, Mapping) or not content:
+            raise ParameterError(f"{where}: expected a mapping with any of {', '.join(KEYS)}")
+        for key in content:
+            if key not in KEYS:
+                raise ParameterError(f"{where}: {key}: unknown key; expected one of {', '.join(KEYS)}")
+        common = _mapping(content.get("set", {}), f"{where}: set")
+        grid = _mapping(content.get("grid", {}), f"{where}: grid")
+        for parameter, values in grid.items():
+            if not isinstance(values, list) or not values:
+                raise ParameterError(f"{where}: grid: {parameter}: got {values!r}; expected a list of values")
+        listed = content.get("list", [{}])
+        if not isinstance(listed, list) or not listed:
+            raise ParameterError(f"{where}: list: got {listed!r}; expected a list of mappings")
+        settings: list[tuple[str, Mapping[str, Any]]] = []
+        for entry in listed:
+            own = dict(_mapping(entry, f"{where}: list"))
+            label = own.pop("label", None)
+            for values in itertools.product(*grid.values()):
+                chosen = dict(zip(grid, values, strict=True))
+                if both := set(own) & set(chosen):
+                    raise ParameterError(f"{where}: {', '.join(sorted(both))}: in grid and in list; expected in one")
+                parts = [str(label)] if label is not None else [_short(k, v) for k, v in own.items()]
+                parts += [_short(k, v) for k, v in chosen.items()]
+                settings.append((", ".join(parts) or "all", {**common, **own, **chosen}))
+        labels = [label for label, _ in settings]
+        if len(set(labels)) != len(labels):
+            twice = next(label for label in labels if labels.count(label) > 1)
+            raise ParameterError(f"{where}: two settings are called '{twice}'; expected different labels")
+        mission = content.get("mission")
+        base = Settings.load(folder / str(mission) if mission else None)
+        names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
+        return cls(
+            name=str(content.get("name", name)),
+            settings=tuple(settings),
+            seeds=_seeds(content.get("seeds", 1), where),
+            varied=tuple(names),
+            base=base.to_patterns(),
+            where=where,
+        )
+
+    def jobs(self) -> list[Job]:
+        """Every mission, seed by seed, so that a campaign cut short has all settings with as many seeds.
+
+        Raises:
+            ParameterError: if a setting cannot be used.
+        """
+        jobs = []
+        by_setting = [
+            (label, values, Settings.from_patterns(self.base, self.where, values)) for label, values in self.settings
+        ]
+        for seed in self.seeds:
+            for label, values, settings in by_setting:
+                patterns = settings.with_overrides({"mission.seed": seed}).to_patterns()
+                digest = hashlib.sha256(json.dumps(patterns, sort_keys=True).encode()).hexdigest()[:16]
+                varied = {name: values[name] for name in self.varied if name in values}
+                jobs.append(Job(id=digest, group=label, varied=varied, seed=seed, patterns=patterns))
+        ids = [job.id for job in jobs]
+        if len(set(ids)) != len(ids):
+            twice = next(job for job in jobs if ids.count(job.id) > 1)
+            raise ParameterError(
+                f"{self.where}: setting '{twice.group}' with seed {twice.seed} is the same mission as another one"
+            )
+        return jobs
+
+
+def _mapping(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"{where}: got {value!r}; expected parameters by dotted name, as planner.method: plain")
+    return {str(k): v for k, v in value.items()}
+
+
+def _seeds(value: Any, where: str) -> tuple[int, ...]:
+    if isinstance(value, bool):
+        pass
+    elif isinstance(value, int) and value >= 1:
+        return tuple(range(1, value + 1))
+    elif isinstance(value, Mapping) and set(value) == {"first", "count"}:
+        return tuple(range(int(value["first"]), int(value["first"]) + int(value["count"])))
+    elif isinstance(value, Sequence) and _different_seeds(value):
+        return tuple(value)
+    raise ParameterError(f"{where}: seeds: got {value!r}; expected a number, a list of numbers, or first and count")
+
+
+def _different_seeds(values: Sequence[Any]) -> bool:
+    return 0 < len(values) == len(set(values)) and all(isinstance(v, int) and v >= 0 for v in values)
+
+
+def _short(name: str, value: Any) -> str:
+    return f"{name.split('.')[-1]} {value}"
