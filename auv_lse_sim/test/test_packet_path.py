@@ -1,0 +1,134 @@
+"""A receiver rebuilds the sender's whole remaining path from a packet's bytes alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from auv_lse_comms.packet import Packet, decode, encode
+from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
+from auv_lse_planner.free_space import FreeSpace
+from auv_lse_planner.motion import MotionTable
+from auv_lse_planner.naive import IDS, NONE, NaivePaths
+from auv_lse_planner.plan import Plan
+from auv_lse_planner.vehicle_planner import VehiclePlanner
+
+Array = NDArray[np.float64]
+MISSION_STEPS = 100
+POLYGON = (-50.0, -50.0, 550.0, -50.0, 600.0, 650.0, -50.0, 600.0)
+NO_GO = {"island": (200.0, 200.0, 280.0, 200.0, 280.0, 290.0, 200.0, 290.0)}
+ACTION_SETS = {
+    "paper": MotionConfig(),
+    "printed straights": MotionConfig(straight="printed"),
+    "three": MotionConfig(actions_deg=(-45.0, 0.0, 45.0)),
+    "uneven": MotionConfig(actions_deg=(-80.0, -33.3, 0.0, 7.7, 61.1), turn_radius_m=11.0),
+    "many": MotionConfig(actions_deg=tuple(float(a) for a in range(-90, 91, 4))),
+}
+
+
+def through_packet(plan: Plan, samples: Array) -> Plan:
+    """The plan as a receiver has it: from the bytes and the source address alone."""
+    data = encode(
+        Packet(
+            step=plan.step,
+            heading_rad=plan.heading_rad,
+            north_m=plan.north_m,
+            east_m=plan.east_m,
+            actions=plan.actions,
+            heuristic=plan.heuristic,
+            samples=samples,
+        )
+    )
+    assert len(data) == 252
+    got = decode(data)
+    return Plan(
+        vehicle=plan.vehicle,
+        step=got.step,
+        heading_rad=got.heading_rad,
+        north_m=got.north_m,
+        east_m=got.east_m,
+        actions=got.actions,
+        heuristic=got.heuristic,
+    )
+
+
+class Boat:
+    """One end's own copies of everything a path is made from."""
+
+    def __init__(self, motion: MotionConfig) -> None:
+        self.area = OperatingArea(AreaConfig(polygon_m=POLYGON, no_go=NO_GO))
+        self.motion = MotionTable(motion)
+        self.space = FreeSpace(self.area, self.motion)
+        self.naive = NaivePaths(self.space, PlannerConfig(), self.area.polygon, 3)
+
+    def path(self, step: int, state: Array, actions: tuple[int, ...], heuristic: int) -> Array:
+        """States (L + 1, 3) from mission step `step` to the mission's end, or to the plan's without naive path."""
+        own = list(actions[: MISSION_STEPS - step])
+        end = self.motion.roll(state, own)[-1]
+        tail = self.naive.actions(end, heuristic, MISSION_STEPS - step - len(own))
+        return self.motion.roll(state, [*own, *tail.tolist()])
+
+
+@pytest.mark.parametrize("kind", ACTION_SETS)
+def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
+    """For every naive path and none, at steps from the first to the last: the same states, to the last bit."""
+    sender, receiver = Boat(ACTION_SETS[kind]), Boat(ACTION_SETS[kind])
+    rng = np.random.default_rng(len(kind))
+    compared = 0
+    for heuristic in (*IDS, NONE):
+        for step in (0, 1, 2, 50, 96, 97, 98, 99, 100):
+            state = np.array([rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 500.0), rng.uniform(0.0, 550.0)])
+            count = int(rng.choice([0, 1, 3, 10]))
+            actions = tuple(rng.integers(0, sender.motion.actions, count).tolist())
+            plan = Plan(
+                vehicle=2,
+                step=step,
+                heading_rad=state[0],
+                north_m=state[1],
+                east_m=state[2],
+                actions=actions,
+                heuristic=heuristic,
+            )
+            sent = sender.path(plan.step, plan.state, plan.actions, plan.heuristic)
+            got = through_packet(plan, rng.uniform(0.0, 50.0, (5, 3)))
+            assert got == plan
+            rebuilt = receiver.path(got.step, got.state, got.actions, got.heuristic)
+            assert rebuilt.shape == sent.shape
+            if heuristic != NONE:
+                assert len(rebuilt) == MISSION_STEPS - step + 1
+            np.testing.assert_array_equal(rebuilt, sent)
+            # and what the rounding to float32 does to the part of the path that the actions say: less than 1 mm
+            exact = sender.motion.roll(state, actions[: MISSION_STEPS - step])
+            np.testing.assert_allclose(rebuilt[: len(exact), 1:], exact[:, 1:], atol=1e-3)
+            compared += len(sent)
+    assert compared > 3000
+
+
+@pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower"])
+def test_at_every_step_of_a_mission_team_mates_know_the_path_that_is_travelled(method: str) -> None:
+    settings = PlannerSettings.from_parameters(
+        {
+            "area": {"polygon_m": list(POLYGON)},
+            "mission": {"vehicles": 2, "steps": 30},
+            "planner": {"method": method, "iterations": 30},
+        },
+        "test",
+    )
+    sender = VehiclePlanner(1, settings, np.random.default_rng(1))
+    receiver = VehiclePlanner(2, settings, np.random.default_rng(2))
+    state = np.zeros(3)
+    for step in range(30):
+        sender.odometry(20.0 * step, state[0], state[1], state[2], 1.5)
+        decision = sender.decide(20.0 * step)
+        travelled = sender.path
+        assert travelled is not None
+        got = through_packet(decision.plan, np.zeros((0, 3)))
+        assert got == decision.plan
+        rebuilt, actions = receiver.rebuild(got)
+        gone = step + 1 - got.step
+        np.testing.assert_array_equal(rebuilt[gone:], travelled[0])
+        np.testing.assert_array_equal(actions[gone:], travelled[1])
+        assert decision.plan.heuristic == NONE or len(actions) == 30 - decision.plan.step
+        state = decision.leg.end_state
