@@ -128,8 +128,8 @@ class _VehicleLog:
         self.odometry: list[tuple[float, ...]] = []
         self.soundings: list[tuple[float, ...]] = []
         self.samples: list[tuple[float, ...]] = []
-        self.plans: dict[int, tuple[float, Any]] = {}
-        self.bounds: dict[int, Any] = {}
+        self.plans: dict[float, Any] = {}
+        self.bounds: dict[float, Any] = {}
 
     def take(self, name: str, stamp_s: float, message: Any) -> None:
         """Takes a message of the vehicle's topic `name`; topics not needed are passed over."""
@@ -140,9 +140,9 @@ class _VehicleLog:
             heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
             (self.odometry if name == "odometry" else self.truth).append((stamp_s, position.y, position.x, heading))
         elif name == "plan":
-            self.plans[int(message.step)] = (stamp_s, message)
+            self.plans[stamp_s] = message
         elif name == "planner/bound":
-            self.bounds[int(message.step)] = message
+            self.bounds[stamp_s] = message
         elif name == "team/samples":
             for north, east, depth in zip(message.north_m, message.east_m, message.depth_m, strict=True):
                 self.samples.append((stamp_s, float(message.source), float(north), float(east), float(depth)))
@@ -150,13 +150,14 @@ class _VehicleLog:
     def vehicle_run(self, number: int, method: str) -> VehicleRun:
         """The collected messages as arrays, in order of time; a plan without its bound gets NaN values."""
         decisions = []
-        for step in sorted(self.plans):
-            now_s, plan = self.plans[step]
-            bound = self.bounds.get(step)
+        # A decision publishes both with one stamp. The plan's own step is not the decision's: a plan that is kept
+        # stays anchored where it began.
+        for now_s in sorted(self.plans):
+            plan, bound = self.plans[now_s], self.bounds.get(now_s)
             decisions.append(
                 DecisionRecord(
                     now_s=now_s,
-                    step=step,
+                    step=int(bound.step) if bound else int(plan.step),
                     heading_rad=float(plan.heading_rad),
                     north_m=float(plan.north_m),
                     east_m=float(plan.east_m),
