@@ -288,7 +288,8 @@ class ModemEmulator:
 
     def _on_clock_set(self, now_s: float, sentence: nmea.Sentence) -> None:
         text = sentence.fields[0] if sentence.fields else ""
-        wanted_s, _ = nmea.read_iso_time(text, "time")
+        # WHOI's acomms 3.1.1 ends the time in "ZZ", and real modems take it
+        wanted_s, _ = nmea.read_iso_time(text.rstrip("Z"), "time")
         self._clock_error_s = wanted_s - now_s
         self._clock_set = True
         self._say(nmea.ClockSet(timed_out=False, utc_s=wanted_s))

@@ -218,8 +218,8 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
         asked.append(wire.driver.send(wire.now_s, PAYLOAD))
         wire.flow()
         wire.pass_time(15.0)
-        arrival = Arrival(start_s=wire.now_s, source=1, destination=0, payload=random.Random(slot).randbytes(252), snr_db=9.0)
-        wire.modem.arrive(arrival)
+        payload = random.Random(slot).randbytes(252)
+        wire.modem.arrive(Arrival(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=9.0))
         wire.flow()
         wire.pass_time(15.0)
     started = [e.number for e in wire.of(mm.TransmitStarted)]
