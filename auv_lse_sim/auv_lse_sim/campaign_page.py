@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +118,9 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
             for place, rows in enumerate(groups.values()):
                 values = [v for v in (value_of(r, column) for r in rows) if v is not None]
                 _dot(axis, interval(values), values, place, rng)
-            axis.set_title(names[column], fontsize=8.5)
+            axis.set_title(names[column].replace(" (", "\n("), fontsize=8.5)
+            low, high = _range(column, groups.values())
+            axis.set_xlim(low, high)
             axis.grid(True, axis="x", color="#e4e4e4", lw=0.5)
             axis.set_axisbelow(True)
             axis.locator_params(axis="x", nbins=4)
@@ -126,6 +128,15 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
         axes[0].set_yticks(range(len(groups)), list(groups), fontsize=8.0 if longest < 45 else 6.5)
         axes[0].set_ylim(len(groups) - 0.4, -0.6)
         return figure
+
+
+def _range(column: str, groups: Iterable[Sequence[Row]]) -> tuple[float, float]:
+    """Limits that show every value; intervals of a few seeds, which are wide, may stick out."""
+    values = [v for rows in groups for v in (value_of(r, column) for r in rows) if v is not None and math.isfinite(v)]
+    if not values:
+        return 0.0, 1.0
+    room = 0.08 * (max(values) - min(values)) or 0.05 * abs(values[0]) or 1.0
+    return min(values) - room, max(values) + room
 
 
 def _dot(axis: Any, mean: Interval, values: Sequence[float], place: int, rng: np.random.Generator) -> None:
@@ -160,6 +171,7 @@ def curves(groups: Mapping[str, Sequence[Row]]) -> Figure:
         axis.set_xlabel("step")
         axis.set_ylabel("team reward, stepwise (units of cost)")
         axis.set_xlim(left=0)
+        axis.xaxis.get_major_locator().set_params(integer=True)
         axis.grid(True, color="#e4e4e4", lw=0.5)
         axis.set_axisbelow(True)
         if len(groups) > 1:
@@ -198,8 +210,9 @@ def sweep_figure(lines: Mapping[str, Sequence[tuple[float, Sequence[Row]]]], lab
                 axis.plot(at, [m.mean for m in means], "o-", ms=3.5, lw=1.3, color=color)
                 low = [m.low if math.isfinite(m.low) else m.mean for m in means]
                 high = [m.high if math.isfinite(m.high) else m.mean for m in means]
-                axis.vlines(at, low, high, color=color, lw=1.0)
-            axis.set_title(names[column], fontsize=8.5)
+                axis.fill_between(at, low, high, color=color, alpha=0.15, lw=0)
+            axis.set_ylim(*_range(column, [rows for points in lines.values() for _, rows in points]))
+            axis.set_title(names[column].replace(" (", "\n("), fontsize=8.5)
             axis.set_xlabel(label)
             axis.grid(True, color="#e4e4e4", lw=0.5)
             axis.set_axisbelow(True)

@@ -99,6 +99,14 @@ class PlannedPath:
         tail, _ = self._travel(state, self._naive.actions(state, decision.heuristic, left))
         return head, tail
 
+    def leg(self, decision: DecisionRecord) -> Array:
+        """Places (n, 2) of the leg that a plan begins with, which is of its naive part if it has no actions."""
+        state = np.array([decision.heading_rad, decision.north_m, decision.east_m])
+        actions: Sequence[int] | NDArray[np.int64] = decision.actions
+        if not decision.actions:
+            actions = self._naive.actions(state, decision.heuristic, self.steps - decision.step)
+        return self.leg_places(state, int(actions[0])) if len(actions) else np.empty((0, 2))
+
     def naive(self, state: Array, heuristic: int) -> Array:
         """Places (P, 2) of a naive path from a state over the whole mission."""
         return self._travel(state, self._naive.actions(state, heuristic, self.steps))[0]
@@ -167,10 +175,7 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
                 bound[step] = stepwise[step] + float((before - after)[len(heads) : len(heads) + len(tails)].sum())
             whole_bound[step] = float((prior - after).sum())
         places = [
-            path.leg_places(np.array([plan.heading_rad, plan.north_m, plan.east_m]), plan.actions[0])
-            if plan is not None and plan.actions
-            else np.empty((0, 2))
-            for path, plan in zip(paths, plans, strict=True)
+            path.leg(plan) if plan is not None else np.empty((0, 2)) for path, plan in zip(paths, plans, strict=True)
         ]
         owner = np.repeat(np.arange(len(places)), [len(p) for p in places])
         here = np.concatenate(places)
