@@ -133,6 +133,15 @@ class ProcessGroup:
         text = self.log(name).read_text(errors="replace").splitlines()
         return "\n".join(text[-lines:]) or "(it wrote nothing)"
 
+    def cpu_s(self) -> dict[str, float]:
+        """Processor time (s, user and system) that each running process has taken so far (Linux; else empty)."""
+        times = {}
+        for name, process in self._running.items():
+            with contextlib.suppress(OSError, ValueError, IndexError):
+                fields = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+                times[name] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return times
+
     def stop(self) -> None:
         """Ends every process: the recorder last, so that it records the end; never leaves one behind."""
         first = {n: p for n, p in self._running.items() if "recorder" not in n}

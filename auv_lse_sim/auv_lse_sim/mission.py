@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
@@ -18,10 +19,13 @@ from rich.console import Console
 
 from auv_lse_common.params import ParameterError
 from auv_lse_sim.display import Display, Progress
+from auv_lse_sim.ground_source import ground_of
 from auv_lse_sim.launcher import LaunchError, ProcessGroup, local_environment, own_domain
+from auv_lse_sim.navigable import fit_to_ground
 from auv_lse_sim.processes import mission_processes
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.summary import Summary
+from auv_lse_sim.watch_node import Watcher
 
 _START_S = 90.0
 
@@ -137,7 +141,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[2]))
     try:
         settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
-        settings, notes = prepare(settings, area_given=options.area is not None)
+        settings, notes = fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
         folder = run_folder(options.out, root)
     except (ParameterError, MissionError, ValueError) as error:
         console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
@@ -168,21 +172,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def prepare(settings: Settings, area_given: bool) -> tuple[Settings, list[str]]:
-    """Fits the operating area and the start to the ground.
-
-    Returns:
-        The settings to fly, and what a person should know of it.
-
-    Raises:
-        GroundError: if the ground cannot be used, or there is nowhere to go.
-    """
-    from auv_lse_sim.ground_source import ground_of
-
-    ground = ground_of(settings)
-    return settings, [ground.describe()]
-
-
 def print_parameters(console: Console) -> None:
     """Every parameter of a mission file with default, unit, range and meaning."""
     from rich.table import Table
@@ -211,61 +200,49 @@ def fly(
     """Starts every process, watches the mission to its end, and ends every process.
 
     Returns:
-        Wall-clock seconds of each phase.
+        Wall-clock seconds of the phases "start", "mission" and "ending"; those not reached are left out.
 
     Raises:
         MissionError: if a node died or the simulator gave up; every process is ended then, too.
     """
     os.environ.update(environment)
-    vehicles = settings.mission.vehicles
-    progress = Progress(vehicles=vehicles, steps_total=settings.mission.steps)
-    phases: dict[str, float] = {}
-    began = time.monotonic()
+    progress = Progress(vehicles=settings.mission.vehicles, steps_total=settings.mission.steps)
+    marks = {"began": time.monotonic()}
     group = ProcessGroup(folder / "logs", environment)
-    try:
-        with contextlib.ExitStack() as stack:
-            stack.callback(group.stop)
-            for process in mission_processes(vehicles, modem, vehicle_link):
-                group.start(process, folder / "mission.yaml", ("-p", "use_sim_time:=true") if _follows(process.executable) else ())
-            watch = stack.enter_context(_watching(progress))
-            display = stack.enter_context(Display(progress, console))
-            while not interrupt.came:
-                state, message = watch(0.1)
-                display.refresh()
-                for name, code in group.ended():
-                    raise MissionError(
-                        f"{name} ended by itself (exit code {code}); the end of {group.log(name)}:\n{group.last_words(name)}"
-                    )
-                if state == "failed":
-                    raise MissionError(f"the simulator gave up: {message}; logs: {folder / 'logs'}")
-                if state == "finished":
-                    progress.phase = "finished"
-                    phases["mission"] = time.monotonic() - began - phases.get("start", 0.0)
-                    break
-                if state == "running" and "start" not in phases:
-                    progress.phase = "running"
-                    phases["start"] = time.monotonic() - began
-                if state == "waiting" and time.monotonic() - began > _START_S + 10.0 * vehicles:
-                    raise MissionError(f"the nodes have not found each other: {message}; logs: {folder / 'logs'}")
-            ending = time.monotonic()
-            progress.phase = "ending"
-    finally:
-        phases["ending"] = time.monotonic() - locals().get("ending", time.monotonic())
+    with contextlib.ExitStack() as stack:
+        stack.callback(group.stop)
+        for process in mission_processes(settings.mission.vehicles, modem, vehicle_link):
+            follows = process.executable != "sim_node"  # every clock but the simulator's follows /clock
+            group.start(process, folder / "mission.yaml", ("-p", "use_sim_time:=true") if follows else ())
+        watcher = stack.enter_context(Watcher(progress))
+        display = stack.enter_context(Display(progress, console))
+        while not interrupt.came and progress.phase != "finished":
+            state, message = watcher.wait(0.1)
+            _judge(state, message, group, folder, time.monotonic() - marks["began"], progress.vehicles)
+            if state in ("running", "finished"):
+                progress.phase = state
+                marks.setdefault("running", time.monotonic())
+            display.refresh()
+        marks["ended"] = time.monotonic()
+        processor_s = group.cpu_s()
+    phases = {"ending": time.monotonic() - marks["ended"]}
+    if "running" in marks:
+        phases = {"start": marks["running"] - marks["began"], "mission": marks["ended"] - marks["running"], **phases}
+    times = {"wall_s": phases, "processor_s": processor_s}
+    (folder / "logs" / "times.json").write_text(json.dumps(times, indent=1) + "\n")
     return phases
 
 
-def _follows(executable: str) -> bool:
-    """Whether a process's clock follows /clock (the simulator makes it)."""
-    return executable != "sim_node"
-
-
-@contextlib.contextmanager
-def _watching(progress: Progress) -> Any:
-    """Follows the mission's topics into `progress`; gives a function that waits a little and tells the state."""
-    from auv_lse_sim.watch_node import Watcher
-
-    with Watcher(progress) as watcher:
-        yield watcher.wait
+def _judge(state: str, message: str, group: ProcessGroup, folder: Path, since_s: float, vehicles: int) -> None:
+    """Raises MissionError if the mission cannot go on."""
+    for name, code in group.ended():
+        raise MissionError(
+            f"{name} ended by itself (exit code {code}); the end of {group.log(name)}:\n{group.last_words(name)}"
+        )
+    if state == "failed":
+        raise MissionError(f"the simulator gave up: {message}; logs: {folder / 'logs'}")
+    if state == "waiting" and since_s > _START_S + 10.0 * vehicles:
+        raise MissionError(f"the nodes have not found each other: {message}; logs: {folder / 'logs'}")
 
 
 def conclude(
@@ -274,7 +251,6 @@ def conclude(
     """Evaluates the recording into summary.json, isobath.geojson and, if asked, the figures and the report."""
     from auv_lse_sim.bag import read_run
     from auv_lse_sim.evaluation import evaluate, ground_grid
-    from auv_lse_sim.ground_source import ground_of
     from auv_lse_sim.report import write_isobath, write_report
 
     began = time.monotonic()
@@ -288,6 +264,8 @@ def conclude(
         summary.write(folder / "summary.json")
         write_isobath(evaluation, folder / "isobath.geojson")
     phases["report"] = time.monotonic() - began
+    times = folder / "logs" / "times.json"
+    times.write_text(json.dumps({**json.loads(times.read_text()), "wall_s": phases}, indent=1) + "\n")
     for line in headlines(summary):
         console.print(line, highlight=False, soft_wrap=True)
     told = "report.html" if report else "summary.json"

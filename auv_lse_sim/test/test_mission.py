@@ -139,8 +139,8 @@ def test_a_mission_over_the_real_lake(tmp_path: Path, name: str) -> None:
     folder = tmp_path / "run"
     process = fly("--bathymetry", str(file), "--vehicles", "1", "--steps", "6", "--no-report", "--out", str(folder))
     assert process.returncode == 0, process.stdout + process.stderr
-    assert "start" in process.stdout, "where the start was moved to is said"
-    assert "cover" in process.stdout, "the area is far too large for 6 steps, and that is said"
+    assert "too large" in process.stdout, "the area is far too large for 6 steps, and that is said"
+    assert "%" in process.stdout, "with the coverage to expect"
     run = read_run(folder)
     assert len(run.vehicles[0].soundings) > 20
     assert run.origin is not None
