@@ -97,7 +97,7 @@ class ModemBridge:
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
         self._receivers = receivers
         self._plan: Packet | None = None
-        self._unsent = np.zeros((0, 4))  # stamp_s, north_m, east_m, depth_m
+        self._unsent = np.zeros((0, 5))  # stamp_s, north_m, east_m, depth_m, worth when last asked about
         self._last_queued: tuple[float, float] | None = None
         self._last_sent: Array | None = None  # samples of the last packet, while it can be taken back
         self._last_slot: tuple[int, float] | None = None  # index and since_s of the slot it went out in
@@ -113,7 +113,7 @@ class ModemBridge:
     @property
     def backlog(self) -> Array:
         """The samples waiting to be sent: stamp (s), north, east, depth (m), shape (n, 4)."""
-        return self._unsent.copy()
+        return self._unsent[:, :4].copy()
 
     def set_plan(self, plan: PlanLike) -> None:
         """Takes the vehicle's current best path, said in the next packets until another one comes.
@@ -164,7 +164,7 @@ class ModemBridge:
         if not len(rows):
             return 0
         late = len(self._unsent) > 0 and rows[0, 0] < self._unsent[-1, 0]
-        self._unsent = np.concatenate([self._unsent, rows])
+        self._unsent = np.concatenate([self._unsent, np.column_stack([rows, np.full(len(rows), np.inf)])])
         if late or (np.diff(rows[:, 0]) < 0.0).any():
             self._unsent = self._unsent[np.argsort(self._unsent[:, 0], kind="stable")]
         self.counts["samples.queued"] += len(rows)
@@ -264,7 +264,7 @@ class ModemBridge:
     def _compose(self, plan: Packet) -> bytes:
         room = capacity(len(plan.actions), self._config.reserve)
         if self._config.selection == "useful" and self._receivers is not None:
-            chosen = most_useful(self._unsent[:, 1:], room, self._receivers)
+            chosen = most_useful(self._unsent[:, 1:4], room, self._receivers, self._unsent[:, 4])
         else:
             chosen = every_nth(len(self._unsent), room)
         packet = Packet(
@@ -274,7 +274,7 @@ class ModemBridge:
             east_m=plan.east_m,
             actions=plan.actions,
             heuristic=plan.heuristic,
-            samples=self._unsent[chosen, 1:],
+            samples=self._unsent[chosen, 1:4],
         )
         payload = encode(packet, self._limits, self._config.reserve)
         if self._tagger is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from auv_lse_common.params import parameter
-
 from auv_lse_comms.fields import SAMPLE
 
 
@@ -74,6 +73,10 @@ class PacketConfig:
         choices=("every_nth", "useful"),
         help="which unsent samples to send: every n-th in time order (the paper's), or those whose expected drop of "
         "the receivers' Bayes risk is largest",
+    )
+    receivers: str = parameter(
+        "auv_lse_gp.receivers_risk:ReceiversRisk",
+        help="class, as 'module:class', that says what a sample is worth to the receivers; for selection 'useful'",
     )
     min_spacing_m: float = parameter(
         0.0,

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+import importlib
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.params import ParameterError
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+#: Unsent samples whose worth is asked about for one packet.
+CONSIDERED = 200
+#: How many are asked about at once while choosing.
+_BATCH = 8
 
 
 class ReceiversRisk(Protocol):
@@ -51,15 +60,19 @@ def every_nth(unsent: int, room: int) -> Indices:
     return np.rint(np.linspace(0.0, unsent - 1.0, room)).astype(np.intp)
 
 
-def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk) -> Indices:
+def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Array) -> Indices:
     """The samples worth most to the receivers, chosen one after the other, each given those chosen before.
 
     Tells `receivers` what it chose. The oldest is always among them, so none waits for ever.
+
+    Only the `CONSIDERED` that were worth most when last asked about are asked about again, and while choosing, only
+    those whose last answer exceeds the best new one: what receivers learn makes nearby samples worth less, as a rule.
 
     Args:
         samples_m: Unsent samples in time order, shape (n, 3).
         room: Samples that fit the packet.
         receivers: What the receivers know.
+        worth: Each sample's gain when last asked about, infinite if never, shape (n,); updated in place.
 
     Returns:
         Ascending indices of min(n, room) different samples.
@@ -74,15 +87,57 @@ def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk) -> Indice
         return np.arange(n)
     if room == 0:
         return np.arange(0)
-    chosen = np.zeros(n, dtype=bool)
-    chosen[0] = True
+
+    def ask(which: Indices) -> None:
+        gains = np.asarray(receivers.gains(samples_m[which]), dtype=float)
+        if gains.shape != which.shape or not np.isfinite(gains).all():
+            raise ValueError(f"gains of shape {gains.shape}: expected {which.shape}, one finite number per sample")
+        worth[which] = gains
+
+    chosen = [0]
     receivers.tell(samples_m[:1])
+    considered = max(CONSIDERED, room)
+    new = 1 + np.flatnonzero(np.isinf(worth[1:]))
+    if len(new) > considered:  # a backlog: look at it evenly
+        pool = new[every_nth(len(new), considered)]
+    else:
+        pool = 1 + np.argsort(-worth[1:], kind="stable")[:considered]
+    ask(pool)
+    fresh = np.ones(len(pool), dtype=bool)
     for _ in range(room - 1):
-        left = np.flatnonzero(~chosen)
-        gains = np.asarray(receivers.gains(samples_m[left]), dtype=float)
-        if gains.shape != left.shape or not np.isfinite(gains).all():
-            raise ValueError(f"gains of shape {gains.shape}: expected {left.shape}, one finite number per sample")
-        best = left[np.argmax(gains)]
-        chosen[best] = True
-        receivers.tell(samples_m[best : best + 1])
-    return np.flatnonzero(chosen)
+        while not fresh[best := int(np.argmax(worth[pool]))]:
+            stale = np.flatnonzero(~fresh)
+            batch = stale[np.argsort(-worth[pool[stale]], kind="stable")[:_BATCH]]
+            ask(pool[batch])
+            fresh[batch] = True
+        chosen.append(int(pool[best]))
+        receivers.tell(samples_m[pool[best] : pool[best] + 1])
+        pool = np.delete(pool, best)
+        fresh = np.zeros(len(pool), dtype=bool)
+    return np.sort(np.array(chosen, dtype=np.intp))
+
+
+def load_receivers(name: str, parameters: Mapping[str, Any], where: str) -> ReceiversRisk:
+    """The `ReceiversRisk` that the mission file names.
+
+    This package knows no map, so what a sample is worth comes from a class named as "module:class", which is made by
+    its `from_parameters(parameters, where)`.
+
+    Args:
+        name: `packet.receivers`.
+        parameters: Nested parameters of the mission.
+        where: Where they came from, for messages.
+
+    Raises:
+        ParameterError: if there is no such class.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        made: ReceiversRisk = getattr(importlib.import_module(module), attribute).from_parameters(parameters, where)
+    except (ImportError, AttributeError, ValueError) as error:
+        if isinstance(error, ParameterError):
+            raise
+        raise ParameterError(
+            f"{where}: packet.receivers: got {name!r}; expected 'module:class' with from_parameters: {error}"
+        ) from error
+    return made

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from auv_lse_comms.selection import every_nth, most_useful
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
+from auv_lse_common.params import ParameterError
+from auv_lse_comms.config import PacketConfig
+from auv_lse_comms.selection import CONSIDERED, every_nth, load_receivers, most_useful
 
 Array = NDArray[np.float64]
 
@@ -72,7 +75,7 @@ def test_most_useful_takes_turns_with_what_it_chose() -> None:
     # worth by place: two heaps of high worth, at 100 and 200; the oldest, worth little, at 0
     samples = np.array([[0, 0, 1], [100, 0, 9], [101, 0, 8.9], [102, 0, 8.8], [200, 0, 5], [201, 0, 4.9], [300, 0, 2]])
     receivers = Peaks()
-    chosen = most_useful(samples.astype(float), 4, receivers)
+    chosen = most_useful(samples.astype(float), 4, receivers, np.full(7, np.inf))
     # the oldest; 9 at 100; not its neighbours but 5 at 200; then 8.8 x 0.2 at 102 is less than 2 at 300
     assert chosen.tolist() == [0, 1, 4, 6]
     assert sorted(receivers.known[:, 0].tolist()) == [0, 100, 200, 300]
@@ -83,7 +86,7 @@ def test_most_useful_takes_turns_with_what_it_chose() -> None:
 def test_most_useful_never_starves_the_oldest(n: int, room: int, seed: int) -> None:
     samples = np.random.default_rng(seed).uniform(0.0, 100.0, (n, 3))
     receivers = Peaks()
-    chosen = most_useful(samples, room, receivers)
+    chosen = most_useful(samples, room, receivers, np.full(n, np.inf))
     assert len(chosen) == len(set(chosen.tolist())) == min(n, room)
     if len(chosen):
         assert chosen[0] == 0
@@ -91,9 +94,56 @@ def test_most_useful_never_starves_the_oldest(n: int, room: int, seed: int) -> N
     assert len(receivers.known) == len(chosen)
 
 
+def greedy(samples: Array, room: int, receivers: Peaks) -> list[int]:
+    """The same choice, everything asked about every time."""
+    chosen = [0]
+    receivers.tell(samples[:1])
+    while len(chosen) < room:
+        gains = receivers.gains(samples)
+        gains[chosen] = -1.0
+        chosen.append(int(np.argmax(gains)))
+        receivers.tell(samples[chosen[-1] : chosen[-1] + 1])
+    return sorted(chosen)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_most_useful_asks_little_and_chooses_as_if_it_asked_all(seed: int) -> None:
+    samples = np.random.default_rng(seed).uniform(0.0, 100.0, (150, 3))
+    assert most_useful(samples, 19, Peaks(), np.full(150, np.inf)).tolist() == greedy(samples, 19, Peaks())
+
+
+def test_worth_is_remembered_and_a_backlog_looked_at_evenly() -> None:
+    samples = np.random.default_rng(3).uniform(0.0, 100.0, (1000, 3))
+    worth = np.full(1000, np.inf)
+    chosen = most_useful(samples, 19, Peaks(), worth)
+    asked = np.flatnonzero(np.isfinite(worth))
+    assert len(asked) == CONSIDERED
+    assert np.diff(asked).max() <= 6
+    assert set(chosen[1:].tolist()) <= set(asked.tolist())
+    left = np.delete(np.arange(1000), chosen)
+    worth = worth[left]
+    most_useful(samples[left], 19, Peaks(), worth)
+    assert np.isfinite(worth).sum() == 2 * CONSIDERED - 18
+
+
+@pytest.mark.parametrize("name", ["no_such_module:Class", "math:Class", "math:pi", "math", ""])
+def test_a_class_that_does_not_exist_is_refused(name: str) -> None:
+    with pytest.raises(ParameterError, match=r"mission.yaml: packet.receivers: got '.*'; expected 'module:class'"):
+        load_receivers(name, {}, "mission.yaml")
+
+
+def test_the_class_a_mission_names_is_made_from_its_parameters() -> None:
+    pytest.importorskip("auv_lse_gp.receivers_risk")
+    parameters = {"area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0]}}
+    receivers = load_receivers(PacketConfig().receivers, parameters, "mission.yaml")
+    assert receivers.gains(np.array([[60.0, 50.0, 15.0]])) > 0.0
+    with pytest.raises(ParameterError, match=r"kernel: got 'none'"):
+        load_receivers(PacketConfig().receivers, {**parameters, "gp": {"kernel": "none"}}, "mission.yaml")
+
+
 @pytest.mark.parametrize("gains", [lambda s: np.ones((len(s), 1)), lambda s: np.full(len(s), np.nan)])
 def test_gains_that_are_no_numbers_are_refused(gains: object) -> None:
     receivers = Peaks()
     receivers.gains = gains  # type: ignore[method-assign, assignment]
     with pytest.raises(ValueError, match="one finite number per sample"):
-        most_useful(np.zeros((5, 3)), 3, receivers)
+        most_useful(np.zeros((5, 3)), 3, receivers, np.full(5, np.inf))
