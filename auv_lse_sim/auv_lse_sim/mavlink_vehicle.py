@@ -214,6 +214,11 @@ class MavlinkVehicle:
         if self._wanted and now_s - self._asked_s >= ITEM_TIMEOUT_S:
             self._ask_again()
 
+    def greet(self, now_s: float) -> None:
+        """Sends a heartbeat now, so that the other side knows where to speak to."""
+        self._now_s = now_s
+        self._heartbeat()
+
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now; they are handed out once."""
         data, self._out = self._out, []
@@ -502,6 +507,11 @@ class MavlinkDock:
                 self.vehicles[vehicle].receive(now_s, data)
             self._flush(vehicle)
         return total
+
+    def greet(self, vehicle: int, now_s: float) -> None:
+        """Sends a vehicle's heartbeat."""
+        self.vehicles[vehicle].greet(now_s)
+        self._flush(vehicle)
 
     def report(self, vehicle: int, now_s: float, report: Report) -> None:
         """Sends a vehicle's telemetry of one tick."""
