@@ -19,7 +19,6 @@ import math
 from dataclasses import dataclass
 
 from auv_lse_common.frames import geodetic_from_local, local_from_geodetic, wrap_pi
-
 from auv_lse_comms.mavlink_wire import Message, mavlink
 
 #: SET_POSITION_TARGET_LOCAL_NED.type_mask: take position and yaw; ignore velocity, acceleration, yaw rate.

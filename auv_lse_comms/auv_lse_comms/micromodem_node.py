@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 
-from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, diagnostics, header, run, seconds
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 
+from auv_lse_common.params import ParameterError, section
+from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, diagnostics, header, run, seconds
 from auv_lse_comms import micromodem
 from auv_lse_comms.micromodem import State
 from auv_lse_comms.modem_config import ModemConfig

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import time
 
-from auv_lse_common.frames import quaternion_from_heading
-from auv_lse_common.lockstep import Gate
-from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, diagnostics, header, run, seconds
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import FluidPressure, Range
 
+from auv_lse_common.frames import quaternion_from_heading
+from auv_lse_common.lockstep import Gate
+from auv_lse_common.params import ParameterError, section
+from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, diagnostics, header, run, seconds
 from auv_lse_comms import mavlink_conversion, mavlink_link
 from auv_lse_comms.link_config import LinkConfig
 from auv_lse_comms.mavlink_conversion import Origin, Target

@@ -13,7 +13,6 @@ from pathlib import Path
 from auv_lse_common.params import ParameterError
 from auv_lse_comms.mavlink_conversion import Origin
 from auv_lse_comms.transport import AddressError, read_address
-
 from auv_lse_sim.channel import Arrival as ChannelArrival
 from auv_lse_sim.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report, TargetLeg
 from auv_lse_sim.modem_emulator import Arrival, EmulatorRack, PtyShell, Shell, TcpShell
