@@ -66,8 +66,17 @@ LEG_HEADING, LEG_NORTH, LEG_EAST, LEG_TURN, LEG_RADIUS, LEG_STRAIGHT = range(6)
     B_SCALE,
     SURFACE_AGE,  # seconds since the last surfacing ended
     TRAVELLED,  # m over ground
-) = range(20)
-MEMORY = 20
+    UNDER_WAY,  # seconds since it set out
+    REFUSED,  # DVL pings that the filter refused in a row
+) = range(22)
+MEMORY = 22
+
+#: Under way for less than this many time constants of its speed, a vehicle's velocity changes fast.
+SETTING_OUT = 5.0
+#: Variance per second of the velocity while it does (m^2/s^3).
+SETTING_OUT_RATE = 0.3**2
+#: After this many refused DVL pings in a row it is the filter that is wrong.
+PATIENCE = 8.0
 
 # -- modes
 WAITING, ON_RAILS, STEERED = 0.0, 1.0, 2.0
@@ -217,7 +226,8 @@ def _float(m: Array, current_north: float, current_east: float, dt: float) -> No
     m[T_EAST] += ve * dt
     m[T_HEADING] = wrap(m[T_HEADING] + m[T_RATE] * dt)
     c, s = math.cos(m[T_HEADING]), math.sin(m[T_HEADING])
-    m[T_SURGE], m[T_SWAY] = c * vn + s * ve, -s * vn + c * ve
+    m[T_SURGE] = m[T_SPEED] + c * current_north + s * current_east
+    m[T_SWAY] = -s * current_north + c * current_east
     m[TRAVELLED] += math.hypot(vn, ve) * dt
 
 
@@ -250,6 +260,11 @@ def _navigate(m: Array, x: Array, p: Array, params: Array, q: Array, normals: Ar
         m[B_GYRO] += params[P_GYRO_WALK] * math.sqrt(dt) * normals[N_GYRO_WALK]
         gyro += m[B_GYRO] + params[P_GYRO_NOISE] / math.sqrt(dt) * normals[N_GYRO]
     predict(x, p, gyro, dt, q)
+    if m[MODE] != WAITING:
+        m[UNDER_WAY] += dt
+        if m[UNDER_WAY] < SETTING_OUT * params[P_SPEED_TIME]:
+            p[SURGE, SURGE] += SETTING_OUT_RATE * dt
+            p[SWAY, SWAY] += SETTING_OUT_RATE * dt
     m[COMPASS_AGE] += dt
     if params[P_COMPASS_IDEAL] == 0.0:
         m[B_COMPASS] += params[P_COMPASS_WALK] * math.sqrt(dt) * normals[N_COMPASS_WALK]
@@ -271,7 +286,13 @@ def _navigate(m: Array, x: Array, p: Array, params: Array, q: Array, normals: Ar
         if uniforms[U_OUTLIER] < params[P_DVL_OUTLIER_SHARE]:
             surge += params[P_DVL_OUTLIER] * normals[N_OUT_A]
             sway += params[P_DVL_OUTLIER] * normals[N_OUT_B]
-        update_dvl(x, p, surge, sway, noise * noise, GATE)
+        gate = GATE
+        if m[REFUSED] >= PATIENCE:
+            # Outliers do not come in rows: the velocity has changed as the filter did not expect.
+            gate = 1e9
+            p[SURGE, SURGE] += 1.0
+            p[SWAY, SWAY] += 1.0
+        m[REFUSED] = 0.0 if update_dvl(x, p, surge, sway, noise * noise, gate) == 2 else m[REFUSED] + 1.0
     m[GPS_AGE] += dt
     if m[T_DEPTH] <= params[P_GPS_DEPTH] and m[GPS_AGE] >= params[P_GPS_INTERVAL] - 1e-9:
         m[GPS_AGE] = 0.0
@@ -341,7 +362,7 @@ def advance(
         row = out[i]
         row[O_NORTH], row[O_EAST], row[O_HEADING], row[O_DEPTH] = m[T_NORTH], m[T_EAST], m[T_HEADING], m[T_DEPTH]
         row[O_EST_NORTH], row[O_EST_EAST], row[O_EST_HEADING] = x[NORTH], x[EAST], x[HEADING]
-        row[O_EST_SPEED] = math.hypot(x[SURGE], x[SWAY])
+        row[O_EST_SPEED] = math.hypot(x[SURGE], x[SWAY]) / (1.0 + x[DVL_SCALE])
         row[O_PING] = 1.0 if ping else 0.0
         row[O_TRAVELLED], row[O_ALONG] = m[TRAVELLED], m[ALONG]
         if m[MODE] != WAITING and m[ALONG] >= limit - 1e-9:

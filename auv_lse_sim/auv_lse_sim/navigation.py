@@ -2,12 +2,17 @@
 
 State (8), in the local tangent plane and the vehicle's body frame:
 
-    NORTH, EAST (m), HEADING (rad), SURGE, SWAY (m/s over ground), GYRO_BIAS (rad/s), COMPASS_BIAS (rad), DVL_SCALE
+    NORTH, EAST (m), HEADING (rad), SURGE, SWAY (m/s, as the DVL sees them), GYRO_BIAS (rad/s), COMPASS_BIAS (rad),
+    DVL_SCALE
 
-Between measurements the heading turns by the gyro without its bias, the place moves by the velocity, and the
-velocity, the biases and the scale are random walks:
+Between measurements the heading turns by the gyro without its bias, the place moves by the velocity over ground,
+which is what the DVL sees without its scale error, and velocity, biases and scale are random walks:
 
-    heading' = gyro - GYRO_BIAS,  north' = SURGE cos h - SWAY sin h,  east' = SURGE sin h + SWAY cos h
+    heading' = gyro - GYRO_BIAS
+    north' = (SURGE cos h - SWAY sin h) / (1 + DVL_SCALE),  east' = (SURGE sin h + SWAY cos h) / (1 + DVL_SCALE)
+
+With the velocity over ground as a state instead, DVL measurements (1 + scale) * velocity would be products of two
+states: the filter would believe to learn the scale from them, which nothing but fixes can tell it, and be too sure.
 
 The state is at the same time the nominal state and, by its covariance, the error state: after each scalar
 measurement the error's estimate is put into the nominal state and starts from 0 again (Groves 2013, sections 14.2
@@ -52,22 +57,34 @@ def predict(x: Array, p: Array, gyro: float, dt: float, q: Array) -> None:
         dt: Time step (s).
         q: Process noise: variance per second of heading, velocity, gyro bias, compass bias, place (5,).
     """
-    c, s = math.cos(x[HEADING]), math.sin(x[HEADING])
+    turn = (gyro - x[GYRO_BIAS]) * dt
+    c, s = math.cos(x[HEADING] + 0.5 * turn), math.sin(x[HEADING] + 0.5 * turn)  # of the step's middle
+    scale = 1.0 + x[DVL_SCALE]
+    c, s = c / scale, s / scale
     north_rate = x[SURGE] * c - x[SWAY] * s
     east_rate = x[SURGE] * s + x[SWAY] * c
+    north_scale, east_scale = -north_rate / scale, -east_rate / scale
     x[NORTH] += north_rate * dt
     x[EAST] += east_rate * dt
-    x[HEADING] = wrap(x[HEADING] + (gyro - x[GYRO_BIAS]) * dt)
+    x[HEADING] = wrap(x[HEADING] + turn)
     # P = F P F', F = I + dt * d(rates)/d(state): rows NORTH, EAST and HEADING only, first from the left ...
     for j in range(STATES):
-        north = p[NORTH, j] + dt * (-east_rate * p[HEADING, j] + c * p[SURGE, j] - s * p[SWAY, j])
-        east = p[EAST, j] + dt * (north_rate * p[HEADING, j] + s * p[SURGE, j] + c * p[SWAY, j])
+        north = p[NORTH, j] + dt * (
+            -east_rate * p[HEADING, j] + c * p[SURGE, j] - s * p[SWAY, j] + north_scale * p[DVL_SCALE, j]
+        )
+        east = p[EAST, j] + dt * (
+            north_rate * p[HEADING, j] + s * p[SURGE, j] + c * p[SWAY, j] + east_scale * p[DVL_SCALE, j]
+        )
         p[NORTH, j], p[EAST, j] = north, east
         p[HEADING, j] -= dt * p[GYRO_BIAS, j]
     # ... then from the right.
     for i in range(STATES):
-        north = p[i, NORTH] + dt * (-east_rate * p[i, HEADING] + c * p[i, SURGE] - s * p[i, SWAY])
-        east = p[i, EAST] + dt * (north_rate * p[i, HEADING] + s * p[i, SURGE] + c * p[i, SWAY])
+        north = p[i, NORTH] + dt * (
+            -east_rate * p[i, HEADING] + c * p[i, SURGE] - s * p[i, SWAY] + north_scale * p[i, DVL_SCALE]
+        )
+        east = p[i, EAST] + dt * (
+            north_rate * p[i, HEADING] + s * p[i, SURGE] + c * p[i, SWAY] + east_scale * p[i, DVL_SCALE]
+        )
         p[i, NORTH], p[i, EAST] = north, east
         p[i, HEADING] -= dt * p[i, GYRO_BIAS]
     p[NORTH, NORTH] += q[PLACE_RATE] * dt
@@ -119,19 +136,18 @@ def update(x: Array, p: Array, h: Array, residual: float, variance: float, gate:
 
 @compiled
 def update_dvl(x: Array, p: Array, surge: float, sway: float, variance: float, gate: float) -> int:
-    """Takes a DVL velocity (m/s over ground, body frame): (1 + DVL_SCALE) times the velocity.
+    """Takes a DVL velocity (m/s, body frame, as the DVL sees it).
 
     Returns:
         How many of the two components were taken.
     """
     taken = 0
     h = np.zeros(STATES)
-    h[SURGE], h[DVL_SCALE] = 1.0 + x[DVL_SCALE], x[SURGE]
-    if update(x, p, h, surge - (1.0 + x[DVL_SCALE]) * x[SURGE], variance, gate) <= gate * gate:
+    h[SURGE] = 1.0
+    if update(x, p, h, surge - x[SURGE], variance, gate) <= gate * gate:
         taken += 1
-    h[SURGE] = 0.0
-    h[SWAY], h[DVL_SCALE] = 1.0 + x[DVL_SCALE], x[SWAY]
-    if update(x, p, h, sway - (1.0 + x[DVL_SCALE]) * x[SWAY], variance, gate) <= gate * gate:
+    h[SURGE], h[SWAY] = 0.0, 1.0
+    if update(x, p, h, sway - x[SWAY], variance, gate) <= gate * gate:
         taken += 1
     return taken
 

@@ -218,9 +218,9 @@ class SimVehicle:
         gyro = 0.0 if p[mm.P_GYRO_IDEAL] else p[mm.P_GYRO_NOISE] ** 2
         gyro_walk = 0.0 if p[mm.P_GYRO_IDEAL] else p[mm.P_GYRO_WALK] ** 2
         compass_walk = 0.0 if p[mm.P_COMPASS_IDEAL] else p[mm.P_COMPASS_WALK] ** 2
-        # Velocity: the surge of setting out, and the current's change of side in a turn, are what a step of 0.1 s
-        # has to follow. Place: the sub-step's arc taken for its chord.
-        return np.array([gyro + 1e-10, 0.08**2, gyro_walk, compass_walk, 1e-6])
+        # Velocity: speed keeping, and the current's change of side in a turn. Place: the sub-step's arc taken for its
+        # chord. Heading: the same of the turn.
+        return np.array([gyro + 1e-10, 0.02**2, gyro_walk, compass_walk, 1e-6])
 
     @property
     def step(self) -> int:
@@ -246,9 +246,10 @@ class SimVehicle:
     def error(self) -> Array:
         """Filter's state minus the truth (8,)."""
         m = self._m
+        seen = 1.0 + m[mm.B_SCALE]
         truth = np.array(
-            [m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING], m[mm.T_SURGE], m[mm.T_SWAY], m[mm.B_GYRO], m[mm.B_COMPASS],
-             m[mm.B_SCALE]]
+            [m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING], seen * m[mm.T_SURGE], seen * m[mm.T_SWAY], m[mm.B_GYRO],
+             m[mm.B_COMPASS], m[mm.B_SCALE]]
         )  # fmt: skip
         error = self._x - truth
         error[HEADING] = wrap(error[HEADING])
@@ -412,7 +413,7 @@ class SimVehicle:
             heading_rad=float(x[HEADING]),
             north_m=float(x[NORTH]),
             east_m=float(x[EAST]),
-            speed_mps=math.hypot(float(x[SURGE]), float(x[SWAY])),
+            speed_mps=math.hypot(float(x[SURGE]), float(x[SWAY])) / (1.0 + float(x[DVL_SCALE])),
             covariance=self._p[np.ix_(_STATE, _STATE)],
         )
 

@@ -1,0 +1,121 @@
+"""Is the navigation filter as good as it says, and how far does it drift? Many dives of one vehicle over flat ground.
+
+NEES is the squared error over the filter's own covariance; consistent, it averages to its number of states (Bar-Shalom,
+Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. `measure()` is what the table and the test of
+consistency use. Run: python -m benchmarks.navigation_consistency [dives]
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from auv_lse_common.seeds import stream
+from auv_lse_planner.config import MotionConfig, VehicleConfig
+from auv_lse_planner.motion import MotionTable
+from auv_lse_planner.plan import Leg
+from auv_lse_sim.config import SimConfig
+from auv_lse_sim.current import Current
+from auv_lse_sim.vehicle import SimVehicle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Consistency:
+    """What many dives show.
+
+    Attributes:
+        nees: Normalized squared error of north, east, heading: one row per dive, one column per time.
+        nees_place: The same of north, east.
+        error_m: Distance between estimated and true place.
+        std_m: What the filter says it is (root of the summed variances).
+        travelled_m: Distance gone.
+        times_s: The columns' times.
+    """
+
+    nees: Array
+    nees_place: Array
+    error_m: Array
+    std_m: Array
+    travelled_m: Array
+    times_s: Array
+
+    @property
+    def drift(self) -> float:
+        """Root mean square error at the end over the mean distance gone."""
+        return float(np.sqrt((self.error_m[:, -1] ** 2).mean()) / self.travelled_m[:, -1].mean())
+
+    def bounds(self, states: int, probability: float = 0.95) -> tuple[float, float]:
+        """Between which the mean NEES over the dives lies with this probability, if the filter is consistent."""
+        n = states * len(self.nees)
+        tail = (1.0 - probability) / 2.0
+        return float(chi2.ppf(tail, n) / len(self.nees)), float(chi2.ppf(1.0 - tail, n) / len(self.nees))
+
+
+def measure(
+    sim: SimConfig, dives: int, duration_s: float = 900.0, every_s: float = 150.0, first_seed: int = 0, side_m: float = 0.0
+) -> Consistency:
+    """Dives one vehicle along lanes (side_m > 0) or a random path (side_m = 0), over flat ground 20 m deep."""
+    table = MotionTable(MotionConfig())
+    times = np.arange(every_s, duration_s + 0.5, every_s)
+    shape = (dives, len(times))
+    nees, place, error, std, gone = (np.zeros(shape) for _ in range(5))
+    for dive in range(dives):
+        seed = first_seed + dive
+        vehicle = SimVehicle(1, VehicleConfig(start_delay_s=30.0), sim, stream(seed, "sensors", 1))
+        current = Current(sim.current, stream(seed, "current"))
+        rng = stream(seed, "path")
+        state, step = np.zeros(3), 0
+        lane = 0
+        for tick in range(1, int(duration_s) + 1):
+            stamps = tick - 1.0 + np.arange(1, 11) / 10.0
+            north, _ = vehicle.move(tick - 1.0, float(tick), current.advance(tick - 1.0, stamps))
+            vehicle.sense(np.full(len(north), 20.0))
+            if vehicle.step == step - 1:
+                if side_m > 0.0:
+                    per_lane = max(round(side_m / table.leg_length_m), 1)
+                    turning = step % (per_lane + 2) >= per_lane
+                    lane = step // (per_lane + 2)
+                    action = (10 if lane % 2 == 0 else 0) if turning else 5
+                else:
+                    action = int(rng.integers(0, table.actions))
+                vehicle.command(Leg.of(table, step, state, action))
+                state, step = table.end_state(state, action), step + 1
+            column = np.flatnonzero(times == tick)
+            if len(column):
+                e, p = vehicle.error[:3], vehicle.covariance[:3, :3]
+                nees[dive, column] = e @ np.linalg.solve(p, e)
+                place[dive, column] = e[:2] @ np.linalg.solve(p[:2, :2], e[:2])
+                error[dive, column] = np.hypot(e[0], e[1])
+                std[dive, column] = np.sqrt(p[0, 0] + p[1, 1])
+                gone[dive, column] = vehicle.truth(float(tick)).travelled_m
+    return Consistency(nees=nees, nees_place=place, error_m=error, std_m=std, travelled_m=gone, times_s=times)
+
+
+def main() -> int:
+    """Prints NEES against its bounds, and the drift, for random paths and for lanes."""
+    dives = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    for name, side_m in (("random path", 0.0), ("lanes of 400 m", 400.0)):
+        result = measure(SimConfig(), dives, duration_s=1500.0, every_s=250.0, side_m=side_m)
+        low, high = result.bounds(3)
+        low2, high2 = result.bounds(2)
+        print(f"{name}, {dives} dives: NEES (3 states) expected {low:.2f} to {high:.2f}, place {low2:.2f} to {high2:.2f}")
+        print("   time s  NEES  place  rms error m  filter's std m  gone m")
+        for i, time in enumerate(result.times_s):
+            rms = np.sqrt((result.error_m[:, i] ** 2).mean())
+            std = np.sqrt((result.std_m[:, i] ** 2).mean())
+            print(
+                f"  {time:7.0f} {result.nees[:, i].mean():5.2f} {result.nees_place[:, i].mean():6.2f} {rms:12.2f} "
+                f"{std:15.2f} {result.travelled_m[:, i].mean():7.0f}"
+            )
+        print(f"  drift at the end: {100.0 * result.drift:.2f} % of the distance gone")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
