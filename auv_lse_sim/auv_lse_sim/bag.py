@@ -158,6 +158,7 @@ class _VehicleLog:
                 DecisionRecord(
                     now_s=now_s,
                     step=int(bound.step) if bound else int(plan.step),
+                    plan_step=int(plan.step),
                     heading_rad=float(plan.heading_rad),
                     north_m=float(plan.north_m),
                     east_m=float(plan.east_m),
@@ -306,7 +307,7 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             plan = types[own + "Plan"](
                 header=header(d.now_s),
                 vehicle=vehicle.vehicle,
-                step=d.step,
+                step=d.anchor_step,
                 heading_rad=d.heading_rad,
                 north_m=d.north_m,
                 east_m=d.east_m,

@@ -215,6 +215,7 @@ class Fleet:
                 DecisionRecord(
                     now_s=now_s,
                     step=bound.step,
+                    plan_step=plan.step,
                     heading_rad=plan.heading_rad,
                     north_m=plan.north_m,
                     east_m=plan.east_m,

@@ -92,20 +92,31 @@ class PlannedPath:
         return np.column_stack([state[1] + c * ahead - s * starboard, state[2] + s * ahead + c * starboard])
 
     def places(self, decision: DecisionRecord) -> tuple[Array, Array]:
-        """Places of a plan to the mission's end: of its actions (A, 2), and of its naive part (B, 2)."""
-        state = np.array([decision.heading_rad, decision.north_m, decision.east_m])
-        head, state = self._travel(state, decision.actions[: self.steps - decision.step])
-        left = self.steps - decision.step - len(decision.actions)
-        tail, _ = self._travel(state, self._naive.actions(state, decision.heuristic, left))
-        return head, tail
+        """Places of a plan from the decided leg to the end: of its actions (A, 2), of its naive part (B, 2)."""
+        state, actions, naive = self._ahead(decision)
+        head, state = self._travel(state, actions)
+        return head, self._travel(state, naive)[0]
 
     def leg(self, decision: DecisionRecord) -> Array:
-        """Places (n, 2) of the leg that a plan begins with, which is of its naive part if it has no actions."""
+        """Places (n, 2) of the decided leg, which is of the plan's naive part if its actions are used up."""
+        state, actions, naive = self._ahead(decision)
+        ahead = [*actions, *naive[:1]]
+        return self.leg_places(state, int(ahead[0])) if ahead else np.empty((0, 2))
+
+    def state(self, decision: DecisionRecord) -> Array:
+        """State (3,) in which the decided leg begins: heading (rad), north, east (m)."""
+        return self._ahead(decision)[0]
+
+    def _ahead(self, decision: DecisionRecord) -> tuple[Array, list[int], list[int]]:
+        """State at the decision's step, and the plan's actions and naive actions from there to the mission's end."""
         state = np.array([decision.heading_rad, decision.north_m, decision.east_m])
-        actions: Sequence[int] | NDArray[np.int64] = decision.actions
-        if not decision.actions:
-            actions = self._naive.actions(state, decision.heuristic, self.steps - decision.step)
-        return self.leg_places(state, int(actions[0])) if len(actions) else np.empty((0, 2))
+        actions = list(decision.actions[: self.steps - decision.anchor_step])
+        after = self._travel(state, actions)[1]
+        left = self.steps - decision.anchor_step - len(actions)
+        naive = [int(a) for a in self._naive.actions(after, decision.heuristic, left)]
+        gone = decision.step - decision.anchor_step
+        state = self._travel(state, [*actions, *naive][:gone])[1]
+        return state, actions[gone:], naive[max(gone - len(actions), 0) :]
 
     def naive(self, state: Array, heuristic: int) -> Array:
         """Places (P, 2) of a naive path from a state over the whole mission."""
@@ -119,8 +130,8 @@ class PlannedPath:
         return np.concatenate(places), state
 
 
-def leg_times(vehicle: VehicleRun) -> Array:
-    """Times (s) at which a vehicle passed the initial states of its plans, and the end of the last leg, (n + 1,).
+def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
+    """Times (s) at which a vehicle began the legs it decided, and infinity, (n + 1,).
 
     A decision is taken shortly before its leg begins, so state i is passed between decisions i and i + 1: when the
     odometry is nearest to it.
@@ -136,7 +147,8 @@ def leg_times(vehicle: VehicleRun) -> Array:
         if len(rows) == 0:
             times.append(decision.now_s)
             continue
-        distance = np.hypot(rows[:, 1] - decision.north_m, rows[:, 2] - decision.east_m)
+        _, north, east = path.state(decision)
+        distance = np.hypot(rows[:, 1] - north, rows[:, 2] - east)
         times.append(float(rows[np.argmin(distance), 0]))
     return np.array([*times, np.inf])
 
@@ -153,7 +165,7 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
     steps, level_set = run.steps, settings[0].level_set
     paths = [PlannedPath(s, area) for s in settings]
     decisions = [{d.step: d for d in v.decisions} for v in run.vehicles]
-    soundings = [_by_leg(v, steps) for v in run.vehicles]
+    soundings = [_by_leg(v, path, steps) for v, path in zip(run.vehicles, paths, strict=True)]
     gp = OnlineGp(settings[0].gp)
     noise_m2 = settings[0].gp.noise_std_m ** 2
     visited = np.empty((0, 2))
@@ -225,9 +237,9 @@ def _naive_value(
     return value
 
 
-def _by_leg(vehicle: VehicleRun, steps: int) -> list[Array]:
+def _by_leg(vehicle: VehicleRun, path: PlannedPath, steps: int) -> list[Array]:
     """A vehicle's soundings (n, 4) by the leg they were made on; those before the first leg count to it."""
-    times = leg_times(vehicle)
+    times = leg_times(vehicle, path)
     legs: list[Array] = [np.empty((0, 4))] * steps
     if len(vehicle.decisions) == 0:
         return legs

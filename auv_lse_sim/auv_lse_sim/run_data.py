@@ -30,11 +30,13 @@ class DecisionRecord:
 
     Attributes:
         now_s: Mission time of the decision.
-        step: Step the decided action leads from (0 for the first).
+        step: Step the decided leg leads from (0 for the first).
+        plan_step: Step of the plan's initial state: a plan that is kept stays anchored where it began, so this can
+            be less than `step`; -1 stands for `step`.
         heading_rad: Heading of the plan's initial state (rad, clockwise from north).
         north_m: North of the plan's initial state.
         east_m: East of the plan's initial state.
-        actions: Indices of the planned actions in the action set.
+        actions: Indices of the planned actions in the action set, from `plan_step` on.
         heuristic: Id of the naive path that continues the plan (0xF0..0xFE), or 0xFF for none.
         jbar: Value Jbar (or J without augmentation) of the plan by the planner's objective (units of risk).
         reward_so_far: Reward the planner credits itself with until now (units of risk).
@@ -57,6 +59,12 @@ class DecisionRecord:
     lower_bound_max: float
     wall_s: float = float("nan")
     method: str = ""
+    plan_step: int = -1
+
+    @property
+    def anchor_step(self) -> int:
+        """Step of the plan's initial state."""
+        return self.step if self.plan_step < 0 else self.plan_step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

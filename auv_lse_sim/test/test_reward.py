@@ -29,7 +29,8 @@ def dense_risk(settings, soundings, places):
 def test_leg_times_are_when_the_states_were_passed(synthetic_run):
     run = synthetic_run(steps=10, drift_mps=0.0)
     leg_s = 15.0 * np.pi / 2.0 / 1.5
-    times = leg_times(run.vehicles[0])
+    settings, area = settings_of(run)
+    times = leg_times(run.vehicles[0], PlannedPath(settings[0], area))
     assert times[-1] == np.inf
     assert times[:-1] == pytest.approx(leg_s * np.arange(10), abs=0.7)  # odometry every 0.65 s
 
@@ -122,3 +123,21 @@ def test_planned_paths_are_those_of_the_packet(synthetic_run):
 def test_running_maximum_passes_over_unknowns():
     assert running_maximum(np.array([np.nan, 2.0, np.nan, 1.0, 3.0]))[1:].tolist() == [2.0, 2.0, 2.0, 3.0]
     assert np.isnan(running_maximum(np.array([np.nan, 1.0]))[0])
+
+
+def test_a_plan_that_is_kept_is_read_from_where_the_vehicle_is(synthetic_run):
+    from dataclasses import replace
+
+    run = synthetic_run(steps=30)
+    settings, area = settings_of(run)
+    path = PlannedPath(settings[0], area)
+    first = run.vehicles[0].decisions[0]
+    head, tail = path.places(first)
+    everything = np.concatenate([head, tail])
+    for step in (2, 3, 10):  # within the actions, at their end, on the naive part
+        kept = replace(first, step=step, plan_step=0)
+        head, tail = path.places(kept)
+        assert len(head) == max(3 - step, 0)
+        assert np.array_equal(np.concatenate([head, tail]), everything[step:])
+        assert np.array_equal(path.leg(kept)[-1], everything[step])
+        assert path.state(kept)[1:] == pytest.approx(everything[step - 1])
