@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
+
 from auv_lse_comms.fields import HEADER_STRUCT, NO_HEURISTIC, PACKET_BYTES, SAMPLE_BYTES, capacity, samples_start
 from auv_lse_comms.packet import REASONS, Limits, Packet, PacketError, decode, encode
 

@@ -11,7 +11,7 @@ from auv_lse_common.params import ParameterError, section
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet import Limits
-from auv_lse_comms.selection import ReceiversRisk
+from auv_lse_comms.selection import ReceiversRisk, load_receivers
 from auv_lse_comms.tag import KeyFileError, read_key
 
 
@@ -43,7 +43,7 @@ def bridge_of(
         parameters: Nested parameters of its modem_node.
         where: Where they came from, for messages.
         address: Number of the vehicle.
-        receivers: What the receivers know, for `packet.selection` "useful".
+        receivers: What the receivers know, for `packet.selection` "useful"; None: `packet.receivers`.
 
     Raises:
         ParameterError: naming what cannot be used, the key file's faults among them.
@@ -51,6 +51,8 @@ def bridge_of(
     tdma = section(TdmaConfig, parameters, "tdma", where)
     packet = section(PacketConfig, parameters, "packet", where)
     vehicles = int(parameters.get("mission", {}).get("vehicles", max((*tdma.order, address))))
+    if packet.selection == "useful" and receivers is None:
+        receivers = load_receivers(packet.receivers, parameters, where)
     try:
         key = read_key(packet.key_file) if packet.tag else None
         limits = limits_of(parameters, packet)

@@ -8,10 +8,11 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet import Limits, Packet, PacketError, decode, encode
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 TDMA = TdmaConfig()

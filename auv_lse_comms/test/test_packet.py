@@ -12,11 +12,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from auv_lse_comms.packet import REASONS, Limits, Packet, PacketError, decode, encode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from auv_lse_comms import fields
+from auv_lse_comms.packet import REASONS, Limits, Packet, PacketError, decode, encode
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from auv_lse_comms.packet import Packet, PacketError, encode
 from auv_lse_comms.tag import KeyFileError, Tagger, read_key
 

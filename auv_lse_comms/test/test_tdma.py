@@ -8,11 +8,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_comms.config import TdmaConfig
 from auv_lse_comms.tdma import Tdma
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 #: 10 s slots, of which 0.5 to 6.3 s is for starting: 10 - 0.5 - 2.2 - 1500 / 1500
 PAPER = TdmaConfig()

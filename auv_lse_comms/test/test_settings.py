@@ -1,0 +1,75 @@
+"""A vehicle's bridge from a mission's parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from auv_lse_common.params import ParameterError
+from auv_lse_comms.packet import Packet
+from auv_lse_comms.settings import bridge_of
+
+MISSION: dict[str, Any] = {
+    "mission": {"vehicles": 3, "steps": 50},
+    "motion": {"actions_deg": [-30.0, 0.0, 30.0]},
+    "area": {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 400.0, 0.0, 400.0]},
+}
+PLAN = Packet(step=50, heading_rad=0.0, north_m=350.0, east_m=-50.0, actions=(2,))
+
+
+def test_limits_come_from_the_mission() -> None:
+    bridge = bridge_of({**MISSION, "packet": {"area_margin_m": 60.0}}, "m.yaml", 2)
+    assert (bridge.address, bridge.vehicles) == (2, 3)
+    bridge.set_plan(PLAN)
+    for change, reason in (
+        ({"step": 51}, "step"),
+        ({"actions": (3,)}, "action"),
+        ({"north_m": 361.0}, "position"),
+        ({"east_m": -61.0}, "position"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            bridge.set_plan(Packet(**{**{f: getattr(PLAN, f) for f in PLAN.__slots__}, **change}))
+    bridge_of({**MISSION, "packet": {"check_limits": False}}, "m.yaml", 2).set_plan(
+        Packet(step=1, heading_rad=0.0, north_m=5e3, east_m=0.0, actions=())
+    )
+
+
+def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
+    for parameters, message in (
+        ({"tdma": {"order": [1, 4]}}, r"m.yaml: tdma order \(1, 4\): \[4\] are not among the vehicles 1..3"),
+        ({"tdma": {"slot_s": 1.0}}, r"m.yaml: tdma: slot_s = 1 s: expected at least 4.200 s"),
+        ({"packet": {"tag": True}}, r"m.yaml: packet: tag = true: expected key_file"),
+        (
+            {"packet": {"tag": True, "key_file": str(tmp_path / "none")}},
+            r"packet.key_file: .*none: cannot be read",
+        ),
+        ({"packet": {"selection": "useful", "receivers": "math:pi"}}, r"m.yaml: packet.receivers: got 'math:pi'"),
+        ({"packet": {"selection": "best"}}, r"packet.selection: got 'best'; expected one of 'every_nth', 'useful'"),
+        ({"packet": {"tagg": True}}, r"packet.tagg: unknown parameter .* did you mean 'tag'"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            bridge_of({**MISSION, **parameters}, "m.yaml", 1)
+
+
+def test_useful_selection_is_wired_by_the_mission_alone() -> None:
+    pytest.importorskip("auv_lse_gp.receivers_risk")
+    bridge = bridge_of({**MISSION, "packet": {"selection": "useful"}}, "m.yaml", 1)
+    bridge.set_plan(Packet(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(1, 1, 1)))
+    bridge.add_soundings([[float(t), 3.0 * t, 2.0 * t, 15.0] for t in range(60)])
+    assert bridge.poll(1.0) is not None
+    assert bridge.counts["samples.sent"] == 19
+
+
+def test_a_team_with_a_key(tmp_path: Path) -> None:
+    key = tmp_path / "key"
+    key.write_text("ab" * 32)
+    key.chmod(0o600)
+    one, two = (bridge_of({**MISSION, "packet": {"tag": True, "key_file": str(key)}}, "m.yaml", a) for a in (1, 2))
+    one.set_plan(Packet(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(1, 1, 1)))
+    payload = one.poll(1.0)
+    assert payload is not None
+    assert two.receive(3.0, 1, payload) is not None
+    assert two.receive(4.0, 1, payload) is None
+    assert two.counts["rejected.replay"] == 1
