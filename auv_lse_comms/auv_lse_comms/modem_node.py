@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus
-
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import section
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, run, seconds
@@ -21,6 +19,7 @@ from auv_lse_comms.ros_conversions import (
     transmission,
 )
 from auv_lse_comms.settings import bridge_of
+from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus
 
 _STEP_PERIOD_S = 0.1
 _STATUS_PERIOD_S = 10.0

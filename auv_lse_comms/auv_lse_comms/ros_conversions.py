@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from auv_lse_msgs.msg import ModemTx, Plan, SampleArray, Sounding, TdmaStatus
 
 from auv_lse_common.ros_conversions import floats, header, seconds
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.packet import Packet
+from auv_lse_msgs.msg import ModemTx, Plan, SampleArray, Sounding, TdmaStatus
 
 
 def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
