@@ -36,6 +36,7 @@ from auv_lse_sim.campaign_spec import CampaignSpec, Job
 from auv_lse_sim.evaluation import Evaluation, evaluate
 from auv_lse_sim.fleet import Fleet
 from auv_lse_sim.ground_source import ground_of
+from auv_lse_sim.navigable import fit_to_ground
 from auv_lse_sim.report import write_outputs
 from auv_lse_sim.run_data import RunData
 from auv_lse_sim.settings import Settings
@@ -87,9 +88,11 @@ class Progress:
 
 
 def fly_run(patterns: Mapping[str, Mapping[str, Any]], where: str) -> RunData:
-    """Flies a mission in this process."""
+    """Flies a mission in this process; operating area and starts are fitted to the ground, as scripts/mission does."""
     settings = Settings.from_patterns(patterns, where)
-    return Fleet(settings, ground_of(settings)).run()
+    ground = ground_of(settings)
+    settings, _ = fit_to_ground(settings, ground)
+    return Fleet(settings, ground).run()
 
 
 def fly(job: Job, bounds: int = BOUNDS) -> dict[str, Any]:
