@@ -118,6 +118,12 @@ class PlannerConfig:
         None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
     )
     map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
+    own_area_m2: float | None = parameter(
+        None,
+        low=0.0,
+        unit="m2",
+        help="objective 'map': the benefit at a path's own places counts, beside the map's, as that of so much area",
+    )
     finalists: int = parameter(8, low=1, help="paths of the surrogate's search that are valued exactly")
     team_order: str = parameter(
         "id", choices=("id", "rotating", "all"), help="whose plans count: vehicles of lower number, in turn, or everybody's"

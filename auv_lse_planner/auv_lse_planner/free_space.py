@@ -144,6 +144,43 @@ def _feasible_mask(raster, north0, east0, cell, tracks, spacing, loops, turns, s
     return mask
 
 
+@compiled
+def random_actions(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, randoms):  # type: ignore[no-untyped-def]  # numba
+    """Feasible actions by chance, one for each uniform number of `randoms` (the escape where there is none).
+
+    By rejection: most actions are feasible, and to test one is cheaper than to test all.
+    """
+    kinds = turns.shape[0]
+    actions = np.zeros(randoms.shape[0], dtype=np.int64)
+    open_ = np.ones(kinds, dtype=np.bool_)
+    for index in range(randoms.shape[0]):
+        open_[:] = True
+        remaining = kinds
+        action = -1
+        r = randoms[index]
+        while remaining > 0:
+            pick = min(int(r * remaining), remaining - 1)
+            r = r * remaining - pick
+            for a in range(kinds):
+                if open_[a]:
+                    if pick == 0:
+                        action = a
+                        break
+                    pick -= 1
+            if is_feasible(
+                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, action
+            ):
+                break
+            open_[action] = False
+            remaining -= 1
+            action = -1
+        if action < 0:
+            action = escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east)
+        actions[index] = action
+        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+    return actions
+
+
 class FreeSpace:
     """Clearance of the operating area and of known shallow ground, and what is feasible in it.
 
@@ -222,6 +259,10 @@ class FreeSpace:
         """The feasible actions of a state, or, where there is none, the escape alone: never empty."""
         actions = self.feasible(state)
         return actions if actions.size else np.array([self.escape(state)], dtype=np.int64)
+
+    def random_actions(self, state: Array, count: int, rng: np.random.Generator) -> Ints:
+        """`count` feasible actions by chance from a state (3,), one after another."""
+        return np.asarray(random_actions(*self.arguments(), state[0], state[1], state[2], rng.random(count)))
 
     def escape(self, state: Array) -> int:
         """The action that leads out of a state where nothing is feasible."""

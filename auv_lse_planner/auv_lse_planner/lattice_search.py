@@ -50,7 +50,7 @@ def _mark_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, s
 
 
 @compiled
-def run_chunk(space, surrogate, samples, tree, children, node_states, limits, horizon, exploration, randoms, seeds, sequences, values, begin, end, base):  # type: ignore[no-untyped-def]  # numba
+def run_chunk(space, surrogate, samples, tree, children, node_states, limits, horizon, exploration, randoms, seeds, sequences, values, begin, end, base, own):  # type: ignore[no-untyped-def]  # numba
     """Iterations `begin` to `end` of the search.
 
     Args:
@@ -69,6 +69,7 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
         values: Receives each iteration's value, shape (iterations,).
         begin, end: Range of iterations.
         base: Drop of risk that counts as had already (M,): that of a shared tail, or zeros.
+        own: What a measurement at each place of the map is worth beside the drop of risk on the map (M,).
     """
     raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
     kinds = turns.shape[0]
@@ -170,6 +171,7 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
             depth += 1
         # ---- value
         best[:] = base
+        value = 0.0
         h, n, e = node_states[0, 0], node_states[0, 1], node_states[0, 2]
         for i in range(horizon):
             a = sequences[iteration, i]
@@ -178,9 +180,9 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
             for k in range(samples.shape[1]):
                 ahead = samples[a, k, 0]
                 starboard = samples[a, k, 1]
-                add_place(*surrogate, n + c * ahead - s * starboard, e + s * ahead + c * starboard, best)
+                place = add_place(*surrogate, n + c * ahead - s * starboard, e + s * ahead + c * starboard, best)
+                value += own[place]
             h, n, e = advance(h, n, e, turns[a], steps[a, 0], steps[a, 1])
-        value = 0.0
         for p in range(best.shape[0]):
             value += best[p]
         values[iteration] = value
@@ -264,6 +266,7 @@ class LatticeSearch:
                 done,
                 end,
                 base,
+                self._surrogate.own,
             )
             done = end
         order = np.argsort(-values[:done], kind="stable")

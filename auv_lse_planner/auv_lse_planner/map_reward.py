@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
 
+from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.posterior import Columns, Posterior
 
 Array = NDArray[np.float64]
@@ -22,8 +23,17 @@ Array = NDArray[np.float64]
 class MapReward:
     """Map reward for one decision: the data and the team mates' places are fixed."""
 
-    def __init__(self, posterior: Posterior, level_set: LevelSet) -> None:
-        """Takes the posterior as it stands, with the map watched and the team mates' places planned."""
+    def __init__(self, posterior: Posterior, level_set: LevelSet, own_weight: float = 0.0) -> None:
+        """Takes the posterior as it stands, with the map watched and the team mates' places planned.
+
+        Args:
+            posterior: The posterior.
+            level_set: Level and costs.
+            own_weight: What the path's own reward (`PathReward`, beyond the team mates' plans) counts beside the
+                map's. Above 0 the sum does not telescope.
+        """
+        self.own_weight = own_weight
+        self._own = PathReward(posterior, level_set, "beyond")
         self.posterior = posterior
         self.level_set = level_set
         self.places = posterior.watched()
@@ -57,7 +67,8 @@ class MapReward:
 
     def value(self, columns: Columns) -> float:
         """J of the path with these places."""
-        return float(np.sum(self.risk_before - self.expected(self.var_after_m2(columns))))
+        drop = float(np.sum(self.risk_before - self.expected(self.var_after_m2(columns))))
+        return drop + self.own_weight * self._own.value(columns) if self.own_weight else drop
 
     def values_of_beginnings(self, columns: Columns, counts: list[int]) -> Array:
         """J of the path's first `counts[i]` places, for each i: what its legs add one after another."""

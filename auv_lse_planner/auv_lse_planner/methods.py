@@ -22,6 +22,7 @@ class Recipe:
         tail: Whether naive paths continue the plan to the mission's end (augmented).
         naive_paths: Their ids; the best one is taken (kind "naive": vehicle n takes the n-th, modulo their number).
         incumbent: Whether the last plan stays unless the new one is worth more.
+        own_area_m2: Area that a path's own place counts as, beside the map.
         score: Score of a greedy method: "benefit", "variance" or "straddle".
     """
 
@@ -35,6 +36,7 @@ class Recipe:
     naive_paths: tuple[int, ...] = (LAWNMOWERS[0],)
     incumbent: bool = True
     score: str = ""
+    own_area_m2: float = 0.0
 
 
 RECIPES = {
@@ -100,4 +102,5 @@ def recipe(config: PlannerConfig) -> Recipe:
         naive_paths=paths if tail or base.kind == "naive" else (),
         incumbent=bool(pick("incumbent")),
         score=base.score,
+        own_area_m2=float(pick("own_area_m2")),  # type: ignore[arg-type]  # a float
     )

@@ -117,7 +117,7 @@ class PathReward:
         """
         batch = len(heads) // count
         cross = self.posterior.covariance(tail.columns, heads)  # (T, B count)
-        white = heads.white.reshape(len(heads.white), batch, count).transpose(1, 2, 0)
+        white = heads.white.reshape(batch, count, -1)
         scaled = heads.scaled.reshape(batch, count, 2)
         own = _batched_kernel(self.posterior, scaled) - white @ white.transpose(0, 2, 1)
         own[:, np.arange(count), np.arange(count)] += self._noise

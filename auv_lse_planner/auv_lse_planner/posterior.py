@@ -33,7 +33,7 @@ class Columns:
 
     Attributes:
         scaled: Places in the kernel's axes and lengths, shape (P, 2).
-        white: Whitened covariance with data and planned places, shape (n + o, P).
+        white: Whitened covariance with data and planned places, shape (P, n + o).
         mean_m: Posterior mean of the depth given the data, shape (P,).
         data_var_m2: Posterior variance given the data, shape (P,).
         planned_var_m2: Posterior variance given the data and the team mates' planned places, shape (P,).
@@ -49,11 +49,21 @@ class Columns:
         """Number of places."""
         return len(self.mean_m)
 
+    def slice(self, begin: int, end: int) -> Columns:
+        """The places from number `begin` to `end`, without copying."""
+        return Columns(
+            self.scaled[begin:end],
+            self.white[begin:end],
+            self.mean_m[begin:end],
+            self.data_var_m2[begin:end],
+            self.planned_var_m2[begin:end],
+        )
+
     def take(self, index: NDArray[np.int64]) -> Columns:
         """The places at `index`."""
         return Columns(
             self.scaled[index],
-            self.white[:, index],
+            self.white[index],
             self.mean_m[index],
             self.data_var_m2[index],
             self.planned_var_m2[index],
@@ -64,11 +74,44 @@ def join(parts: list[Columns]) -> Columns:
     """All places of `parts`, in order."""
     return Columns(
         np.concatenate([p.scaled for p in parts]),
-        np.concatenate([p.white for p in parts], axis=1),
+        np.concatenate([p.white for p in parts]),
         np.concatenate([p.mean_m for p in parts]),
         np.concatenate([p.data_var_m2 for p in parts]),
         np.concatenate([p.planned_var_m2 for p in parts]),
     )
+
+
+class ColumnPool:
+    """Columns of many places, asked for by number: what a search keeps of the places it has looked up."""
+
+    def __init__(self, rows: int) -> None:
+        """Makes an empty pool for whitened covariances of `rows` numbers."""
+        self._size = 0
+        self._numbers = np.empty((64, 5))
+        self._white = np.empty((64, rows))
+
+    def add(self, columns: Columns) -> int:
+        """Adds places; returns the number of the first of them."""
+        begin, end = self._size, self._size + len(columns)
+        if end > len(self._white):
+            capacity = max(end, 2 * len(self._white))
+            for name in ("_numbers", "_white"):
+                old = getattr(self, name)
+                grown = np.empty((capacity, old.shape[1]))
+                grown[:begin] = old[:begin]
+                setattr(self, name, grown)
+        self._white[begin:end] = columns.white
+        self._numbers[begin:end, :2] = columns.scaled
+        self._numbers[begin:end, 2] = columns.mean_m
+        self._numbers[begin:end, 3] = columns.data_var_m2
+        self._numbers[begin:end, 4] = columns.planned_var_m2
+        self._size = end
+        return begin
+
+    def take(self, index: NDArray[np.int64]) -> Columns:
+        """The places of these numbers."""
+        n = self._numbers[index]
+        return Columns(np.ascontiguousarray(n[:, :2]), self._white[index], n[:, 2], n[:, 3], n[:, 4])
 
 
 class Posterior:
@@ -217,11 +260,11 @@ class Posterior:
         mean = self.prior_mean(places_m)
         if n:
             mean = mean + self._whitened @ white[:n]
-        return Columns(scaled, white, mean, data_var, planned_var)
+        return Columns(scaled, np.ascontiguousarray(white.T), mean, data_var, planned_var)
 
     def covariance(self, a: Columns, b: Columns) -> Array:
         """Covariance (A, B) of the depths given the data and the planned places."""
-        return self.kernel.of_scaled(a.scaled, b.scaled) - a.white.T @ b.white
+        return self.kernel.of_scaled(a.scaled, b.scaled) - a.white @ b.white.T
 
 
 class _Watched:
@@ -265,4 +308,4 @@ class _Watched:
         data_var = np.maximum(self._prior_var - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
         planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
         mean = self._prior_mean + posterior._whitened @ white[:n] if n else self._prior_mean
-        return Columns(self.scaled, white, mean, data_var, planned_var)
+        return Columns(self.scaled, white.T, mean, data_var, planned_var)

@@ -87,7 +87,14 @@ def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, rewar
     s = situation
     sequences = PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg)
     search = TreeSearch(
-        space.choices, space.motion.end_state, sequences, s.horizon, s.exploration, s.batch, s.rng
+        space.choices,
+        space.motion.end_state,
+        sequences,
+        s.horizon,
+        s.exploration,
+        s.batch,
+        s.rng,
+        space.random_actions,
     )
     result = search.run(s.state, s.iterations, s.deadline, s.seeds)
     return Proposal(

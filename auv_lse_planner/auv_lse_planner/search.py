@@ -68,6 +68,7 @@ class TreeSearch:
         exploration: float,
         batch: int,
         rng: np.random.Generator,
+        complete: Callable[[Array, int, np.random.Generator], NDArray[np.int64]] | None = None,
     ) -> None:
         """Sets up a search.
 
@@ -79,11 +80,12 @@ class TreeSearch:
             exploration: Exploration constant, on values scaled to 0..1.
             batch: Sequences valued together.
             rng: Random stream.
+            complete: So many actions by chance from a state; by default one after another from `choices`.
         """
+        self._complete = complete or self._complete_by_choices
         self._choices, self._end_state, self._valuer = choices, end_state, valuer
         self._horizon, self._exploration, self._batch, self._rng = horizon, exploration, max(1, batch), rng
         self._memo: dict[Actions, float] = {}
-        self._choice_memo: dict[Actions, NDArray[np.int64]] = {}
         self._low, self._high = math.inf, -math.inf
         self._progress: list[tuple[int, float]] = []
 
@@ -142,7 +144,7 @@ class TreeSearch:
         return True
 
     def _descend(self, root: _Node, forced: Actions) -> tuple[list[_Node], Actions]:
-        node, prefix, path = root, (), [root]
+        node, path = root, [root]
         node.visits += 1
         actions: list[int] = []
         added = False
@@ -162,14 +164,18 @@ class TreeSearch:
             node.visits += 1
             actions.append(action)
             path.append(node)
-        state = node.state
-        while len(actions) < self._horizon:
-            options = self._choices(state)
-            action = int(options[int(self._rng.integers(len(options)))])
-            actions.append(action)
-            state = self._end_state(state, action)
-        del prefix
+        missing = self._horizon - len(actions)
+        if missing:
+            actions.extend(int(a) for a in self._complete(node.state, missing, self._rng))
         return path, tuple(actions)
+
+    def _complete_by_choices(self, state: Array, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        actions = np.empty(count, dtype=np.int64)
+        for i in range(count):
+            options = self._choices(state)
+            actions[i] = options[int(rng.integers(len(options)))]
+            state = self._end_state(state, int(actions[i]))
+        return actions
 
     def _select(self, node: _Node) -> int:
         spread = self._high - self._low

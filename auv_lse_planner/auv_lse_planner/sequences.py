@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.naive import NaivePaths
+from auv_lse_planner.naive import NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.posterior import Columns, join
+from auv_lse_planner.posterior import ColumnPool, Columns, join
 
 Array = NDArray[np.float64]
 Actions = tuple[int, ...]
@@ -59,7 +59,8 @@ class PathSequences:
         self._reward, self._motion, self._naive = reward, motion, naive
         self._steps_left, self._heuristics, self._samples = steps_left, heuristics, samples_per_leg
         self._states: dict[Actions, Array] = {(): np.asarray(state, dtype=float)}
-        self._columns: dict[Actions, Columns] = {}
+        self._pool = ColumnPool(reward.posterior.data_rows + reward.posterior.planned_rows)
+        self._numbers: dict[Actions, int] = {}  # of a leg's first place in the pool
         self.continuations: dict[Actions, Continuation] = {}
 
     def _state(self, prefix: Actions) -> Array:
@@ -68,6 +69,12 @@ class PathSequences:
             state = self._motion.end_state(self._state(prefix[:-1]), prefix[-1])
             self._states[prefix] = state
         return state
+
+    def _leg_places(self, prefix: Actions) -> Array:
+        """Measurement places of the last leg of `prefix`."""
+        if self._samples == 1:
+            return self._state(prefix)[None, 1:]
+        return self._motion.sample_places(self._state(prefix[:-1])[None], np.array(prefix[-1:]), self._samples)
 
     def path_places(self, sequence: Actions, heuristic: int) -> Array:
         """Measurement places (P, 2) of a sequence continued by a naive path."""
@@ -80,32 +87,32 @@ class PathSequences:
     def __call__(self, sequences: list[Actions]) -> Array:
         """Values of sequences, shape (len(sequences),)."""
         wanted, sequences = sequences, list(dict.fromkeys(sequences))
-        new = list(dict.fromkeys(s[:i] for s in sequences for i in range(1, len(s) + 1) if s[:i] not in self._columns))
+        new = list(dict.fromkeys(s[:i] for s in sequences for i in range(1, len(s) + 1) if s[:i] not in self._numbers))
         tails = {
             (s, h): self._naive.path_places(self._state(s), h, self._steps_left - len(s), self._samples)
             for s in sequences
             for h in self._heuristics
         }
-        legs = [
-            self._motion.sample_places(self._state(p[:-1])[None], np.array(p[-1:]), self._samples) for p in new
-        ]
+        legs = [self._leg_places(p) for p in new]
         places = np.concatenate([*legs, *tails.values()]) if legs or tails else np.empty((0, 2))
         columns = self._reward.posterior.columns(places)
-        begin = 0
-        for prefix in new:
-            self._columns[prefix] = columns.take(np.arange(begin, begin + self._samples))
-            begin += self._samples
+        begin = len(new) * self._samples
+        first = self._pool.add(columns.slice(0, begin))
+        for i, prefix in enumerate(new):
+            self._numbers[prefix] = first + i * self._samples
         paths: list[Columns] = []
         keys: list[tuple[Actions, int]] = []
+        within = np.arange(self._samples)
         for s in sequences:
-            head = [self._columns[s[:i]] for i in range(1, len(s) + 1)]
-            for h in self._heuristics or (0xFF,):
-                parts = list(head)
+            numbers = np.array([self._numbers[s[:i]] for i in range(1, len(s) + 1)], dtype=np.int64)
+            head = self._pool.take((numbers[:, None] + within).ravel())
+            for h in self._heuristics or (NONE,):
+                path = head
                 if self._heuristics:
                     count = len(tails[(s, h)])
-                    parts.append(columns.take(np.arange(begin, begin + count)))
+                    path = join([head, columns.slice(begin, begin + count)])
                     begin += count
-                paths.append(join(parts))
+                paths.append(path)
                 keys.append((s, h))
         values = self._reward.values(paths)
         best: dict[Actions, float] = {}

@@ -59,6 +59,13 @@ def table_risk(table, h, phi):  # type: ignore[no-untyped-def]  # numba
 
 
 @compiled
+def read_table(table, h, phi, result):  # type: ignore[no-untyped-def]  # numba
+    """`table_risk` for arrays (M,)."""
+    for p in range(result.shape[0]):
+        result[p] = table_risk(table, h[p], phi[p])
+
+
+@compiled
 def fill_row(row, covariance, noise, place, table, h, data_var, base_var, base_risk):  # type: ignore[no-untyped-def]  # numba
     """Drop of risk at every place of the map from one measurement at map place `place`."""
     scale = 1.0 / (covariance[place, place] + noise)
@@ -102,19 +109,21 @@ class Surrogate:
         self.covariance = np.zeros((0, 0))
         self._prior: NDArray[np.float32] | None = None
 
-    def set(self, reward: MapReward) -> None:
-        """Takes the data of one decision."""
+    def set(self, reward: MapReward, own_weight: float = 0.0) -> None:
+        """Takes the data of one decision, and what the risk at a path's own place counts beside the map's."""
         places = reward.places
         if self._prior is None:
             self._prior = reward.posterior.kernel.of_scaled(places.scaled, places.scaled).astype(np.float32)
         white = places.white.astype(np.float32)
-        self.covariance = self._prior - white.T @ white
+        self.covariance = self._prior - white @ white.T
         std = np.sqrt(np.maximum(places.data_var_m2, 1e-12))
         self.h = (reward.level_set.level_m - places.mean_m) / std
         self.data_var = std**2
         self.base_var = np.maximum(places.planned_var_m2, 1e-12)
         phi = np.arcsin(np.sqrt(np.clip(self.base_var / self.data_var, 0.0, 1.0)))
-        self.base_risk = np.array([table_risk(self._table, h, f) for h, f in zip(self.h, phi, strict=True)])
+        self.base_risk = np.empty(len(phi))
+        read_table(self._table, self.h, phi, self.base_risk)
+        self.own = own_weight * self.base_risk
         self.noise = reward.posterior.noise_var_m2
         self.ready[:] = False
 
@@ -138,11 +147,9 @@ class Surrogate:
         )
 
     def value(self, places_m: Array) -> float:
-        """F of the path with these places (P, 2)."""
+        """F of the path with these places (P, 2), and what they are worth themselves."""
         best = np.zeros(len(self.h), dtype=np.float32)
-        for north, east in places_m:
-            add_place(*self.arguments(), north, east, best)
-        return float(best.sum(dtype=np.float64))
+        return float(value_of(self.arguments(), np.ascontiguousarray(places_m, dtype=float), best, self.own))
 
 
 @compiled
@@ -158,3 +165,15 @@ def add_place(rows, ready, covariance, noise, table, h, data_var, base_var, base
     for p in range(best.shape[0]):
         if row[p] > best[p]:
             best[p] = row[p]
+    return place
+
+
+@compiled
+def value_of(surrogate, places, best, own):  # type: ignore[no-untyped-def]  # numba
+    """F of places (P, 2), and what they are worth themselves; `best` (M,) holds what is had already."""
+    value = 0.0
+    for i in range(places.shape[0]):
+        value += own[add_place(*surrogate, places[i, 0], places[i, 1], best)]
+    for p in range(best.shape[0]):
+        value += best[p]
+    return value

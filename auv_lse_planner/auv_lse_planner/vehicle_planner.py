@@ -432,7 +432,9 @@ class VehiclePlanner:
         )
         reward: PathReward | MapReward
         if how.objective == "map":
-            reward = MapReward(self._map_posterior(), self.settings.level_set)
+            reward = MapReward(
+                self._map_posterior(), self.settings.level_set, how.own_area_m2 / self.planner.map_spacing_m**2
+            )
             if math.isnan(self._risk_at_start):
                 self._risk_at_start = float(reward.risk_in_hand.sum())
             # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
@@ -502,7 +504,7 @@ class VehiclePlanner:
         if self._surrogate is None:
             assert self._map_grid is not None
             self._surrogate = Surrogate(self._map_grid, self.settings.level_set)
-        self._surrogate.set(reward)
+        self._surrogate.set(reward, reward.own_weight)
         return self._surrogate
 
     def _columns(self, states: Array, actions: Ints) -> Columns:
