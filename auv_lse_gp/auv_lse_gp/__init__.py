@@ -1,6 +1,7 @@
 """Bayes-risk level-set estimation on an online Gaussian process."""
 
 from auv_lse_gp.area import AreaConfig, Grid, OperatingArea
+from auv_lse_gp.conditioned import Conditioned
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap, Field, Isobath, contours
 from auv_lse_gp.kernels import Kernel
@@ -18,6 +19,7 @@ from auv_lse_gp.soundings import read_soundings
 __all__ = [
     "AreaConfig",
     "Centers",
+    "Conditioned",
     "Counts",
     "DepthMap",
     "Field",

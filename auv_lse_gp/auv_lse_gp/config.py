@@ -89,8 +89,8 @@ class GpConfig:
             raise ParameterError(
                 f"gp.min_depth_m: got {self.min_depth_m!r}; expected less than gp.max_depth_m ({self.max_depth_m!r})"
             )
-        if self.noise_std_m < 1e-5 * self.signal_std_m:
+        if self.noise_std_m < 1e-4 * self.signal_std_m:
             raise ParameterError(
-                f"gp.noise_std_m: got {self.noise_std_m!r}; expected at least 1e-5 of gp.signal_std_m "
-                f"({self.signal_std_m!r}): below, the equations are too ill-conditioned to be solved without jitter"
+                f"gp.noise_std_m: got {self.noise_std_m!r}; expected at least 1e-4 of gp.signal_std_m "
+                f"({self.signal_std_m!r}): below, rounding errors in the posterior would show"
             )

@@ -1,0 +1,121 @@
+"""The map: updated step by step it is what a map made at once would be; isobath and counts."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OnlineGp, OperatingArea, Outcome, compiled, contours
+from auv_lse_gp.config import KERNELS
+
+AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
+
+
+@pytest.fixture(params=[True, False], ids=["numba", "numpy"])
+def _path(request, monkeypatch):
+    if request.param and not compiled.AVAILABLE:
+        pytest.skip("numba is not installed")
+    monkeypatch.setattr(compiled, "AVAILABLE", request.param)
+
+
+def depth(north, east):
+    return 15.0 + (north - 100.0) / 10.0 + 1.5 * np.sin(east / 30.0)
+
+
+def track(n, seed=0):
+    """Soundings of a wandering vehicle: it comes back to where it was."""
+    rng = np.random.default_rng(seed)
+    heading = np.cumsum(rng.normal(0, 0.3, n))
+    path = 100.0 + np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]) * 3.0, axis=0)
+    path = np.abs((path + 200.0) % 400.0 - 200.0)  # reflected into the area
+    return np.column_stack([np.arange(n) * 1.0, path, depth(path[:, 0], path[:, 1]) + rng.normal(0, 0.3, n)])
+
+
+@pytest.mark.usefixtures("_path")
+@pytest.mark.parametrize("merge", [False, True])
+@pytest.mark.parametrize("name", KERNELS)
+def test_step_by_step_is_the_same_as_at_once(name, merge):
+    config = GpConfig(kernel=name, merge=merge, min_spacing_m=8.0, length_scale_m=50.0)
+    level_set = LevelSet()
+    step_by_step = DepthMap(config, level_set, AREA)
+    soundings = track(300)
+    for part in np.array_split(soundings, 40):
+        step_by_step.add_soundings(part)
+        step_by_step.field()
+    field = step_by_step.field()
+    fresh = OnlineGp(config)
+    centers = step_by_step.centers
+    fresh.set_centers(centers.places_m, centers.depths_m, centers.noise_std_m)
+    mean, std = fresh.predict(step_by_step.grid.places_m)
+    inside = step_by_step.grid.inside
+    assert_allclose(field.mean[inside], mean, rtol=1e-9)
+    assert_allclose(field.std[inside], std, rtol=1e-9)
+    assert_allclose(field.risk[inside], level_set.risk(mean, std), rtol=1e-7, atol=1e-12)
+    assert_allclose(field.p_safe[inside], level_set.p_safe(mean, std), rtol=1e-7, atol=1e-12)
+    assert field.revision == step_by_step.revision == step_by_step.field().revision
+    if merge:
+        assert step_by_step.counts.merged > 30
+
+
+def test_local_map_is_the_local_prediction():
+    config = GpConfig(local=True, merge=False, length_scale_m=30.0)
+    depth_map = DepthMap(config, LevelSet(), AREA)
+    depth_map.add_soundings(track(200))
+    mean, std = depth_map.gp.predict(depth_map.grid.places_m)
+    inside = depth_map.grid.inside
+    assert_allclose(depth_map.field().mean[inside], mean)
+    assert_allclose(depth_map.field().std[inside], std)
+
+
+def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
+    depth_map = DepthMap(GpConfig(min_spacing_m=10.0, merge=False), LevelSet(), AREA)
+    outcomes = depth_map.add_soundings([[2.0, 104.0, 100.0, 15.0], [1.0, 100.0, 100.0, 15.0]])
+    assert outcomes == [Outcome.TOO_CLOSE, Outcome.KEPT]
+    outcomes = depth_map.add_samples([[50.0, 50.0, 10.0], [50.0, 53.0, 10.0]])
+    assert outcomes == [Outcome.KEPT, Outcome.TOO_CLOSE]
+    assert depth_map.centers.places_m.tolist() == [[100.0, 100.0], [50.0, 50.0]]
+    assert depth_map.add_soundings(np.zeros((0, 4))) == []
+    with pytest.raises(ValueError, match=r"soundings: got shape \(1, 3\); expected \(n, 4\)"):
+        depth_map.add_soundings([[1.0, 2.0, 3.0]])
+
+
+def test_refused_soundings_are_counted_and_the_rest_is_taken():
+    depth_map = DepthMap(GpConfig(), LevelSet(), AREA)
+    outcomes = depth_map.add_soundings([[0.0, 1.0, 1.0, math.nan], [1.0, 50.0, 50.0, 12.0], [2.0, 9.0, 9.0, -4.0]])
+    assert outcomes == [None, Outcome.KEPT, None]
+    assert depth_map.counts.refused == 2
+    assert "depth_m=-4.0; expected 0 to 1000 m" in depth_map.last_problem
+    assert np.isfinite(depth_map.field().mean[depth_map.grid.inside]).all()
+
+
+def test_isobath_and_its_band():
+    depth_map = DepthMap(GpConfig(mean_depth_m=15.0, length_scale_m=60.0), LevelSet(level_m=15.0), AREA)
+    rng = np.random.default_rng(1)
+    places = rng.uniform([0, 0], [200, 240], (500, 2))
+    depth_map.add_samples(np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, 500)]))
+    isobath = depth_map.isobath()
+    assert isobath.band_probability == 0.95
+    line = max(isobath.lines, key=len)
+    true_north = 100.0 - 15.0 * np.sin(line[:, 1] / 30.0)
+    off = np.abs(line[:, 0] - true_north)
+    assert np.median(off) < 1.5
+    assert off.max() < 8.0  # at the edge of the data
+    assert np.ptp(line[:, 1]) > 225.0  # from side to side
+    for edge, side in ((isobath.shallow_edge, -1.0), (isobath.deep_edge, 1.0)):
+        points = max(edge, key=len)
+        offset = side * (points[:, 0] - np.interp(points[:, 1], *line[np.argsort(line[:, 1])].T[::-1]))
+        assert np.all(offset > 0.0)
+        mean, std = depth_map.gp.predict(points)
+        # Linear between cells of 5 m.
+        assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 1.96), abs=0.25)
+
+
+def test_contours_of_a_cone():
+    grid = AREA.grid(2.0)
+    north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
+    lines = contours(grid, np.hypot(north - 100.0, east - 120.0), 50.0)
+    assert len(lines) == 1
+    assert np.hypot(lines[0][:, 0] - 100.0, lines[0][:, 1] - 120.0) == pytest.approx(50.0, abs=0.05)
+    assert lines[0][0].tolist() == lines[0][-1].tolist()
+    assert contours(grid, np.full(grid.inside.shape, np.nan), 50.0) == []

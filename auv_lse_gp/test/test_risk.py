@@ -1,0 +1,166 @@
+"""The risk functions: against 40-digit references, by hand, by brute force, and Theorem 1."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from auv_lse_common.params import ParameterError
+from auv_lse_gp import (
+    LevelSet,
+    bayes_estimate,
+    bayes_risk,
+    benefit_of_search,
+    compiled,
+    expected_bayes_risk,
+    p_safe,
+)
+from auv_lse_gp.risk import METHODS, expected_bayes_risk_numpy
+
+REFERENCE = Path(__file__).parents[2].parent / "shared" / "reference" / "expected_bayes_risk.csv"
+# mean, s_mu, s_q, level, c1, c2, expected risk: 40-digit integration (mpmath), and what can be worked by hand.
+CASES = [
+    (23.29306651769643, 0.607842656719804, 2.508615207863491, 15.0, 10.0, 10.0, 0.0065708933119593104484),
+    (3.0706742908715725, 7.30922164512763, 0.008870137748900307, 2.905607575445469, 18.321853545968807,
+     0.33845143550106455, 0.0004024366870104567489),
+    (15.0, 1.0, 1.0, 15.0, 10.0, 10.0, 2.5),  # 2 c T(0, 1) = 20 / 8
+    (15.0, 0.0, 2.0, 15.0, 10.0, 4.0, 2.0),  # nothing learned, at the level: min(c1, c2) / 2
+    (15.0, 3.0, 0.0, 15.0, 10.0, 4.0, 0.0),  # all will be known
+    (14.0, 0.0, 0.0, 15.0, 10.0, 4.0, 0.0),  # all is known
+]  # fmt: skip
+
+
+@pytest.fixture(params=[True, False], ids=["numba", "numpy"])
+def _path(request, monkeypatch):
+    if request.param and not compiled.AVAILABLE:
+        pytest.skip("numba is not installed")
+    monkeypatch.setattr(compiled, "AVAILABLE", request.param)
+
+
+@pytest.mark.usefixtures("_path")
+def test_expected_risk_of_known_cases():
+    for *args, wanted in CASES:
+        assert expected_bayes_risk(*args) == pytest.approx(wanted, abs=1e-15 * (args[4] + args[5]))
+
+
+@pytest.mark.usefixtures("_path")
+def test_expected_risk_of_the_reference_table():
+    if not REFERENCE.exists():
+        pytest.skip(f"the table of references is not beside the repository ({REFERENCE.name})")
+    table = np.genfromtxt(REFERENCE, delimiter=",", names=True)
+    names = ["mean_m", "std_of_mean_m", "std_after_m", "level_m", "cost_false_safe", "cost_false_unsafe"]
+    value = expected_bayes_risk(**{name: table[name] for name in names})
+    scale = table["cost_false_safe"] + table["cost_false_unsafe"]
+    error = np.abs(value - table["expected_bayes_risk"]) / scale
+    assert len(table) >= 150
+    assert error.max() < 1e-13
+    # The approximation: erf is off by 2.2e-3 at most, each of the two integrals by half of it times its mass and cost.
+    rough = expected_bayes_risk(**{name: table[name] for name in names}, method="exponential_quadratic")
+    assert 1e-5 < (np.abs(rough - table["expected_bayes_risk"]) / scale).max() < 1.1e-3
+
+
+def test_expected_risk_against_quadrature():
+    rng = np.random.default_rng(7)
+    for _ in range(40):
+        mean, of_mean, after = rng.normal(15, 3), rng.uniform(0.2, 4), rng.uniform(0.2, 4)
+        c1, c2 = rng.uniform(1, 20, 2)
+        star = 15.0 - after * stats.norm.ppf(c2 / (c1 + c2))
+        parts = [
+            integrate.quad(
+                lambda m: stats.norm.pdf(m, mean, of_mean) * bayes_risk(m, after, 15.0, c1, c2), a, b, epsabs=1e-12
+            )[0]
+            for a, b in ((min(star, mean) - 9 * of_mean, star), (star, max(star, mean) + 9 * of_mean))
+        ]
+        assert expected_bayes_risk(mean, of_mean, after, 15.0, c1, c2) == pytest.approx(sum(parts), abs=1e-9)
+
+
+def test_compiled_agrees_with_numpy():
+    if not compiled.AVAILABLE:
+        pytest.skip("numba is not installed")
+    rng = np.random.default_rng(1)
+    n = 200_000
+    mean = 15 + 5 * rng.normal(size=n)
+    of_mean, after = 10 ** rng.uniform(-6, 2, n), 10 ** rng.uniform(-6, 2, n)
+    of_mean[::97] = 0.0
+    after[::89] = 0.0
+    mean[::83] = 15.0
+    costs = 10 ** rng.uniform(-1, 2, (2, n))
+    costs[1, ::3] = costs[0, ::3]
+    fast = expected_bayes_risk(mean, of_mean, after, 15.0, *costs)
+    slow = expected_bayes_risk_numpy(mean, of_mean, after, 15.0, *costs)
+    assert np.max(np.abs(fast - slow) / costs.sum(axis=0)) < 1e-13
+
+
+@pytest.mark.usefixtures("_path")
+def test_theorem_1_over_random_numbers():
+    rng = np.random.default_rng(2)
+    n = 300_000
+    mean, total = 15 + 4 * rng.normal(size=n), 10 ** rng.uniform(-2, 1.5, n)
+    costs = 10 ** rng.uniform(-1, 2, (2, n))
+    share = np.sort(rng.uniform(0, 1, (2, n)), axis=0)  # of the variance, that a smaller and a larger set take away
+    smaller, larger = (benefit_of_search(mean, np.sqrt(s) * total, np.sqrt(1 - s) * total, 15.0, *costs) for s in share)
+    scale = costs.sum(axis=0)
+    assert np.all(smaller >= 0.0)
+    assert np.all(larger >= smaller - 1e-14 * scale)
+    assert np.all(benefit_of_search(mean, 0.0, total, 15.0, *costs) <= 1e-15 * scale)
+    # Before what sticks out is cut off, the exact form itself is as good.
+    raw = bayes_risk(mean, total, 15.0, *costs) - expected_bayes_risk_numpy(
+        mean, np.sqrt(share[0]) * total, np.sqrt(1 - share[0]) * total, np.full(n, 15.0), *costs
+    )
+    assert raw.min() > -1e-14 * scale.max()
+
+
+def test_the_approximation_breaks_theorem_1():
+    rng = np.random.default_rng(3)
+    n = 20_000
+    mean, total, share = 15 + 4 * rng.normal(size=n), rng.uniform(0.3, 5, n), rng.uniform(0, 0.5, n)
+    args = (mean, np.sqrt(share) * total, np.sqrt(1 - share) * total, 15.0, 10.0, 10.0)
+    approximate = benefit_of_search(*args, method="exponential_quadratic")
+    assert np.mean(approximate < -1e-6) > 0.05
+    assert np.all(benefit_of_search(*args) >= 0.0)
+    assert np.max(np.abs(approximate - benefit_of_search(*args))) < 0.05
+
+
+def test_risk_and_estimate_by_hand():
+    # Phi(-1) = 0.158655...
+    assert bayes_risk(16.0, 1.0, 15.0, 10.0, 10.0) == pytest.approx(1.5865525393145705)
+    assert bayes_risk(14.0, 1.0, 15.0, 10.0, 4.0) == pytest.approx(4 * 0.15865525393145705)
+    assert bayes_estimate([16.0, 14.0], 1.0, 15.0, 10.0, 10.0).tolist() == [True, False]
+    # c1 = 10 c2: called safe only above l + s Phi^-1(10 / 11).
+    edge = 15.0 + stats.norm.ppf(10 / 11)
+    assert bayes_estimate([edge + 1e-9, edge - 1e-9], 1.0, 15.0, 10.0, 1.0).tolist() == [True, False]
+    assert p_safe([15.0, 15.0, 14.9, 16.0], [1.0, 0.0, 0.0, 1.0], 15.0) == pytest.approx([0.5, 1.0, 0.0, 0.841344746])
+    assert bayes_risk([15.0, 14.0], 0.0, 15.0, 10.0, 10.0).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.usefixtures("_path")
+def test_broadcasting_and_nan():
+    value = expected_bayes_risk(
+        np.full((4, 1), 16.0), np.ones(3), 1.0, 15.0, 10.0, np.array([[5.0], [6.0], [7.0], [8.0]])
+    )
+    assert value.shape == (4, 3)
+    assert np.isnan(expected_bayes_risk([np.nan, 16.0], 1.0, 1.0, 15.0, 10.0, 10.0)).tolist() == [True, False]
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(ValueError, match=r"cost_false_safe: got 0\.0; expected a finite cost > 0"):
+        bayes_risk(1.0, 1.0, 1.0, 0.0, 1.0)
+    with pytest.raises(ValueError, match=r"std_after_m: got -1\.0; expected a standard deviation >= 0 m"):
+        expected_bayes_risk(1.0, 1.0, [1.0, -1.0], 1.0, 1.0, 1.0)
+    with pytest.raises(ValueError, match=r"method: got 'guess'; expected one of exact, exponential_quadratic"):
+        expected_bayes_risk(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, method="guess")
+    with pytest.raises(ParameterError, match=r"level_set\.cost_false_unsafe: got -1"):
+        LevelSet(cost_false_unsafe=-1.0)
+    with pytest.raises(ParameterError, match=r"level_set\.level_m: got nan"):
+        LevelSet(level_m=float("nan"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_level_set_passes_its_fields(method):
+    level_set = LevelSet(level_m=12.0, cost_false_safe=3.0, cost_false_unsafe=7.0, method=method)
+    assert level_set.expected_risk(11.0, 1.0, 2.0) == expected_bayes_risk(11.0, 1.0, 2.0, 12.0, 3.0, 7.0, method)
+    assert level_set.benefit(11.0, 1.0, 2.0) == benefit_of_search(11.0, 1.0, 2.0, 12.0, 3.0, 7.0, method)
+    assert level_set.risk(11.0, 1.0) == bayes_risk(11.0, 1.0, 12.0, 3.0, 7.0)
+    assert bool(level_set.safe(11.0, 1.0)) is False
+    assert level_set.p_safe(12.0, 1.0) == 0.5
