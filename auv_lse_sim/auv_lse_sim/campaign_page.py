@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from auv_lse_sim.campaign_spec import CampaignSpec
 from auv_lse_sim.figures import COLORS, DASHES, STYLE, WIDTH_IN, new_figure, save
@@ -171,7 +172,7 @@ def curves(groups: Mapping[str, Sequence[Row]]) -> Figure:
         axis.set_xlabel("step")
         axis.set_ylabel("team reward, stepwise (units of cost)")
         axis.set_xlim(left=0)
-        axis.xaxis.get_major_locator().set_params(integer=True)
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.grid(True, color="#e4e4e4", lw=0.5)
         axis.set_axisbelow(True)
         if len(groups) > 1:
