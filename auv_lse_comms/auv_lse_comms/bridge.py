@@ -98,6 +98,7 @@ class ModemBridge:
         self._receivers = receivers
         self._plan: Packet | None = None
         self._unsent = np.zeros((0, 5))  # stamp_s, north_m, east_m, depth_m, worth when last asked about
+        self._queued: list[Array] = []  # soundings not yet among them
         self._last_queued: tuple[float, float] | None = None
         self._last_sent: Array | None = None  # samples of the last packet, while it can be taken back
         self._last_slot: tuple[int, float] | None = None  # index and since_s of the slot it went out in
@@ -108,12 +109,23 @@ class ModemBridge:
     @property
     def unsent(self) -> int:
         """Samples waiting to be sent."""
-        return len(self._unsent)
+        return len(self._in_time_order())
 
     @property
     def backlog(self) -> Array:
         """The samples waiting to be sent: stamp (s), north, east, depth (m), shape (n, 4)."""
-        return self._unsent[:, :4].copy()
+        return self._in_time_order()[:, :4].copy()
+
+    def _in_time_order(self) -> Array:
+        """The unsent samples, with what was queued since the last look."""
+        if self._queued:
+            rows = np.concatenate(self._queued)
+            rows = np.column_stack([rows, np.full(len(rows), np.inf)])
+            self._queued.clear()
+            self._unsent = np.concatenate([self._unsent, rows])
+            if (np.diff(self._unsent[:, 0]) < 0.0).any():
+                self._unsent = self._unsent[np.argsort(self._unsent[:, 0], kind="stable")]
+        return self._unsent
 
     def set_plan(self, plan: PlanLike) -> None:
         """Takes the vehicle's current best path, said in the next packets until another one comes.
@@ -163,10 +175,7 @@ class ModemBridge:
             rows = self._thinned(rows)
         if not len(rows):
             return 0
-        late = len(self._unsent) > 0 and rows[0, 0] < self._unsent[-1, 0]
-        self._unsent = np.concatenate([self._unsent, np.column_stack([rows, np.full(len(rows), np.inf)])])
-        if late or (np.diff(rows[:, 0]) < 0.0).any():
-            self._unsent = self._unsent[np.argsort(self._unsent[:, 0], kind="stable")]
+        self._queued.append(rows)
         self.counts["samples.queued"] += len(rows)
         return len(rows)
 
@@ -263,10 +272,11 @@ class ModemBridge:
 
     def _compose(self, plan: Packet) -> bytes:
         room = capacity(len(plan.actions), self._config.reserve)
+        unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
-            chosen = most_useful(self._unsent[:, 1:4], room, self._receivers, self._unsent[:, 4])
+            chosen = most_useful(unsent[:, 1:4], room, self._receivers, unsent[:, 4])
         else:
-            chosen = every_nth(len(self._unsent), room)
+            chosen = every_nth(len(unsent), room)
         packet = Packet(
             step=plan.step,
             heading_rad=plan.heading_rad,
@@ -274,13 +284,13 @@ class ModemBridge:
             east_m=plan.east_m,
             actions=plan.actions,
             heuristic=plan.heuristic,
-            samples=self._unsent[chosen, 1:4],
+            samples=unsent[chosen, 1:4],
         )
         payload = encode(packet, self._limits, self._config.reserve)
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address)
-        self._last_sent = self._unsent[chosen]
-        self._unsent = np.delete(self._unsent, chosen, axis=0)
+        self._last_sent = unsent[chosen]
+        self._unsent = np.delete(unsent, chosen, axis=0)
         self.counts["samples.sent"] += len(chosen)
         return payload
 
@@ -288,8 +298,8 @@ class ModemBridge:
         """The modem did not send the last packet after all: its samples are unsent again, its slot was missed."""
         if self._last_sent is None:
             return
-        self._unsent = np.concatenate([self._last_sent, self._unsent])
-        self._unsent = self._unsent[np.argsort(self._unsent[:, 0], kind="stable")]
+        unsent = np.concatenate([self._last_sent, self._in_time_order()])
+        self._unsent = unsent[np.argsort(unsent[:, 0], kind="stable")]
         self.counts["samples.sent"] -= len(self._last_sent)
         self.counts["sent"] -= 1
         self.counts["slots.used"] -= 1

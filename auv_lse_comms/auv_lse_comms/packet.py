@@ -241,12 +241,13 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     if data[stop:last].count(FILL) != last - stop:
         raise PacketError("spare", f"bytes {stop} to {last - 1} are {data[stop:last].hex()}: expected all 0xFF")
     samples = np.frombuffer(data, "<f4", n * len(SAMPLE), start).reshape(n, len(SAMPLE))
-    finite = np.isfinite(samples).all(axis=1)
-    if not finite.all():
-        place = start + int(np.argmin(finite)) * SAMPLE_BYTES
+    try:
+        _check_samples(samples, limits)
+    except PacketError:
+        place = start + int(np.argmin(np.isfinite(samples).all(axis=1))) * SAMPLE_BYTES
         if data[place : place + SAMPLE_BYTES] == _UNUSED:
-            raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not")
-    _check_samples(samples, limits)
+            raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
+        raise
     return Packet(
         step=step,
         heading_rad=heading,

@@ -1,0 +1,409 @@
+"""Communication: speed of codec and bridge, what of it arrives against range and number of vehicles, and what choosing
+the samples by their worth to the receivers gains.
+
+    python -m benchmarks comms        or, from here: python -c "from benchmarks import comms; print(comms.run())"
+    python -m benchmarks.comms        only draws docs/figures/channel.png
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.seeds import stream
+from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.packet import Limits, Packet, decode, encode
+from auv_lse_comms.tag import Tagger
+from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.receivers_risk import ReceiversRisk
+from auv_lse_gp.risk import LevelSet
+from auv_lse_sim.channel import Channel, ChannelConfig, Position, loss_at_range, snr_db
+from auv_lse_sim.ground import SyntheticLake
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+
+LIMITS = Limits(
+    steps=100,
+    n_actions=11,
+    heuristics=tuple(range(0xF0, 0xFF)),
+    north_m=(-150.0, 850.0),
+    east_m=(-150.0, 750.0),
+    depth_m=(-10.0, 1000.0),
+)
+PLAN = Packet(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), heuristic=0xF1)
+NORTH_M, EAST_M = 700.0, 600.0
+
+
+def row(
+    name: str, value: float, unit: str, *, against: str = "", ratio: float | None = None, goal: str = "",
+    holds: bool | None = None,
+) -> Row:  # fmt: skip
+    """One line of the table."""
+    return {
+        "name": name, "value": value, "unit": unit, "against": against, "ratio": ratio, "goal": goal, "holds": holds,
+    }  # fmt: skip
+
+
+def best_of(call: Callable[[], object], number: int = 200, repeats: int = 50) -> float:
+    """Seconds per call, the best of some repeats (the others were disturbed)."""
+    times = []
+    for _ in range(repeats):
+        start = time.process_time()
+        for _ in range(number):
+            call()
+        times.append((time.process_time() - start) / number)
+    return min(times)
+
+
+def codec() -> list[Row]:
+    """Time of encoding and decoding a full packet."""
+    rng = np.random.default_rng(0)
+    packet = dataclasses.replace(PLAN, samples=rng.uniform(0.0, 500.0, (19, 3)))
+    both = best_of(lambda: decode(encode(packet, LIMITS), LIMITS))
+    tagger, data = Tagger(bytes(32), 6), encode(packet, reserve=6)
+    steps = iter(range(10**9))
+
+    def tagged() -> None:
+        step = next(steps) % 60000
+        sealed = tagger.seal(step.to_bytes(2, "little") + data[2:], 1)
+        if step == 0:
+            tagger._accepted.clear()
+        tagger.check(sealed, 1)
+
+    tag = best_of(tagged)
+    return [
+        row("encode + decode, 19 samples", both * 1e6, "us", goal="< 100", holds=both < 100e-6),
+        row("tag and its check", tag * 1e6, "us"),
+    ]
+
+
+class Wanderers:
+    """Vehicles at 1.5 m/s that turn round at the area's border; same paths for the same seed."""
+
+    def __init__(self, vehicles: int, seed: int) -> None:
+        """Places them at random."""
+        self._rng = stream(seed, "paths")
+        self.places = self._rng.uniform((100.0, 100.0), (NORTH_M - 100.0, EAST_M - 100.0), (vehicles, 2))
+        self._heading = self._rng.uniform(-np.pi, np.pi, vehicles)
+        self._turn = np.zeros(vehicles)
+
+    def step(self) -> Array:
+        """Places (K, 2) a second later."""
+        ahead = self.places + 30.0 * np.column_stack([np.cos(self._heading), np.sin(self._heading)])
+        out = ((ahead < 0.0) | (ahead > (NORTH_M, EAST_M))).any(axis=1)
+        change = self._rng.random(len(self._turn)) < 1.0 / 60.0
+        self._turn = np.where(change, self._rng.uniform(-0.02, 0.02, len(self._turn)), self._turn)
+        self._heading = self._heading + np.where(out, 0.1, self._turn)
+        self.places = self.places + 1.5 * np.column_stack([np.cos(self._heading), np.sin(self._heading)])
+        self.places = np.clip(self.places, 0.0, (NORTH_M, EAST_M))
+        return self.places
+
+
+@dataclasses.dataclass(slots=True)
+class Traffic:
+    """What became of an hour of a team's packets."""
+
+    sent: int
+    outcomes: Counter[str]
+    bridge_s: float
+    channel_s: float
+    soundings: int
+    samples_received: int
+    plan_age_s: float
+
+    @property
+    def delivered(self) -> float:
+        """Share of the receptions that could have been."""
+        return self.outcomes[""] / max(sum(self.outcomes.values()), 1)
+
+
+def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1, per_second: int = 1) -> Traffic:
+    """A team's bridges over the channel, everyone sounding and planning."""
+    tdma = TdmaConfig()
+    team = [ModemBridge(tdma, PacketConfig(), a, vehicles, limits=LIMITS) for a in range(1, vehicles + 1)]
+    channel = Channel(config, stream(seed, "channel"))
+    paths = Wanderers(vehicles, seed)
+    outcomes: Counter[str] = Counter()
+    sent = soundings = 0
+    bridge_s = channel_s = 0.0
+    heard = np.full((vehicles, vehicles), np.nan)
+    ages: list[float] = []
+    for t in range(1, seconds + 1):
+        places = paths.step()
+        positions: dict[int, Position] = {i + 1: (float(p[0]), float(p[1]), 3.0) for i, p in enumerate(places)}
+        start = time.process_time()
+        arrivals = channel.arrivals(float(t))
+        channel_s += time.process_time() - start
+        outcomes.update(a.why for a in arrivals)
+        start = time.process_time()
+        for a in arrivals:
+            if a.ok and team[a.receiver - 1].receive(a.arrival_s, a.source, a.payload) is not None:
+                heard[a.receiver - 1, a.source - 1] = a.sent_s
+        payloads = []
+        for bridge, place in zip(team, places, strict=True):
+            stamps = t - 1.0 + np.arange(1, per_second + 1) / per_second
+            rows = np.column_stack([stamps, np.tile([*place, 15.0], (per_second, 1))])
+            soundings += bridge.add_soundings(rows)
+            if t % 16 == 1:
+                bridge.set_plan(dataclasses.replace(PLAN, step=min(t // 16, 100)))
+            payload = bridge.poll(float(t))
+            if payload is not None:
+                payloads.append((bridge.address, payload))
+        bridge_s += time.process_time() - start
+        start = time.process_time()
+        for source, payload in payloads:
+            channel.transmit(float(t), source, payload, positions)
+            sent += 1
+        channel_s += time.process_time() - start
+        if vehicles > 1 and t > 40 * vehicles:
+            age = t - heard[~np.eye(vehicles, dtype=bool)]
+            ages.append(float(np.nanmean(age)))
+    received = sum(b.counts["samples.received"] for b in team)
+    age_s = float(np.mean(ages)) if ages else float("nan")
+    return Traffic(sent, outcomes, bridge_s, channel_s, soundings, received, age_s)
+
+
+def twenty_vehicles() -> list[Row]:
+    """An hour of twenty vehicles with ten soundings a second each, in one process."""
+    seconds = 3600
+    run = traffic(20, seconds, ChannelConfig(), per_second=10)
+    spent = run.bridge_s / seconds
+    collided = run.outcomes["half_duplex"] + run.outcomes["interference"]
+    return [
+        row(
+            "20 bridges, 10 soundings/s each: time per second of mission", spent * 1e3, "ms", against="real time",
+            ratio=1.0 / spent, goal="ratio > 100", holds=spent < 0.01,
+        ),
+        row("channel of 20 vehicles: time per second of mission", run.channel_s / seconds * 1e3, "ms"),
+        row("slots used by 20 vehicles in 1 h", run.sent, "of 360", goal="360", holds=run.sent == 360),
+        row("receptions lost to overlap, 20 vehicles", collided, "", goal="0", holds=collided == 0),
+    ]  # fmt: skip
+
+
+def delivery_at_range(range_m: float, config: ChannelConfig, packets: int = 2000, seed: int = 1) -> float:
+    """Share of lone packets read at a range, by sending them."""
+    channel = Channel(config, stream(seed, "range", int(range_m)))
+    places: dict[int, Position] = {1: (0.0, 0.0, 3.0), 2: (range_m, 0.0, 3.0)}
+    read = 0
+    for i in range(packets):
+        channel.transmit(20.0 * i, 1, b"\x00" * 252, places)
+        read += sum(a.ok for a in channel.arrivals(20.0 * i + 19.0))
+    return read / packets
+
+
+def ranges() -> list[Row]:
+    """Delivery ratio against range, sent against computed."""
+    rows = []
+    for range_m in (500.0, 1000.0, 2000.0, 3000.0, 3500.0, 4000.0, 5000.0):
+        got, expected = (
+            delivery_at_range(range_m, ChannelConfig()),
+            1.0 - float(loss_at_range(range_m, ChannelConfig())),
+        )
+        near = abs(got - expected) < 4.0 * np.sqrt(max(expected * (1.0 - expected), 1e-4) / 2000.0)
+        rows.append(
+            row(
+                f"delivery ratio at {range_m:g} m", got, "", against=f"{expected:.3f} from curve and fading",
+                goal="within 4 sigma", holds=bool(near),
+            )
+        )  # fmt: skip
+    return rows
+
+
+def teams() -> list[Row]:
+    """Delivery ratio, age of the last heard plan, and samples, against the number of vehicles."""
+    rows = []
+    for vehicles in (2, 3, 5, 8, 12, 20):
+        for loss in (0.0, 0.3):
+            run = traffic(vehicles, 1600, ChannelConfig(packet_loss=loss))
+            name = f"K = {vehicles}, random loss {loss:g}"
+            off = abs(run.delivered - (1.0 - loss))
+            sigma = np.sqrt(max(loss * (1.0 - loss), 1e-3) / max(sum(run.outcomes.values()), 1))
+            rows.append(
+                row(
+                    f"delivery ratio, {name}", run.delivered, "", against=f"{1.0 - loss:g}",
+                    ratio=run.delivered / (1.0 - loss), goal="within 4 sigma", holds=bool(off < 4.0 * sigma),
+                )
+            )  # fmt: skip
+            rows.append(row(f"mean age of what is known of a team mate, {name}", run.plan_age_s, "s"))
+            rows.append(
+                row(
+                    f"samples heard per vehicle and minute, {name}", run.samples_received / vehicles / (1600 / 60), "",
+                    against="60 soundings made by each",
+                )
+            )  # fmt: skip
+    return rows
+
+
+@dataclasses.dataclass(slots=True)
+class Knowledge:
+    """Risk of the vehicles' own maps over what all data would give (the paper's local-map error)."""
+
+    mean: float  # over time and vehicles
+    end: float  # at the end, over vehicles
+    select_s: float  # time of choosing, per packet
+
+
+def knowledge(
+    packet: PacketConfig,
+    vehicles: int,
+    seed: int,
+    seconds: int = 1600,
+    loss: float = 0.2,
+    silent_s: float = 0.0,
+    rate_hz: float = 1.0,
+) -> Knowledge:
+    """Flies a team over a synthetic lake and compares each vehicle's risk with that of all data.
+
+    Args:
+        packet: How samples are chosen.
+        vehicles: Number of vehicles.
+        seed: Of lake, paths and losses.
+        seconds: Length of the mission.
+        loss: Share of the receptions lost at random.
+        silent_s: Nobody hears anybody before this (a gap in communication).
+        rate_hz: Soundings per second.
+    """
+    lake = SyntheticLake(mission_seed=seed)
+    gp, level = GpConfig(min_spacing_m=8.0), LevelSet()
+    extent = lake.extent
+    corner = np.array([extent.north_min_m, extent.east_min_m]) + 50.0
+    n1, e1 = corner[0] + NORTH_M, corner[1] + EAST_M
+    area = OperatingArea(AreaConfig(polygon_m=(corner[0], corner[1], n1, corner[1], n1, e1, corner[0], e1)))
+    tdma = TdmaConfig()
+
+    def mind() -> ReceiversRisk:
+        return ReceiversRisk(gp, level, area, spacing_m=25.0)
+
+    useful = packet.selection == "useful"
+    team = [
+        ModemBridge(tdma, packet, a, vehicles, receivers=mind() if useful else None) for a in range(1, vehicles + 1)
+    ]
+    own, everything = [mind() for _ in team], mind()
+    paths, luck = Wanderers(vehicles, seed), stream(seed, "loss")
+    noise = stream(seed, "noise")
+    extra: list[float] = []
+    select_s, packets = 0.0, 0
+    per_second = max(1, round(rate_hz))
+    for t in range(1, seconds + 1):
+        before = paths.places.copy()
+        after = paths.step()
+        for i, bridge in enumerate(team):
+            share = np.arange(1, per_second + 1)[:, None] / per_second
+            places = corner + before[i] + share * (after[i] - before[i])
+            depth = lake.depth_m(places[:, 0], places[:, 1]) + noise.normal(0.0, 0.1, per_second)
+            good = np.isfinite(depth)
+            rows = np.column_stack([t - 1.0 + share[:, 0], places, depth])[good]
+            own[i].tell(rows[-1:, 1:])
+            everything.tell(rows[-1:, 1:])
+            bridge.add_soundings(rows)
+            bridge.set_plan(dataclasses.replace(PLAN, step=0))
+        for bridge in team:
+            start = time.process_time()
+            payload = bridge.poll(float(t))
+            if payload is None:
+                continue
+            select_s += time.process_time() - start
+            packets += 1
+            for i, other in enumerate(team):
+                lost = luck.random() < loss or t < silent_s
+                if other is not bridge and not lost:
+                    received = other.receive(t + 3.0, bridge.address, payload)
+                    if received is not None:
+                        own[i].tell(received.packet.samples)
+        if t % 50 == 0:
+            extra.append(float(np.mean([m.risk for m in own])) - everything.risk)
+    return Knowledge(float(np.mean(extra)), extra[-1], select_s / max(packets, 1))
+
+
+#: What is compared, each against the first: the paper's rule on every sounding.
+CHOICES = {
+    "every n-th": PacketConfig(),
+    "every n-th, thinned to 5 m": PacketConfig(min_spacing_m=5.0),
+    "useful": PacketConfig(selection="useful"),
+    "useful, thinned to 5 m": PacketConfig(selection="useful", min_spacing_m=5.0),
+}
+SCENES: dict[str, dict[str, Any]] = {
+    "K = 3": {"vehicles": 3},
+    "K = 8": {"vehicles": 8},
+    "K = 3, 10 soundings/s": {"vehicles": 3, "rate_hz": 10.0},
+    "K = 3, silent for 10 min": {"vehicles": 3, "silent_s": 600.0},
+    "K = 8, silent for 10 min": {"vehicles": 8, "silent_s": 600.0},
+}
+
+
+def selections(seeds: int = 3) -> list[Row]:
+    """What choosing and thinning gain: risk of local maps over that of all data, mean over the mission."""
+    rows = []
+    for scene, settings in SCENES.items():
+        base: list[Knowledge] = []
+        for choice, config in CHOICES.items():
+            runs = [knowledge(config, seed=seed, **settings) for seed in range(1, seeds + 1)]
+            base = base or runs
+            mean, first = float(np.mean([r.mean for r in runs])), float(np.mean([r.mean for r in base]))
+            better = sum(r.mean < b.mean for r, b in zip(runs, base, strict=True))
+            rows.append(
+                row(
+                    f"local-map excess risk, {scene}: {choice}", mean, "", against="every n-th", ratio=mean / first,
+                    goal="ratio < 1" if runs is not base else "", holds=mean < first if runs is not base else None,
+                )
+            )  # fmt: skip
+            if runs is not base:
+                rows.append(row(f"  lakes on which it is less, {scene}: {choice}", better, f"of {seeds}"))
+            if config.selection == "useful":
+                spent = float(np.mean([r.select_s for r in runs]))
+                rows.append(row(f"  time to choose a packet's samples, {scene}: {choice}", spent * 1e3, "ms"))
+    return rows
+
+
+def channel_figure(path: Path) -> None:
+    """Draws frame error against range, for spreading laws, noise and fading, with points that were sent."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2)
+    far = np.linspace(50.0, 8000.0, 400)
+    cases = {
+        "default: practical, Thorp, 70 dB/Hz": ChannelConfig(),
+        "no fading": ChannelConfig(fading_db=0.0),
+        "spherical spreading": ChannelConfig(spreading="spherical"),
+        "noise 80 dB/Hz": ChannelConfig(noise_level_db=80.0),
+        "rate 5": ChannelConfig(rate=5),
+        "10 % random loss": ChannelConfig(packet_loss=0.1),
+    }
+    for i, (name, config) in enumerate(cases.items()):
+        left.plot(far / 1000.0, loss_at_range(far, config), color=f"C{i}", label=name, linewidth=1.4)
+        points = np.arange(500.0, 8000.0, 750.0) + 60.0 * i
+        sent = [1.0 - delivery_at_range(p, config, 250) for p in points.tolist()]
+        left.plot(points / 1000.0, sent, ".", color=f"C{i}", markersize=4)
+        if name not in ("no fading", "rate 5", "10 % random loss"):
+            right.plot(far / 1000.0, snr_db(far, config), color=f"C{i}", label=name, linewidth=1.4)
+    left.set(xlabel="range (km)", ylabel="frame error", ylim=(-0.03, 1.03), xlim=(0.0, 8.0))
+    left.set_title("lines: computed; dots: 250 packets sent", fontsize=9)
+    left.legend(fontsize=7, loc="lower right")
+    fresh = ChannelConfig(absorption="fresh")
+    right.plot(far / 1000.0, snr_db(far, fresh), color="C7", label="fresh water", linewidth=1.4)
+    right.axhspan(-2.6, 0.39, color="0.85", label="rate 4: errors from 1 to 0")
+    right.set(xlabel="range (km)", ylabel="mean SNR (dB)", xlim=(0.0, 8.0), ylim=(-25.0, 60.0))
+    right.legend(fontsize=7)
+    figure.savefig(path, dpi=120)
+
+
+def run() -> list[Row]:
+    """All rows of `scripts/bench comms`."""
+    return [*codec(), *twenty_vehicles(), *ranges(), *teams(), *selections()]
+
+
+if __name__ == "__main__":
+    channel_figure(Path(__file__).resolve().parents[1] / "docs" / "figures" / "channel.png")
