@@ -141,7 +141,8 @@ class GridGround:
         r, c = np.minimum(row.astype(int), ny - 2), np.minimum(col.astype(int), nx - 2)
         known = self._known
         inside &= known[r, c] & known[r + 1, c] & known[r, c + 1] & known[r + 1, c + 1]
-        depth = ndimage.map_coordinates(self._coefficients, [row, col], order=3, mode="mirror", prefilter=False)
+        at = [row.ravel(), col.ravel()]
+        depth = ndimage.map_coordinates(self._coefficients, at, order=3, mode="mirror", prefilter=False).reshape(row.shape)
         # A spline may swing a little beyond the data; ground is kept within them, so that water stays water.
         return np.where(inside, np.clip(depth, self._low, self._high), np.nan)
 

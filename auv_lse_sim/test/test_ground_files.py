@@ -1,0 +1,306 @@
+"""Bathymetry files: what is read, and what is said about what is wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from auv_lse_common.frames import geodetic_from_local
+from auv_lse_sim.ground_files import BathymetryConfig, GridGround, GroundError, grid_soundings, load_ground
+
+SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+needs_lake = pytest.mark.skipif(
+    not (SHARED / "tzibana_soundings.csv").is_file(), reason=f"the real lake's data are not at {SHARED}"
+)
+
+
+def bottom(north, east):
+    return 20.0 + 5.0 * np.sin(np.asarray(north) / 80.0) + 4.0 * np.cos(np.asarray(east) / 100.0)
+
+
+def soundings(n=3000, size=400.0):
+    rng = np.random.default_rng(0)
+    north, east = rng.uniform(0, size, n), rng.uniform(0, size, n)
+    return north, east, bottom(north, east)
+
+
+def write_csv(path, header, *columns, separator=","):
+    rows = [separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)]
+    path.write_text(separator.join(header) + "\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def check_bottom(ground, offset=(0.0, 0.0), low=40.0, high=360.0, tolerance=0.3):
+    rng = np.random.default_rng(1)
+    n, e = rng.uniform(low, high, 300), rng.uniform(low, high, 300)
+    depth = ground.depth_m(n - offset[0], e - offset[1])
+    assert np.isfinite(depth).all()
+    assert np.abs(depth - bottom(n, e)).max() < tolerance
+
+
+def test_soundings_in_metres(tmp_path):
+    north, east, depth = soundings()
+    for name, separator in (("a.csv", ","), ("b.csv", ";"), ("c.txt", "\t"), ("d.xyz", " ")):
+        path = write_csv(tmp_path / name, ["east_m", "north_m", "depth_m"], east, north, depth, separator=separator)
+        ground = load_ground(path)
+        check_bottom(ground)
+        assert ground.origin is None
+        assert "depth positive down" in ground.describe()
+
+
+def test_soundings_with_comments_other_columns_and_repeats(tmp_path):
+    north, east, depth = soundings(2000)
+    path = tmp_path / "s.csv"
+    lines = ["# a survey", "line,East_M,North_M,Depth_M,quality"]
+    for i, row in enumerate(zip(east, north, depth, strict=True)):
+        lines += [f"L{i},{row[0]},{row[1]},{row[2]},good"]
+        if i % 50 == 0:  # a spike among repeats at one place: the median keeps it out
+            lines += [f"L{i},{row[0]},{row[1]},{row[2]},x", "", f"L{i},{row[0]},{row[1]},{row[2] + 30},spike"]
+    path.write_text("\n".join(lines))
+    check_bottom(load_ground(path))
+
+
+def test_soundings_in_degrees(tmp_path):
+    north, east, depth = soundings()
+    lat, lon = geodetic_from_local(north, east, 47.5, 9.3)
+    path = tmp_path / "s.csv"
+    path.write_text("lat,lon,depth_m\n" + "\n".join(f"{a:.8f},{o:.8f},{d:.3f}" for a, o, d in zip(lat, lon, depth, strict=True)))
+    ground = load_ground(path, origin=(47.5, 9.3))
+    assert ground.origin == (47.5, 9.3)
+    check_bottom(ground)
+    middle = load_ground(path)
+    assert middle.origin == pytest.approx((47.5018, 9.3027), abs=2e-4)
+    check_bottom(middle, offset=(200.0, 200.0), tolerance=0.4)
+
+
+def test_both_kinds_of_coordinates_give_the_origin(tmp_path):
+    north, east, depth = soundings()
+    lat, lon = geodetic_from_local(north, east, -33.0, 151.0)
+    rows = [f"{n:.2f},{e:.2f},{a:.6f},{o:.6f},{d:.2f}" for n, e, a, o, d in zip(north, east, lat, lon, depth, strict=True)]
+    path = tmp_path / "s.csv"
+    path.write_text("north_m,east_m,lat,lon,depth_m\n" + "\n".join(rows))
+    assert load_ground(path).origin == pytest.approx((-33.0, 151.0), abs=2e-6)
+    path.write_text("north_m,east_m,lat,lon,depth_m\n" + "\n".join(r.replace(",151.", ",152.") if i % 2 else r for i, r in enumerate(rows)))
+    wrong = load_ground(path)
+    assert wrong.origin is None
+    assert "not used" in wrong.describe()
+
+
+def test_elevations_are_negated(tmp_path):
+    north, east, depth = soundings()
+    path = write_csv(tmp_path / "s.csv", ["north_m", "east_m", "elevation_m"], north, east, -depth)
+    check_bottom(load_ground(path))
+    path = write_csv(tmp_path / "t.csv", ["north_m", "east_m", "depth_m"], north, east, -depth)
+    with pytest.raises(GroundError, match=r"t\.csv:2: depth -.* as for 3000 of 3000 soundings; expected depth_m positive down"):
+        load_ground(path)
+    check_bottom(load_ground(path, BathymetryConfig(depth_sign="up")))
+
+
+def test_unknown_far_from_soundings():
+    north, east, depth = soundings()
+    keep = ~((np.abs(north - 200) < 80) & (np.abs(east - 200) < 80))
+    ground = grid_soundings(north[keep], east[keep], depth[keep], BathymetryConfig(max_gap_m=30.0))
+    assert np.isnan(ground.depth_m(200.0, 200.0))
+    assert np.isfinite(ground.depth_m(200.0, 135.0))
+    assert np.isnan(ground.depth_m(-50.0, 200.0))
+    whole = grid_soundings(north[keep], east[keep], depth[keep], BathymetryConfig(max_gap_m=200.0))
+    assert np.isfinite(whole.depth_m(200.0, 200.0))
+
+
+def test_grid_is_smooth():
+    """No kink at the nodes: the slope's jump across a node line falls with the step, as in a C1 surface."""
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij")) + np.random.default_rng(0).normal(0, 0.2, (41, 41))
+    ground = GridGround(axis, axis, depth)
+    east = np.linspace(60, 340, 200)
+
+    def jump(h):
+        left = (ground.depth_m(200.0, east) - ground.depth_m(200.0 - h, east)) / h
+        right = (ground.depth_m(200.0 + h, east) - ground.depth_m(200.0, east)) / h
+        return np.abs(right - left).max()
+
+    assert jump(0.1) < 0.02
+    assert jump(0.01) < 0.15 * jump(0.1) + 1e-6
+    assert np.abs(ground.depth_m(axis[3:38, None], axis[None, 3:38]) - depth[3:38, 3:38]).max() < 1e-9  # through the nodes
+
+
+def test_land_and_unknown_are_nan():
+    axis = np.arange(0.0, 101.0, 10.0)
+    depth = np.full((11, 11), 12.0)
+    depth[:, :3] = -2.0
+    depth[8:, 8:] = np.nan
+    ground = GridGround(axis, axis, depth)
+    assert np.isnan(ground.depth_m([50.0, 95.0, 50.0], [15.0, 95.0, 101.0])).all()
+    assert ground.depth_m(50.0, 60.0) == pytest.approx(12.0)
+    assert "33 nodes are land" in ground.describe()
+
+
+def test_npz(tmp_path):
+    axis = np.arange(-50.0, 451.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    distance = np.zeros_like(depth)
+    distance[:, -5:] = 100.0
+    np.savez(tmp_path / "g.npz", north_m=axis, east_m=axis, depth_m=depth, lat0=10.0, lon0=20.0, dist_to_sounding_m=distance)
+    ground = load_ground(tmp_path / "g.npz")
+    assert ground.origin == (10.0, 20.0)
+    check_bottom(ground, tolerance=0.05)
+    assert np.isnan(ground.depth_m(100.0, 430.0))
+    np.savez(tmp_path / "e.npz", north_m=axis, east_m=axis, elevation_m=-depth)
+    check_bottom(load_ground(tmp_path / "e.npz"), tolerance=0.05)
+
+
+def ascii_text(depth, x, y, step, corner="xllcorner", nodata=-9999):
+    head = f"ncols {depth.shape[1]}\nnrows {depth.shape[0]}\n{corner} {x}\n{corner.replace('x', 'y', 1)} {y}\n"
+    rows = "\n".join(" ".join(f"{nodata if np.isnan(v) else v:.4f}" for v in row) for row in depth[::-1])
+    return head + f"cellsize {step}\nNODATA_value {nodata}\n" + rows + "\n"
+
+
+@pytest.mark.parametrize(("corner", "shift"), [("xllcorner", -5.0), ("xllcenter", 0.0)])
+def test_ascii_grid_in_metres(tmp_path, corner, shift):
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    depth[:, 39:] = np.nan
+    (tmp_path / "g.asc").write_text(ascii_text(depth, shift, shift, 10.0, corner))
+    ground = load_ground(tmp_path / "g.asc")
+    check_bottom(ground, tolerance=0.05)
+    assert np.isnan(ground.depth_m(200.0, 395.0))
+    (tmp_path / "e.asc").write_text(ascii_text(-depth, shift, shift, 10.0, corner))
+    elevations = load_ground(tmp_path / "e.asc")
+    check_bottom(elevations, tolerance=0.05)
+    assert "elevations, negated" in elevations.describe()
+
+
+def test_ascii_grid_in_degrees(tmp_path):
+    step = 1e-4
+    lat, lon = 45.0 + step * np.arange(60), 7.0 + step * np.arange(80)
+    lat0, lon0 = 45.0 + step * 29.5, 7.0 + step * 39.5
+    from auv_lse_common.frames import local_from_geodetic
+
+    north, east = local_from_geodetic(*np.meshgrid(lat, lon, indexing="ij"), lat0, lon0)
+    (tmp_path / "g.asc").write_text(ascii_text(bottom(north, east), 7.0, 45.0, step, "xllcenter"))
+    ground = load_ground(tmp_path / "g.asc")
+    assert ground.origin == pytest.approx((lat0, lon0), abs=1e-9)
+    n, e = np.random.default_rng(1).uniform(-200, 200, (2, 200))
+    assert np.abs(ground.depth_m(n, e) - bottom(n, e)).max() < 0.1
+
+
+def test_ascii_grid_with_a_projection(tmp_path):
+    pyproj = pytest.importorskip("pyproj")
+    to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True)
+    x0, y0 = to_utm.transform(9.3, 47.5)
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    (tmp_path / "g.asc").write_text(ascii_text(depth, x0, y0, 10.0, "xllcenter"))
+    (tmp_path / "g.prj").write_text(pyproj.CRS("EPSG:32632").to_wkt("WKT1_ESRI"))
+    ground = load_ground(tmp_path / "g.asc", origin=(47.5, 9.3))
+    # UTM's north is 0.22 deg from true north here, its scale 1.0002 off: 1.6 m at most over this grid.
+    check_bottom(ground, low=20.0, high=380.0, tolerance=0.35)
+    far = tmp_path / "f.asc"
+    far.write_text(ascii_text(depth, x0, y0, 10.0, "xllcenter"))
+    shifted = load_ground(far)
+    assert "no projection given" in shifted.describe()
+    check_bottom(shifted, offset=(200.0, 200.0), tolerance=0.05)
+
+
+def test_geotiff_without_rasterio_says_so(tmp_path, monkeypatch):
+    import builtins
+
+    real = builtins.__import__
+
+    def missing(name, *args, **kwargs):
+        if name.startswith("rasterio"):
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    (tmp_path / "g.tif").write_bytes(b"II*\0")
+    with pytest.raises(GroundError, match=r"needs rasterio, which is not installed; pip install rasterio"):
+        load_ground(tmp_path / "g.tif")
+
+
+def test_geotiff(tmp_path):
+    rasterio = pytest.importorskip("rasterio", reason="rasterio is not installed")
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij")).astype("float32")
+    transform = rasterio.transform.from_origin(500_000.0, 5_200_000.0, 10.0, 10.0)
+    options = {"driver": "GTiff", "width": 41, "height": 41, "count": 1, "dtype": "float32", "transform": transform}
+    with rasterio.open(tmp_path / "g.tif", "w", crs="EPSG:32632", nodata=-1.0, **options) as file:
+        file.write(depth[::-1], 1)
+    ground = load_ground(tmp_path / "g.tif")
+    assert ground.origin is not None
+    check_bottom(ground, offset=(200.0, 200.0), tolerance=0.3)
+    (tmp_path / "bad.tif").write_bytes(b"nothing")
+    with pytest.raises(GroundError, match="not a readable GeoTIFF"):
+        load_ground(tmp_path / "bad.tif")
+
+
+GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n" for i in range(40))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("a.csv", "", r"a\.csv: 0 lines; expected a header"),
+        ("a.csv", "x,y\n1,2\n", r"a\.csv:1: columns are x, y; expected east_m,north_m,depth_m or lat,lon,depth_m"),
+        ("a.csv", GOOD + "10,20\n", r"a\.csv:42: 2 fields '10,20'; expected 3"),
+        ("a.csv", GOOD + "10,abc,3\n", r"a\.csv:42: north_m is 'abc'; expected a finite number"),
+        ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'; expected a finite number"),
+        ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m; expected metres, below 11000"),
+        ("a.csv", "lat,lon,depth_m\n95,10,3\n", r"a\.csv:2: lat is 95; expected degrees"),
+        ("a.csv", "east_m,north_m,depth_m\n1,2,3\n4,5,6\n", r"a\.csv: 2 soundings at different places; expected at least 10"),
+        ("a.csv", "east_m,north_m,depth_m\n" + "".join(f"{i},{2 * i},3\n" for i in range(60)), r"lie on one line"),
+        ("a.csv", "east_m,north_m,depth_m\n" + "".join(f"{i * 9e4},{i % 7 * 9e4},3\n" for i in range(60)), r"2 x 2 to 5000 x 5000"),
+        ("a.npz", "no zip", r"a\.npz: not a readable npz file"),
+        ("a.pdf", "x", r"ending '\.pdf'; expected one of \.csv"),
+        ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x'; expected a header line 'name number'"),
+        ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\n1 2\n3 4\n", r"expected also cellsize"),
+        ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4 5\n", r"a\.asc:7: 3 values; expected ncols = 2"),
+        ("a.asc", "ncols 2\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4\n", r"2 rows of values; expected nrows = 3"),
+        ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 z4\n", r"a\.asc:7: 'z4'; expected a number"),
+    ],
+)
+def test_what_is_wrong_is_said(tmp_path, name, text, match):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(GroundError, match=match):
+        load_ground(path)
+
+
+def test_missing_file():
+    with pytest.raises(GroundError, match=r"nowhere\.csv: no such file"):
+        load_ground("nowhere.csv")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "match"),
+    [
+        ({"depth_m": np.ones((3, 3))}, "arrays are depth_m; expected east_m"),
+        ({"north_m": [0, 1, 2], "east_m": [0, 1], "depth_m": np.ones((3, 3))}, r"shape \(3, 3\); expected"),
+        ({"north_m": [0, 1, 5], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3))}, "north_m runs from 0 to 5; expected growing"),
+        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": -np.ones((3, 3))}, "mostly negative"),
+        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), 2e4)}, "depth 20000 m; expected metres"),
+        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), np.nan)}, "0 grid nodes hold water"),
+        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), "x")}, "depth_m holds <U1; expected numbers"),
+        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 3.0}, "only one of lat0, lon0"),
+    ],
+)
+def test_what_is_wrong_in_an_npz(tmp_path, arrays, match):
+    np.savez(tmp_path / "g.npz", **arrays)
+    with pytest.raises(GroundError, match=match):
+        load_ground(tmp_path / "g.npz")
+
+
+@needs_lake
+def test_the_real_lake_both_ways():
+    fine, grid = (load_ground(SHARED / name) for name in ("tzibana_soundings.csv", "tzibana_grid10m.npz"))
+    assert fine.origin == pytest.approx((17.1221, -91.6281), abs=2e-5)
+    assert grid.origin == pytest.approx((17.1221, -91.6281))
+    n, e = np.meshgrid(*grid.extent.axes(20.0), indexing="ij")
+    a, b = fine.depth_m(n, e), grid.depth_m(n, e)
+    both = np.isfinite(a) & np.isfinite(b)
+    # Area known in the survey's own grid: 1.43 km2.
+    assert np.isfinite(b).mean() * grid.extent.height_m * grid.extent.width_m == pytest.approx(1.43e6, rel=0.05)
+    assert both.sum() > 0.95 * np.isfinite(b).sum()
+    # Two griddings of the same soundings, smoothed differently, on slopes of up to 45 degrees.
+    assert np.median(np.abs(a - b)[both]) < 0.15
+    assert np.percentile(np.abs(a - b)[both], 99) < 2.5
+    assert (b[both] > 15.0).mean() == pytest.approx(0.67, abs=0.04)
