@@ -89,7 +89,8 @@ class VehicleLinkNode(ConfiguredNode):
         self._handling: int | None = None  # lockstep: tick handled, its answer waits for the autopilot
         self._ticks: dict[int, float] = {}
         self._matched = self._greeted = False
-        self._gate = Gate(("odometries", "waypoints"))
+        self._waypoints = 0
+        self._gate = Gate(("odometries",))
         self._odometry = self.create_publisher(Odometry, "odometry", EVERY)
         self._altitude = self.create_publisher(Range, "altitude", EVERY)
         self._pressure = self.create_publisher(FluidPressure, "pressure", EVERY)
@@ -102,7 +103,6 @@ class VehicleLinkNode(ConfiguredNode):
         if self.lockstep:
             self._done = self.create_publisher(LockstepDone, "lockstep/done", EVERY)
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
-            self.create_subscription(LockstepDone, "lockstep/done", self._on_done, EVERY)
             readers = {self._done: 4, self._odometry: 1 + self.recorded}
             self.when_matched(readers | {self._altitude: self.recorded}, self._on_matched)
 
@@ -128,7 +128,8 @@ class VehicleLinkNode(ConfiguredNode):
             self._link.command(self._now_s(), target_of_waypoint(message))
         except ValueError as error:
             self.get_logger().error(f"waypoint of step {message.step}: {error}")
-        self._gate.count("waypoints")
+        self._waypoints += 1
+        self._handling = self._gate.tick or None  # lockstep: the answer to that tick is another one now
         self._step(poll=False)
 
     def _on_tick(self, message: LockstepTick) -> None:
@@ -136,11 +137,6 @@ class VehicleLinkNode(ConfiguredNode):
         self._tick_s = max(self._tick_s, seconds(message.stamp))
         self._gate.announce(message.tick, "odometries", message.odometries[self.vehicle - 1])
         self._step(poll=False)
-
-    def _on_done(self, message: LockstepDone) -> None:
-        if message.node == "planner" and message.tick > 0:
-            self._gate.announce(message.tick, "waypoints", message.second)
-            self._step(poll=False)
 
     def _step(self, poll: bool) -> None:
         steady_s = time.monotonic()
@@ -169,7 +165,11 @@ class VehicleLinkNode(ConfiguredNode):
             self._done.publish(LockstepDone(node="vehicle_link", vehicle=self.vehicle, tick=0))
         if self._handling is not None and self._link.quiet:
             sent = self._link.counts["uploads" if self._mission_mode else "target_messages"]
-            self._done.publish(LockstepDone(node="vehicle_link", vehicle=self.vehicle, tick=self._handling, first=sent))
+            self._done.publish(
+                LockstepDone(
+                    node="vehicle_link", vehicle=self.vehicle, tick=self._handling, first=sent, second=self._waypoints
+                )
+            )
             self._handling = None
 
     def _watch(self) -> None:
