@@ -77,7 +77,7 @@ class Conditioned:
         # var = s - s^2 [(C + s I)^-1]_ii with s the noise variance: no large numbers cancel.
         inverse = solve_triangular(self._lower, np.eye(len(self)), lower=True, check_finite=False)
         s = self._noise_m2
-        return np.maximum(s - s * s * np.einsum("ij,ij->j", inverse, inverse), 0.0)
+        return np.asarray(np.maximum(s - s * s * np.einsum("ij,ij->j", inverse, inverse), 0.0))
 
     def look(self, places_m: ArrayLike) -> tuple[Array, Array, Array]:
         """Mean given the data, variance given the data, and variance after the planned measurements (P,), each.

@@ -107,8 +107,8 @@ def test_isobath_and_its_band():
         offset = side * (points[:, 0] - np.interp(points[:, 1], *line[np.argsort(line[:, 1])].T[::-1]))
         assert np.all(offset > 0.0)
         mean, std = depth_map.gp.predict(points)
-        # Linear between cells of 5 m.
-        assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 1.96), abs=0.25)
+        # Linear between cells of 5 m, over which the band's edges are a few metres apart.
+        assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 1.96), abs=0.5)
 
 
 def test_contours_of_a_cone():

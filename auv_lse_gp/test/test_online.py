@@ -269,7 +269,7 @@ def test_ill_conditioned_centers_are_an_error_and_nothing_is_lost():
     before = gp.predict(queries)
     twice = np.concatenate([places, places[:1], places[:1]])
     noise = np.append(np.full(100, 0.3), [1e-9, 1e-9])
-    with pytest.raises(IllConditionedError, match="102 centres is not positive definite.*larger noise_std_m or"):
+    with pytest.raises(IllConditionedError, match=r"102 centres is not positive definite.*larger noise_std_m or"):
         gp.set_centers(twice, np.append(depths, [15.0, 15.0]), noise)
     assert len(gp) == 100
     assert np.array_equal(gp.predict(queries), before)

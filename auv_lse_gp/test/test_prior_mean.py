@@ -66,5 +66,5 @@ def test_surveys_that_do_not_span_an_area(tmp_path):
     path.write_text("north_m,east_m,depth_m\n" + "".join(f"{i},{2 * i},5\n" for i in range(9)))
     with pytest.raises(ParameterError, match="lie on one line"):
         OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
-    with pytest.raises(ParameterError, match="absent.csv"):
+    with pytest.raises(ParameterError, match=r"absent\.csv"):
         OnlineGp(GpConfig(mean="survey", survey_file=str(tmp_path / "absent.csv")))

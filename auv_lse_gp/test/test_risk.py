@@ -1,5 +1,7 @@
 """The risk functions: against 40-digit references, by hand, by brute force, and Theorem 1."""
 
+import functools
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -60,18 +62,20 @@ def test_expected_risk_of_the_reference_table():
     assert 1e-5 < (np.abs(rough - table["expected_bayes_risk"]) / scale).max() < 1.1e-3
 
 
+def weighted_risk(m, mean, of_mean, after, c1, c2):
+    """The integrand of the paper's expected risk: the risk if the mean turns out to be m, times its density."""
+    return stats.norm.pdf(m, mean, of_mean) * bayes_risk(m, after, 15.0, c1, c2)
+
+
 def test_expected_risk_against_quadrature():
     rng = np.random.default_rng(7)
     for _ in range(40):
         mean, of_mean, after = rng.normal(15, 3), rng.uniform(0.2, 4), rng.uniform(0.2, 4)
         c1, c2 = rng.uniform(1, 20, 2)
         star = 15.0 - after * stats.norm.ppf(c2 / (c1 + c2))
-        parts = [
-            integrate.quad(
-                lambda m: stats.norm.pdf(m, mean, of_mean) * bayes_risk(m, after, 15.0, c1, c2), a, b, epsabs=1e-12
-            )[0]
-            for a, b in ((min(star, mean) - 9 * of_mean, star), (star, max(star, mean) + 9 * of_mean))
-        ]
+        integrand = functools.partial(weighted_risk, mean=mean, of_mean=of_mean, after=after, c1=c1, c2=c2)
+        ends = (min(star, mean) - 9 * of_mean, star, max(star, mean) + 9 * of_mean)
+        parts = [integrate.quad(integrand, a, b, epsabs=1e-12)[0] for a, b in itertools.pairwise(ends)]
         assert expected_bayes_risk(mean, of_mean, after, 15.0, c1, c2) == pytest.approx(sum(parts), abs=1e-9)
 
 
