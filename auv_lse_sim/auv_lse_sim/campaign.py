@@ -41,8 +41,8 @@ from auv_lse_sim.report import write_outputs
 from auv_lse_sim.run_data import RunData
 from auv_lse_sim.settings import Settings
 
-#: Missions handed out per thread of the cluster, so that none waits for the next.
-AHEAD = 2
+#: Missions handed out beyond one per thread of the cluster, as a share of them (one at least): none waits for the next.
+AHEAD = 0.25
 
 #: Steps at which a mission's bounds are recomputed for its row.
 BOUNDS = 11
@@ -150,7 +150,7 @@ def run_campaign(
         folder: Its folder.
         client: `distributed.Client` of the cluster to fly on.
         retry_failed: Whether missions that failed before are flown again.
-        budget_s: No mission is handed out after so long.
+        budget_s: No mission is handed out that would by experience end later than this.
         progress: Called after each mission.
 
     Raises:
@@ -172,14 +172,15 @@ def run_campaign(
         flying: dict[str, Job] = {}
 
         def hand_out() -> Any:
-            job = next(waiting, None) if time.monotonic() - began < budget_s else None
+            usual = state.busy_s / state.done if state.done else 0.0
+            job = next(waiting, None) if time.monotonic() - began + usual < budget_s else None
             if job is None:
                 return None
             future = client.submit(fly, job, key=f"mission-{job.id}-{time.time_ns()}", pure=False)
             flying[future.key] = job
             return future
 
-        first = [f for f in (hand_out() for _ in range(AHEAD * threads)) if f is not None]
+        first = [f for f in (hand_out() for _ in range(threads + max(1, int(AHEAD * threads)))) if f is not None]
         in_air = as_completed(first)
         for future in in_air:
             job = flying.pop(future.key)

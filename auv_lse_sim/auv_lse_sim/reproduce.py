@@ -136,6 +136,7 @@ class Plan:
         sweeps: The sensitivities that the last one holds.
         teams: Team sizes of the trials.
         large_team: Team size in the large area.
+        shown: Settings of the trials of which one mission is flown for the figures: team size, method.
         budget_s: Time after which no further mission is handed out, over all campaigns.
     """
 
@@ -144,6 +145,7 @@ class Plan:
     sweeps: tuple[Sweep, ...]
     teams: tuple[int, ...]
     large_team: int
+    shown: tuple[tuple[int, str], ...]
     budget_s: float
 
 
@@ -163,7 +165,15 @@ def full_plan(seeds: int, sweep_seeds: int, only: Sequence[str]) -> Plan:
         "sensitivity": _spec("sensitivity", _swept(SWEEPS, SENSITIVE), {}, sweep_seeds),
     }
     chosen = {name: spec for name, spec in campaigns.items() if name in only}
-    return Plan(name="full", campaigns=chosen, sweeps=SWEEPS, teams=(2, 3), large_team=3, budget_s=float("inf"))
+    return Plan(
+        name="full",
+        campaigns=chosen,
+        sweeps=SWEEPS,
+        teams=(2, 3),
+        large_team=3,
+        shown=tuple((k, m) for k in (2, 3) for m in SENSITIVE),
+        budget_s=float("inf"),
+    )
 
 
 def quick_plan(budget_s: float) -> Plan:
@@ -174,7 +184,15 @@ def quick_plan(budget_s: float) -> Plan:
         "trials": _spec("trials", trials, SMALL, 50),
         "sensitivity": _spec("sensitivity", _swept(sweeps, ("augmented",)), SMALL, 50),
     }
-    return Plan(name="quick", campaigns=campaigns, sweeps=sweeps, teams=(2, 3), large_team=3, budget_s=budget_s)
+    return Plan(
+        name="quick",
+        campaigns=campaigns,
+        sweeps=sweeps,
+        teams=(2, 3),
+        large_team=3,
+        shown=tuple((3, m) for m in SENSITIVE),
+        budget_s=budget_s,
+    )
 
 
 def _spec(name: str, settings: list[dict[str, Any]], common: Mapping[str, Any], seeds: int) -> CampaignSpec:
@@ -236,16 +254,16 @@ def _probe_s(patterns: Mapping[str, Any], factor: float) -> float:
 
 
 def examples(plan: Plan, folder: Path, client: Any) -> dict[tuple[int, str], Evaluation]:
-    """One mission of each team with the paper's methods and ours, with full recording, for the figures.
+    """One mission of each of the plan's `shown` settings, with full recording, for the figures.
 
     Its seed is the trials' first, chosen before anything was flown.
     """
     spec = plan.campaigns["trials"]
-    wanted = {trial_name(k, m): (k, m) for k in plan.teams for m in ("augmented", "plain", "best")}
+    wanted = {trial_name(k, m): (k, m) for k, m in plan.shown}
     jobs = {wanted[job.group]: job for job in spec.jobs() if job.seed == spec.seeds[0] and job.group in wanted}
     places = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
     flights = {
-        key: client.submit(fly_run, job.patterns, f"example {job.group}", pure=False)
+        key: client.submit(_example, job.patterns, f"example {job.group}", pure=False)
         for key, job in jobs.items()
         if not (places[key] / "summary.json").exists()
     }
@@ -253,17 +271,19 @@ def examples(plan: Plan, folder: Path, client: Any) -> dict[tuple[int, str], Eva
     for key in jobs:
         place = places[key]
         if key in flights:
-            run = flights[key].result()
+            evaluation = flights[key].result()
             if not (place / "bag").exists():
-                bag.write_run(run, place)
-            place.mkdir(parents=True, exist_ok=True)
-            evaluation = evaluate(run)
-            _keep_ground(run.ground, place / "ground.npz")
+                bag.write_run(evaluation.run, place)
+            _keep_ground(evaluation.run.ground, place / "ground.npz")
             write_outputs(evaluation, place)
         else:
             evaluation = evaluate(bag.read_run(place, ground=_kept_ground(place / "ground.npz")))
         found[key] = evaluation
     return found
+
+
+def _example(patterns: Mapping[str, Any], where: str) -> Evaluation:
+    return evaluate(fly_run(patterns, where))
 
 
 def _keep_ground(ground: GroundGrid | None, path: Path) -> None:

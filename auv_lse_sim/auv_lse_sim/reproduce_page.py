@@ -163,8 +163,8 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
     with matplotlib.rc_context(STYLE):
         first = next(iter(missions.values()))
         extent, aspect = figures._extent(first)
-        width = (WIDTH_IN - 1.1) / len(missions)
-        figure = new_figure(WIDTH_IN, 2.0 * (width * aspect + 0.28) + 0.7)
+        width = (WIDTH_IN - 1.1 - 0.17 * len(missions)) / len(missions)
+        figure = new_figure(WIDTH_IN, 2.0 * (width * aspect + 0.2) + 0.75)
         axes = figure.subplots(2, len(missions), sharex=True, sharey=True, squeeze=False)
         top = max(float(np.nanmax(e.prior.risk)) for e in missions.values())
         image: Any = None
