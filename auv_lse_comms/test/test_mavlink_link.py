@@ -1,0 +1,466 @@
+"""The MAVLink link against an autopilot written in the test with plain pymavlink."""
+
+import dataclasses
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common as mavlink
+
+from auv_lse_common.params import ParameterError, from_mapping
+from auv_lse_comms import mavlink_link as ml
+from auv_lse_comms.link_config import LinkConfig
+from auv_lse_comms.mavlink_conversion import (
+    Datum,
+    Odometry,
+    Origin,
+    Target,
+    altitude_m,
+    mission_item,
+    position_target,
+    target_of_item,
+    target_of_position,
+)
+from auv_lse_comms.mavlink_link import LinkState, VehicleLink
+from auv_lse_comms.mavlink_wire import MavlinkCodec
+
+ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
+NOW_S = 1_700_000_000.0
+A = Target(north_m=20.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=0)
+B = Target(north_m=40.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=1)
+
+
+class Autopilot:
+    """Vehicle 2's autopilot, and the link to it."""
+
+    def __init__(self, origin=ORIGIN, own_origin=ORIGIN, **values):
+        self.link = VehicleLink(LinkConfig(kind="mavlink", **values), 2, origin)
+        self.own_origin = own_origin
+        self.mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
+        self.reader = mavlink.MAVLink(None)
+        self.now_s = NOW_S
+        self.told = []
+
+    def say(self, message, mav=None):
+        mav = mav or self.mav
+        data = message.pack(mav)
+        mav.seq = (mav.seq + 1) % 256
+        self.link.receive(self.now_s, data)
+        self.told += self.link.events()
+
+    def heard(self, *kinds):
+        messages = []
+        for datagram in self.link.outgoing():
+            messages += self.reader.parse_buffer(datagram)
+        return [m for m in messages if not kinds or m.get_type() in kinds]
+
+    def beat(self, armed=True):
+        flags = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        self.say(mavlink.MAVLink_heartbeat_message(12, 3, flags, 4, mavlink.MAV_STATE_ACTIVE, 3))
+
+    def up(self):
+        self.beat()
+        self.say_origin()
+        self.heard()
+        return self
+
+    def say_origin(self):
+        if self.own_origin is not None:
+            lat, lon = round(self.own_origin.lat_deg * 1e7), round(self.own_origin.lon_deg * 1e7)
+            self.say(mavlink.MAVLink_gps_global_origin_message(lat, lon, 0, 0))
+
+    @property
+    def boot_ms(self):
+        return round((self.now_s - NOW_S) * 1000) + 5000
+
+    def at(self, north, east, depth=4.0, yaw=0.0, speed=1.5, yaw_speed=0.0):
+        self.say(mavlink.MAVLink_attitude_message(self.boot_ms, 0, 0, yaw, 0, 0, yaw_speed))
+        velocity = (speed * math.cos(yaw), speed * math.sin(yaw), 0)
+        self.say(mavlink.MAVLink_local_position_ned_message(self.boot_ms, north, east, depth, *velocity))
+
+    def wait(self, seconds, beat=True):
+        for _ in range(round(seconds * 10)):
+            self.now_s += 0.1
+            if beat:
+                self.beat()
+            self.link.poll(self.now_s)
+            self.told += self.link.events()
+
+    def of(self, kind):
+        return [event for event in self.told if isinstance(event, kind)]
+
+
+# ------------------------------------------------------------------ frames and units
+
+
+def test_a_position_east_of_the_vehicle_keeps_its_axes():
+    pilot = Autopilot().up()
+    pilot.at(12.0, -34.0, depth=3.5, yaw=-1.25, speed=2.0, yaw_speed=0.25)
+    (odometry,) = pilot.of(Odometry)
+    assert (odometry.north_m, odometry.east_m, odometry.depth_m) == pytest.approx((12.0, -34.0, 3.5))
+    assert odometry.heading_rad == pytest.approx(-1.25)
+    assert odometry.speed_mps == pytest.approx(2.0)
+    assert odometry.yaw_rate_radps == pytest.approx(0.25)
+
+
+def test_another_origin_of_the_autopilot_is_allowed_for_both_ways():
+    # 0.001 deg of latitude at 46.5 deg is 111.165 m (WGS84 meridian: 111 132.95 - 559.85 cos 2p + 1.17 cos 4p m/deg)
+    per_deg = 111132.954 - 559.822 * math.cos(math.radians(93.0)) + 1.175 * math.cos(math.radians(186.0))
+    pilot = Autopilot(own_origin=Origin(lat_deg=46.501, lon_deg=6.6)).up()
+    pilot.at(0.0, 0.0)
+    (odometry,) = pilot.of(Odometry)
+    assert odometry.north_m == pytest.approx(0.001 * per_deg, abs=0.01)
+    assert odometry.east_m == pytest.approx(0.0, abs=1e-3)
+    assert any("origin lies 111.2 m north" in p.text for p in pilot.of(ml.Problem))
+    pilot.link.command(pilot.now_s, A)
+    (target,) = pilot.heard("SET_POSITION_TARGET_LOCAL_NED")
+    assert target.x == pytest.approx(20.0 - 0.001 * per_deg, abs=0.01)
+
+
+@given(st.floats(-2000, 2000), st.floats(-2000, 2000), st.floats(0, 100), st.floats(-3.14, 3.14), st.booleans())
+def test_targets_survive_both_kinds_of_message(north, east, depth, heading, shifted):
+    target = Target(north_m=north, east_m=east, depth_m=depth, heading_rad=heading)
+    datum = Datum(ORIGIN, Origin(lat_deg=46.503, lon_deg=6.59) if shifted else ORIGIN)
+    codec, other = MavlinkCodec(245, 191), MavlinkCodec(1, 1)
+    (message,) = other.decode(codec.encode(position_target(target, datum, 1234, 2, 1)))
+    back = target_of_position(message, datum)
+    assert (back.north_m, back.east_m) == pytest.approx((north, east), abs=1e-3)  # float32 at 2 km: 0.12 mm
+    assert (back.depth_m, back.heading_rad) == pytest.approx((depth, heading), abs=1e-5)
+    (message,) = other.decode(codec.encode(mission_item(target, datum, 0, 3.0, 2, 1)))
+    back = target_of_item(message, datum)
+    assert (back.north_m, back.east_m) == pytest.approx((north, east), abs=0.01)  # 1e-7 deg: 1.1 cm, rounded
+    assert (back.depth_m, back.heading_rad) == pytest.approx((depth, heading), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"coordinate_frame": mavlink.MAV_FRAME_BODY_NED}, "expected MAV_FRAME_LOCAL_NED"),
+        ({"type_mask": 0xFFF}, "ignores the position"),
+        ({"x": math.nan}, "expected finite"),
+    ],
+)
+def test_position_targets_that_mean_something_else_are_refused(change, words):
+    message = position_target(A, Datum(ORIGIN, ORIGIN), 0, 2, 1)
+    for name, value in change.items():
+        setattr(message, name, value)
+    with pytest.raises(ValueError, match=words):
+        target_of_position(message, Datum(ORIGIN, ORIGIN))
+
+
+def distance(cm, orientation=25, limits=(20, 5000)):
+    return mavlink.MAVLink_distance_sensor_message(5000, *limits, cm, 1, 0, orientation, 255)
+
+
+def test_only_the_sensor_that_looks_down_is_an_altimeter():
+    assert altitude_m(distance(1234)) == pytest.approx(12.34)
+    assert altitude_m(distance(1234, orientation=0)) is None
+    assert math.isnan(altitude_m(distance(5001)))
+    assert math.isnan(altitude_m(distance(19)))
+    pilot = Autopilot().up()
+    pilot.say(distance(500, orientation=0))
+    pilot.say(distance(1234))
+    (altitude,) = pilot.of(ml.Altitude)
+    assert (altitude.altitude_m, altitude.min_m, altitude.max_m) == pytest.approx((12.34, 0.2, 50.0))
+
+
+def test_pressure_in_pascal():
+    pilot = Autopilot().up()
+    pilot.say(mavlink.MAVLink_scaled_pressure2_message(5000, 1405.5, 0.0, 1000))
+    assert pilot.of(ml.Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
+
+
+def test_global_position_that_does_not_agree_is_told_once():
+    pilot = Autopilot().up()
+    for _ in range(3):
+        pilot.at(0.0, 0.0)
+        pilot.say(mavlink.MAVLink_global_position_int_message(5000, 465000000, 66000000, 0, 0, 0, 0, 0, 0))
+    assert pilot.of(ml.Problem) == []
+    for _ in range(3):
+        pilot.say(mavlink.MAVLink_global_position_int_message(5000, 465010000, 66000000, 0, 0, 0, 0, 0, 0))
+    (problem,) = pilot.of(ml.Problem)
+    assert "111.2 m apart" in problem.text
+
+
+# ------------------------------------------------------------------ times
+
+
+def test_stamps_are_the_autopilots_when_its_clock_agrees():
+    pilot = Autopilot().up()
+    pilot.say(mavlink.MAVLink_system_time_message(round((NOW_S + 0.5) * 1e6), 5000))
+    pilot.at(0.0, 0.0)
+    assert pilot.of(Odometry)[-1].stamp_s == pytest.approx(NOW_S + 0.5)
+    pilot.say(mavlink.MAVLink_system_time_message(round((NOW_S + 3600.0) * 1e6), 5000))
+    pilot.at(0.0, 0.0)
+    assert pilot.of(Odometry)[-1].stamp_s == NOW_S  # an hour off: the time of receipt
+    pilot.say(mavlink.MAVLink_system_time_message(0, 5000))  # it does not know
+    pilot.at(0.0, 0.0)
+    assert pilot.of(Odometry)[-1].stamp_s == NOW_S
+
+
+def test_a_place_without_a_fresh_heading_gives_no_odometry():
+    pilot = Autopilot(stale_after_s=3.0).up()
+    pilot.say(mavlink.MAVLink_local_position_ned_message(5000, 1.0, 2.0, 3.0, 0, 0, 0))
+    assert pilot.of(Odometry) == []
+    pilot.at(1.0, 2.0)
+    pilot.wait(3.5)
+    pilot.say(mavlink.MAVLink_local_position_ned_message(5000, 1.0, 2.0, 3.0, 0, 0, 0))
+    assert len(pilot.of(Odometry)) == 1
+    assert pilot.link.counts["stale_attitude"] == 2
+    pilot.at(math.nan, 2.0)
+    assert pilot.link.counts["bad_positions"] == 1
+
+
+# ------------------------------------------------------------------ link
+
+
+def test_heartbeats_go_out_whether_or_not_anybody_is_heard():
+    pilot = Autopilot()
+    pilot.wait(5.0, beat=False)
+    assert len(pilot.heard("HEARTBEAT")) == 5
+    assert pilot.link.state is LinkState.DOWN
+
+
+def test_the_link_is_lost_and_found():
+    pilot = Autopilot(lost_after_s=5.0).up()
+    assert pilot.link.armed
+    pilot.wait(4.9, beat=False)
+    assert pilot.link.state is LinkState.UP
+    pilot.wait(0.3, beat=False)
+    assert pilot.link.state is LinkState.DOWN
+    assert len(pilot.of(ml.LinkLost)) == 1
+    pilot.wait(30.0, beat=False)
+    assert len(pilot.of(ml.LinkLost)) == 1
+    pilot.beat(armed=False)
+    assert pilot.link.state is LinkState.UP
+    assert not pilot.link.armed
+    assert len(pilot.of(ml.LinkUp)) == 2
+
+
+def test_others_on_the_network_are_not_the_autopilot():
+    pilot = Autopilot()
+    stranger = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
+    pilot.say(mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3), stranger)
+    assert pilot.link.state is LinkState.DOWN
+    assert pilot.link.counts["from_others"] == 1
+
+
+def test_the_origin_is_asked_for_and_set_if_there_is_none():
+    pilot = Autopilot(own_origin=None)
+    pilot.beat()
+    assert [m.get_type() for m in pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN")] == ["COMMAND_LONG"]
+    pilot.wait(2.5)
+    said = pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN")
+    assert [m.get_type() for m in said] == ["SET_GPS_GLOBAL_ORIGIN", "COMMAND_LONG"]
+    assert (said[0].latitude, said[0].longitude) == (465000000, 66000000)
+    pilot.own_origin = ORIGIN
+    pilot.say_origin()
+    pilot.wait(10.0)
+    assert pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN") == []
+
+
+def test_what_the_autopilot_complains_of_is_told():
+    pilot = Autopilot().up()
+    pilot.say(mavlink.MAVLink_statustext_message(4, b"Leak detected"))
+    pilot.say(mavlink.MAVLink_statustext_message(6, b"all is well"))
+    assert [p.text for p in pilot.of(ml.Problem)] == ["autopilot: Leak detected"]
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=300))
+def test_garbage_is_survived_and_counted(data):
+    pilot = Autopilot()
+    pilot.link.receive(NOW_S, data)
+    for _ in range(30):  # a false start byte may swallow up to 280 bytes of what follows
+        pilot.beat()
+    assert pilot.link.state is LinkState.UP
+    assert pilot.link.events() == []
+
+
+def test_lost_datagrams_are_counted():
+    pilot = Autopilot().up()
+    pilot.mav.seq = (pilot.mav.seq + 3) % 256
+    pilot.beat()
+    assert pilot.link.wire["gaps"] == 3
+
+
+# ------------------------------------------------------------------ waypoints one after another
+
+
+def targets(pilot):
+    return [(m.x, m.y) for m in pilot.heard("SET_POSITION_TARGET_LOCAL_NED")]
+
+
+def test_a_target_is_sent_at_once_and_repeated_and_the_next_waits_until_it_is_reached():
+    pilot = Autopilot(acceptance_m=4.0, target_period_s=1.0).up()
+    pilot.at(0.0, 0.0)
+    pilot.link.command(pilot.now_s, A)
+    assert targets(pilot) == [(20.0, 0.0)]
+    assert pilot.link.quiet
+    pilot.link.command(pilot.now_s, B)
+    assert targets(pilot) == []
+    pilot.wait(2.3)
+    assert targets(pilot) == [(20.0, 0.0)] * 2
+    pilot.at(15.9, 0.0)
+    assert targets(pilot) == []
+    pilot.at(16.1, 0.0)
+    assert targets(pilot) == [(40.0, 0.0)]
+    assert [e.target for e in pilot.of(ml.TargetSent)] == [A, B]
+    pilot.at(39.9, 0.0)
+    pilot.wait(1.1)
+    assert targets(pilot) == [(40.0, 0.0)]  # there is no other yet
+    assert pilot.link.targets == (B,)
+
+
+def test_a_target_passed_by_on_the_side_counts_as_reached_but_one_behind_does_not():
+    pilot = Autopilot(acceptance_m=4.0).up()
+    pilot.link.command(pilot.now_s, A)
+    pilot.link.command(pilot.now_s, B)
+    pilot.heard()
+    pilot.at(25.0, 60.0)  # far to the side: it must have gone another way
+    assert targets(pilot) == []
+    pilot.at(21.0, 7.0)
+    assert targets(pilot) == [(40.0, 0.0)]
+
+
+def test_targets_are_kept_while_the_link_is_down_and_sent_when_it_is_up():
+    pilot = Autopilot()
+    pilot.link.command(pilot.now_s, A)
+    pilot.wait(1.0, beat=False)
+    assert targets(pilot) == []
+    pilot.beat()
+    assert targets(pilot) == [(20.0, 0.0)]
+    pilot.wait(6.0, beat=False)
+    pilot.heard()
+    pilot.beat()
+    assert targets(pilot) == [(20.0, 0.0)]
+
+
+def test_a_target_that_is_no_place_is_refused():
+    with pytest.raises(ValueError, match="expected finite"):
+        Autopilot().up().link.command(NOW_S, dataclasses.replace(A, north_m=math.nan))
+
+
+# ------------------------------------------------------------------ missions
+
+
+def request(pilot, number, legacy=False):
+    make = mavlink.MAVLink_mission_request_message if legacy else mavlink.MAVLink_mission_request_int_message
+    pilot.say(make(245, 191, number, 0))
+
+
+def acknowledge(pilot, result=0):
+    pilot.say(mavlink.MAVLink_mission_ack_message(245, 191, result, 0))
+
+
+@pytest.mark.parametrize("legacy", [False, True])
+def test_a_mission_is_counted_asked_for_and_accepted(legacy):
+    pilot = Autopilot(mode="mission", upload_timeout_s=1.0)
+    pilot.say(mavlink.MAVLink_heartbeat_message(12, mavlink.MAV_AUTOPILOT_PX4, 0, 4, 4, 3))
+    pilot.say_origin()
+    pilot.heard()
+    pilot.link.command(pilot.now_s, A)
+    (count,) = pilot.heard("MISSION_COUNT")
+    assert (count.count, count.target_system, count.target_component) == (1, 2, 1)
+    assert not pilot.link.quiet
+    request(pilot, 0, legacy)
+    (item,) = pilot.heard("MISSION_ITEM_INT")
+    assert (item.seq, item.command, item.frame, item.z) == (0, 16, 6, -4.0)
+    assert item.x == pytest.approx(465000000 + 20.0 / 111165.0 * 1e7, abs=15)
+    pilot.link.command(pilot.now_s, B)  # while it is under way: the next upload has both
+    request(pilot, 0, legacy)  # the autopilot did not get it: again
+    assert len(pilot.heard("MISSION_ITEM_INT")) == 1
+    acknowledge(pilot)
+    (count,) = pilot.heard("MISSION_COUNT")
+    assert count.count == 2
+    for number in (0, 1):
+        request(pilot, number, legacy)
+    assert [m.seq for m in pilot.heard("MISSION_ITEM_INT")] == [0, 1]
+    acknowledge(pilot)
+    assert pilot.link.quiet
+    assert [e.target for e in pilot.of(ml.TargetSent)] == [A, B]
+
+
+def test_ardupilot_gets_its_home_item_first():
+    pilot = Autopilot(mode="mission").up()
+    pilot.link.command(pilot.now_s, A)
+    (count,) = pilot.heard("MISSION_COUNT")
+    assert count.count == 2
+
+
+def test_an_upload_without_answer_is_repeated_reported_and_begun_again():
+    pilot = Autopilot(mode="mission", upload_timeout_s=1.0, upload_retries=2).up()
+    pilot.link.command(pilot.now_s, A)
+    assert len(pilot.heard("MISSION_COUNT")) == 1
+    pilot.wait(2.5)
+    assert len(pilot.heard("MISSION_COUNT")) == 2
+    pilot.wait(1.0)
+    assert any("no answer after 2 repeats" in p.text for p in pilot.of(ml.Problem))
+    pilot.wait(1.5)
+    assert len(pilot.heard("MISSION_COUNT")) >= 1
+    assert pilot.link.counts["uploads_failed"] == 1
+
+
+@pytest.mark.parametrize(("result", "name"), [(4, "MAV_MISSION_NO_SPACE"), (1, "MAV_MISSION_ERROR"), (99, "99")])
+def test_a_refused_mission_is_told_by_name_and_tried_again(result, name):
+    pilot = Autopilot(mode="mission", upload_timeout_s=1.0).up()
+    pilot.link.command(pilot.now_s, A)
+    pilot.heard()
+    acknowledge(pilot, result)
+    assert any(name in p.text for p in pilot.of(ml.Problem))
+    assert pilot.heard("MISSION_COUNT") == []  # not at once: it would only be refused again
+    pilot.wait(1.2)
+    assert len(pilot.heard("MISSION_COUNT")) == 1
+
+
+def test_an_item_that_does_not_exist_ends_the_upload():
+    pilot = Autopilot(mode="mission").up()
+    pilot.link.command(pilot.now_s, A)
+    request(pilot, 9)
+    assert any("asks for item 9 of 2" in p.text for p in pilot.of(ml.Problem))
+
+
+def test_an_upload_is_dropped_with_the_link_and_begun_anew():
+    pilot = Autopilot(mode="mission", lost_after_s=5.0, upload_retries=100).up()
+    pilot.link.command(pilot.now_s, A)
+    pilot.wait(5.2, beat=False)
+    assert pilot.link.state is LinkState.DOWN
+    pilot.heard()
+    pilot.beat()
+    pilot.wait(2.0)
+    assert len(pilot.heard("MISSION_COUNT")) >= 1
+
+
+def test_reached_ends_are_left_out_of_the_next_mission():
+    pilot = Autopilot(mode="mission").up()
+    for target in (A, B):
+        pilot.link.command(pilot.now_s, target)
+        pilot.heard()
+        for number in itertools.count():
+            request(pilot, number)
+            if not pilot.heard("MISSION_ITEM_INT") or number > 3:
+                break
+        acknowledge(pilot)
+    pilot.at(19.0, 0.0)
+    assert pilot.link.targets == (B,)
+
+
+def test_missions_need_an_origin():
+    with pytest.raises(ValueError, match=r"area\.origin_lat_deg"):
+        VehicleLink(LinkConfig(kind="mavlink", mode="mission"), 2, None)
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"lost_after_s": 0.5}, "lost_after_s"),
+        ({"mode": "guided"}, "position_target"),
+        ({"system_id": 0}, "system_id"),
+        ({"end_point": "x"}, "did you mean 'endpoint'"),
+    ],
+)
+def test_settings_that_cannot_work_are_refused_by_name(values, words):
+    with pytest.raises(ParameterError, match=words):
+        from_mapping(LinkConfig, values, "mission.yaml: link")
