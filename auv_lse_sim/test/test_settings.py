@@ -1,0 +1,121 @@
+"""The whole mission file: strict, complete, and the same after a round trip."""
+
+import pytest
+from auv_lse_common.params import ParameterError, describe, parameters_for, read_parameter_file
+from auv_lse_sim.config import SimConfig
+from auv_lse_sim.settings import DEPTHS_M, Settings
+
+
+def write(tmp_path, text):
+    path = tmp_path / "mission.yaml"
+    path.write_text(text)
+    return path
+
+
+MISSION = """
+/**:
+  ros__parameters:
+    mission: {vehicles: 4, seed: 9}
+    sim.dvl.noise_mps: 0.02
+    planner: {method: plain}
+/auv2/**:
+  ros__parameters:
+    vehicle: {depth_m: 4.5, start_delay_s: 30.0}
+    planner: {iterations: 50}
+/auv7/**:
+  ros__parameters:
+    vehicle: {depth_m: 9.0}
+"""
+
+
+def test_defaults_are_the_papers_field_trial():
+    s = Settings.load()
+    assert (s.mission.vehicles, s.mission.steps) == (3, 100)
+    assert [own.vehicle.depth_m for own in s.vehicles] == [3.0, 4.0, 5.0]
+    assert (s.level_set.level_m, s.tdma.slot_s, s.motion.turn_radius_m) == (15.0, 10.0, 15.0)
+    assert s.sim.altimeter.noise_m == 0.012
+
+
+def test_file_and_overrides(tmp_path):
+    path = write(tmp_path, MISSION)
+    s = Settings.load(path)
+    assert s.mission.seed == 9
+    assert s.sim.dvl.noise_mps == 0.02  # ROS's dotted names nest
+    assert [own.vehicle.depth_m for own in s.vehicles] == [DEPTHS_M[0], 4.5, DEPTHS_M[2], DEPTHS_M[0]]
+    assert s.vehicle(2).vehicle.start_delay_s == 30.0
+    assert (s.vehicle(1).planner.iterations, s.vehicle(2).planner.iterations) == (None, 50)
+    over = Settings.load(path, {"mission.seed": 3, "planner": {"iterations": 20}, "auv3.vehicle.speed_mps": 1.0})
+    assert over.mission.seed == 3
+    assert [own.planner.iterations for own in over.vehicles] == [20, 20, 20, 20]  # the last word, over /auv2 too
+    assert [own.planner.method for own in over.vehicles] == ["plain"] * 4
+    assert [own.vehicle.speed_mps for own in over.vehicles] == [1.5, 1.5, 1.0, 1.5]
+    assert over.vehicle(2).vehicle.depth_m == 4.5
+
+
+def test_complete_file_loads_to_the_same(tmp_path):
+    s = Settings.load(write(tmp_path, MISSION), {"area.no_go": {"island": [0.0, 0.0, 50.0, 0.0, 50.0, 50.0]}})
+    text = s.to_parameter_file()
+    again = Settings.load(write(tmp_path, text))
+    assert again.to_patterns() == s.to_patterns()
+    assert again.to_parameter_file() == text
+    assert again.mission.seed == 9
+    for number in range(1, 5):
+        assert again.vehicle(number) == s.vehicle(number)
+        assert again.planner_settings(number) == s.planner_settings(number)
+    assert again.sim == s.sim
+
+
+def test_complete_file_holds_every_default(tmp_path):
+    path = write(tmp_path, Settings.load().to_parameter_file())
+    values = parameters_for(read_parameter_file(path), "/auv1/gp_node")["sim"]
+    for name, default, *_ in describe(SimConfig):
+        level = values
+        *parents, leaf = name.split(".")
+        for parent in parents:
+            level = level[parent]
+        if default not in ((), {}, None):
+            got = level[leaf]
+            assert (tuple(got) if isinstance(got, list) else got) == default, name
+            assert isinstance(got, type(default) if not isinstance(default, tuple) else list), name
+
+
+def test_ros_reads_the_complete_file(tmp_path):
+    """rcl's YAML knows neither aliases nor nulls, and takes 1e-05 for a text."""
+    text = Settings.load(None, {"sim.gyro.noise_deg_rth": 1e-5}).to_parameter_file()
+    assert "1.0e-05" in text
+    for word in ("null", "&id", "*id", "[]", "{}"):
+        assert word not in text
+
+
+def test_parameters_of_a_vehicle_are_its_own(tmp_path):
+    s = Settings.load(write(tmp_path, MISSION))
+    assert s.parameters(2)["vehicle"]["depth_m"] == 4.5
+    assert s.parameters(3)["vehicle"]["depth_m"] == 5.0
+    assert s.parameters(3)["tdma"]["slot_s"] == 10.0
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("/**: {ros__parameters: {missions: {seed: 1}}}", r"missions: unknown section; did you mean 'mission'"),
+        ("/**: {ros__parameters: {sim: {dvl: {noise: 1.0}}}}", r"sim\.dvl\.noise: unknown parameter .*noise_mps"),
+        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"noise_mps: got -1\.0; expected float >= 0 m/s"),
+        ("/**: {ros__parameters: {sim: {dvl: {dropout_min_s: 3.0}}}}", r"dropout_min_s 3 > dropout_max_s 2"),
+        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed: got 1\.5; expected int"),
+        ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal: got 1; expected bool"),
+        ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma: the same for the whole team"),
+        ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim: the same for the whole team"),
+        ("/auv1/gp_node: {ros__parameters: {gp: {noise_std_m: 0.1}}}", r"/auv1/gp_node: expected '/\*\*' \(all\)"),
+        ("/auv0/**: {ros__parameters: {vehicle: {depth_m: 1.0}}}", r"vehicle 0; expected 1 to 3"),
+        ("/auv2/**: {ros__parameters: {vehicle: {depht_m: 1.0}}}", r"auv2.*depht_m: unknown parameter .*depth_m"),
+        ("", r"is empty; expected a ROS 2 parameter file"),
+    ],
+)
+def test_what_is_wrong_is_said(tmp_path, text, match):
+    with pytest.raises(ParameterError, match=match):
+        Settings.load(write(tmp_path, text))
+
+
+def test_no_such_vehicle():
+    with pytest.raises(ValueError, match="vehicle 4: expected 1 to 3"):
+        Settings.load().vehicle(4)
