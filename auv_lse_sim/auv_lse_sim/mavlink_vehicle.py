@@ -28,6 +28,8 @@ Message = Any
 
 #: A target nearer than this to one already flown to, or under way, is that one again (m): a mission item's rounding.
 SAME_M = 0.05
+#: A target's heading is taken for the leg's end if it is within this of the leg's own (rad).
+SAME_RAD = 0.1
 #: An end that lies inside the turning circle by less than this is taken to lie on it (m).
 ON_CIRCLE_M = 0.05
 #: Targets remembered to recognize their repetition.
@@ -37,10 +39,6 @@ MAX_ITEMS = 512
 #: The uploader is asked again for an item after so long without it (s), so often.
 ITEM_TIMEOUT_S = 1.0
 ITEM_REPEATS = 5
-
-
-class UnreachableError(ValueError):
-    """A target that no arc and straight of the vehicle's turn radius reaches; names both."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,8 +84,7 @@ def leg_to(
 ) -> TargetLeg:
     """The shortest leg (one arc, then a straight) from a state to a target.
 
-    Raises:
-        UnreachableError: if the target lies inside both turning circles.
+    There always is one: the two turning circles touch at the state, so no target lies inside both.
     """
     d_north, d_east = target.north_m - north_m, target.east_m - east_m
     forward = d_north * math.cos(heading_rad) + d_east * math.sin(heading_rad)
@@ -105,11 +102,7 @@ def leg_to(
         length = abs(turn) * radius_m + straight
         if best is None or length < best[0]:
             best = (length, side * turn, straight)
-    if best is None:
-        raise UnreachableError(
-            f"target at {target.north_m:.1f} m north, {target.east_m:.1f} m east: expected one outside the turning "
-            f"circles (radius {radius_m:g} m) at {north_m:.1f} m north, {east_m:.1f} m east"
-        )
+    assert best is not None
     return TargetLeg(
         step=step,
         heading_rad=heading_rad,
@@ -152,7 +145,7 @@ class MavlinkVehicle:
 
     Attributes:
         counts: "targets" (position targets heard, repeated ones too), "missions" (accepted), "legs" (given to fly),
-            "refused", "unreachable".
+            "refused".
         datum: The mission's origin and this autopilot's own.
         mission: Items of the mission accepted last.
     """
@@ -287,14 +280,14 @@ class MavlinkVehicle:
             math.hypot(target.north_m - known.north_m, target.east_m - known.east_m) <= SAME_M for known in self._recent
         ):
             return
-        try:
-            leg = leg_to(*self._state, target, self._radius_m, self.counts["legs"])
-        except UnreachableError as error:
-            self.counts["unreachable"] += 1
-            self._say_text(mavlink.MAV_SEVERITY_WARNING, str(error))
-            return
+        leg = leg_to(*self._state, target, self._radius_m, self.counts["legs"])
         self._recent.append(target)
-        self._state = leg.end
+        # The next leg begins at the target as it was meant, not as it comes out of the geometry: from leg to leg a
+        # heading that is a little off would be off by more and more.
+        heading = leg.end[0]
+        if abs(math.remainder(target.heading_rad - heading, 2.0 * math.pi)) <= SAME_RAD:
+            heading = target.heading_rad
+        self._state = (heading, target.north_m, target.east_m)
         self.counts["legs"] += 1
         self._fly(leg)
 
@@ -346,7 +339,11 @@ class MavlinkVehicle:
             self._ask()
 
     def _on_mission_item(self, message: Message) -> None:
-        if not self._wanted or message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
+        if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
+            return
+        if not self._wanted:
+            if self.mission and message.seq == len(self.mission) - 1:
+                self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)  # sent again: our acknowledgement was lost
             return
         if message.seq != len(self._incoming):
             self._ask()  # repeated or out of order: that is not the one asked for
