@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from auv_lse_common.params import ParameterError, parameter
 
@@ -171,14 +170,10 @@ class OperatingArea:
         north = self._north0_m + step * np.arange(rows)
         east = self._east0_m + step * np.arange(columns)
         nodes = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
-        # Distance to points along the borders, half of their spacing too far at most: taken off below.
-        spacing = step / 4.0
-        border = np.concatenate([_sampled(p, spacing) for p in (self.polygon, *self.no_go.values())])
-        distance = cKDTree(border).query(nodes)[0]
-        inside = self.contains(nodes)
-        signed = np.where(inside, distance - spacing / 2.0, -distance)
+        distance = np.sqrt(np.minimum.reduce([_border_distance_2(p, nodes) for p in (self.polygon, *self.no_go.values())]))
+        signed = np.where(self.contains(nodes), distance, -distance)
         self._nodes = signed.reshape(rows, columns)
-        if not np.any(inside):
+        if not np.any(signed > 0.0):
             raise ParameterError(
                 "area: no place is left in the polygon outside of the no-go areas (or raster_m is too coarse: "
                 f"{step!r} m)"
@@ -261,10 +256,13 @@ def _in_polygon(polygon: Array, places: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def _sampled(polygon: Array, spacing_m: float) -> Array:
-    """Points along a polygon's border, no more than `spacing_m` apart."""
-    points = []
-    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        count = max(1, math.ceil(float(np.hypot(*(b - a))) / spacing_m))
-        points.append(a + (b - a) * (np.arange(count) / count)[:, None])
-    return np.concatenate(points)
+def _border_distance_2(polygon: Array, places: Array) -> Array:
+    """Squared distance (P,) of places to the border of a polygon, exactly: to each edge in turn."""
+    north, east = np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1])
+    nearest = np.full(len(places), np.inf)
+    for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        dn, de = n1 - n0, e1 - e0
+        n, e = north - n0, east - e0
+        along = np.clip((n * dn + e * de) / (dn * dn + de * de), 0.0, 1.0)
+        np.minimum(nearest, (n - along * dn) ** 2 + (e - along * de) ** 2, out=nearest)
+    return nearest
