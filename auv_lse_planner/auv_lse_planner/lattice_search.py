@@ -17,7 +17,7 @@ from auv_lse_planner.free_space import FreeSpace, escape_action, is_feasible
 from auv_lse_planner.motion import advance
 from auv_lse_planner.naive import NaivePaths
 from auv_lse_planner.search import Actions
-from auv_lse_planner.surrogate import Surrogate, add_place
+from auv_lse_planner.surrogate import Surrogate, value_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,7 +50,7 @@ def _mark_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, s
 
 
 @compiled
-def run_chunk(space, surrogate, samples, tree, children, node_states, limits, horizon, exploration, randoms, seeds, sequences, values, begin, end, base, own):  # type: ignore[no-untyped-def]  # numba
+def run_chunk(space, surrogate, samples, tree, children, node_states, limits, horizon, exploration, randoms, seeds, sequences, values, begin, end, base):  # type: ignore[no-untyped-def]  # numba
     """Iterations `begin` to `end` of the search.
 
     Args:
@@ -69,7 +69,6 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
         values: Receives each iteration's value, shape (iterations,).
         begin, end: Range of iterations.
         base: Drop of risk that counts as had already (M,): that of a shared tail, or zeros.
-        own: What a measurement at each place of the map is worth beside the drop of risk on the map (M,).
     """
     raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
     kinds = turns.shape[0]
@@ -78,6 +77,7 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
     best = np.zeros(base.shape[0], dtype=np.float32)
     mask = np.zeros(kinds, dtype=np.int64)
     state = np.zeros(3)
+    places = np.zeros((horizon * samples.shape[1], 2))
     for iteration in range(begin, end):
         node = 0
         depth = 0
@@ -171,8 +171,8 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
             depth += 1
         # ---- value
         best[:] = base
-        value = 0.0
         h, n, e = node_states[0, 0], node_states[0, 1], node_states[0, 2]
+        count_places = 0
         for i in range(horizon):
             a = sequences[iteration, i]
             c = math.cos(h)
@@ -180,11 +180,11 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
             for k in range(samples.shape[1]):
                 ahead = samples[a, k, 0]
                 starboard = samples[a, k, 1]
-                place = add_place(*surrogate, n + c * ahead - s * starboard, e + s * ahead + c * starboard, best)
-                value += own[place]
+                places[count_places, 0] = n + c * ahead - s * starboard
+                places[count_places, 1] = e + s * ahead + c * starboard
+                count_places += 1
             h, n, e = advance(h, n, e, turns[a], steps[a, 0], steps[a, 1])
-        for p in range(best.shape[0]):
-            value += best[p]
+        value = value_of(surrogate, places, best)
         values[iteration] = value
         limits[1] = min(limits[1], value)
         limits[2] = max(limits[2], value)
@@ -266,7 +266,6 @@ class LatticeSearch:
                 done,
                 end,
                 base,
-                self._surrogate.own,
             )
             done = end
         order = np.argsort(-values[:done], kind="stable")

@@ -50,8 +50,8 @@ class MapReward:
 
     def _reductions(self, columns: Columns) -> Array:
         """Whitened covariance (P, M) of the path's measurements with the map: row i is what place i adds to 0..i-1."""
-        matrix = self.posterior.covariance(columns, columns)
-        matrix.flat[:: len(matrix) + 1] += self._noise
+        matrix = self.posterior.lower_covariance(columns)
+        matrix[np.diag_indices(len(matrix))] += self._noise
         factor, failed = dpotrf(matrix, lower=1, clean=1)
         if failed:
             raise ValueError(f"covariance of {len(matrix)} planned places is not positive definite (pivot {failed})")

@@ -89,8 +89,9 @@ class PathReward:
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
 
     def _matrix(self, columns: Columns) -> Array:
-        matrix = self.posterior.covariance(columns, columns)
-        matrix.flat[:: len(matrix) + 1] += self._noise
+        """Lower triangle of M = cov + sigma^2 I among the places."""
+        matrix = self.posterior.lower_covariance(columns)
+        matrix[np.diag_indices(len(matrix))] += self._noise
         return matrix
 
     # ------------------------------------------------------------------ a shared tail

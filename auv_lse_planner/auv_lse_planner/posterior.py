@@ -20,6 +20,7 @@ from auv_lse_gp.online import Centers
 from auv_lse_gp.prior_mean import PriorMean, prior_mean
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dsyrk
 
 Array = NDArray[np.float64]
 
@@ -260,10 +261,22 @@ class Posterior:
         mean = self.prior_mean(places_m)
         if n:
             mean = mean + self._whitened @ white[:n]
-        return Columns(scaled, np.ascontiguousarray(white.T), mean, data_var, planned_var)
+        return Columns(scaled, white.T, mean, data_var, planned_var)
+
+    def lower_covariance(self, a: Columns) -> Array:
+        """Lower triangle (A, A) of the covariance among places, zeros above: half the work of `covariance`."""
+        own = np.tril(self.kernel.of_scaled(a.scaled, a.scaled))
+        if not a.white.shape[1]:
+            return own
+        if a.white.flags.c_contiguous:
+            return np.asarray(dsyrk(-1.0, a.white.T, beta=1.0, c=np.asfortranarray(own), trans=1, lower=1))
+        return np.asarray(dsyrk(-1.0, np.asfortranarray(a.white), beta=1.0, c=np.asfortranarray(own), lower=1))
 
     def covariance(self, a: Columns, b: Columns) -> Array:
         """Covariance (A, B) of the depths given the data and the planned places."""
+        if a is b and a.white.shape[1]:
+            lower = self.lower_covariance(a)
+            return lower + np.tril(lower, -1).T
         return self.kernel.of_scaled(a.scaled, b.scaled) - a.white @ b.white.T
 
 

@@ -1,0 +1,246 @@
+"""Speed and quality of the planner: one core, 500 kernel centres. `run()` gives the rows of `scripts/bench planner`.
+
+Ratios to scikit-learn and GPyTorch are of the same work: the values of the same paths by conditioning the library's
+own posterior on the path's places. Where a library is not installed its rows are left out.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.online import Centers
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.config import PlannerSettings
+from auv_lse_planner.naive import LAWNMOWERS
+from auv_lse_planner.path_reward import PathReward
+from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.vehicle_planner import VehiclePlanner
+
+CENTERS = 500
+TAIL = 97
+BATCH = 64
+
+
+def centers(count: int, seed: int = 0) -> Centers:
+    """Centres of a wavy ground over the default area, at least 10 m apart (what the map keeps)."""
+    rng = np.random.default_rng(seed)
+    kept = np.empty((0, 2))
+    while len(kept) < count:
+        place = rng.uniform([-40.0, -40.0], [540.0, 640.0])
+        if not len(kept) or np.min((kept[:, 0] - place[0]) ** 2 + (kept[:, 1] - place[1]) ** 2) > 8.0**2:
+            kept = np.vstack([kept, place])
+    depths = 15.0 + 8.0 * np.sin(kept[:, 0] / 60.0) * np.cos(kept[:, 1] / 75.0)
+    return Centers(kept, depths, np.full(count, 0.3))
+
+
+def per_second(work: Callable[[], Any], count: int, least_s: float = 1.0) -> float:
+    """How many of `count` per call are done in a second: the best of three rounds."""
+    work()
+    best = 0.0
+    for _ in range(3):
+        calls, begin = 0, time.perf_counter()
+        while time.perf_counter() - begin < least_s / 3.0:
+            work()
+            calls += 1
+        best = max(best, calls * count / (time.perf_counter() - begin))
+    return best
+
+
+def row(
+    name: str, value: float, unit: str, goal: str = "", holds: bool | None = None, against: str = "", ratio: float | None = None
+) -> dict[str, Any]:
+    """One line of the table."""
+    return {"name": name, "value": value, "unit": unit, "against": against, "ratio": ratio, "goal": goal, "holds": holds}
+
+
+def planner(method: str, count: int = CENTERS, **options: Any) -> VehiclePlanner:
+    """A planner of the default mission that has a map of `count` centres and is about to decide step 0."""
+    settings = PlannerSettings.from_parameters(
+        {"area": {}, "mission": {"vehicles": 1}, "planner": {"method": method, **options}}, "benchmark"
+    )
+    made = VehiclePlanner(1, settings, np.random.default_rng(1))
+    made.set_centers(centers(count))
+    made.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    return made
+
+
+def evaluations() -> list[dict[str, Any]]:
+    """Exact path values a second."""
+    posterior = Posterior(GpConfig())
+    posterior.set_centers(centers(CENTERS))
+    reward = PathReward(posterior, LevelSet())
+    made = planner("augmented")
+    tail_places = made.naive.path_places(np.zeros(3), LAWNMOWERS[0], TAIL, 1)
+    rng = np.random.default_rng(2)
+    heads = rng.uniform([0.0, 0.0], [500.0, 600.0], (3 * BATCH, 2))
+    tail = reward.tail(posterior.columns(tail_places))
+    whole = np.concatenate([heads[:3], tail_places])
+
+    cached = per_second(lambda: reward.values_with_tail(posterior.columns(heads), 3, tail), BATCH)
+    scratch = per_second(lambda: reward.value(posterior.columns(whole)), 1)
+    rows = [
+        row("exact values of 3 new legs + cached 97-place tail", cached, "1/s", ">= 8000", cached >= 8000),
+        row("exact values of 100-place paths from scratch", scratch, "1/s", ">= 1000", scratch >= 1000),
+    ]
+    exact = reward.value(posterior.columns(whole))
+    for name, library in (("scikit-learn", _sklearn), ("GPyTorch", _gpytorch)):
+        try:
+            value = library(whole)
+        except ImportError:
+            continue
+        assert abs(value() - exact) < 1e-3 * exact, f"{name} gives {value()}, not {exact}"
+        theirs = per_second(lambda value=value: value(), 1)
+        rows.append(row(f"the same by {name}", theirs, "1/s"))
+        rows[0]["against"] = rows[1]["against"] = name
+        rows[0]["ratio"], rows[1]["ratio"] = cached / theirs, scratch / theirs
+    return rows
+
+
+def _risk_of(mean: Any, before: Any, after: Any) -> float:
+    level = LevelSet()
+    after = np.clip(after, 0.0, before)
+    return float(np.sum(level.risk(mean, np.sqrt(before)) - level.expected_risk(mean, np.sqrt(before - after), np.sqrt(after))))
+
+
+def _sklearn(whole: Any) -> Callable[[], float]:
+    """Path value with scikit-learn's regressor: its posterior covariance, then conditioning on the path."""
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import ConstantKernel, Matern
+
+    config, data = GpConfig(), centers(CENTERS)
+    kernel = ConstantKernel(config.signal_std_m**2) * Matern(config.length_scale_m, nu=2.5)
+    model = GaussianProcessRegressor(kernel, alpha=config.noise_std_m**2, optimizer=None)
+    model.fit(data.places_m, data.depths_m - config.mean_depth_m)
+
+    def value() -> float:
+        mean, covariance = model.predict(whole, return_cov=True)
+        with_noise = covariance + config.noise_std_m**2 * np.eye(len(whole))
+        after = np.diag(covariance - covariance @ np.linalg.solve(with_noise, covariance))
+        return _risk_of(mean + config.mean_depth_m, np.diag(covariance), after)
+
+    return value
+
+
+def _gpytorch(whole: Any) -> Callable[[], float]:
+    """Path value with GPyTorch's exact GP in double precision (its cached, fast predictive path)."""
+    import gpytorch
+    import torch
+
+    torch.set_num_threads(1)
+    config, data = GpConfig(), centers(CENTERS)
+
+    class Model(gpytorch.models.ExactGP):  # type: ignore[misc]  # untyped library
+        def __init__(self, x: Any, y: Any, likelihood: Any) -> None:
+            super().__init__(x, y, likelihood)
+            self.mean_module = gpytorch.means.ConstantMean()
+            self.covar_module = gpytorch.kernels.ScaleKernel(gpytorch.kernels.MaternKernel(nu=2.5))
+
+        def forward(self, x: Any) -> Any:
+            return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
+
+    x, y = torch.tensor(data.places_m), torch.tensor(data.depths_m)
+    likelihood = gpytorch.likelihoods.GaussianLikelihood().double()
+    model = Model(x, y, likelihood).double()
+    likelihood.noise = config.noise_std_m**2
+    model.mean_module.constant.data.fill_(config.mean_depth_m)
+    model.covar_module.outputscale = config.signal_std_m**2
+    model.covar_module.base_kernel.lengthscale = config.length_scale_m
+    model.eval()
+    likelihood.eval()
+    at = torch.tensor(whole)
+
+    def value() -> float:
+        with torch.no_grad(), gpytorch.settings.fast_pred_var(), gpytorch.settings.fast_computations(False, False, False):
+            posterior = model(at)
+            mean, covariance = posterior.mean.numpy(), posterior.covariance_matrix.numpy()
+        with_noise = covariance + config.noise_std_m**2 * np.eye(len(whole))
+        after = np.diag(covariance - covariance @ np.linalg.solve(with_noise, covariance))
+        return _risk_of(mean, np.diag(covariance).copy(), after)
+
+    return value
+
+
+def decisions() -> list[dict[str, Any]]:
+    """Time of one decision at the default budget, and what a 20 ms deadline leaves of its value."""
+    rows = []
+    for method in ("augmented", "plain", "best"):
+        planner(method).decide(0.0)  # compiled functions are loaded
+        times, values = [], []
+        for _ in range(5):
+            made = planner(method)
+            made._take_centers()  # the node takes the map as it arrives
+            begin = time.perf_counter()
+            values.append(made.decide(0.0).bound.jbar)
+            times.append(1e3 * (time.perf_counter() - begin))
+        goal = "<= 100" if method != "plain" else ""
+        took = float(np.median(times))
+        rows.append(row(f"one decision, {method}, 500 centres, step 0", took, "ms", goal, took <= 100.0 if goal else None))
+        made = planner(method)
+        made._take_centers()
+        begin = time.perf_counter()
+        limited = made.decide(0.0, deadline=lambda begin=begin: time.perf_counter() - begin > 0.020)
+        spent = 1e3 * (time.perf_counter() - begin)
+        share = limited.bound.jbar / float(np.median(values))
+        rows.append(row(f"value with a 20 ms deadline, {method}", share, "of full", ">= 0.9", share >= 0.9))
+        rows.append(row(f"time with a 20 ms deadline, {method}", spent, "ms"))
+    return rows
+
+
+def samples_cost() -> list[dict[str, Any]]:
+    """What several measurement places along a leg cost."""
+    rows = []
+    for samples in (1, 2, 3):
+        planner("augmented", samples_per_leg=samples).decide(0.0)
+        made = planner("augmented", samples_per_leg=samples)
+        made._take_centers()
+        begin = time.perf_counter()
+        made.decide(0.0)
+        rows.append(row(f"one decision, augmented, samples_per_leg={samples}", 1e3 * (time.perf_counter() - begin), "ms"))
+    return rows
+
+
+_MEMORY = """
+import resource, sys
+import numpy as np
+sys.path[:0] = {path!r}
+import benchmarks.planner as b
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+made = b.planner({method!r}, 2000)
+made.decide(0.0)
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024.0, before / 1024.0)
+"""
+
+
+def memory() -> list[dict[str, Any]]:
+    """Resident memory of a process with one planner of 2000 centres (interpreter and libraries included)."""
+    root = str(Path(__file__).resolve().parent.parent)
+    rows = []
+    for method in ("augmented", "best"):
+        code = _MEMORY.format(path=[root, *sys.path], method=method)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        peak, before = (float(x) for x in done.stdout.split())
+        rows.append(row(f"peak memory, {method}, 2000 centres", peak, "MB", "< 300", peak < 300.0))
+        rows.append(row(f"of which before the planner was made, {method}", before, "MB"))
+    return rows
+
+
+def run() -> list[dict[str, Any]]:
+    """All rows."""
+    return [*evaluations(), *decisions(), *samples_cost(), *memory()]
+
+
+if __name__ == "__main__":
+    for line in run():
+        print(json.dumps(line))
