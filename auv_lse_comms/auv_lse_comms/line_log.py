@@ -12,11 +12,17 @@ entries give the same sentences and events again: a field problem is replayed at
 
 from __future__ import annotations
 
+import argparse
 import re
-from collections.abc import Callable, Iterable, Iterator
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
+import yaml
+
+from auv_lse_common.params import from_mapping
 from auv_lse_comms.micromodem import Event, Micromodem
 from auv_lse_comms.modem_config import ModemConfig
 
@@ -206,3 +212,41 @@ def replay(entries: Iterable[Entry], config: ModemConfig, address: int | None = 
     if modem is None:
         raise LogError("line log: is empty; expected entries")
     return Replay(modem=modem, events=events, said=bytes(said), logged=bytes(logged))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """`python -m auv_lse_comms.line_log FILE`: replays a log and prints what the driver makes of it.
+
+    Returns:
+        0; 1 if the driver now says something else than it said then; 2 if the log cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m auv_lse_comms.line_log",
+        description="Replays a modem's line log through the driver and prints its events.",
+    )
+    parser.add_argument("file", type=Path, help="the log that modem.log_file named")
+    parser.add_argument("--address", type=int, help="modem address, if the log's beginning is lost")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a modem parameter of that run, as rate=5"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        values = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in options.set)}
+        config = from_mapping(ModemConfig, {"kind": "micromodem", "port": str(options.file), **values}, "--set: modem")
+        with options.file.open(encoding="ascii") as lines:
+            result = replay(read_entries(lines, str(options.file)), config, options.address)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    for utc_s, event in result.events:
+        print(f"{utc_s:.6f} {event}")
+    lines_read = ", ".join(f"{count} {name}" for name, count in sorted(result.modem.reader.counts.items()))
+    print(f"lines: {lines_read}; driver: {dict(sorted(result.modem.counts.items()))}")
+    if result.said != result.logged:
+        print("the driver does not say what it said then: other settings, or another version of it", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

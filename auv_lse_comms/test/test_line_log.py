@@ -4,7 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from auv_lse_comms.line_log import Entry, LogError, LoggedModem, escape, format_entry, read_entries, replay, unescape
+from auv_lse_comms.line_log import (
+    Entry,
+    LogError,
+    LoggedModem,
+    escape,
+    format_entry,
+    main,
+    read_entries,
+    replay,
+    unescape,
+)
 from auv_lse_comms.micromodem import Micromodem, PacketReceived, TransmitDone, TransmitFailed
 from auv_lse_comms.modem_config import ModemConfig
 from auv_lse_comms.sentences import Sentence
@@ -124,3 +134,21 @@ def test_a_last_line_cut_short_by_a_crash_is_left_out():
 def test_what_cannot_be_replayed_is_said(entries, words):
     with pytest.raises(LogError, match=words):
         replay(entries, CONFIG)
+
+
+def test_the_command_line_prints_the_events_and_tells_when_the_driver_differs(tmp_path, capsys):
+    log: list[Entry] = []
+    a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
+    file = tmp_path / "modem.log"
+    file.write_text("".join(format_entry(entry) + "\n" for entry in log))
+    assert main([str(file), "--set", "clock_period_s=20.0"]) == 0
+    said = capsys.readouterr().out
+    assert "ModemReady" in said
+    assert "PacketReceived" in said
+    assert "sentences" in said
+    assert main([str(file), "--set", "rate=5"]) == 1
+    assert main([str(file), "--set", "rates=5"]) == 2
+    assert "did you mean 'rate'" in capsys.readouterr().err
+    file.write_text("nonsense\n")
+    assert main([str(file)]) == 2
+    assert f"{file}:1" in capsys.readouterr().err
