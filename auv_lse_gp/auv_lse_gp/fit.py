@@ -139,7 +139,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                         help="prior mean (default: %(default)s)")  # fmt: skip
     parser.add_argument("--two-axes", action="store_true", help="learn two length scales and a rotation")
     parser.add_argument("--points", type=int, default=500, metavar="N",
-                        help="use N soundings, drawn at random (default: %(default)s; the work grows as N^3)")  # fmt: skip
+                        help="use N soundings, drawn at random (default: %(default)s; work ~ N^3)")  # fmt: skip
     parser.add_argument("--restarts", type=int, default=5, metavar="N",
                         help="starts of the search (default: %(default)s)")  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="seed of the draw (default: %(default)s)")

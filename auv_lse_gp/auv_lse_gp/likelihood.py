@@ -336,9 +336,10 @@ def _uncertainty(target: MarginalLikelihood, y: Array, names: list[str]) -> tupl
     for name, error in errors.items():
         limit = math.radians(20.0) if name == "rotation_deg" else UNTOLD
         if error > limit:
-            much = "any value fits" if math.isinf(error) else (
-                f"+-{math.degrees(error):.0f} degrees" if name == "rotation_deg" else f"a factor of {math.exp(error):.2g}"
-            )  # fmt: skip
+            much = (
+                f"+-{math.degrees(error):.0f} degrees" if name == "rotation_deg" else f"a factor {math.exp(error):.2g}"
+            )
+            much = much if error < 20.0 else "any value fits"
             warnings.append(f"{name}: the data hardly tell it ({much})")
     return errors, warnings
 

@@ -1,0 +1,480 @@
+"""The objective and the Gaussian process: speed against scikit-learn and GPyTorch, and the accuracy of the choices.
+
+All on one core. The other libraries live in an optional environment of their own:
+
+    python3 -m venv .venv-bench
+    .venv-bench/bin/pip install torch==2.13.0 gpytorch==1.15.2 scikit-learn==1.9.0
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_gp import (
+    AreaConfig,
+    Conditioned,
+    DepthMap,
+    GpConfig,
+    Kernel,
+    LevelSet,
+    OnlineGp,
+    OperatingArea,
+    bayes_risk,
+    expected_bayes_risk,
+    read_soundings,
+)
+from auv_lse_gp.likelihood import fit
+
+Row = dict[str, Any]
+
+ROOT = Path(__file__).resolve().parents[1]
+RIVALS = ROOT / ".venv-bench" / "bin" / "python"
+LAKE = ROOT.parent / "shared" / "data" / "tzibana_soundings.csv"
+ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+
+#: The map of the comparison: 500 m x 400 m, as in the paper's trials, in 100,000 cells.
+SIZE_M = (500.0, 400.0)
+CELLS = (400, 250)
+
+
+def run() -> list[Row]:
+    """Measures all of it, in a process of its own that is held to one core. Takes about three minutes."""
+    if all(os.environ.get(name) == value for name, value in ONE_CORE.items()):
+        return measure()
+    command = [sys.executable, "-c", "import json; from benchmarks.gp import measure; print(json.dumps(measure()))"]
+    path = os.pathsep.join([str(ROOT), *sys.path])
+    done = subprocess.run(
+        command,
+        env={**os.environ, **ONE_CORE, "PYTHONPATH": path},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise RuntimeError(f"benchmarks.gp failed: {done.stderr[-2000:]}")
+    rows: list[Row] = json.loads(done.stdout.splitlines()[-1])
+    return rows
+
+
+def measure() -> list[Row]:
+    """All rows, in this process."""
+    warnings.simplefilter("ignore", UserWarning)  # short supports are what is measured
+    groups = (start_up, objective, accuracy, maps, real_time, local_subset, merging, conditioned, hyperparameters)
+    return [row for group in groups for row in group()]
+
+
+def row(
+    name: str,
+    value: float | None,
+    unit: str,
+    against: str = "",
+    ratio: float | None = None,
+    goal: str = "",
+    holds: bool | None = None,
+) -> Row:
+    """One figure; `ratio`: how many times better than `against`."""
+    return {
+        "name": name,
+        "value": None if value is None else float(value),
+        "unit": unit,
+        "against": against,
+        "ratio": None if ratio is None else float(ratio),
+        "goal": goal,
+        "holds": None if holds is None else bool(holds),
+    }
+
+
+def best_of(repeats: int, function: Callable[[], Any]) -> float:
+    """Shortest time of `repeats` calls (s): what the machine can do when nothing else disturbs it."""
+    times = []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - begin)
+    return min(times)
+
+
+def start_up() -> list[Row]:
+    """Import of the package with all compiled code, from numba's cache."""
+    code = "import auv_lse_gp; from auv_lse_gp import compiled; compiled.AVAILABLE and (compiled.risk(), compiled.gp())"
+    seconds = best_of(2, lambda: subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT))
+    return [row("gp: import, compiled code from its cache", seconds, "s", goal="<= 3", holds=seconds <= 3.0)]
+
+
+# ---------------------------------------------------------------- objective
+
+
+def field_like(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means and standard deviations as they occur in a mission: unsure places near the level among sure ones."""
+    rng = np.random.default_rng(seed)
+    total = np.exp(rng.uniform(np.log(0.1), np.log(8.0), n))
+    share = rng.beta(0.5, 0.5, n)
+    return 15.0 + 5.0 * rng.normal(size=n), np.sqrt(share) * total, np.sqrt(1.0 - share) * total
+
+
+def objective() -> list[Row]:
+    """Evaluations a second."""
+    args = field_like(1_000_000)
+    rows = []
+    for costs, text, goal in (((10.0, 10.0), "equal costs", 3e6), ((10.0, 4.0), "unequal costs", 1e6)):
+        expected_bayes_risk(*(a[:10] for a in args), 15.0, *costs)
+        seconds = best_of(3, lambda costs=costs: expected_bayes_risk(*args, 15.0, *costs))
+        rate = len(args[0]) / seconds
+        rows.append(row(f"objective: exact, {text}", rate, "/s", goal=f">= {goal:.0e}", holds=rate >= goal))
+    return rows
+
+
+def by_quadrature(mean: float, of_mean: float, after: float, c1: float, c2: float) -> float:
+    """The expected risk by Gauss-Legendre on both sides of the place where the call changes; error about 1e-14."""
+    from scipy.special import ndtri
+
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    star = 15.0 - after * float(ndtri(c2 / (c1 + c2)))
+    total = 0.0
+    low, high = mean - 9.0 * of_mean, mean + 9.0 * of_mean
+    breaks = np.unique(np.clip(star + after * np.arange(-9, 10) * 1.0, low, high))
+    edges = np.unique(np.concatenate([breaks, np.linspace(low, high, 19), np.clip([star], low, high)]))
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        x = 0.5 * (a + b) + 0.5 * (b - a) * nodes
+        density = np.exp(-0.5 * ((x - mean) / of_mean) ** 2) / (of_mean * np.sqrt(2.0 * np.pi))
+        total += 0.5 * (b - a) * float(weights @ (density * bayes_risk(x, after, 15.0, c1, c2)))
+    return total
+
+
+def accuracy() -> list[Row]:
+    """Error and speed of four ways to the expected risk, at equal costs."""
+    args = field_like(100_000, seed=1)
+    mean, of_mean, after = args
+    exact = expected_bayes_risk(*args, 15.0, 10.0, 10.0)
+    in_hand = bayes_risk(mean, np.hypot(of_mean, after), 15.0, 10.0, 10.0)
+    rng = np.random.default_rng(2)
+
+    def hermite(count: int) -> np.ndarray:
+        nodes, weights = np.polynomial.hermite_e.hermegauss(count)
+        total = np.zeros_like(mean)
+        for node, weight in zip(nodes, weights / np.sqrt(2.0 * np.pi), strict=True):
+            total += weight * bayes_risk(mean + of_mean * node, after, 15.0, 10.0, 10.0)
+        return total
+
+    def monte_carlo(count: int) -> np.ndarray:
+        total = np.zeros_like(mean)
+        for _ in range(count):
+            total += bayes_risk(mean + of_mean * rng.normal(size=len(mean)), after, 15.0, 10.0, 10.0)
+        return total / count
+
+    ways: list[tuple[str, Callable[[], np.ndarray]]] = [
+        ("exact (Owen's T)", lambda: expected_bayes_risk(*args, 15.0, 10.0, 10.0)),
+        ("exponential-quadratic", lambda: expected_bayes_risk(*args, 15.0, 10.0, 10.0, "exponential_quadratic")),
+        ("Gauss-Hermite, 8 nodes", lambda: hermite(8)),
+        ("Gauss-Hermite, 32 nodes", lambda: hermite(32)),
+        ("Monte Carlo, 100 draws", lambda: monte_carlo(100)),
+    ]
+    pick = np.linspace(0, len(mean) - 1, 400).astype(int)
+    truth = np.array([by_quadrature(mean[i], of_mean[i], after[i], 10.0, 10.0) for i in pick])
+    rows = []
+    speed = None
+    for name, way in ways:
+        seconds = best_of(3 if "Monte" not in name else 1, way)
+        speed = speed or seconds
+        value = way()
+        error = (
+            np.max(np.abs(value[pick] - truth)) if value is exact or "exact" in name else np.max(np.abs(value - exact))
+        )
+        negative = float(np.mean(in_hand - value < -1e-9))
+        exactly = "exact" in name
+        rows.append(
+            row(f"expected risk, {name}: largest error / (c1 + c2)", error / 20.0, "",
+                goal="<= 1e-13" if exactly else "", holds=error / 20.0 <= 1e-13 if exactly else None)
+        )  # fmt: skip
+        rows.append(row(f"expected risk, {name}: speed", len(mean) / seconds, "/s", "exact", speed / seconds))
+        rows.append(
+            row(f"expected risk, {name}: negative benefits", 100.0 * negative, "%",
+                goal="0" if exactly else "", holds=negative == 0.0 if exactly else None)
+        )  # fmt: skip
+    return rows
+
+
+# ---------------------------------------------------------------- maps
+
+
+def made_up(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Places and depths of n soundings in a made-up lake."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(0.0, SIZE_M, (n, 2))
+    return places, 15.0 + 5.0 * np.sin(places[:, 0] / 80.0) * np.cos(places[:, 1] / 60.0) + 0.3 * rng.normal(size=n)
+
+
+def rivals(arrays: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """What the other libraries need for the same, by name; {"missing": why} for one that is not there."""
+    if not RIVALS.exists():
+        missing = {"missing": "no .venv-bench: see benchmarks/gp.py"}
+        return {"scikit-learn": missing, "GPyTorch": missing}
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "data.npz"
+        np.savez(file, **arrays)
+        done = subprocess.run(
+            [str(RIVALS), str(Path(__file__).with_name("gp_rivals.py")), str(file)],
+            env={**os.environ, **ONE_CORE}, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    if done.returncode:
+        why = {"missing": (done.stderr.strip().splitlines() or ["failed"])[-1][:100]}
+        return {"scikit-learn": why, "GPyTorch": why}
+    result: dict[str, dict[str, Any]] = json.loads(done.stdout.splitlines()[-1])
+    return result
+
+
+def maps() -> list[Row]:
+    """Whole map of mean and std, appending a datum, and updating the map with it; n = 500, 1000, 2000."""
+    config = GpConfig(min_spacing_m=0.0, merge=False, map_resolution_m=float(np.sqrt(np.prod(SIZE_M) / np.prod(CELLS))))
+    area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, SIZE_M[0], 0.0, *SIZE_M, 0.0, SIZE_M[1]), raster_m=10.0))
+    axes = [(np.arange(c) + 0.5) * s / c for s, c in zip(SIZE_M, CELLS, strict=True)]
+    queries = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    rows: list[Row] = []
+    for n in (500, 1000, 2000):
+        places, depths = made_up(n + 40, seed=n)
+        gp = OnlineGp(config)
+        gp.set_centers(places[:n], depths[:n], config.noise_std_m)
+        mean, std = gp.predict(queries)
+        ours = best_of(3 if n == 500 else 1, lambda gp=gp: gp.predict(queries))
+        asked = queries if n == 500 else queries[:: len(queries) // 20_000]
+        scale = len(queries) / len(asked)
+        theirs = rivals(
+            {"places": places[:n], "depths": depths[:n], "queries": asked, "new": places[n : n + 20],
+             "new_depths": depths[n : n + 20], "signal_std": config.signal_std_m, "length": config.length_scale_m,
+             "noise_std": config.noise_std_m, "mean": config.mean_depth_m}
+        )  # fmt: skip
+        name = f"map of 100,000 places, n = {n}"
+        rows.append(row(name, ours, "s"))
+        for library, key, goal in (
+            ("scikit-learn", "map_s", 9.0), ("GPyTorch", "fast_map_s", 30.0), ("GPyTorch", "exact_map_s", 30.0)
+        ):  # fmt: skip
+            result = theirs[library]
+            if "missing" in result:
+                rows.append(row(name, ours, "s", f"{library}: {result['missing']}"))
+                continue
+            seconds = scale * result[key]
+            label = f"{library} {result['version']}" + (", fast_pred_var" if key == "fast_map_s" else "")
+            label += f": {seconds:.3g} s" + ("" if scale == 1.0 else " (from 20,000 places)")
+            holds = seconds / ours >= goal if n == 500 else None
+            rows.append(row(name, ours, "s", label, seconds / ours, f">= {goal:g} times" if n == 500 else "", holds))
+            if key != "fast_map_s":
+                here = slice(None, None, round(scale))
+                off = max(abs(mean[here].sum() / result["mean_sum"] - 1), abs(std[here].sum() / result["std_sum"] - 1))
+                rows.append(
+                    row(f"{name}: sums differ by", off, "", label.split(":")[0], goal="<= 1e-6", holds=off < 1e-6)
+                )
+        rows += updates(config, area, places, depths, n, theirs["GPyTorch"])
+    return rows
+
+
+def updates(
+    config: GpConfig, area: OperatingArea, places: np.ndarray, depths: np.ndarray, n: int, gpytorch: dict[str, Any]
+) -> list[Row]:
+    """Appending and the incremental map."""
+    gp = OnlineGp(config)
+    gp.set_centers(places[:n], depths[:n], config.noise_std_m)
+    gp.add(*places[n], depths[n])  # makes room
+    times = []
+    for (north, east), depth in zip(places[n + 1 : n + 20], depths[n + 1 : n + 20], strict=True):
+        begin = time.perf_counter()
+        gp.add(north, east, depth)
+        times.append(time.perf_counter() - begin)
+    append = 1e3 * float(np.median(times))
+    known = "append_s" in gpytorch
+    rows = [
+        row(f"append a datum, n = {n}", append, "ms",
+            f"GPyTorch {gpytorch['version']}: {1e3 * gpytorch['append_s']:.3g} ms" if known else "GPyTorch: not installed",
+            1e3 * gpytorch["append_s"] / append if known else None,
+            "<= 0.5 ms" if n == 500 else "", append <= 0.5 if n == 500 else None)
+    ]  # fmt: skip
+    depth_map = DepthMap(config, LevelSet(), area)
+    depth_map.gp.set_centers(places[:n], depths[:n], config.noise_std_m)
+    depth_map.field()
+    times = []
+    for i in range(n, n + 5):
+        begin = time.perf_counter()
+        depth_map.add_samples([[*places[i], depths[i]]])
+        depth_map.field()
+        times.append(time.perf_counter() - begin)
+    update = float(np.median(times))
+    rows.append(
+        row(f"append and update the map of {depth_map.grid.inside.sum()} places (mean, std, risk, p_safe), n = {n}",
+            update, "s", goal="<= 0.1 s" if n == 500 else "", holds=update <= 0.1 if n == 500 else None)
+    )  # fmt: skip
+    return rows
+
+
+def real_time() -> list[Row]:
+    """Soundings at 10 Hz with 2000 centres, merging on, the map of a mission (700 m x 600 m, 5 m) made each second."""
+    area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 600.0, 0.0, 600.0, 700.0, 0.0, 700.0), raster_m=10.0))
+    depth_map = DepthMap(GpConfig(merge=True), LevelSet(), area)
+    rng = np.random.default_rng(5)
+    while len(depth_map.gp) < 2000:
+        place = rng.uniform(0.0, (600.0, 700.0))
+        depth_map.add_samples([[*place, 15.0 + 5.0 * np.sin(place[0] / 80.0) + 0.3 * rng.normal()]])
+    depth_map.field()
+    slowest = total = 0.0
+    for second in range(20):  # 1.5 m/s along a line through the middle of it
+        begin = time.perf_counter()
+        for tenth in range(10):
+            stamp = second + tenth / 10.0
+            north = 300.0 + 1.5 * stamp
+            depth_map.add_soundings([[stamp, north, 350.0, 15.0 + 5.0 * np.sin(north / 80.0)]])
+        depth_map.field()
+        seconds = time.perf_counter() - begin
+        slowest, total = max(slowest, seconds), total + seconds
+    cells = int(depth_map.grid.inside.sum())
+    return [
+        row(f"a second of soundings at 10 Hz and the map of {cells} cells, n = {len(depth_map.gp)}, mean", total / 20, "s",
+            goal="< 1 s", holds=total / 20 < 1.0),
+        row("the same, slowest of 20", slowest, "s", goal="< 1 s", holds=slowest < 1.0),
+    ]  # fmt: skip
+
+
+# ---------------------------------------------------------------- choices
+
+
+def survey(seed: int = 3) -> tuple[np.ndarray, np.ndarray, str]:
+    """Soundings along lines: of the real lake where it is there, else of a made-up one."""
+    if LAKE.exists():
+        soundings = read_soundings(LAKE)
+        middle = np.median(soundings[:, :2], axis=0)
+        part = soundings[np.all(np.abs(soundings[:, :2] - middle) < 400.0, axis=1)]
+        return part[:, :2], part[:, 2], "real lake"
+    rng = np.random.default_rng(seed)
+    north = np.arange(0.0, 800.0, 4.0)
+    places = np.concatenate([np.column_stack([north, np.full(len(north), east)]) for east in np.arange(0, 800, 60.0)])
+    truth = GpConfig(length_scale_m=90.0, signal_std_m=8.0)
+    centers = rng.uniform(-100, 900, (600, 2))
+    gp = OnlineGp(truth)
+    gp.set_centers(centers, 15.0 + np.linalg.cholesky(Kernel(truth)(centers, centers) + np.eye(600) * 0.01)
+                   @ rng.normal(size=600), 0.1)  # fmt: skip
+    return places, gp.mean(places) + 0.3 * rng.normal(size=len(places)), "made-up lake"
+
+
+def local_subset() -> list[Row]:
+    """Error of predicting from the centres within d_eps, against the full posterior."""
+    places, depths, where = survey()
+    rng = np.random.default_rng(0)
+    queries = rng.uniform(places.min(axis=0), places.max(axis=0), (3000, 2))
+    rows = []
+    for kernel in ("matern32", "matern52", "squared_exponential"):
+        config = GpConfig(kernel=kernel, length_scale_m=70.0, min_spacing_m=20.0, merge=False)
+        full = OnlineGp(config)
+        for (north, east), depth in zip(places, depths, strict=True):
+            full.add(north, east, depth)
+        centers = full.centers
+        mean, std = full.predict(queries)
+        default = Kernel(dataclasses.replace(config, local=True)).local_m / config.length_scale_m
+        for ratio in (2.0, 3.0, 4.0, 5.0, 6.0):
+            gp = OnlineGp(dataclasses.replace(config, local=True, support_m=ratio * config.length_scale_m))
+            gp.set_centers(centers.places_m, centers.depths_m, centers.noise_std_m)
+            off = np.abs(gp.predict(queries)[0] - mean)
+            name = f"local subset, {kernel}, d_eps = {ratio:g} length scales"
+            limit = 0.15 if kernel == "squared_exponential" else 0.02
+            share = float(np.max(off / std))
+            rows.append(
+                row(f"{name}: largest error of the mean", off.max(), "m", f"full posterior, {where}, {len(full)}")
+            )
+            rows.append(
+                row(f"{name}: / std", share, "", f"full posterior, {where}", None,
+                    f"<= {limit:g} (the default)" if ratio == default else "", share <= limit if ratio == default else None)
+            )  # fmt: skip
+    # The paper's subset solve with a compact kernel: k(S, p) is local, but K^-1 is not.
+    config = GpConfig(kernel="wendland_c2", length_scale_m=70.0, min_spacing_m=20.0, merge=False)
+    full = OnlineGp(config)
+    for (north, east), depth in zip(places, depths, strict=True):
+        full.add(north, east, depth)
+    centers, support = full.centers, full.kernel.support_m
+    off = []
+    for query in queries[:300]:
+        near = np.hypot(*(centers.places_m - query).T) < support
+        gp = OnlineGp(config)
+        gp.set_centers(centers.places_m[near], centers.depths_m[near], centers.noise_std_m[near])
+        off.append(abs(float(gp.mean(query[None])[0] - full.mean(query[None])[0])))
+    rows.append(
+        row("solving for the data within the support alone, wendland_c2: largest error", max(off), "m",
+            f"full posterior, {where}")
+    )  # fmt: skip
+    return rows
+
+
+def merging() -> list[Row]:
+    """Error of the map with rejected soundings merged into their neighbours, and dropped."""
+    places, depths, where = survey()
+    rng = np.random.default_rng(1)
+    rows, errors = [], {}
+    lines = np.arange(len(places)) // 40 % 5 == 0  # every fifth stretch is held back
+    rough = rng.normal(0.0, 0.5, len(depths))  # noise beyond the survey's own
+    for merge in (False, True):
+        gp = OnlineGp(
+            GpConfig(merge=merge, min_spacing_m=15.0, noise_std_m=0.6, length_scale_m=75.0, signal_std_m=10.0)
+        )
+        for (north, east), depth in zip(places[~lines], (depths + rough)[~lines], strict=True):
+            gp.add(north, east, depth)
+        near = np.array([np.hypot(*(gp.centers.places_m - p).T).min() < 30.0 for p in places[lines]])
+        errors[merge] = float(np.sqrt(np.mean((gp.mean(places[lines]) - depths[lines])[near] ** 2)))
+        text = "merged" if merge else "dropped"
+        rows.append(
+            row(f"rejected soundings {text}: RMS error at soundings held back ({where})", errors[merge], "m",
+                "" if not merge else "dropped", errors[False] / errors[True] if merge else None,
+                "better than dropping" if merge else "", errors[True] < errors[False] if merge else None)
+        )  # fmt: skip
+    return rows
+
+
+def conditioned() -> list[Row]:
+    """Benefit of a path's end by extending its beginning, against conditioning on the whole path."""
+    places, depths = made_up(500)
+    gp = OnlineGp(GpConfig(merge=False, min_spacing_m=0.0))
+    gp.set_centers(places, depths, 0.3)
+    path = np.column_stack([np.linspace(50, 450, 120), 200 + 60 * np.sin(np.linspace(0, 6, 120))])
+    beginning = Conditioned(gp).extend(path[:100])
+    level_set = LevelSet()
+    whole = best_of(5, lambda: Conditioned(gp).extend(path).benefit(level_set))
+    ends = best_of(5, lambda: beginning.extend(path[100:]).benefit(level_set))
+    return [
+        row("benefit of a path of 120 places, n = 500", 1e3 * whole, "ms"),
+        row("the same, extending one of 100 places", 1e3 * ends, "ms", "anew", whole / ends),
+    ]
+
+
+def hyperparameters() -> list[Row]:
+    """The fit against scikit-learn's on 500 soundings of the lake: both from five starts, constant mean known."""
+    if LAKE.exists():
+        soundings, where = read_soundings(LAKE), "real lake"
+        places, depths = soundings[:, :2], soundings[:, 2]
+    else:
+        places, depths, where = survey()
+    pick = np.random.default_rng(0).choice(len(places), 500, replace=False)
+    places, depths = places[pick], depths[pick]
+    begin = time.perf_counter()
+    result = fit(places, depths, mean_depth_m=float(depths.mean()), restarts=5)
+    seconds = time.perf_counter() - begin
+    few, few_depths = made_up(20)
+    theirs = rivals(
+        {"places": few, "depths": few_depths, "queries": few, "new": few[:1], "new_depths": few_depths[:1],
+         "signal_std": 8.0, "length": 70.0, "noise_std": 0.3, "mean": 15.0, "fit_places": places, "fit_depths": depths}
+    )["scikit-learn"]  # fmt: skip
+    if "fit_s" not in theirs:
+        return [row(f"fit, 500 soundings of the {where}, 5 starts", seconds, "s", f"scikit-learn: {theirs['missing']}")]
+    less = theirs["fit_log_likelihood"] - result.log_likelihood
+    label = f"scikit-learn {theirs['version']}"
+    return [
+        row(f"fit, 500 soundings of the {where}, 5 starts", seconds, "s", f"{label}: {theirs['fit_s']:.3g} s",
+            theirs["fit_s"] / seconds, "faster", theirs["fit_s"] > seconds),
+        row("fit: log marginal likelihood short of scikit-learn's best", less, "", label, None, "<= 1e-3", less <= 1e-3),
+    ]  # fmt: skip
