@@ -141,11 +141,13 @@ class CampaignSpec:
         """
         jobs = []
         by_setting = [
-            (label, values, Settings.from_patterns(self.base, self.where, values)) for label, values in self.settings
+            (label, values, Settings.from_patterns(self.base, self.where, values).to_patterns())
+            for label, values in self.settings
         ]
         for seed in self.seeds:
             for label, values, settings in by_setting:
-                patterns = settings.with_overrides({"mission.seed": seed}).to_patterns()
+                common = settings["/**"]
+                patterns = {**settings, "/**": {**common, "mission": {**common["mission"], "seed": seed}}}
                 digest = hashlib.sha256(json.dumps(patterns, sort_keys=True).encode()).hexdigest()[:16]
                 varied = {name: values[name] for name in self.varied if name in values}
                 jobs.append(Job(id=digest, group=label, varied=varied, seed=seed, patterns=patterns))
