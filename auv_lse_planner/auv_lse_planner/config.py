@@ -15,6 +15,7 @@ from auv_lse_gp.risk import LevelSet
 METHODS = (
     "augmented",
     "plain",
+    "exponential_quadratic",
     "best",
     "map",
     "lawnmower",

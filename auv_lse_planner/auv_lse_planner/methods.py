@@ -23,6 +23,7 @@ class Recipe:
         naive_paths: Their ids; the best one is taken (kind "naive": vehicle n takes the n-th, modulo their number).
         incumbent: Whether the last plan stays unless the new one is worth more.
         own_area_m2: Area that a path's own place counts as, beside the map.
+        risk_method: How the expected risk is computed, if not as `level_set.method` says.
         score: Score of a greedy method: "benefit", "variance" or "straddle".
     """
 
@@ -37,12 +38,15 @@ class Recipe:
     incumbent: bool = True
     score: str = ""
     own_area_m2: float = 0.0
+    risk_method: str = ""
 
 
 RECIPES = {
     # The paper's two methods, as printed.
     "augmented": Recipe(method="augmented"),
     "plain": Recipe(method="plain", horizon=10, iterations=300, tail=False, naive_paths=(), incumbent=False),
+    # The paper's augmented method with the approximate risk integral that it uses.
+    "exponential_quadratic": Recipe(method="exponential_quadratic", risk_method="exponential_quadratic"),
     # Risk over the whole area instead of at the path's own places.
     "map": Recipe(
         method="map",
@@ -102,5 +106,6 @@ def recipe(config: PlannerConfig) -> Recipe:
         naive_paths=paths if tail or base.kind == "naive" else (),
         incumbent=bool(pick("incumbent")),
         score=base.score,
+        risk_method=base.risk_method,
         own_area_m2=float(pick("own_area_m2")),  # type: ignore[arg-type]  # a float
     )

@@ -127,8 +127,7 @@ class Surrogate:
         phi = np.arcsin(np.sqrt(np.clip(self.base_var / self.data_var, 0.0, 1.0)))
         self.base_risk = np.empty(len(phi))
         read_table(self._table, self.h, phi, self.base_risk)
-        fields = np.stack([reward.level_set.level_m - places.mean_m, std, phi])
-        self.own = np.ascontiguousarray(fields[:, self.index])
+        self.own = np.ascontiguousarray(self.base_risk[self.index])
         self.own_weight = own_weight
         self.noise = reward.posterior.noise_var_m2
         self.ready[:] = False
@@ -176,30 +175,26 @@ def add_place(rows, ready, covariance, noise, table, h, data_var, base_var, base
 
 
 @compiled
-def own_risk(own, table, north0, east0, cell, north, east):  # type: ignore[no-untyped-def]  # numba
-    """Risk at a place itself: gap to the level, deviation and phi (smooth fields, (3, N, E)) bilinear, then the table."""
-    x = min(max((north - north0) / cell, 0.0), own.shape[1] - 1.0)
-    y = min(max((east - east0) / cell, 0.0), own.shape[2] - 1.0)
-    i = min(int(x), max(own.shape[1] - 2, 0))
-    j = min(int(y), max(own.shape[2] - 2, 0))
-    k = min(i + 1, own.shape[1] - 1)
-    m = min(j + 1, own.shape[2] - 1)
+def own_risk(own, north0, east0, cell, north, east):  # type: ignore[no-untyped-def]  # numba
+    """Risk around a place: bilinear on the map's grid, which makes it a mean over the width of a cell.
+
+    At the very place it would be no guide: on the estimated isobath it is largest however well that is known.
+    """
+    x = min(max((north - north0) / cell, 0.0), own.shape[0] - 1.0)
+    y = min(max((east - east0) / cell, 0.0), own.shape[1] - 1.0)
+    i = min(int(x), max(own.shape[0] - 2, 0))
+    j = min(int(y), max(own.shape[1] - 2, 0))
+    k = min(i + 1, own.shape[0] - 1)
+    m = min(j + 1, own.shape[1] - 1)
     u = x - i
     v = y - j
-    a = (1.0 - u) * (1.0 - v)
-    b = (1.0 - u) * v
-    c = u * (1.0 - v)
-    d = u * v
-    gap = a * own[0, i, j] + b * own[0, i, m] + c * own[0, k, j] + d * own[0, k, m]
-    std = a * own[1, i, j] + b * own[1, i, m] + c * own[1, k, j] + d * own[1, k, m]
-    phi = a * own[2, i, j] + b * own[2, i, m] + c * own[2, k, j] + d * own[2, k, m]
-    return table_risk(table, gap / std, phi)
+    return (own[i, j] * (1.0 - v) + own[i, m] * v) * (1.0 - u) + (own[k, j] * (1.0 - v) + own[k, m] * v) * u
 
 
 @compiled
 def value_of(surrogate, places, best):  # type: ignore[no-untyped-def]  # numba
     """F of places (P, 2); `best` (M,) holds the drops that are had already."""
-    table, own, weight = surrogate[4], surrogate[10], surrogate[11]
+    own, weight = surrogate[10], surrogate[11]
     north0, east0, cell = surrogate[12], surrogate[13], surrogate[14]
     value = 0.0
     for i in range(places.shape[0]):
@@ -212,7 +207,7 @@ def value_of(surrogate, places, best):  # type: ignore[no-untyped-def]  # numba
                 again = True
                 break
         if not again:
-            value += weight * own_risk(own, table, north0, east0, cell, north, east)
+            value += weight * own_risk(own, north0, east0, cell, north, east)
     for p in range(best.shape[0]):
         value += best[p]
     return value

@@ -14,6 +14,7 @@ Theory of operation.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -430,17 +431,20 @@ class VehiclePlanner:
             deadline=deadline,
             seeds=self._seeds,
         )
+        level_set = self.settings.level_set
+        if how.risk_method:
+            level_set = dataclasses.replace(level_set, method=how.risk_method)
         reward: PathReward | MapReward
         if how.objective == "map":
             reward = MapReward(
-                self._map_posterior(), self.settings.level_set, how.own_area_m2 / self.planner.map_spacing_m**2
+                self._map_posterior(), level_set, how.own_area_m2 / self.planner.map_spacing_m**2
             )
             if math.isnan(self._risk_at_start):
                 self._risk_at_start = float(reward.risk_in_hand.sum())
             # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
             self._reward_so_far = self._risk_at_start - float(reward.risk_in_hand.sum())
         else:
-            reward = PathReward(self.posterior, self.settings.level_set, how.credit)
+            reward = PathReward(self.posterior, level_set, how.credit)
         found = self._propose(how, situation, reward)
         plan = self._plan(step, state, found.actions, found.heuristic)
         chosen = _Path(plan, *self.rebuild(plan), len(found.actions))

@@ -1,0 +1,188 @@
+"""The table of methods: the same lakes, the same distance travelled, differences paired lake by lake.
+
+    python -m benchmarks.planner_methods --vehicles 1 --lakes 20 --out methods.jsonl [--methods best plain ...]
+    python -m benchmarks.planner_methods --table methods.jsonl
+
+Every mission's figures are appended to the file as one JSON line as soon as it is over, and missions that are in the
+file already are not flown again, so a run can be stopped and continued. Lakes are `SyntheticLake`s with seeds from
+`--first` on (seeds 1000 to 1015 were used while developing) and, with `--real FILE`, windows of a real lake's grid.
+One vehicle works in 500 m x 400 m, several in the default area of 600 m x 700 m: what the path of 100 steps can cover.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from auv_lse_sim.ground import LakeConfig, SyntheticLake
+
+from benchmarks.planner_loop import fly, settings_for
+
+METHODS = (
+    "lawnmower",
+    "random",
+    "myopic",
+    "max_variance",
+    "straddle",
+    "plain",
+    "augmented",
+    "exponential_quadratic",
+    "map",
+    "best",
+)
+#: North and east span (m) of the area by number of vehicles (1, more), and its margin around the start (0, 0).
+SMALL = (400.0, 500.0, 20.0)
+DEFAULT = (600.0, 700.0, 50.0)
+FIGURES = {
+    "team_reward": "team reward",
+    "risk_third": "map risk at 1/3",
+    "risk_end": "map risk at end",
+    "f1": "F1",
+    "isobath_m": "isobath error m",
+    "wall_ms": "ms / decision",
+}
+
+
+class Shifted:
+    """A gridded real lake, moved so that the window's corner is the local origin's surroundings."""
+
+    def __init__(self, ground: Any, north_m: float, east_m: float) -> None:
+        """Adds (north_m, east_m) to every place asked for."""
+        self._ground, self._north, self._east = ground, north_m, east_m
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Any:
+        """Depth at places relative to the window."""
+        return self._ground.depth_m(np.asarray(north_m) + self._north, np.asarray(east_m) + self._east)
+
+
+def area(vehicles: int) -> tuple[tuple[float, float, float], dict[str, Any]]:
+    """Span and the `area` section for so many vehicles."""
+    north, east, margin = span = SMALL if vehicles == 1 else DEFAULT
+    polygon = [-margin, -margin, north - margin, -margin, north - margin, east - margin, -margin, east - margin]
+    return span, {"polygon_m": polygon}
+
+
+def windows(path: Path, vehicles: int) -> Iterator[tuple[str, float, float]]:
+    """Windows of a real lake in which all ground is known and between 25 and 75 % of it deeper than 15 m."""
+    from auv_lse_sim.ground_files import load_ground
+
+    ground = load_ground(path)
+    (height, width, margin), _ = area(vehicles)
+    e = ground.extent
+    for north in np.arange(e.north_min_m, e.north_max_m - height, 50.0):
+        for east in np.arange(e.east_min_m, e.east_max_m - width, 50.0):
+            grid = np.meshgrid(np.arange(north, north + height, 20.0), np.arange(east, east + width, 20.0), indexing="ij")
+            depth = ground.depth_m(*grid)
+            if np.isfinite(depth).all() and 0.2 <= np.mean(depth >= 15.0) <= 0.8:
+                yield f"{path.stem}@{north:.0f},{east:.0f}", float(north + margin), float(east + margin)
+
+
+def lake(name: str, vehicles: int, real: Path | None) -> Any:
+    """The ground called `name`: a seed, or a window of the real lake."""
+    (height, width, margin), _ = area(vehicles)
+    if name.isdigit():
+        middle = {"north_m": height / 2.0 - margin, "east_m": width / 2.0 - margin}
+        return SyntheticLake(LakeConfig(seed=int(name), height_m=height, width_m=width, **middle))
+    from auv_lse_sim.ground_files import load_ground
+
+    assert real is not None
+    north, east = (float(x) for x in name.split("@")[1].split(","))
+    return Shifted(load_ground(real), north + margin, east + margin)
+
+
+def mission(method: str, vehicles: int, name: str, loss: float, real: str, steps: int) -> dict[str, Any]:
+    """Flies one mission and gives its line."""
+    _, section = area(vehicles)
+    ground = lake(name, vehicles, Path(real) if real else None)
+    seed = int(name) if name.isdigit() else sum(name.encode())
+    outcome = fly(settings_for(method, vehicles, section, mission={"steps": steps}), ground, seed, loss)
+    figures = {key: getattr(outcome, key) for key in (*FIGURES, "wall_max_ms", "travelled_m", "kept_share")}
+    return {"method": method, "vehicles": vehicles, "lake": name, "loss": loss, "steps": steps, **figures}
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Lines of a results file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def interval(differences: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
+    """95 % bootstrap interval of the mean."""
+    draws = rng.choice(differences, (4000, len(differences))).mean(axis=1)
+    return float(np.percentile(draws, 2.5)), float(np.percentile(draws, 97.5))
+
+
+def table(lines: list[dict[str, Any]]) -> str:
+    """Markdown tables, one for each number of vehicles and packet loss: means, and map risk against the lawnmower."""
+    text = []
+    for vehicles, loss in sorted({(r["vehicles"], r["loss"]) for r in lines}):
+        rows = [r for r in lines if (r["vehicles"], r["loss"]) == (vehicles, loss)]
+        base = {r["lake"]: r for r in rows if r["method"] == "lawnmower"}
+        title = f"{vehicles} vehicle{'s' if vehicles > 1 else ''}, packet loss {loss:.0%}, {len(base)} lakes"
+        head = ["method", "lakes", *FIGURES.values(), "risk at 1/3 vs mowing", "at end vs mowing", "worst lake"]
+        text += [f"### {title}", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+        for method in METHODS:
+            mine = [r for r in rows if r["method"] == method and r["lake"] in base]
+            if not mine:
+                continue
+            cells = [method, str(len(mine))]
+            cells += [f"{np.nanmean([r[key] for r in mine]):.3g}" for key in FIGURES]
+            for key in ("risk_third", "risk_end"):
+                ratio = np.array([r[key] / base[r["lake"]][key] - 1.0 for r in mine])
+                low, high = interval(ratio, np.random.default_rng(0))
+                cells.append(f"{ratio.mean():+.0%} ({low:+.0%} .. {high:+.0%})")
+            cells.append(f"{ratio.max():+.0%}")
+            text.append("| " + " | ".join(cells) + " |")
+        text.append("")
+    return "\n".join(text)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--table", type=Path, help="only print the tables of this results file")
+    parser.add_argument("--out", type=Path, default=Path("planner_methods.jsonl"), help="results file, appended to")
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
+    parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3])
+    parser.add_argument("--lakes", type=int, default=20, help="number of synthetic lakes")
+    parser.add_argument("--first", type=int, default=5000, help="seed of the first lake")
+    parser.add_argument("--real", type=Path, help="grid or soundings of a real lake: its windows are flown too")
+    parser.add_argument("--windows", type=int, default=6, help="most windows of the real lake")
+    parser.add_argument("--loss", type=float, default=0.0, help="share of packets lost")
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    if options.table:
+        print(table(read(options.table)))
+        return
+    done = {(r["method"], r["vehicles"], r["lake"], r["loss"], r["steps"]) for r in read(options.out)}
+    jobs = []
+    for vehicles in options.vehicles:
+        names = [str(options.first + i) for i in range(options.lakes)]
+        if options.real:
+            found = [name for name, _, _ in windows(options.real, vehicles)]
+            every = max(1, len(found) // options.windows)
+            names += found[::every][: options.windows]
+        jobs += [(m, vehicles, name, options.loss) for name in names for m in options.methods]
+    jobs = [j for j in jobs if (*j, options.steps) not in done]
+    print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}")
+    real = str(options.real) if options.real else ""
+    with ProcessPoolExecutor(options.processes) as pool, options.out.open("a") as file:
+        for future in as_completed([pool.submit(mission, *job, real, options.steps) for job in jobs]):
+            line = future.result()
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+            print(line["vehicles"], line["lake"], line["method"], f"risk {line['risk_end']:.3f}")
+    print(table(read(options.out)))
+
+
+if __name__ == "__main__":
+    main()
