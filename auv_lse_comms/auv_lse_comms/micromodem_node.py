@@ -137,9 +137,11 @@ class MicromodemNode(ConfiguredNode):
             case micromodem.ModemReady():
                 log.info(f"modem ready, firmware {event.version or 'unknown'}")
                 self._problem = ""
+                self._diagnose()
             case micromodem.ModemLost():
                 log.warning(f"modem lost: {event.reason}")
                 self._problem = event.reason
+                self._diagnose()
             case micromodem.ClockChecked() if not event.within_tolerance:
                 log.warning(f"modem clock {event.offset_s:+.1f} s off (source {event.source}, PPS {event.pps})")
             case micromodem.ReceptionFailed():

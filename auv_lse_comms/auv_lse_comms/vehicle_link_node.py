@@ -198,8 +198,10 @@ class VehicleLinkNode(ConfiguredNode):
                 self._pressure.publish(pressure_message(event, self.vehicle))
             case mavlink_link.LinkUp():
                 log.info(f"autopilot heard: MAV_AUTOPILOT {event.autopilot}, MAV_TYPE {event.vehicle_type}")
+                self._diagnose()
             case mavlink_link.LinkLost():
                 log.error(f"link lost: nothing from the autopilot for {event.silent_s:.1f} s")
+                self._diagnose()
             case mavlink_link.Problem():
                 log.warning(event.text)
 
