@@ -164,7 +164,10 @@ def expected_bayes_risk(
     _not_negative(std_of_mean_m=of_mean, std_after_m=after)
     if method == "exact":
         if compiled.AVAILABLE:
-            quantile = np.where(c1 == c2, 0.0, ndtri(c2 / (c1 + c2)))
+            if isinstance(cost_false_safe, float) and cost_false_safe == cost_false_unsafe:
+                quantile = 0.0  # the usual case, of a planner that asks for a hundred places at a time
+            else:
+                quantile = np.where(c1 == c2, 0.0, ndtri(c2 / (c1 + c2)))
             return np.asarray(compiled.risk().expected_risk(mean, of_mean, after, level, c1, c2, quantile))
         return expected_bayes_risk_numpy(mean, of_mean, after, level, c1, c2)
     if method == "exponential_quadratic":
@@ -289,6 +292,8 @@ def _arrays(*named: tuple[str, ArrayLike]) -> list[Array]:
 
 def _costs(cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike) -> list[Array]:
     costs = _arrays(("cost_false_safe", cost_false_safe), ("cost_false_unsafe", cost_false_unsafe))
+    if all(cost.ndim == 0 and 0.0 < cost < math.inf for cost in costs):
+        return costs
     for name, cost in zip(("cost_false_safe", "cost_false_unsafe"), costs, strict=True):
         bad = ~((cost > 0.0) & np.isfinite(cost))
         if np.any(bad):
