@@ -183,6 +183,16 @@ def test_a_killed_worker_costs_its_mission_only(tmp_path, client):
     assert pids[0] not in client.run(os.getpid).values()
 
 
+def test_a_scheduler_elsewhere_is_used(tmp_path, client):
+    file = tmp_path / "tiny.yaml"
+    file.write_text(yaml.safe_dump({"set": TINY, "seeds": 2}))
+    client.wait_for_workers(2, timeout=30)
+    address = client.scheduler_info()["address"]
+    assert main([str(file), "--out", str(tmp_path / "out"), "--scheduler", address]) == 0
+    workers = {row["worker"].split(":")[1] for row in Rows(tmp_path / "out", None).read()}
+    assert workers <= set(map(str, client.run(os.getpid).values()))
+
+
 def test_a_mission_that_kills_its_workers_is_recorded(tmp_path, client, monkeypatch):
     spec = spec_of(tmp_path, seeds=1)
     monkeypatch.setattr(campaign, "fly", lambda job: os.kill(os.getpid(), signal.SIGKILL))

@@ -1,5 +1,6 @@
 import json
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from auv_lse_sim.evaluation import (
     true_positions,
 )
 from auv_lse_sim.run_data import GroundGrid, RunData, VehicleRun
-from auv_lse_sim.summary import Summary, table
+from auv_lse_sim.summary import Summary, markdown, table
 
 
 @pytest.fixture
@@ -150,3 +151,8 @@ def test_ground_on_another_grid_is_refused(synthetic_run):
 def test_wrong_columns_are_refused_where_they_come_in():
     with pytest.raises(ValueError, match=r"auv3 soundings: shape \(2, 3\); expected \(n, 4\)"):
         VehicleRun(vehicle=3, soundings=np.zeros((2, 3)))
+
+
+def test_the_documented_keys_are_the_keys():
+    document = Path(__file__).resolve().parents[2] / "docs" / "results.md"
+    assert markdown() in document.read_text(), "docs/results.md: its table is not summary.markdown()"
