@@ -58,7 +58,12 @@ class Consistency:
 
 
 def measure(
-    sim: SimConfig, dives: int, duration_s: float = 900.0, every_s: float = 150.0, first_seed: int = 0, side_m: float = 0.0
+    sim: SimConfig,
+    dives: int,
+    duration_s: float = 900.0,
+    every_s: float = 150.0,
+    first_seed: int = 0,
+    side_m: float = 0.0,
 ) -> Consistency:
     """Dives one vehicle along lanes (side_m > 0) or a random path (side_m = 0), over flat ground 20 m deep."""
     table = MotionTable(MotionConfig())
@@ -104,7 +109,9 @@ def main() -> int:
         result = measure(SimConfig(), dives, duration_s=1500.0, every_s=250.0, side_m=side_m)
         low, high = result.bounds(3)
         low2, high2 = result.bounds(2)
-        print(f"{name}, {dives} dives: NEES (3 states) expected {low:.2f} to {high:.2f}, place {low2:.2f} to {high2:.2f}")
+        print(
+            f"{name}, {dives} dives: NEES (3 states) expected {low:.2f} to {high:.2f}, place {low2:.2f} to {high2:.2f}"
+        )
         print("   time s  NEES  place  rms error m  filter's std m  gone m")
         for i, time in enumerate(result.times_s):
             rms = np.sqrt((result.error_m[:, i] ** 2).mean())

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from auv_lse_common.params import parameter
-
 from auv_lse_sim.channel import ChannelConfig
 from auv_lse_sim.ground import LakeConfig
 from auv_lse_sim.ground_files import BathymetryConfig

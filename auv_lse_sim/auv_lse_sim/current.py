@@ -25,6 +25,7 @@ class Current:
     """
 
     def __init__(self, config: CurrentConfig, rng: np.random.Generator, ideal: bool = False) -> None:
+        """Draws the random part's first value."""
         self._config = config
         self._rng = rng
         self._still = config.ideal or ideal
@@ -42,9 +43,10 @@ class Current:
         share = ((stamps_s - start_s) / (float(stamps_s[-1]) - start_s))[:, None]  # a tick is short: linear within it
         heading = math.radians(c.tide_heading_deg)
         tide = c.tide_mps * np.cos(2.0 * math.pi * stamps_s / c.tide_period_s + math.radians(c.tide_phase_deg))
-        return (
+        flow: Array = (
             np.array([c.north_mps, c.east_mps])
             + tide[:, None] * np.array([math.cos(heading), math.sin(heading)])
             + (1.0 - share) * before
             + share * self._random
         )
+        return flow

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
+
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for
 from auv_lse_common.seeds import stream
@@ -19,9 +21,8 @@ from auv_lse_comms.packet import PacketError
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
+from auv_lse_planner.plan import Plan
 from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner
-from numpy.typing import NDArray
-
 from auv_lse_sim.ground import Ground
 from auv_lse_sim.run_data import DecisionRecord, GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
 from auv_lse_sim.settings import Settings
@@ -84,9 +85,7 @@ class Crew:
                 self.map.add_samples(np.asarray(received.packet.samples, dtype=np.float32).astype(float))
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
-        """Planner: centres if the map changed, team plans, odometry; a decision and its wall-clock time if one is due."""
-        from auv_lse_planner.plan import Plan
-
+        """Planner: centres if the map changed, team plans, odometry; if due, a decision and its wall-clock time."""
         if self.map.revision != self.revision:
             self.revision = self.map.revision
             self.planner.set_centers(self.map.centers, now_s)
@@ -130,6 +129,7 @@ class Fleet:
     """
 
     def __init__(self, settings: Settings, ground: Ground) -> None:
+        """Builds the world and the crews; nothing moves yet."""
         self.settings = settings
         self.ground = ground
         self.world = World.of(settings, ground)
@@ -185,7 +185,11 @@ class Fleet:
         self._wall_s += time.perf_counter() - began
 
     def _record(
-        self, crew: Crew, now_s: float, output: VehicleOutput, heard: list[Received],
+        self,
+        crew: Crew,
+        now_s: float,
+        output: VehicleOutput,
+        heard: list[Received],
         decided: tuple[Decision, float] | None,
     ) -> None:
         log, truth, odometry = crew.log, output.truth, output.odometry

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from auv_lse_common.params import parameter
-from auv_lse_common.seeds import stream
 from numpy.typing import NDArray
 from scipy import ndimage
+
+from auv_lse_common.params import parameter
+from auv_lse_common.seeds import stream
 
 Array = NDArray[np.float64]
 
@@ -171,7 +172,10 @@ def _draw(config: LakeConfig, rng: np.random.Generator) -> _Valley:
     features = 48
     # Normal wave vectors: relief with a squared exponential covariance of one length scale.
     relief = np.concatenate(
-        [rng.standard_normal((features, 2)) * scale / config.roughness_scale_m, rng.uniform(0, 2 * np.pi, (features, 1))],
+        [
+            rng.standard_normal((features, 2)) * scale / config.roughness_scale_m,
+            rng.uniform(0, 2 * np.pi, (features, 1)),
+        ],
         axis=1,
     )
     return _Valley(direction, bend, offset, width, inlets, islands, relief)
@@ -223,7 +227,9 @@ def _relief(waves: Array, north: Array, east: Array) -> Array:
     relief = np.empty(n.shape)
     for i in range(0, n.size, 8192):
         j = slice(i, i + 8192)
-        relief[j] = np.cos(np.multiply.outer(n[j], waves[:, 0]) + np.multiply.outer(e[j], waves[:, 1]) + waves[:, 2]).sum(1)
+        relief[j] = np.cos(
+            np.multiply.outer(n[j], waves[:, 0]) + np.multiply.outer(e[j], waves[:, 1]) + waves[:, 2]
+        ).sum(1)
     return relief.reshape(north.shape) * math.sqrt(2.0 / len(waves))
 
 
@@ -252,6 +258,7 @@ class SyntheticLake:
     """
 
     def __init__(self, config: LakeConfig | None = None, mission_seed: int = 1) -> None:
+        """Draws the lake."""
         self.config = config or LakeConfig()
         self.seed = mission_seed if self.config.seed < 0 else self.config.seed
         self._window = self.config.window
@@ -334,6 +341,7 @@ class FunctionGround:
     """
 
     def __init__(self, function: Callable[[Array, Array], Array], extent: Extent, name: str = "function") -> None:
+        """Takes the function as it is."""
         self._function = function
         self._extent = extent
         self._name = name

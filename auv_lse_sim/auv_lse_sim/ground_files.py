@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from auv_lse_common.frames import geodetic_from_local, local_from_geodetic
-from auv_lse_common.params import parameter
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
+from auv_lse_common.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_common.params import parameter
 from auv_lse_sim.ground import Extent
 
 Array = NDArray[np.float64]
@@ -82,6 +82,7 @@ class GridGround:
         origin: tuple[float, float] | None = None,
         notes: tuple[str, ...] = (),
     ) -> None:
+        """Checks the grid and fits the spline."""
         north, north_step = _axis(north_m, "north_m", name)
         east, east_step = _axis(east_m, "east_m", name)
         depth = np.array(depth_m, dtype=float)
@@ -142,7 +143,9 @@ class GridGround:
         known = self._known
         inside &= known[r, c] & known[r + 1, c] & known[r, c + 1] & known[r + 1, c + 1]
         at = [row.ravel(), col.ravel()]
-        depth = ndimage.map_coordinates(self._coefficients, at, order=3, mode="mirror", prefilter=False).reshape(row.shape)
+        depth = ndimage.map_coordinates(self._coefficients, at, order=3, mode="mirror", prefilter=False).reshape(
+            row.shape
+        )
         # A spline may swing a little beyond the data; ground is kept within them, so that water stays water.
         return np.where(inside, np.clip(depth, self._low, self._high), np.nan)
 
@@ -165,7 +168,9 @@ def _axis(values: Any, what: str, name: str) -> tuple[Array, float]:
     steps = np.diff(axis)
     step = float(axis[-1] - axis[0]) / (len(axis) - 1)
     if not np.isfinite(axis).all() or step <= 0.0 or np.abs(steps - step).max() > 0.01 * step:
-        raise GroundError(f"{name}: {what} runs from {axis[0]:g} to {axis[-1]:g}; expected growing, evenly spaced metres")
+        raise GroundError(
+            f"{name}: {what} runs from {axis[0]:g} to {axis[-1]:g}; expected growing, evenly spaced metres"
+        )
     return axis, step
 
 
@@ -237,7 +242,8 @@ def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, f
             if origin is None:
                 notes.append("lat, lon do not fit east_m, north_m and are not used")
     else:
-        assert lat is not None and lon is not None
+        assert lat is not None
+        assert lon is not None
         if origin is None:
             origin = (float((lat.min() + lat.max()) / 2.0), float((lon.min() + lon.max()) / 2.0))
             notes.append("origin put at the middle of the soundings")
@@ -248,7 +254,9 @@ def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, f
 def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], bool]:
     """Columns by meaning, the line each row stands on, and whether the depth column is an elevation."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    rows = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
+    rows = [
+        (i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")
+    ]
     if len(rows) < 2:
         raise GroundError(f"{path}: {len(rows)} lines; expected a header such as east_m,north_m,depth_m and soundings")
     head_line, head = rows[0]
@@ -275,8 +283,11 @@ def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], b
             f"{path}:{head_line}: columns are {', '.join(header)}; expected east_m,north_m,depth_m or lat,lon,depth_m "
             "(elevation_m instead of depth_m for values that are positive up)"
         )
-    wanted = [k for k, i in found.items() if i is not None and (k == "depth" or (metric and k in ("north", "east"))
-                                                               or (geodetic and k in ("lat", "lon")))]
+    wanted = [
+        k
+        for k, i in found.items()
+        if i is not None and (k == "depth" or (metric and k in ("north", "east")) or (geodetic and k in ("lat", "lon")))
+    ]
     indices = [(key, int(found[key])) for key in wanted]  # type: ignore[arg-type]  # None was filtered out
     values: dict[str, list[float]] = {key: [] for key in wanted}
     lines: list[int] = []
@@ -299,7 +310,7 @@ def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], b
 
 
 def _origin_of(north: Array, east: Array, lat: Array, lon: Array) -> tuple[float, float] | None:
-    """The origin at which the local coordinates are azimuthal equidistant ones of the geodetic, None if there is none."""
+    """The origin at which the local coordinates are azimuthal equidistant ones of the geodetic, if there is one."""
     design = np.stack([np.ones_like(north), north, east], axis=1)
     lat0 = float(np.linalg.lstsq(design, lat, rcond=None)[0][0])
     lon0 = float(np.linalg.lstsq(design, lon, rcond=None)[0][0])
@@ -342,11 +353,11 @@ def grid_soundings(
     axes = []
     for column in (0, 1):
         start = math.floor(places[:, column].min() / step) * step
-        axes.append(start + step * np.arange(int(math.ceil((places[:, column].max() - start) / step)) + 1))
+        axes.append(start + step * np.arange(math.ceil((places[:, column].max() - start) / step) + 1))
     if min(len(a) for a in axes) < 2 or len(axes[0]) * len(axes[1]) > 25_000_000:
         raise GroundError(
-            f"{name}: soundings span {np.ptp(places[:, 0]):.0f} m x {np.ptp(places[:, 1]):.0f} m; expected an area that "
-            f"makes a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"
+            f"{name}: soundings span {np.ptp(places[:, 0]):.0f} m x {np.ptp(places[:, 1]):.0f} m; expected an area "
+            f"that makes a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"
         )
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     try:
@@ -375,7 +386,9 @@ def _smoothed(grid: Array, sigma: float) -> Array:
 
 def _raster_sign(values: Array, config: BathymetryConfig) -> tuple[Array, str]:
     known = values[np.isfinite(values)]
-    up = config.depth_sign == "up" or (config.depth_sign == "auto" and len(known) > 0 and float((known < 0).mean()) > 0.5)
+    up = config.depth_sign == "up" or (
+        config.depth_sign == "auto" and len(known) > 0 and float((known < 0).mean()) > 0.5
+    )
     return (-values if up else values), ("elevations, negated" if up else "depths positive down")
 
 
@@ -384,7 +397,9 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
         data = np.load(path, allow_pickle=False)
         arrays = {key: np.asarray(data[key]) for key in data.files}
     except (ValueError, EOFError, OSError, KeyError) as error:
-        raise GroundError(f"{path}: not a readable npz file ({error}); expected arrays east_m, north_m, depth_m") from error
+        raise GroundError(
+            f"{path}: not a readable npz file ({error}); expected arrays east_m, north_m, depth_m"
+        ) from error
     depth_name = "depth_m" if "depth_m" in arrays else "elevation_m"
     for key in ("north_m", "east_m", depth_name):
         if key not in arrays:
@@ -399,8 +414,8 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
     depth = -depth if up else depth
     if (depth < 0).sum() > np.isfinite(depth).sum() / 2:
         raise GroundError(
-            f"{path}: {depth_name} is mostly negative (median {np.nanmedian(depth):g} m); expected positive down: call it "
-            "elevation_m, or set depth_sign"
+            f"{path}: {depth_name} is mostly negative (median {np.nanmedian(depth):g} m); expected positive down: call "
+            "it elevation_m, or set depth_sign"
         )
     notes = ["elevations, negated" if up else "depth positive down"]
     distance = arrays.get("dist_to_sounding_m")
@@ -414,7 +429,11 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
     if "lat0" in arrays:
         origin = (float(arrays["lat0"]), float(arrays["lon0"]))
     return GridGround(
-        arrays["north_m"].astype(float), arrays["east_m"].astype(float), depth, name=path.name, origin=origin,
+        arrays["north_m"].astype(float),
+        arrays["east_m"].astype(float),
+        depth,
+        name=path.name,
+        origin=origin,
         notes=tuple(notes),
     )
 
@@ -433,7 +452,9 @@ def _read_ascii(path: Path, config: BathymetryConfig, origin: tuple[float, float
                 try:
                     header[fields[0].lower()] = float(fields[1])
                 except (IndexError, ValueError):
-                    raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a header line 'name number'") from None
+                    raise GroundError(
+                        f"{path}:{number}: {line.strip()!r}; expected a header line 'name number'"
+                    ) from None
                 continue
             try:
                 row = [float(f) for f in fields]
@@ -459,8 +480,8 @@ def _read_ascii(path: Path, config: BathymetryConfig, origin: tuple[float, float
     if step <= 0.0:
         raise GroundError(f"{path}: cellsize {step:g}; expected > 0")
     shift = 0.5 * step if corner else 0.0
-    x = header[x_name] + shift + step * np.arange(columns)
-    y = header[y_name] + shift + step * np.arange(rows)
+    x: Array = header[x_name] + shift + step * np.arange(columns)
+    y: Array = header[y_name] + shift + step * np.arange(rows)
     projection = path.with_suffix(".prj")
     crs = projection.read_text() if projection.is_file() else None
     return _raster(path, x, y, grid, crs, config, origin)
@@ -500,7 +521,12 @@ def _read_geotiff(path: Path, config: BathymetryConfig, origin: tuple[float, flo
 
 
 def _raster(
-    path: Path, x: Array, y: Array, grid: Array, crs: str | None, config: BathymetryConfig,
+    path: Path,
+    x: Array,
+    y: Array,
+    grid: Array,
+    crs: str | None,
+    config: BathymetryConfig,
     origin: tuple[float, float] | None,
 ) -> GridGround:
     """A raster in any coordinates as local ground: x (nx,) and y (ny,) grow, grid is (ny, nx)."""
@@ -509,7 +535,9 @@ def _raster(
     if crs is None and not degrees:
         far = max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0
         if not far:
-            return GridGround(y, x, grid, name=path.name, origin=None, notes=(note, "coordinates taken as local metres"))
+            return GridGround(
+                y, x, grid, name=path.name, origin=None, notes=(note, "coordinates taken as local metres")
+            )
         x0, y0 = float(x[0] + x[-1]) / 2.0, float(y[0] + y[-1]) / 2.0
         shifted = f"no projection given: local origin put at its {x0:.1f}, {y0:.1f}"
         return GridGround(y - y0, x - x0, grid, name=path.name, origin=None, notes=(note, shifted))
@@ -517,7 +545,9 @@ def _raster(
     from pyproj.exceptions import CRSError
 
     try:
-        to_raster = Transformer.from_crs("EPSG:4326", CRS.from_user_input("EPSG:4326" if crs is None else crs), always_xy=True)
+        to_raster = Transformer.from_crs(
+            "EPSG:4326", CRS.from_user_input("EPSG:4326" if crs is None else crs), always_xy=True
+        )
     except CRSError as error:
         raise GroundError(f"{path}: projection not understood: {error}") from error
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
@@ -531,10 +561,13 @@ def _raster(
     east_m = east.min() + step * np.arange(int(np.ptp(east) / step) + 1)
     if len(north_m) * len(east_m) > 25_000_000:
         raise GroundError(f"{path}: {len(north_m)} x {len(east_m)} nodes; expected at most 25 million: cut the raster")
-    lat, lon = geodetic_from_local(*np.meshgrid(north_m, east_m, indexing="ij"), *origin)
+    node_north, node_east = np.meshgrid(north_m, east_m, indexing="ij")
+    lat, lon = geodetic_from_local(node_north, node_east, *origin)
     rx, ry = to_raster.transform(lon, lat)
     rows = (np.asarray(ry) - y[0]) / (y[1] - y[0])
     columns = (np.asarray(rx) - x[0]) / (x[1] - x[0])
     # Bilinear with NaN outside: a node that mixes in an unknown one is unknown.
     local = ndimage.map_coordinates(grid, [rows, columns], order=1, mode="constant", cval=np.nan)
-    return GridGround(north_m, east_m, local, name=path.name, origin=origin, notes=(note, "reprojected to local metres"))
+    return GridGround(
+        north_m, east_m, local, name=path.name, origin=origin, notes=(note, "reprojected to local metres")
+    )

@@ -19,9 +19,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from auv_lse_planner.compiled import compiled
 from numpy.typing import NDArray
 
+from auv_lse_planner.compiled import compiled
 from auv_lse_sim.navigation import (
     COMPASS_BIAS,
     DVL_SCALE,
@@ -124,9 +124,19 @@ PARAMETERS = 36
 
 # -- columns of the chance drawn for a sub-step
 NORMALS = 11
-N_GYRO, N_COMPASS, N_DVL_SURGE, N_DVL_SWAY, N_GPS_NORTH, N_GPS_EAST, N_WOBBLE, N_GYRO_WALK, N_COMPASS_WALK, N_OUT_A, N_OUT_B = range(
-    NORMALS
-)
+(
+    N_GYRO,
+    N_COMPASS,
+    N_DVL_SURGE,
+    N_DVL_SWAY,
+    N_GPS_NORTH,
+    N_GPS_EAST,
+    N_WOBBLE,
+    N_GYRO_WALK,
+    N_COMPASS_WALK,
+    N_OUT_A,
+    N_OUT_B,
+) = range(NORMALS)
 UNIFORMS = 5
 U_DROPOUT, U_DROPOUT_LENGTH, U_LOSS, U_LOSS_LENGTH, U_OUTLIER = range(UNIFORMS)
 
@@ -149,7 +159,7 @@ OUT = 11
 
 @compiled
 def on_leg(leg: Array, along: float) -> tuple[float, float, float, float]:
-    """Heading (rad), north, east (m) and curvature (1/m, clockwise) `along` metres along a leg; straight on after it."""
+    """Heading (rad), north, east (m) and curvature (1/m, clockwise) `along` metres along a leg; then straight on."""
     size = abs(leg[LEG_TURN])
     side = 1.0 if leg[LEG_TURN] >= 0.0 else -1.0
     radius = leg[LEG_RADIUS]
@@ -171,7 +181,8 @@ def on_leg(leg: Array, along: float) -> tuple[float, float, float, float]:
 @compiled
 def leg_length(leg: Array) -> float:
     """Length (m) of a leg."""
-    return abs(leg[LEG_TURN]) * leg[LEG_RADIUS] + leg[LEG_STRAIGHT]
+    length: float = abs(leg[LEG_TURN]) * leg[LEG_RADIUS] + leg[LEG_STRAIGHT]
+    return length
 
 
 @compiled
@@ -252,7 +263,9 @@ def _keep_depth(m: Array, params: Array, normal: float) -> None:
 
 
 @compiled
-def _navigate(m: Array, x: Array, p: Array, params: Array, q: Array, normals: Array, uniforms: Array, ping: bool) -> bool:
+def _navigate(
+    m: Array, x: Array, p: Array, params: Array, q: Array, normals: Array, uniforms: Array, ping: bool
+) -> bool:
     """One sub-step of the instruments and the filter. Returns whether the DVL pings."""
     dt = params[P_DT]
     gyro = m[T_RATE]
@@ -298,9 +311,7 @@ def _navigate(m: Array, x: Array, p: Array, params: Array, q: Array, normals: Ar
         m[GPS_AGE] = 0.0
         noise = params[P_GPS_NOISE] if params[P_GPS_IDEAL] == 0.0 else 0.0
         variance = noise * noise if params[P_GPS_IDEAL] == 0.0 else 1e-4
-        update_gps(
-            x, p, m[T_NORTH] + noise * normals[N_GPS_NORTH], m[T_EAST] + noise * normals[N_GPS_EAST], variance
-        )
+        update_gps(x, p, m[T_NORTH] + noise * normals[N_GPS_NORTH], m[T_EAST] + noise * normals[N_GPS_EAST], variance)
     return ping
 
 
@@ -313,16 +324,31 @@ def _pings(m: Array, params: Array, uniforms: Array) -> bool:
     m[DROPOUT] -= dt
     m[LOCK_LOSS] -= dt
     if m[DROPOUT] <= 0.0 and uniforms[U_DROPOUT] < params[P_DROPOUT_RATE] * dt:
-        m[DROPOUT] = params[P_DROPOUT_MIN] + uniforms[U_DROPOUT_LENGTH] * (params[P_DROPOUT_MAX] - params[P_DROPOUT_MIN])
+        m[DROPOUT] = params[P_DROPOUT_MIN] + uniforms[U_DROPOUT_LENGTH] * (
+            params[P_DROPOUT_MAX] - params[P_DROPOUT_MIN]
+        )
     if m[LOCK_LOSS] <= 0.0 and uniforms[U_LOSS] < params[P_LOSS_RATE] * dt:
         m[LOCK_LOSS] = params[P_LOSS_MIN] + uniforms[U_LOSS_LENGTH] * (params[P_LOSS_MAX] - params[P_LOSS_MIN])
-    return m[DROPOUT] <= 0.0 and m[LOCK_LOSS] <= 0.0
+    able: bool = m[DROPOUT] <= 0.0 and m[LOCK_LOSS] <= 0.0
+    return able
 
 
 @compiled
 def advance(
-    m: Array, x: Array, p: Array, leg: Array, params: Array, q: Array, normals: Array, uniforms: Array,
-    currents: Array, in_reach: bool, limit: float, out: Array, first: int, last: int,
+    m: Array,
+    x: Array,
+    p: Array,
+    leg: Array,
+    params: Array,
+    q: Array,
+    normals: Array,
+    uniforms: Array,
+    currents: Array,
+    in_reach: bool,
+    limit: float,
+    out: Array,
+    first: int,
+    last: int,
 ) -> int:
     """Sub-steps `first` to `last` of a tick, or until the leg is done.
 

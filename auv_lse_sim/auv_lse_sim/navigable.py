@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import shapely
-from auv_lse_gp.area import AreaConfig, OperatingArea
-from auv_lse_planner.motion import MotionTable
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_planner.motion import MotionTable
 from auv_lse_sim.ground import Ground
 from auv_lse_sim.ground_files import GroundError
 from auv_lse_sim.settings import Settings
@@ -142,8 +142,8 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     wanted_m2, free = float(raster.wanted.sum()) * step**2, raster.free
     if not free.any():
         raise GroundError(
-            f"area: {wanted_by} ({wanted_m2 / 1e4:.1f} ha) has no known water of {limit_m:g} m or more (deepest vehicle "
-            "plus its least water); expected some: another area, or vehicles less deep"
+            f"area: {wanted_by} ({wanted_m2 / 1e4:.1f} ha) has no known water of {limit_m:g} m or more (deepest "
+            "vehicle's depth and least water); expected some: another area, or vehicles less deep"
         )
     if free[raster.wanted].all():
         return settings, []
@@ -158,7 +158,9 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
         )
     sizes = np.bincount(labels.ravel())[1:]
     first = settings.vehicle(1).vehicle
-    away = np.hypot(*np.meshgrid(raster.north_m - first.start_north_m, raster.east_m - first.start_east_m, indexing="ij"))
+    away = np.hypot(
+        *np.meshgrid(raster.north_m - first.start_north_m, raster.east_m - first.start_east_m, indexing="ij")
+    )
     nearest = ndimage.minimum(away, labels, np.arange(1, count + 1))
     eligible = np.flatnonzero(sizes >= LEAST_PART * sizes.max())
     chosen = int(eligible[np.argmin(np.asarray(nearest)[eligible])]) + 1
@@ -168,21 +170,21 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     polygon = _outline(region, raster)
     outer = _flat(np.asarray(polygon.exterior.coords))
     no_go = {name: list(flat) for name, flat in area.no_go.items()}
-    no_go.update(
-        {f"ground_{i}": _flat(np.asarray(ring.coords)) for i, ring in enumerate(polygon.interiors, 1)}
-    )
+    no_go.update({f"ground_{i}": _flat(np.asarray(ring.coords)) for i, ring in enumerate(polygon.interiors, 1)})
     overrides: dict[str, Any] = {"area.polygon_m": outer}
     if no_go:
         overrides["area"] = {"no_go": no_go}
     km2 = polygon.area / 1e6
     notes = [
-        f"area: of {wanted_by} ({wanted_m2 / 1e6:.2f} km2), {km2:.2f} km2 can be navigated: known ground under at least "
-        f"{limit_m:g} m of water, in one part"
+        f"area: of {wanted_by} ({wanted_m2 / 1e6:.2f} km2), {km2:.2f} km2 can be navigated: known ground under "
+        f"at least {limit_m:g} m of water, in one part"
         + (f", around {len(polygon.interiors)} no-go areas" if len(polygon.interiors) else "")
     ]
     left_out = (float(free.sum()) - float(region.sum())) * step**2 / 1e6
     if count > 1 and left_out > 0.005:
-        notes.append(f"area: {left_out:.2f} km2 of navigable water in {count - 1} other parts cannot be reached and is left out")
+        notes.append(
+            f"area: {left_out:.2f} km2 of navigable water in {count - 1} other parts cannot be reached and is left out"
+        )
     return settings.with_overrides(overrides), notes
 
 
@@ -242,15 +244,17 @@ def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
     for number, own in enumerate(settings.vehicles, 1):
         v = own.vehicle
         start = np.array([v.start_north_m, v.start_east_m])
-        if float(area.clearance_m(start[None])[0]) >= margin + 0.5 and _can_turn(area, motion, v.start_heading_rad, start):
+        if float(area.clearance_m(start[None])[0]) >= margin + 0.5 and _can_turn(
+            area, motion, v.start_heading_rad, start
+        ):
             continue
         distance = np.hypot(*(fit - start).T)
         place = fit[np.lexsort((-roomy, np.round(distance)))[0]]
         overrides[f"auv{number}.vehicle.start_north_m"] = float(place[0])
         overrides[f"auv{number}.vehicle.start_east_m"] = float(place[1])
         notes.append(
-            f"start of auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable water; moved "
-            f"{np.hypot(*(place - start)):.0f} m to north {place[0]:g}, east {place[1]:g} m"
+            f"start of auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable water; "
+            f"moved {np.hypot(*(place - start)):.0f} m to north {place[0]:g}, east {place[1]:g} m"
         )
     if len(notes) > 1 and len({note.split(": ", 1)[1] for note in notes}) == 1:
         notes = [notes[0].replace("start of auv1", "start of every vehicle")]
@@ -280,12 +284,15 @@ def expectations(settings: Settings) -> list[str]:
     # Within half a length scale of a path a depth is known with a correlation of 0.8 or more (Matern 5/2: 0.83).
     coverage = min(1.0, path_m * scale / area_m2)
     text = (
-        f"{vehicles} vehicle{'s' if vehicles > 1 else ''} x {settings.mission.steps} steps = {path_m / 1000.0:.1f} km of path "
-        f"in {area_m2 / 1e6:.2f} km2: lanes of a lawnmower would be {spacing:.0f} m apart, and at most "
+        f"{vehicles} vehicle{'s' if vehicles > 1 else ''} x {settings.mission.steps} steps = {path_m / 1000.0:.1f} km "
+        f"of path in {area_m2 / 1e6:.2f} km2: lanes of a lawnmower would be {spacing:.0f} m apart, and at most "
         f"{100.0 * coverage:.0f} % of the area comes within half a length scale ({scale / 2.0:g} m) of a path"
     )
     if coverage < 0.5:
-        return [f"coverage: {text}: the area is too large for this mission; expect unmapped regions (more steps or vehicles, or --area)"]
+        return [
+            f"coverage: {text}: the area is too large for this mission; expect unmapped regions "
+            "(more steps or vehicles, or --area)"
+        ]
     if spacing < 2.0 * settings.motion.turn_radius_m:
         return [
             f"coverage: {text}: the area is too small for this mission; lanes closer than a turning circle "

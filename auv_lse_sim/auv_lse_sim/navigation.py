@@ -27,8 +27,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from auv_lse_planner.compiled import compiled
 from numpy.typing import NDArray
+
+from auv_lse_planner.compiled import compiled
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,9 @@ class DynamicsConfig:
     """How the vehicle follows its legs."""
 
     ideal: bool = parameter(False, help=_IDEAL + ": exactly on the leg, at its speed")
-    turn_rate_max_dps: float = parameter(9.0, above=0.0, high=90.0, unit="deg/s", help="largest yaw rate of the vehicle")
+    turn_rate_max_dps: float = parameter(
+        9.0, above=0.0, high=90.0, unit="deg/s", help="largest yaw rate of the vehicle"
+    )
     yaw_time_s: float = parameter(0.7, above=0.0, high=10.0, unit="s", help="time constant of the yaw rate")
     speed_time_s: float = parameter(3.0, above=0.0, high=60.0, unit="s", help="time constant of the speed")
     speed_spread: float = parameter(
@@ -121,5 +123,7 @@ class GpsConfig:
     noise_m: float = parameter(1.0, low=0.0, unit="m", help="standard deviation of a fix, each axis")
     interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between fixes")
     antenna_m: float = parameter(0.3, low=0.0, unit="m", help="fixes come when the vehicle is shallower than this")
-    surface_every_s: float = parameter(0.0, low=0.0, unit="s", help="the vehicle surfaces this often for fixes; 0: never")
+    surface_every_s: float = parameter(
+        0.0, low=0.0, unit="s", help="the vehicle surfaces this often for fixes; 0: never"
+    )
     surface_s: float = parameter(30.0, above=0.0, unit="s", help="how long it then stays up")

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
 from auv_lse_common.params import (
     ParameterError,
     check_sections,
@@ -32,7 +33,6 @@ from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import MissionConfig, MotionConfig, PlannerConfig, PlannerSettings, VehicleConfig
-
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.recorder import RecordConfig
 
@@ -214,10 +214,11 @@ class Settings:
             "# Read by ros2 run ... --params-file, the launch file, scripts/mission and the fleet engine alike.",
         ]
         body = {pattern: {"ros__parameters": _plain(values)} for pattern, values in self.to_patterns().items()}
-        return "\n".join(lines) + "\n" + yaml.dump(body, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=110)
+        text: str = yaml.dump(body, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=110)
+        return "\n".join([*lines, text])
 
 
-class _Dumper(yaml.SafeDumper):
+class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # yaml has no types
     """Writes floats so that YAML 1.1 (and so ROS) reads them as floats: 1.0e-05, never 1e-05."""
 
 
@@ -236,7 +237,7 @@ def _list(dumper: yaml.SafeDumper, value: list[Any]) -> Any:
 
 _Dumper.add_representer(float, _float)
 _Dumper.add_representer(list, _list)
-_Dumper.ignore_aliases = lambda self, data: True  # type: ignore[method-assign]  # ROS reads no YAML aliases
+_Dumper.ignore_aliases = lambda self, data: True  # ROS reads no YAML aliases
 
 
 def _plain(value: Any) -> Any:
@@ -266,7 +267,8 @@ def _check_pattern(pattern: str, values: Mapping[str, Any], where: str) -> None:
     number = _vehicle_of(pattern)
     if pattern not in ("/**", "**") and number is None:
         raise ParameterError(
-            f"{where}: {pattern}: expected '/**' (all) or '/auv1/**' (one vehicle): a section means the same to every node"
+            f"{where}: {pattern}: expected '/**' (all) or '/auv1/**' (one vehicle): a section means "
+            "the same to every node"
         )
     nested = nest(values)
     check_sections(nested, f"{where}: {pattern}", ignore=("use_sim_time",))

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from auv_lse_planner.config import VehicleConfig
 from numpy.typing import NDArray
 
+from auv_lse_planner.config import VehicleConfig
 from auv_lse_sim import motion_model as mm
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.navigation import COMPASS_BIAS, DVL_SCALE, EAST, GYRO_BIAS, HEADING, NORTH, STATES, SURGE, SWAY, wrap
@@ -155,6 +155,7 @@ class SimVehicle:
         rng: np.random.Generator,
         clearance_m: Callable[[float, float], float] | None = None,
     ) -> None:
+        """Draws the run's biases; the vehicle waits at its start."""
         self.number = number
         self.config = config
         self._sim = sim
@@ -251,7 +252,7 @@ class SimVehicle:
             [m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING], seen * m[mm.T_SURGE], seen * m[mm.T_SWAY], m[mm.B_GYRO],
              m[mm.B_COMPASS], m[mm.B_SCALE]]
         )  # fmt: skip
-        error = self._x - truth
+        error: Array = self._x - truth
         error[HEADING] = wrap(error[HEADING])
         return error
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+
 from auv_lse_common.seeds import stream
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_planner.config import VehicleConfig
-from numpy.typing import NDArray
-
 from auv_lse_sim.channel import Arrival, Channel, land_between
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.current import Current
@@ -61,6 +61,7 @@ class World:
     def __init__(
         self, sim: SimConfig, vehicles: Sequence[VehicleConfig], area: AreaConfig | None, ground: Ground, seed: int
     ) -> None:
+        """Sets the vehicles down at their starts."""
         self.config = sim
         self.ground = ground
         operating_area = OperatingArea(area) if area is not None else None

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_gp.area import AreaConfig
 from auv_lse_sim.ground import DEFAULT_WINDOW, Extent, FunctionGround, LakeConfig, SyntheticLake, _closed_shoals
@@ -40,7 +41,9 @@ def test_every_lake_has_a_contour_an_island_and_both_sides(seed):
 
 def test_same_seed_same_lake_and_other_seed_other_lake():
     places = grid(50.0)
-    assert np.array_equal(SyntheticLake(mission_seed=4).depth_m(*places), SyntheticLake(mission_seed=4).depth_m(*places))
+    assert np.array_equal(
+        SyntheticLake(mission_seed=4).depth_m(*places), SyntheticLake(mission_seed=4).depth_m(*places)
+    )
     own = SyntheticLake(LakeConfig(seed=4), mission_seed=99)
     assert np.array_equal(own.depth_m(*places), SyntheticLake(mission_seed=4).depth_m(*places))
     assert not np.allclose(SyntheticLake(mission_seed=5).depth_m(*places), own.depth_m(*places), atol=1.0)
@@ -128,7 +131,9 @@ def test_closed_shoals_counts_only_those_off_the_edge():
 
 
 def test_function_ground_is_nan_outside():
-    ground = FunctionGround(lambda n, e: 10.0 + 0.0 * n, Extent(north_min_m=0, north_max_m=10, east_min_m=0, east_max_m=5))
+    ground = FunctionGround(
+        lambda n, e: 10.0 + 0.0 * n, Extent(north_min_m=0, north_max_m=10, east_min_m=0, east_max_m=5)
+    )
     assert ground.depth_m([5.0, 11.0], [2.0, 2.0]).tolist()[0] == 10.0
     assert np.isnan(ground.depth_m([5.0, 11.0], [2.0, 2.0])[1])
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from auv_lse_common.frames import geodetic_from_local
 from auv_lse_sim.ground_files import BathymetryConfig, GridGround, GroundError, grid_soundings, load_ground
 
@@ -63,7 +64,9 @@ def test_soundings_in_degrees(tmp_path):
     north, east, depth = soundings()
     lat, lon = geodetic_from_local(north, east, 47.5, 9.3)
     path = tmp_path / "s.csv"
-    path.write_text("lat,lon,depth_m\n" + "\n".join(f"{a:.8f},{o:.8f},{d:.3f}" for a, o, d in zip(lat, lon, depth, strict=True)))
+    path.write_text(
+        "lat,lon,depth_m\n" + "\n".join(f"{a:.8f},{o:.8f},{d:.3f}" for a, o, d in zip(lat, lon, depth, strict=True))
+    )
     ground = load_ground(path, origin=(47.5, 9.3))
     assert ground.origin == (47.5, 9.3)
     check_bottom(ground)
@@ -75,11 +78,16 @@ def test_soundings_in_degrees(tmp_path):
 def test_both_kinds_of_coordinates_give_the_origin(tmp_path):
     north, east, depth = soundings()
     lat, lon = geodetic_from_local(north, east, -33.0, 151.0)
-    rows = [f"{n:.2f},{e:.2f},{a:.6f},{o:.6f},{d:.2f}" for n, e, a, o, d in zip(north, east, lat, lon, depth, strict=True)]
+    rows = [
+        f"{n:.2f},{e:.2f},{a:.6f},{o:.6f},{d:.2f}" for n, e, a, o, d in zip(north, east, lat, lon, depth, strict=True)
+    ]
     path = tmp_path / "s.csv"
     path.write_text("north_m,east_m,lat,lon,depth_m\n" + "\n".join(rows))
     assert load_ground(path).origin == pytest.approx((-33.0, 151.0), abs=2e-6)
-    path.write_text("north_m,east_m,lat,lon,depth_m\n" + "\n".join(r.replace(",151.", ",152.") if i % 2 else r for i, r in enumerate(rows)))
+    path.write_text(
+        "north_m,east_m,lat,lon,depth_m\n"
+        + "\n".join(r.replace(",151.", ",152.") if i % 2 else r for i, r in enumerate(rows))
+    )
     wrong = load_ground(path)
     assert wrong.origin is None
     assert "not used" in wrong.describe()
@@ -90,7 +98,9 @@ def test_elevations_are_negated(tmp_path):
     path = write_csv(tmp_path / "s.csv", ["north_m", "east_m", "elevation_m"], north, east, -depth)
     check_bottom(load_ground(path))
     path = write_csv(tmp_path / "t.csv", ["north_m", "east_m", "depth_m"], north, east, -depth)
-    with pytest.raises(GroundError, match=r"t\.csv:2: depth -.* as for 3000 of 3000 soundings; expected depth_m positive down"):
+    with pytest.raises(
+        GroundError, match=r"t\.csv:2: depth -.* as for 3000 of 3000 soundings; expected depth_m positive down"
+    ):
         load_ground(path)
     check_bottom(load_ground(path, BathymetryConfig(depth_sign="up")))
 
@@ -120,7 +130,9 @@ def test_grid_is_smooth():
 
     assert jump(0.1) < 0.02
     assert jump(0.01) < 0.15 * jump(0.1) + 1e-6
-    assert np.abs(ground.depth_m(axis[3:38, None], axis[None, 3:38]) - depth[3:38, 3:38]).max() < 1e-9  # through the nodes
+    assert (
+        np.abs(ground.depth_m(axis[3:38, None], axis[None, 3:38]) - depth[3:38, 3:38]).max() < 1e-9
+    )  # through the nodes
 
 
 def test_land_and_unknown_are_nan():
@@ -139,7 +151,9 @@ def test_npz(tmp_path):
     depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
     distance = np.zeros_like(depth)
     distance[:, -5:] = 100.0
-    np.savez(tmp_path / "g.npz", north_m=axis, east_m=axis, depth_m=depth, lat0=10.0, lon0=20.0, dist_to_sounding_m=distance)
+    np.savez(
+        tmp_path / "g.npz", north_m=axis, east_m=axis, depth_m=depth, lat0=10.0, lon0=20.0, dist_to_sounding_m=distance
+    )
     ground = load_ground(tmp_path / "g.npz")
     assert ground.origin == (10.0, 20.0)
     check_bottom(ground, tolerance=0.05)
@@ -246,16 +260,36 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'; expected a finite number"),
         ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m; expected metres, below 11000"),
         ("a.csv", "lat,lon,depth_m\n95,10,3\n", r"a\.csv:2: lat is 95; expected degrees"),
-        ("a.csv", "east_m,north_m,depth_m\n1,2,3\n4,5,6\n", r"a\.csv: 2 soundings at different places; expected at least 10"),
+        (
+            "a.csv",
+            "east_m,north_m,depth_m\n1,2,3\n4,5,6\n",
+            r"a\.csv: 2 soundings at different places; expected at least 10",
+        ),
         ("a.csv", "east_m,north_m,depth_m\n" + "".join(f"{i},{2 * i},3\n" for i in range(60)), r"lie on one line"),
-        ("a.csv", "east_m,north_m,depth_m\n" + "".join(f"{i * 9e4},{i % 7 * 9e4},3\n" for i in range(60)), r"2 x 2 to 5000 x 5000"),
+        (
+            "a.csv",
+            "east_m,north_m,depth_m\n" + "".join(f"{i * 9e4},{i % 7 * 9e4},3\n" for i in range(60)),
+            r"2 x 2 to 5000 x 5000",
+        ),
         ("a.npz", "no zip", r"a\.npz: not a readable npz file"),
         ("a.pdf", "x", r"ending '\.pdf'; expected one of \.csv"),
         ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x'; expected a header line 'name number'"),
         ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\n1 2\n3 4\n", r"expected also cellsize"),
-        ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4 5\n", r"a\.asc:7: 3 values; expected ncols = 2"),
-        ("a.asc", "ncols 2\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4\n", r"2 rows of values; expected nrows = 3"),
-        ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 z4\n", r"a\.asc:7: 'z4'; expected a number"),
+        (
+            "a.asc",
+            "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4 5\n",
+            r"a\.asc:7: 3 values; expected ncols = 2",
+        ),
+        (
+            "a.asc",
+            "ncols 2\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4\n",
+            r"2 rows of values; expected nrows = 3",
+        ),
+        (
+            "a.asc",
+            "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 z4\n",
+            r"a\.asc:7: 'z4'; expected a number",
+        ),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path, name, text, match):
@@ -275,12 +309,24 @@ def test_missing_file():
     [
         ({"depth_m": np.ones((3, 3))}, "arrays are depth_m; expected east_m"),
         ({"north_m": [0, 1, 2], "east_m": [0, 1], "depth_m": np.ones((3, 3))}, r"shape \(3, 3\); expected"),
-        ({"north_m": [0, 1, 5], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3))}, "north_m runs from 0 to 5; expected growing"),
+        (
+            {"north_m": [0, 1, 5], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3))},
+            "north_m runs from 0 to 5; expected growing",
+        ),
         ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": -np.ones((3, 3))}, "mostly negative"),
-        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), 2e4)}, "depth 20000 m; expected metres"),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), 2e4)},
+            "depth 20000 m; expected metres",
+        ),
         ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), np.nan)}, "0 grid nodes hold water"),
-        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), "x")}, "depth_m holds <U1; expected numbers"),
-        ({"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 3.0}, "only one of lat0, lon0"),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.full((3, 3), "x")},
+            "depth_m holds <U1; expected numbers",
+        ),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 3.0},
+            "only one of lat0, lon0",
+        ),
     ],
 )
 def test_what_is_wrong_in_an_npz(tmp_path, arrays, match):

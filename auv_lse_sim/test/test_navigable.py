@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from auv_lse_gp.area import OperatingArea
 from auv_lse_sim.ground import Extent, FunctionGround
 from auv_lse_sim.ground_files import GroundError
@@ -93,7 +94,9 @@ def test_a_passage_narrower_than_the_margins_divides():
     fitted, _ = fit_to_ground(settings(), ground(depth))
     inside = OperatingArea(fitted.area).contains(np.array([[250.0, 100.0], [250.0, 400.0]]))
     assert inside.sum() == 1
-    wide, _ = fit_to_ground(settings(), ground(lambda n, e: np.where((np.abs(e - 250.0) < 20.0) & (np.abs(n - 250.0) > 40.0), 2.0, 25.0)))
+    wide, _ = fit_to_ground(
+        settings(), ground(lambda n, e: np.where((np.abs(e - 250.0) < 20.0) & (np.abs(n - 250.0) > 40.0), 2.0, 25.0))
+    )
     assert OperatingArea(wide.area).contains(np.array([[250.0, 100.0], [250.0, 400.0]])).all()
 
 
@@ -161,5 +164,8 @@ def test_fitting_again_changes_little():
     terrain = ground(lambda n, e: np.where(np.hypot(n - 250, e - 250) < 60, 3.0, np.where(n + e < 200, np.nan, 25.0)))
     fitted, _ = fit_to_ground(settings(), terrain)
     again, _ = fit_to_ground(fitted, terrain, area_given=True)
-    first, second = OperatingArea(fitted.area).grid(10.0).inside.sum(), OperatingArea(again.area).grid(10.0).inside.sum()
+    first, second = (
+        OperatingArea(fitted.area).grid(10.0).inside.sum(),
+        OperatingArea(again.area).grid(10.0).inside.sum(),
+    )
     assert 0.95 * first < second <= first

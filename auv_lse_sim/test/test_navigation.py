@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from auv_lse_planner.compiled import plain
 from auv_lse_sim import navigation as nav
 from auv_lse_sim.config import SimConfig
@@ -21,7 +22,9 @@ def random_state(rng):
 def rates(x, gyro):
     """The model's equations, written out again."""
     c, s = math.cos(x[2]), math.sin(x[2])
-    return np.array([(x[3] * c - x[4] * s) / (1 + x[7]), (x[3] * s + x[4] * c) / (1 + x[7]), gyro - x[5], 0, 0, 0, 0, 0])
+    return np.array(
+        [(x[3] * c - x[4] * s) / (1 + x[7]), (x[3] * s + x[4] * c) / (1 + x[7]), gyro - x[5], 0, 0, 0, 0, 0]
+    )
 
 
 def test_prediction_by_hand():
@@ -114,7 +117,9 @@ def test_dvl_does_not_teach_its_own_scale():
     rng = np.random.default_rng(0)
     for i in range(2000):
         nav.predict(x, p, 0.0, 0.1, Q)
-        nav.update_dvl(x, p, 1.5 * min(i / 30, 1.0) + 0.01 * rng.standard_normal(), 0.01 * rng.standard_normal(), 1e-4, 1e9)
+        nav.update_dvl(
+            x, p, 1.5 * min(i / 30, 1.0) + 0.01 * rng.standard_normal(), 0.01 * rng.standard_normal(), 1e-4, 1e9
+        )
     assert math.sqrt(p[7, 7]) == pytest.approx(0.003, rel=1e-6)
 
 
@@ -132,7 +137,7 @@ def test_plain_functions_give_the_same_numbers():
 
 
 def test_filter_is_consistent():
-    """30 dives with every instrument error on: the mean NEES stays within its 99 % bounds (120 dives: the 95 % ones)."""
+    """30 dives with every instrument error on: the mean NEES stays within 99 % bounds (120 dives: 95 %)."""
     result = measure(SimConfig(), 30, duration_s=400.0, every_s=200.0, first_seed=1000)
     for states, nees in ((3, result.nees), (2, result.nees_place)):
         low, high = result.bounds(states, 0.99)

@@ -1,6 +1,7 @@
 """The whole mission file: strict, complete, and the same after a round trip."""
 
 import pytest
+
 from auv_lse_common.params import ParameterError, describe, parameters_for, read_parameter_file
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.settings import DEPTHS_M, Settings

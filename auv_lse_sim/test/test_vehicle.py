@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from auv_lse_common.params import from_mapping
 from auv_lse_common.seeds import stream
 from auv_lse_planner.compiled import plain
@@ -163,7 +164,9 @@ def test_speed_differs_between_vehicles():
     for dive in (fast, slow):
         dive.fly([STRAIGHT] * 3)
     assert slow.now_s == pytest.approx(2 * fast.now_s, abs=1.5)
-    spread = [SimVehicle(1, VehicleConfig(), sim_config(), stream(s, "sensors", 1))._params[mm.P_SPEED] for s in range(300)]
+    spread = [
+        SimVehicle(1, VehicleConfig(), sim_config(), stream(s, "sensors", 1))._params[mm.P_SPEED] for s in range(300)
+    ]
     assert np.std(spread) == pytest.approx(0.02 * 1.5, rel=0.15)
     assert np.mean(spread) == pytest.approx(1.5, abs=0.006)
 
@@ -351,7 +354,9 @@ def test_plain_python_moves_alike():
 
 
 def test_current_is_what_was_asked_for():
-    config = CurrentConfig(north_mps=0.2, tide_mps=0.5, tide_heading_deg=90.0, tide_period_s=1000.0, random_mps=0.1, random_time_s=50.0)
+    config = CurrentConfig(
+        north_mps=0.2, tide_mps=0.5, tide_heading_deg=90.0, tide_period_s=1000.0, random_mps=0.1, random_time_s=50.0
+    )
     current = Current(config, stream(1, "current"))
     flow = np.concatenate([current.advance(t, t + np.arange(1, 11) / 10.0) for t in np.arange(0.0, 30_000.0, 1.0)])
     times = np.arange(1, len(flow) + 1) / 10.0

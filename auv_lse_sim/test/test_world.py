@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from auv_lse_common.params import from_mapping
 from auv_lse_planner.config import MotionConfig, VehicleConfig
 from auv_lse_planner.motion import MotionTable
@@ -47,7 +48,9 @@ def test_ideal_soundings_are_the_ground():
 
 
 def test_soundings_belong_to_the_true_place_but_carry_the_estimated_one():
-    w = world(1, compass={"bias_deg": 8.0}, altimeter={"ideal": True}, pressure={"ideal": True}, dynamics={"ideal": True})
+    w = world(
+        1, compass={"bias_deg": 8.0}, altimeter={"ideal": True}, pressure={"ideal": True}, dynamics={"ideal": True}
+    )
     outputs = fly(w, 300)
     soundings = np.concatenate([o[1].soundings for o in outputs])[10:]
     truth = np.array([[o[1].truth.stamp_s, o[1].truth.north_m, o[1].truth.east_m] for o in outputs])
