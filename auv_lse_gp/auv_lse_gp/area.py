@@ -170,7 +170,8 @@ class OperatingArea:
         north = self._north0_m + step * np.arange(rows)
         east = self._east0_m + step * np.arange(columns)
         nodes = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
-        distance = np.sqrt(np.minimum.reduce([_border_distance_2(p, nodes) for p in (self.polygon, *self.no_go.values())]))
+        polygons = (self.polygon, *self.no_go.values())
+        distance = np.sqrt(np.minimum.reduce([_border_distance_2(polygon, nodes) for polygon in polygons]))
         signed = np.where(self.contains(nodes), distance, -distance)
         self._nodes = signed.reshape(rows, columns)
         if not np.any(signed > 0.0):

@@ -164,8 +164,8 @@ def expected_bayes_risk(
     _not_negative(std_of_mean_m=of_mean, std_after_m=after)
     if method == "exact":
         if compiled.AVAILABLE:
-            if isinstance(cost_false_safe, float) and cost_false_safe == cost_false_unsafe:
-                quantile = 0.0  # the usual case, of a planner that asks for a hundred places at a time
+            if c1.ndim == c2.ndim == 0 and c1 == c2:  # as a planner asks, a hundred places at a time
+                quantile = np.zeros(())
             else:
                 quantile = np.where(c1 == c2, 0.0, ndtri(c2 / (c1 + c2)))
             return np.asarray(compiled.risk().expected_risk(mean, of_mean, after, level, c1, c2, quantile))
