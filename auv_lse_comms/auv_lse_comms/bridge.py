@@ -214,7 +214,7 @@ class ModemBridge:
         self.counts[f"received.{source}"] += 1
         self.counts["samples.received"] += len(packet.samples)
         if self._receivers is not None and len(packet.samples):
-            self._receivers.tell(packet.samples)
+            self._receivers.hear(packet.samples)
         return Received(source=source, stamp_s=now_s, packet=packet)
 
     def poll(self, now_s: float, ready: bool = True) -> bytes | None:
@@ -275,6 +275,7 @@ class ModemBridge:
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
             chosen = most_useful(unsent[:, 1:4], room, self._receivers, unsent[:, 4])
+            self._receivers.send()
         else:
             chosen = every_nth(len(unsent), room)
         packet = Packet(

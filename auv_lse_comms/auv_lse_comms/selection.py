@@ -26,12 +26,22 @@ class ReceiversRisk(Protocol):
     The map and its risk belong to other packages, so whoever wires a vehicle hands an object of this shape in.
     """
 
-    def tell(self, samples_m: Array) -> None:
-        """The receivers now have these samples (or will, when the packet arrives).
+    def hear(self, samples_m: Array) -> None:
+        """A packet of a team mate with these samples was heard.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
         """
+
+    def suppose(self, samples_m: Array) -> None:
+        """The packet that is being made will hold these samples too.
+
+        Args:
+            samples_m: North, east, water depth (m), shape (n, 3).
+        """
+
+    def send(self) -> None:
+        """The packet with what was supposed is sent; it may get lost."""
 
     def gains(self, samples_m: Array) -> Array:
         """Expected drop of the receivers' Bayes risk by each sample alone, shape (n,).
@@ -63,7 +73,7 @@ def every_nth(unsent: int, room: int) -> Indices:
 def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Array) -> Indices:
     """The samples worth most to the receivers, chosen one after the other, each given those chosen before.
 
-    Tells `receivers` what it chose. The oldest is always among them, so none waits for ever.
+    Lets `receivers` suppose what it chose. The oldest is always among them, so none waits for ever.
 
     Only the `CONSIDERED` that were worth most when last asked about are asked about again, and while choosing, only
     those whose last answer exceeds the best new one: what receivers learn makes nearby samples worth less, as a rule.
@@ -83,7 +93,7 @@ def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Ar
     n = len(samples_m)
     if n <= room:
         if n:
-            receivers.tell(samples_m)
+            receivers.suppose(samples_m)
         return np.arange(n)
     if room == 0:
         return np.arange(0)
@@ -95,7 +105,7 @@ def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Ar
         worth[which] = gains
 
     chosen = [0]
-    receivers.tell(samples_m[:1])
+    receivers.suppose(samples_m[:1])
     considered = max(CONSIDERED, room)
     new = 1 + np.flatnonzero(np.isinf(worth[1:]))
     if len(new) > considered:  # a backlog: look at it evenly
@@ -111,29 +121,32 @@ def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Ar
             ask(pool[batch])
             fresh[batch] = True
         chosen.append(int(pool[best]))
-        receivers.tell(samples_m[pool[best] : pool[best] + 1])
+        receivers.suppose(samples_m[pool[best] : pool[best] + 1])
         pool = np.delete(pool, best)
         fresh = np.zeros(len(pool), dtype=bool)
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def load_receivers(name: str, parameters: Mapping[str, Any], where: str) -> ReceiversRisk:
+def load_receivers(name: str, parameters: Mapping[str, Any], where: str, address: int, loss: float) -> ReceiversRisk:
     """The `ReceiversRisk` that the mission file names.
 
     This package knows no map, so what a sample is worth comes from a class named as "module:class", which is made by
-    its `from_parameters(parameters, where)`.
+    its `from_parameters(parameters, where, address, loss)`.
 
     Args:
         name: `packet.receivers`.
         parameters: Nested parameters of the mission.
         where: Where they came from, for messages.
+        address: Number of the sender.
+        loss: Chance that a packet is lost.
 
     Raises:
         ParameterError: if there is no such class.
     """
     module, _, attribute = name.partition(":")
     try:
-        made: ReceiversRisk = getattr(importlib.import_module(module), attribute).from_parameters(parameters, where)
+        kind = getattr(importlib.import_module(module), attribute)
+        made: ReceiversRisk = kind.from_parameters(parameters, where, address, loss)
     except (ImportError, AttributeError, ValueError) as error:
         if isinstance(error, ParameterError):
             raise

@@ -273,8 +273,15 @@ class Deepest:
 
     def __init__(self) -> None:
         self.told = 0
+        self.log: list[str] = []
 
-    def tell(self, samples_m: Array) -> None:
+    def hear(self, samples_m: Array) -> None:
+        self.log.append(f"heard {len(samples_m)}")
+
+    def send(self) -> None:
+        self.log.append(f"sent {self.told}")
+
+    def suppose(self, samples_m: Array) -> None:
         self.told += len(samples_m)
 
     def gains(self, samples_m: Array) -> Array:
@@ -289,9 +296,9 @@ def test_useful_selection_asks_the_receivers() -> None:
     payload = b.poll(1.0)
     assert payload is not None
     assert decode(payload).samples[:, 2].tolist() == [0.0, *range(22, 40)]
-    assert receivers.told == 19
+    assert receivers.log == ["sent 19"]
     b.receive(12.0, 2, encode(dataclasses.replace(PLAN, samples=np.ones((7, 3)))))
-    assert receivers.told == 26
+    assert receivers.log == ["sent 19", "heard 7"]
 
 
 @pytest.mark.parametrize("vehicles", [1, 2, 3, 20])

@@ -1,11 +1,11 @@
 """What the other vehicles know, as a sender believes, and what one more sample would be worth to them.
 
-The belief: everyone has everything that was ever told (sent or heard), whether or not it got through. A sample's worth
-is the drop of the Bayes risk, summed over a coarse map of the operating area, that they expect of it before they know
-its depth (PAPER.md section 1, with D1 what was told and D2 the sample's place).
+A sample's worth is the drop of the Bayes risk, summed over a coarse map of the operating area, that the receivers
+expect of it before they know its depth (PAPER.md section 1, with D1 what they know and D2 the sample's place).
 
-An exact GP on what was told, one row of the Cholesky factor per sample; samples nearer than `gp.min_spacing_m` to one
-told before are left out, as the receivers' own maps merge them.
+Nobody tells a sender what got through. A sender that takes all for known leaves holes where packets were lost, and
+does worse than one that sends every n-th sample. So several receivers are supposed, each of which misses every packet,
+sent or heard, with the chance that packets are lost; a sample's worth is its mean over them.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
 from auv_lse_common.params import section
+from auv_lse_common.seeds import stream
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kernels import Kernel
@@ -28,10 +29,14 @@ Array = NDArray[np.float64]
 
 #: A place whose depth a sample explains by less than this share of its variance is not reckoned with.
 _NEGLIGIBLE = 1e-4
+#: Supposed receivers where packets are lost.
+SUPPOSED = 4
 
 
-class ReceiversRisk:
-    """Has the shape that `auv_lse_comms.selection.ReceiversRisk` asks for.
+class Knowledge:
+    """What one vehicle knows: an exact GP on the samples it has, one row of the Cholesky factor per sample.
+
+    Samples nearer than `gp.min_spacing_m` to an earlier one are left out, as a vehicle's map merges them.
 
     Attributes:
         places_m: Where risk is summed, shape (G, 2): north, east.
@@ -40,7 +45,7 @@ class ReceiversRisk:
     def __init__(
         self, gp: GpConfig, level_set: LevelSet, area: OperatingArea, spacing_m: float = 20.0, capacity: int = 64
     ) -> None:
-        """Starts with receivers who know nothing but the prior.
+        """Starts with nothing but the prior.
 
         Args:
             gp: The prior, and the noise of a sounding.
@@ -63,31 +68,32 @@ class ReceiversRisk:
         self._mean = np.array(self._prior(self.places_m), dtype=float)
         self._variance = np.array(self._kernel.variance(self.places_m), dtype=float)
 
-    @classmethod
-    def from_parameters(cls, parameters: Mapping[str, Any], where: str) -> ReceiversRisk:
-        """From the sections `gp`, `level_set` and `area` of a mission file.
-
-        Args:
-            parameters: Nested parameters.
-            where: Where they came from, for messages.
-
-        Raises:
-            ParameterError: naming what cannot be used.
-        """
-        return cls(
-            section(GpConfig, parameters, "gp", where),
-            section(LevelSet, parameters, "level_set", where),
-            OperatingArea(section(AreaConfig, parameters, "area", where)),
-        )
-
     def __len__(self) -> int:
         """Number of samples told and kept."""
         return self._count
 
     @property
     def risk(self) -> float:
-        """Bayes risk of the receivers, mean over the places."""
-        return float(self._level_set.risk(self._mean, np.sqrt(self._variance)).mean())
+        """Bayes risk, mean over the places."""
+        return float(self._level_set.risk(self.mean_m, self.std_m).mean())
+
+    @property
+    def mean_m(self) -> Array:
+        """Expected depth (m) at the places, shape (G,)."""
+        return self._mean.copy()
+
+    @property
+    def std_m(self) -> Array:
+        """Standard deviation (m) of the depth at the places, shape (G,)."""
+        return np.asarray(np.sqrt(self._variance))
+
+    def mark(self) -> tuple[int, Array, Array]:
+        """Where it stands, for `forget`."""
+        return self._count, self._mean.copy(), self._variance.copy()
+
+    def forget(self, mark: tuple[int, Array, Array]) -> None:
+        """Forgets what it was told since `mark()`."""
+        self._count, self._mean, self._variance = mark[0], mark[1].copy(), mark[2].copy()
 
     def _whiten(self, places_m: Array, covariance: Array) -> Array:
         """L^-1 of a covariance (N, P) of what was told with places."""
@@ -97,7 +103,7 @@ class ReceiversRisk:
         return np.asarray(solve_triangular(self._factor[:n, :n], covariance, lower=True, check_finite=False))
 
     def tell(self, samples_m: Array) -> None:
-        """The receivers have these samples now.
+        """It has these samples now.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
@@ -131,11 +137,11 @@ class ReceiversRisk:
         self._factor = factor
 
     def gains(self, samples_m: Array) -> Array:
-        """Expected drop of the receivers' Bayes risk, summed over the places, by each sample alone, shape (n,).
+        """Expected drop of its Bayes risk, summed over the places, by each sample alone, shape (n,).
 
         Args:
-            samples_m: North, east, water depth (m), shape (n, 3). The depth is not looked at: the receivers do not
-                know it yet.
+            samples_m: North, east, water depth (m), shape (n, 3). The depth is not looked at: it is not known
+                yet.
         """
         at = np.asarray(samples_m, dtype=float)[:, :2]
         if not len(at):
@@ -151,3 +157,92 @@ class ReceiversRisk:
             self._mean[place], np.sqrt(drop), np.sqrt(np.maximum(self._variance[place] - drop, 0.0))
         )
         return np.asarray(np.bincount(sample, weights=benefit, minlength=len(at)), dtype=float)
+
+
+class ReceiversRisk:
+    """Has the shape that `auv_lse_comms.selection.ReceiversRisk` asks for."""
+
+    def __init__(
+        self,
+        gp: GpConfig,
+        level_set: LevelSet,
+        area: OperatingArea,
+        loss: float,
+        rng: np.random.Generator,
+        spacing_m: float = 20.0,
+    ) -> None:
+        """Starts with receivers who know nothing but the prior.
+
+        Args:
+            gp: The prior, and the noise of a sounding.
+            level_set: The isobath and what errors cost.
+            area: Where risk counts.
+            loss: Chance that a packet is lost, from 0 to 1.
+            rng: Which packets the supposed receivers miss.
+            spacing_m: Spacing of the places where risk is summed.
+
+        Raises:
+            ValueError: if the loss is no chance.
+        """
+        if not 0.0 <= loss <= 1.0:
+            raise ValueError(f"loss = {loss}: expected a chance, 0 to 1")
+        self._loss = loss
+        self._rng = rng
+        self._receivers = [Knowledge(gp, level_set, area, spacing_m) for _ in range(SUPPOSED if loss > 0.0 else 1)]
+        self._marks = [receiver.mark() for receiver in self._receivers]
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any], where: str, address: int, loss: float) -> ReceiversRisk:
+        """From the sections `gp`, `level_set` and `area` of a mission file.
+
+        Args:
+            parameters: Nested parameters.
+            where: Where they came from, for messages.
+            address: Number of the sender.
+            loss: Chance that a packet is lost.
+
+        Raises:
+            ParameterError: naming what cannot be used.
+        """
+        return cls(
+            section(GpConfig, parameters, "gp", where),
+            section(LevelSet, parameters, "level_set", where),
+            OperatingArea(section(AreaConfig, parameters, "area", where)),
+            loss,
+            stream(int(parameters.get("mission", {}).get("seed", 1)), "receivers", address),
+        )
+
+    def hear(self, samples_m: ArrayLike) -> None:
+        """A team mate's packet with these samples was heard; the others may have missed it.
+
+        Args:
+            samples_m: North, east, water depth (m), shape (n, 3).
+        """
+        self.suppose(samples_m)
+        self.send()
+
+    def suppose(self, samples_m: ArrayLike) -> None:
+        """The packet that is being made holds these samples too; what it is worth is reckoned as if it arrived.
+
+        Args:
+            samples_m: North, east, water depth (m), shape (n, 3).
+        """
+        for receiver in self._receivers:
+            receiver.tell(np.asarray(samples_m, dtype=float))
+
+    def send(self) -> None:
+        """The packet is made; each of the supposed receivers misses it with the chance that packets are lost."""
+        missed = self._rng.random(len(self._receivers)) < self._loss
+        for receiver, mark, misses in zip(self._receivers, self._marks, missed, strict=True):
+            if misses:
+                receiver.forget(mark)
+        self._marks = [receiver.mark() for receiver in self._receivers]
+
+    def gains(self, samples_m: ArrayLike) -> Array:
+        """Expected drop of the receivers' Bayes risk by each sample alone, mean over the receivers, shape (n,).
+
+        Args:
+            samples_m: North, east, water depth (m), shape (n, 3).
+        """
+        samples = np.asarray(samples_m, dtype=float)
+        return np.asarray(np.mean([receiver.gains(samples) for receiver in self._receivers], axis=0))

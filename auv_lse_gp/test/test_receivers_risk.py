@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kernels import Kernel
-from auv_lse_gp.receivers_risk import ReceiversRisk
+from auv_lse_gp.receivers_risk import SUPPOSED, Knowledge, ReceiversRisk
 from auv_lse_gp.risk import LevelSet
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ def dense_gain(told: Array, place: Array, grid: Array) -> float:
 def test_gains_against_dense_algebra(n: int) -> None:
     rng = np.random.default_rng(n)
     told = samples(rng, n)
-    receivers = ReceiversRisk(GpConfig(length_scale_m=50.0, min_spacing_m=0.0), LEVEL, AREA, capacity=4)
+    receivers = Knowledge(GpConfig(length_scale_m=50.0, min_spacing_m=0.0), LEVEL, AREA, capacity=4)
     receivers.tell(told)
     candidates = samples(rng, 12)
     expected = [dense_gain(told, place, receivers.places_m) for place in candidates[:, :2]]
@@ -62,13 +62,13 @@ def test_gain_is_the_expected_drop_of_the_risk() -> None:
     """Mean over depths drawn from the receivers' own belief of the drop that telling the sample does cause."""
     rng = np.random.default_rng(5)
     told, place = samples(rng, 10), np.array([[90.0, 130.0]])
-    before = ReceiversRisk(GP, LEVEL, AREA)
+    before = Knowledge(GP, LEVEL, AREA)
     before.tell(told)
     mean, cov = dense(told, place)
     depths = rng.normal(mean[0], np.sqrt(cov[0, 0] + GP.noise_std_m**2), 1500)
     drops = []
     for depth in depths:
-        after = ReceiversRisk(GP, LEVEL, AREA)
+        after = Knowledge(GP, LEVEL, AREA)
         after.tell(told)
         after.tell(np.array([[90.0, 130.0, depth]]))
         drops.append((before.risk - after.risk) * len(before.places_m))
@@ -78,7 +78,7 @@ def test_gain_is_the_expected_drop_of_the_risk() -> None:
 
 def test_what_is_told_is_worth_less_again() -> None:
     rng = np.random.default_rng(6)
-    receivers = ReceiversRisk(GP, LEVEL, AREA)
+    receivers = Knowledge(GP, LEVEL, AREA)
     candidates = samples(rng, 40)
     first = receivers.gains(candidates)
     best = int(np.argmax(first))
@@ -91,16 +91,69 @@ def test_what_is_told_is_worth_less_again() -> None:
 
 
 def test_samples_too_close_are_left_out_and_none_is_fine() -> None:
-    receivers = ReceiversRisk(GP, LEVEL, AREA, capacity=1)
+    receivers = Knowledge(GP, LEVEL, AREA, capacity=1)
     receivers.tell(np.array([[10.0, 10.0, 12.0], [10.0, 13.9, 12.0], [10.0, 14.0, 12.0], [50.0, 50.0, 9.0]]))
     assert len(receivers) == 3
     receivers.tell(np.zeros((0, 3)))
     assert receivers.gains(np.zeros((0, 3))).shape == (0,)
 
 
+def test_what_was_told_since_a_mark_is_forgotten() -> None:
+    rng = np.random.default_rng(7)
+    first, second, third, candidates = (samples(rng, n) for n in (10, 10, 5, 20))
+    once, twice = Knowledge(GP, LEVEL, AREA, capacity=2), Knowledge(GP, LEVEL, AREA, capacity=2)
+    once.tell(first)
+    mark = once.mark()
+    for _ in range(2):
+        once.tell(second)
+        once.forget(mark)
+    for knowledge in (once, twice):
+        if knowledge is twice:
+            twice.tell(first)
+        knowledge.tell(third)
+    assert once.risk == twice.risk
+    assert (once.gains(candidates) == twice.gains(candidates)).all()
+
+
+def test_supposed_receivers_miss_packets_whole() -> None:
+    rng = np.random.default_rng(8)
+    receivers = ReceiversRisk(GP, LEVEL, AREA, 0.4, np.random.default_rng(1))
+    packets = 300
+    for i in range(packets):
+        # two places of a row per packet, far from all others
+        receivers.suppose(np.array([[10.0 * (i % 20), 5.0 * (i // 20), 15.0]]))
+        receivers.suppose(np.array([[10.0 * (i % 20) + 4.5, 5.0 * (i // 20), 15.0]]))
+        receivers.send()
+    known = [len(receiver) for receiver in receivers._receivers]
+    assert len(known) == SUPPOSED
+    assert len(set(known)) > 1
+    for n in known:
+        assert n % 2 == 0
+        assert n / 2 == pytest.approx(0.6 * packets, abs=4.0 * np.sqrt(packets * 0.24))  # 4 sigma
+    candidates = samples(rng, 5)
+    mean = np.mean([r.gains(candidates) for r in receivers._receivers], axis=0)
+    assert (receivers.gains(candidates) == mean).all()
+
+
+def test_without_loss_one_receiver_has_all_and_with_total_loss_none_has_any() -> None:
+    rng = np.random.default_rng(9)
+    heard, candidates = samples(rng, 10), samples(rng, 5)
+    sure = ReceiversRisk(GP, LEVEL, AREA, 0.0, np.random.default_rng(1))
+    sure.hear(heard)
+    reference = Knowledge(GP, LEVEL, AREA, spacing_m=20.0)
+    reference.tell(heard)
+    assert (sure.gains(candidates) == reference.gains(candidates)).all()
+    deaf = ReceiversRisk(GP, LEVEL, AREA, 1.0, np.random.default_rng(1))
+    deaf.hear(heard)
+    np.testing.assert_allclose(deaf.gains(candidates), Knowledge(GP, LEVEL, AREA).gains(candidates), rtol=1e-12)
+    with pytest.raises(ValueError, match=r"loss = 1.5: expected a chance"):
+        ReceiversRisk(GP, LEVEL, AREA, 1.5, np.random.default_rng(1))
+
+
 def test_from_a_missions_parameters() -> None:
-    receivers = ReceiversRisk.from_parameters(
-        {"gp": {"length_scale_m": 50.0}, "area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0]}, "packet": {}},
-        "test",
-    )
-    assert len(receivers.places_m) == pytest.approx(12, abs=4)
+    parameters = {"gp": {"length_scale_m": 50.0}, "area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0]}}
+    one, again = (ReceiversRisk.from_parameters(parameters, "test", 2, 0.3) for _ in range(2))
+    for receivers in (one, again):
+        for t in range(10):
+            receivers.hear([[10.0 * t, 50.0, 15.0]])
+    assert one.gains([[50.0, 60.0, 15.0]]) == again.gains([[50.0, 60.0, 15.0]]) > 0.0
