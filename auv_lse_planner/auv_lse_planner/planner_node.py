@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from auv_lse_msgs.msg import Bound, KernelCenters, LockstepDone, LockstepTick, Plan, Waypoint
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 
@@ -15,6 +14,7 @@ from auv_lse_common.params import section
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, diagnostics, run, seconds
 from auv_lse_common.seeds import stream
 from auv_lse_gp.ros_conversions import centers_from_message
+from auv_lse_msgs.msg import Bound, KernelCenters, LockstepDone, LockstepTick, Plan, Waypoint
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.ros_conversions import (
     bound_message,
@@ -41,6 +41,7 @@ class PlannerNode(ConfiguredNode):
         self._planner = VehiclePlanner(
             self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle)
         )
+        self._warm_up(settings)
         sections = ("mission", "level_set", "area", "gp", "motion", "planner", "vehicle")
         tunable = ("method", "iterations", "exploration", "horizon", "naive_paths", "incumbent", "deadline_s")
         self.show_parameters(
@@ -74,6 +75,13 @@ class PlannerNode(ConfiguredNode):
             self.when_matched(readers, lambda: self._done.publish(self._message(0)))
         else:
             self.create_timer(_STEP_PERIOD_S, lambda: self.step(self.now_s()))
+
+    def _warm_up(self, settings: PlannerSettings) -> None:
+        """A decision for nobody: compiled code is loaded now, not in the first decision of the mission."""
+        rehearsal = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "rehearsal"))
+        start = settings.vehicle
+        rehearsal.odometry(0.0, start.start_heading_rad, start.start_north_m, start.start_east_m, start.speed_mps)
+        rehearsal.decide(0.0)
 
     def _tune(self, parameters: dict[str, Any]) -> None:
         self._planner.set_planner(section(PlannerConfig, parameters, "planner", self.where))

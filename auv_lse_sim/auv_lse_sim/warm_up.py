@@ -1,0 +1,29 @@
+"""`python -m auv_lse_sim.warm_up`: compiles the inner loops once, into numba's cache, so that nodes start quickly.
+
+scripts/setup runs it after building. Without it, every node of the first mission would compile for itself.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from auv_lse_sim.fleet import Fleet
+from auv_lse_sim.ground_source import ground_of
+from auv_lse_sim.settings import Settings
+
+
+def main() -> int:
+    """Flies the first ticks of a short mission by each kind of search."""
+    for method in ("augmented", "best"):
+        overrides = {"mission.vehicles": 2, "mission.steps": 4, "planner.method": method, "planner.iterations": 20}
+        settings = Settings.load(None, overrides)
+        fleet = Fleet(settings, ground_of(settings))
+        for _ in range(25):
+            fleet.tick()
+        for crew in fleet.crews:
+            crew.map.field()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
