@@ -19,6 +19,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.online import Centers
 from auv_lse_gp.risk import LevelSet
@@ -59,10 +60,24 @@ def per_second(work: Callable[[], Any], count: int, least_s: float = 1.0) -> flo
 
 
 def row(
-    name: str, value: float, unit: str, goal: str = "", holds: bool | None = None, against: str = "", ratio: float | None = None
+    name: str,
+    value: float,
+    unit: str,
+    goal: str = "",
+    holds: bool | None = None,
+    against: str = "",
+    ratio: float | None = None,
 ) -> dict[str, Any]:
     """One line of the table."""
-    return {"name": name, "value": value, "unit": unit, "against": against, "ratio": ratio, "goal": goal, "holds": holds}
+    return {
+        "name": name,
+        "value": value,
+        "unit": unit,
+        "against": against,
+        "ratio": ratio,
+        "goal": goal,
+        "holds": holds,
+    }
 
 
 def planner(method: str, count: int = CENTERS, **options: Any) -> VehiclePlanner:
@@ -111,7 +126,9 @@ def evaluations() -> list[dict[str, Any]]:
 def _risk_of(mean: Any, before: Any, after: Any) -> float:
     level = LevelSet()
     after = np.clip(after, 0.0, before)
-    return float(np.sum(level.risk(mean, np.sqrt(before)) - level.expected_risk(mean, np.sqrt(before - after), np.sqrt(after))))
+    return float(
+        np.sum(level.risk(mean, np.sqrt(before)) - level.expected_risk(mean, np.sqrt(before - after), np.sqrt(after)))
+    )
 
 
 def _sklearn(whole: Any) -> Callable[[], float]:
@@ -162,7 +179,11 @@ def _gpytorch(whole: Any) -> Callable[[], float]:
     at = torch.tensor(whole)
 
     def value() -> float:
-        with torch.no_grad(), gpytorch.settings.fast_pred_var(), gpytorch.settings.fast_computations(False, False, False):
+        with (
+            torch.no_grad(),
+            gpytorch.settings.fast_pred_var(),
+            gpytorch.settings.fast_computations(False, False, False),
+        ):
             posterior = model(at)
             mean, covariance = posterior.mean.numpy(), posterior.covariance_matrix.numpy()
         with_noise = covariance + config.noise_std_m**2 * np.eye(len(whole))
@@ -186,7 +207,9 @@ def decisions() -> list[dict[str, Any]]:
             times.append(1e3 * (time.perf_counter() - begin))
         goal = "<= 100" if method != "plain" else ""
         took = float(np.median(times))
-        rows.append(row(f"one decision, {method}, 500 centres, step 0", took, "ms", goal, took <= 100.0 if goal else None))
+        rows.append(
+            row(f"one decision, {method}, 500 centres, step 0", took, "ms", goal, took <= 100.0 if goal else None)
+        )
         made = planner(method)
         made._take_centers()
         begin = time.perf_counter()
@@ -207,7 +230,9 @@ def samples_cost() -> list[dict[str, Any]]:
         made._take_centers()
         begin = time.perf_counter()
         made.decide(0.0)
-        rows.append(row(f"one decision, augmented, samples_per_leg={samples}", 1e3 * (time.perf_counter() - begin), "ms"))
+        rows.append(
+            row(f"one decision, augmented, samples_per_leg={samples}", 1e3 * (time.perf_counter() - begin), "ms")
+        )
     return rows
 
 

@@ -11,13 +11,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from auv_lse_common.seeds import stream
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 from auv_lse_sim.isobath import compare, trace
-from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,11 @@ class Outcome:
 
 
 def settings_for(
-    method: str, vehicles: int, area: dict[str, Any] | None = None, planner: dict[str, Any] | None = None, **sections: Any
+    method: str,
+    vehicles: int,
+    area: dict[str, Any] | None = None,
+    planner: dict[str, Any] | None = None,
+    **sections: Any,
 ) -> PlannerSettings:
     """Mission settings of a method."""
     return PlannerSettings.from_parameters(

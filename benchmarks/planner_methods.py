@@ -23,8 +23,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from auv_lse_sim.ground import LakeConfig, SyntheticLake
 
+from auv_lse_sim.ground import LakeConfig, SyntheticLake
 from benchmarks.planner_loop import fly, settings_for
 
 METHODS = (
@@ -80,7 +80,9 @@ def windows(path: Path, vehicles: int) -> Iterator[tuple[str, float, float]]:
     e = ground.extent
     for north in np.arange(e.north_min_m, e.north_max_m - height, 50.0):
         for east in np.arange(e.east_min_m, e.east_max_m - width, 50.0):
-            grid = np.meshgrid(np.arange(north, north + height, 20.0), np.arange(east, east + width, 20.0), indexing="ij")
+            grid = np.meshgrid(
+                np.arange(north, north + height, 20.0), np.arange(east, east + width, 20.0), indexing="ij"
+            )
             depth = ground.depth_m(*grid)
             if np.isfinite(depth).all() and 0.2 <= np.mean(depth >= 15.0) <= 0.8:
                 yield f"{path.stem}@{north:.0f},{east:.0f}", float(north + margin), float(east + margin)

@@ -1,0 +1,1 @@
+"""Planning for a team of AUVs: motion, naive paths, rewards, tree search, and the planner of one vehicle."""

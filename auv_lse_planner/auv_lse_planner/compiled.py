@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar
-
-F = TypeVar("F", bound=Callable[..., Any])
+from typing import Any
 
 try:
     import numba
@@ -20,12 +18,12 @@ except ImportError:  # numba is optional by design
     HAVE_NUMBA = False
 
 
-def compiled(function: F) -> F:
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` compiled by numba (strict IEEE arithmetic, kept in numba's cache), or itself without numba."""
     if not HAVE_NUMBA:
         return function
     try:
-        result: F = numba.njit(cache=True, fastmath=False)(function)
+        result: Callable[..., Any] = numba.njit(cache=True, fastmath=False)(function)
     except RuntimeError:  # numba found no place it may write its cache to
         result = numba.njit(fastmath=False)(function)
     return result
@@ -33,4 +31,5 @@ def compiled(function: F) -> F:
 
 def plain(function: Callable[..., Any]) -> Callable[..., Any]:
     """The uncompiled function behind a compiled one (the reference of the tests)."""
-    return getattr(function, "py_func", function)  # type: ignore[no-any-return]
+    result: Callable[..., Any] = getattr(function, "py_func", function)
+    return result

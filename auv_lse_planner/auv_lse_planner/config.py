@@ -46,7 +46,10 @@ class VehicleConfig:
     start_heading_rad: float = parameter(0.0, unit="rad", help="heading at the start, clockwise from north")
     start_delay_s: float = parameter(0.0, unit="s", low=0.0, help="time after the mission's start that it sets out")
     min_water_m: float = parameter(
-        3.0, unit="m", low=0.0, help="least water under the vehicle: ground the map shows shallower than depth_m + this is not entered"
+        3.0,
+        unit="m",
+        low=0.0,
+        help="least water under it: ground that the map shows shallower than depth_m + this is kept clear of",
     )
 
 
@@ -66,7 +69,7 @@ class MotionConfig:
     straight: str = parameter(
         "constant",
         choices=("constant", "printed"),
-        help="length of the straight: 'constant' r (theta_max - |a|), so that every leg is as long; 'printed' r (theta_max + |a|)",
+        help="straight's length: 'constant' r (theta_max - |a|), every leg as long; 'printed' r (theta_max + |a|)",
     )
     track_spacing_m: float = parameter(1.0, unit="m", above=0.0, help="spacing at which tracks are checked")
 
@@ -88,7 +91,7 @@ class MotionConfig:
                 f"motion.actions_deg: {largest:g} deg exceeds motion.theta_max_deg = {self.theta_max_deg:g} deg"
             )
         if min(self.actions_deg) >= 0.0 and max(self.actions_deg) <= 0.0:
-            raise ValueError(f"motion.actions_deg: {list(self.actions_deg)} has no turn: no circle keeps a vehicle safe")
+            raise ValueError(f"motion.actions_deg: {list(self.actions_deg)} has no turn, so no way to stay")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,7 +103,7 @@ class PlannerConfig:
     credit: str | None = parameter(
         None,
         choices=("printed", "beyond"),
-        help="reward beside team mates: 'printed' counts all benefit at own places, 'beyond' what their plans would not bring",
+        help="'printed' counts all benefit at own places, 'beyond' only what team mates' plans would not bring",
     )
     horizon: int | None = parameter(None, low=1, high=200, help="legs planned (paper: m)")
     iterations: int | None = parameter(None, low=1, help="tree search iterations a decision")
@@ -119,6 +122,12 @@ class PlannerConfig:
         None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
     )
     map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
+    late_share: float | None = parameter(
+        None,
+        low=0.0,
+        high=1.0,
+        help="share of the mission after which the plain search on the path's reward takes over",
+    )
     own_area_m2: float | None = parameter(
         None,
         low=0.0,
@@ -127,20 +136,20 @@ class PlannerConfig:
     )
     finalists: int = parameter(8, low=1, help="paths of the surrogate's search that are valued exactly")
     team_order: str = parameter(
-        "id", choices=("id", "rotating", "all"), help="whose plans count: vehicles of lower number, in turn, or everybody's"
+        "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"
     )
     coordination: str = parameter(
         "sequential", choices=("sequential", "dec_mcts"), help="sequential (greedy), or Dec-MCTS (Best et al. 2019)"
     )
     deadline_s: float = parameter(
-        2.0, unit="s", low=0.0, help="wall clock after which a decision takes the best plan so far; 0: none; not in lockstep"
+        2.0, unit="s", low=0.0, help="wall clock after which the best plan so far is taken; 0: none; not in lockstep"
     )
     replan_lead_s: float = parameter(4.0, unit="s", low=0.0, help="time before a leg's end that the next is decided")
     plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is dropped")
     odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry at which planning stops")
     map_timeout_s: float = parameter(60.0, unit="s", above=0.0, help="age of the map that is reported as a problem")
     reanchor_m: float = parameter(
-        10.0, unit="m", above=0.0, help="distance off the leg at which planning starts from odometry, not the planned state"
+        10.0, unit="m", above=0.0, help="distance off the leg at which planning starts from odometry"
     )
 
 

@@ -16,6 +16,8 @@ raster and read by bilinear interpolation. Theory of operation:
 
 from __future__ import annotations
 
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
 import math
 from typing import Any, Protocol
 
@@ -49,7 +51,7 @@ class Area(Protocol):
 
 
 @compiled
-def clearance_at(raster, north0, east0, cell, north, east):  # type: ignore[no-untyped-def]  # numba
+def clearance_at(raster, north0, east0, cell, north, east):
     """Bilinear clearance (m) at a place."""
     x = (north - north0) / cell
     y = (east - east0) / cell
@@ -66,7 +68,7 @@ def clearance_at(raster, north0, east0, cell, north, east):  # type: ignore[no-u
 
 
 @compiled
-def leg_clearance(raster, north0, east0, cell, heading, north, east, track, spacing):  # type: ignore[no-untyped-def]  # numba
+def leg_clearance(raster, north0, east0, cell, heading, north, east, track, spacing):
     """Least clearance (m) along a body-frame track (T, 2); skips ahead where the clearance allows it.
 
     Exact up to half the spacing wherever it is small enough to matter (clearance is 1-Lipschitz).
@@ -79,7 +81,9 @@ def leg_clearance(raster, north0, east0, cell, heading, north, east, track, spac
     while i < count:
         ahead = track[i, 0]
         starboard = track[i, 1]
-        here = clearance_at(raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard)
+        here = clearance_at(
+            raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard
+        )
         least = min(least, here)
         if here < 0.5 * spacing:
             # the least of a blocked track is only needed roughly: its sign decides
@@ -90,7 +94,7 @@ def leg_clearance(raster, north0, east0, cell, heading, north, east, track, spac
 
 
 @compiled
-def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):  # type: ignore[no-untyped-def]  # numba
+def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):
     """Clearance (m) of the freer turning loop of a state: the state is safe where it is at least half a spacing."""
     c = math.cos(heading)
     s = math.sin(heading)
@@ -99,7 +103,9 @@ def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):  #
         ahead = loops[side, 0]
         starboard = loops[side, 1]
         room = (
-            clearance_at(raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard)
+            clearance_at(
+                raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard
+            )
             - loops[side, 2]
         )
         best = max(best, room)
@@ -107,7 +113,7 @@ def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):  #
 
 
 @compiled
-def is_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, action):  # type: ignore[no-untyped-def]  # numba
+def is_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, action):
     """Whether the leg of `action` is free and its end state safe."""
     h, n, e = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
     if loop_clearance(raster, north0, east0, cell, loops, h, n, e) < 0.5 * spacing:
@@ -116,7 +122,7 @@ def is_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, step
 
 
 @compiled
-def escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east):  # type: ignore[no-untyped-def]  # numba
+def escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east):
     """The action to take where none is feasible; see the module's theory of operation."""
     best = 0
     best_safe = False
@@ -135,7 +141,7 @@ def escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, st
 
 
 @compiled
-def _feasible_mask(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east):  # type: ignore[no-untyped-def]  # numba
+def _feasible_mask(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east):
     mask = np.zeros(turns.shape[0], dtype=np.bool_)
     for action in range(turns.shape[0]):
         mask[action] = is_feasible(
@@ -145,7 +151,7 @@ def _feasible_mask(raster, north0, east0, cell, tracks, spacing, loops, turns, s
 
 
 @compiled
-def random_actions(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, randoms):  # type: ignore[no-untyped-def]  # numba
+def random_actions(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, randoms):
     """Feasible actions by chance, one for each uniform number of `randoms` (the escape where there is none).
 
     By rejection: most actions are feasible, and to test one is cheaper than to test all.
@@ -175,7 +181,9 @@ def random_actions(raster, north0, east0, cell, tracks, spacing, loops, turns, s
             remaining -= 1
             action = -1
         if action < 0:
-            action = escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east)
+            action = escape_action(
+                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east
+            )
         actions[index] = action
         heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
     return actions
@@ -222,10 +230,11 @@ class FreeSpace:
         half = max(0, round(0.5 * spacing_m / self.cell_m))
         rows = np.rint((places_m[shallow, 0] - self.north0_m) / self.cell_m).astype(int)
         columns = np.rint((places_m[shallow, 1] - self.east0_m) / self.cell_m).astype(int)
-        offsets = np.arange(-half, half + 1)
-        at_row = np.clip(rows[:, None, None] + offsets[None, :, None], 0, blocked.shape[0] - 1)
-        at_column = np.clip(columns[:, None, None] + offsets[None, None, :], 0, blocked.shape[1] - 1)
-        blocked[at_row, at_column] = True
+        for i in range(-half, half + 1):
+            for j in range(-half, half + 1):
+                at_row = np.clip(rows + i, 0, len(self._nodes_north) - 1)
+                at_column = np.clip(columns + j, 0, len(self._nodes_east) - 1)
+                blocked[at_row, at_column] = True
         outside = distance_transform_edt(~blocked, sampling=self.cell_m)
         inside = distance_transform_edt(blocked, sampling=self.cell_m)
         self.raster = np.ascontiguousarray(np.minimum(self.area_raster, outside - inside))
@@ -271,12 +280,13 @@ class FreeSpace:
     def safe(self, state: Array) -> bool:
         """Whether a turning loop of the state (3,) is free."""
         a = self.arguments()
-        return bool(loop_clearance(*a[:4], a[6], state[0], state[1], state[2]) >= 0.5 * a[5])
+        return bool(loop_clearance(*a[:4], self.motion.loops_m, *state) >= 0.5 * self.motion.spacing_m)
 
     def leg_free(self, state: Array, action: int) -> bool:
         """Whether the leg of `action` from `state` stays clear."""
         a = self.arguments()
-        return bool(leg_clearance(*a[:4], state[0], state[1], state[2], a[4][action], a[5]) >= 0.5 * a[5])
+        spacing = self.motion.spacing_m
+        return bool(leg_clearance(*a[:4], *state, self.motion.tracks_m[action], spacing) >= 0.5 * spacing)
 
     def path_feasible(self, state: Array, actions: Ints | tuple[int, ...], legs: int) -> bool:
         """Whether the first `legs` of `actions` from `state` are feasible one after another."""

@@ -6,6 +6,8 @@ numbers are drawn beforehand from the caller's Generator, so the compiled and th
 
 from __future__ import annotations
 
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
 import math
 from collections.abc import Callable
 
@@ -30,7 +32,7 @@ INFEASIBLE = -2
 
 
 @compiled
-def _mark_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, children):  # type: ignore[no-untyped-def]  # numba
+def _mark_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, children):
     """Marks a node's infeasible actions in `children` (A,); where all are, leaves the escape."""
     kinds = turns.shape[0]
     count = 0
@@ -50,7 +52,24 @@ def _mark_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, s
 
 
 @compiled
-def run_chunk(space, surrogate, samples, tree, children, node_states, limits, horizon, exploration, randoms, seeds, sequences, values, begin, end, base):  # type: ignore[no-untyped-def]  # numba
+def run_chunk(
+    space,
+    surrogate,
+    samples,
+    tree,
+    children,
+    node_states,
+    limits,
+    horizon,
+    exploration,
+    randoms,
+    seeds,
+    sequences,
+    values,
+    begin,
+    end,
+    base,
+):
     """Iterations `begin` to `end` of the search.
 
     Args:
@@ -124,7 +143,17 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
                 h, n, e = advance(s[0], s[1], s[2], turns[action], steps[action, 0], steps[action, 1])
                 node_states[count, 0], node_states[count, 1], node_states[count, 2] = h, n, e
                 _mark_feasible(
-                    raster, north0, east0, cell, tracks, spacing, loops, turns, steps, node_states[count], children[count]
+                    raster,
+                    north0,
+                    east0,
+                    cell,
+                    tracks,
+                    spacing,
+                    loops,
+                    turns,
+                    steps,
+                    node_states[count],
+                    children[count],
                 )
                 tree[count, 0] = 0.0
                 tree[count, 1] = 0.0
@@ -155,7 +184,19 @@ def run_chunk(space, surrogate, samples, tree, children, node_states, limits, ho
                             break
                         pick -= 1
                 if is_feasible(
-                    raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state[0], state[1], state[2], action
+                    raster,
+                    north0,
+                    east0,
+                    cell,
+                    tracks,
+                    spacing,
+                    loops,
+                    turns,
+                    steps,
+                    state[0],
+                    state[1],
+                    state[2],
+                    action,
                 ):
                     break
                 mask[action] = 0
@@ -203,9 +244,7 @@ class LatticeSearch:
         motion = space.motion
         fractions = np.arange(1, samples_per_leg + 1) / samples_per_leg
         at = np.zeros(3)
-        self._samples = np.stack(
-            [motion.along(at, a, fractions * motion.lengths_m[a]) for a in range(motion.actions)]
-        )
+        self._samples = np.stack([motion.along(at, a, fractions * motion.lengths_m[a]) for a in range(motion.actions)])
         if samples_per_leg == 1:
             self._samples[:, 0] = motion.steps_m
 

@@ -9,11 +9,11 @@ the plan is only ever replaced by one worth more. A vehicle is credited with wha
 from __future__ import annotations
 
 import numpy as np
-from auv_lse_gp.risk import LevelSet
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
 
+from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.posterior import Columns, Posterior
 
@@ -63,12 +63,12 @@ class MapReward:
         if not len(columns):
             return self.places.planned_var_m2
         rows = self._reductions(columns)
-        return np.maximum(self.places.planned_var_m2 - np.einsum("pm,pm->m", rows, rows), 0.0)
+        return np.asarray(np.maximum(self.places.planned_var_m2 - np.einsum("pm,pm->m", rows, rows), 0.0))
 
     def value(self, columns: Columns) -> float:
         """J of the path with these places."""
         drop = float(np.sum(self.risk_before - self.expected(self.var_after_m2(columns))))
-        return drop + self.own_weight * self._own.value(columns) if self.own_weight else drop
+        return drop + self.own_weight * self._own.value(columns) if self.own_weight > 0.0 else drop
 
     def values_of_beginnings(self, columns: Columns, counts: list[int]) -> Array:
         """J of the path's first `counts[i]` places, for each i: what its legs add one after another."""

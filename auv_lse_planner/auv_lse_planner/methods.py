@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from auv_lse_planner.config import METHODS, PlannerConfig
 from auv_lse_planner.naive import COVERING, LAWNMOWERS, STRIPS
@@ -24,6 +25,7 @@ class Recipe:
         incumbent: Whether the last plan stays unless the new one is worth more.
         own_area_m2: Area that a path's own place counts as, beside the map.
         risk_method: How the expected risk is computed, if not as `level_set.method` says.
+        late_share: Share of the mission after which the plain search on the path's reward takes over (`late`).
         score: Score of a greedy method: "benefit", "variance" or "straddle".
     """
 
@@ -39,6 +41,7 @@ class Recipe:
     score: str = ""
     own_area_m2: float = 0.0
     risk_method: str = ""
+    late_share: float = 1.0
 
 
 RECIPES = {
@@ -83,16 +86,21 @@ RECIPES = {
 assert set(RECIPES) == set(METHODS)
 
 
+def late(how: Recipe) -> Recipe:
+    """What takes over from `how` late in the mission: the paper's plain search, credited beyond the team mates' plans."""
+    return replace(RECIPES["plain"], method=how.method, credit="beyond")
+
+
 def recipe(config: PlannerConfig) -> Recipe:
     """The recipe of `config.method` with what `config` sets itself on top."""
     base = RECIPES[config.method]
 
-    def pick(name: str) -> object:
+    def pick(name: str) -> Any:
         value = getattr(config, name)
         return getattr(base, name) if value is None else value
 
     tail = bool(pick("tail"))
-    paths = tuple(pick("naive_paths"))  # type: ignore[call-overload]  # a tuple of ids
+    paths: tuple[int, ...] = tuple(pick("naive_paths"))
     if tail and not paths:
         paths = (LAWNMOWERS[0],)
     return Recipe(
@@ -100,12 +108,13 @@ def recipe(config: PlannerConfig) -> Recipe:
         kind=base.kind,
         objective=str(pick("objective")),
         credit=str(pick("credit")),
-        horizon=int(pick("horizon")),  # type: ignore[call-overload]  # an int
-        iterations=int(pick("iterations")),  # type: ignore[call-overload]  # an int
+        horizon=int(pick("horizon")),
+        iterations=int(pick("iterations")),
         tail=tail,
         naive_paths=paths if tail or base.kind == "naive" else (),
         incumbent=bool(pick("incumbent")),
         score=base.score,
         risk_method=base.risk_method,
-        own_area_m2=float(pick("own_area_m2")),  # type: ignore[arg-type]  # a float
+        late_share=float(pick("late_share")),
+        own_area_m2=float(pick("own_area_m2")),
     )

@@ -7,6 +7,8 @@ rotated step. `MotionTable` computes the step of every action once.
 
 from __future__ import annotations
 
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
 import math
 
 import numpy as np
@@ -20,7 +22,7 @@ TWO_PI = 2.0 * math.pi
 
 
 @compiled
-def advance(heading: float, north: float, east: float, turn: float, ahead: float, starboard: float):  # type: ignore[no-untyped-def]  # numba
+def advance(heading: float, north: float, east: float, turn: float, ahead: float, starboard: float):
     """The state after a step given in the body's frame: heading wrapped to [-pi, pi), north, east."""
     c = math.cos(heading)
     s = math.sin(heading)
@@ -33,7 +35,7 @@ def advance(heading: float, north: float, east: float, turn: float, ahead: float
 
 
 @compiled
-def roll_states(state, actions, turns, steps):  # type: ignore[no-untyped-def]  # numba
+def roll_states(state, actions, turns, steps):
     """States (L + 1, 3) along actions (L,) from a state (3,)."""
     states = np.empty((actions.shape[0] + 1, 3))
     heading, north, east = state[0], state[1], state[2]
@@ -78,9 +80,11 @@ class MotionTable:
         starboard = np.sign(turns) * (radius - radius * np.cos(size) + self.straights_m * np.sin(size))
         ahead = radius * np.sin(size) + self.straights_m * np.cos(size)
         self.steps_m: Array = np.stack([ahead, starboard], axis=1)
-        count = int(math.ceil(float(self.lengths_m.max()) / config.track_spacing_m)) + 1
+        count = math.ceil(float(self.lengths_m.max()) / config.track_spacing_m) + 1
         fractions = np.linspace(0.0, 1.0, count)
-        self.tracks_m: Array = np.stack([self._body_points(a, fractions * self.lengths_m[a]) for a in range(turns.size)])
+        self.tracks_m: Array = np.stack(
+            [self._body_points(a, fractions * self.lengths_m[a]) for a in range(turns.size)]
+        )
         self.spacing_m = float(self.lengths_m.max()) / (count - 1)
         self.straight_on = int(np.argmin(size))
         self.loops_m, self.loop_actions = self._loops()

@@ -7,7 +7,7 @@
 | 0xF4 .. 0xF7 | as 0xF0 .. 0xF3, but lanes as far apart as the remaining steps need to cover the area |
 | 0xF8 | straight on, turning as little as needed at the boundary |
 | 0xF9 | hold: the tightest loop |
-| 0xFA .. 0xFE | as 0xF4, but over strip 1 to 5 of the area only, which is cut into as many strips as there are vehicles (at most 5) |
+| 0xFA .. 0xFE | as 0xF4, over strip 1 to 5 of as many strips of the area as there are vehicles (at most 5) |
 | 0xFF | none |
 
 A lawnmower is built from feasible primitives from any state. It follows the lane through its start, in the direction
@@ -20,6 +20,8 @@ and all arithmetic is scalar, so an id and a state give every receiver of a pack
 
 from __future__ import annotations
 
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
 import math
 from dataclasses import dataclass
 
@@ -49,7 +51,7 @@ HEADING_WEIGHT_M = 20.0
 
 
 @compiled
-def _wrap(angle):  # type: ignore[no-untyped-def]  # numba
+def _wrap(angle):
     while angle >= math.pi:
         angle -= 2.0 * math.pi
     while angle < -math.pi:
@@ -58,12 +60,30 @@ def _wrap(angle):  # type: ignore[no-untyped-def]  # numba
 
 
 @compiled
-def _lane_cost(offset, error):  # type: ignore[no-untyped-def]  # numba
+def _lane_cost(offset, error):
     return abs(offset) + HEADING_WEIGHT_M * abs(error)
 
 
 @compiled
-def lawnmower(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, count, axis, lanes, side, low, high, straight):  # type: ignore[no-untyped-def]  # numba
+def lawnmower(
+    raster,
+    north0,
+    east0,
+    cell,
+    tracks,
+    spacing,
+    loops,
+    turns,
+    steps,
+    state,
+    count,
+    axis,
+    lanes,
+    side,
+    low,
+    high,
+    straight,
+):
     """Actions of a lawnmower.
 
     Args:
@@ -152,7 +172,7 @@ def lawnmower(raster, north0, east0, cell, tracks, spacing, loops, turns, steps,
 
 
 @compiled
-def straight_on(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, count, order):  # type: ignore[no-untyped-def]  # numba
+def straight_on(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, count, order):
     """Actions that turn as little as possible; `order` lists the actions by the size of their turn."""
     actions = np.zeros(count, dtype=np.int64)
     heading, north, east = state[0], state[1], state[2]
@@ -163,7 +183,9 @@ def straight_on(raster, north0, east0, cell, tracks, spacing, loops, turns, step
                 action = a
                 break
         if action < 0:
-            action = escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east)
+            action = escape_action(
+                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east
+            )
         actions[index] = action
         heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
     return actions
@@ -275,7 +297,7 @@ class NaivePaths:
             side_first = self._freer_side(state)
             order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
             return np.asarray(straight_on(*space, state, steps, order))
-        raise ValueError(f"heuristic: got {heuristic:#04x}; expected one of {', '.join(f'{i:#04x}' for i in IDS)}, 0xff")
+        raise ValueError(f"heuristic: got {heuristic:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
 
     def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
         """Measurement places (P, 2) of naive path `heuristic` over `steps` legs from a state (3,)."""

@@ -13,11 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from auv_lse_gp.risk import LevelSet
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
-from auv_lse_planner.posterior import Columns, Posterior, join
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.posterior import Columns, Posterior
 
 Array = NDArray[np.float64]
 
@@ -61,9 +61,7 @@ class PathReward:
 
     def _expected(self, columns: Columns, var_after_m2: Array) -> Array:
         after = np.clip(var_after_m2, 0.0, columns.data_var_m2)
-        return self.level_set.expected_risk(
-            columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after)
-        )
+        return self.level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
 
     def contributions(self, columns: Columns) -> Array:
         """Expected benefit (P,) at each place of the path that has these places and no others."""
@@ -140,7 +138,7 @@ class PathReward:
             ],
             axis=1,
         )
-        return (before - self._expected(columns, after).reshape(batch, -1)).sum(axis=1)
+        return np.asarray((before - self._expected(columns, after).reshape(batch, -1)).sum(axis=1))
 
 
 def join_scalars(paths: list[Columns]) -> Columns:
@@ -156,9 +154,7 @@ def join_scalars(paths: list[Columns]) -> Columns:
 
 def _tiled(heads: Columns, tail: Columns, batch: int, count: int) -> Columns:
     def both(head: Array, end: Array) -> Array:
-        return np.concatenate(
-            [head.reshape(batch, count), np.broadcast_to(end, (batch, len(end)))], axis=1
-        ).ravel()
+        return np.concatenate([head.reshape(batch, count), np.broadcast_to(end, (batch, len(end)))], axis=1).ravel()
 
     return Columns(
         np.empty((0, 2)),
@@ -184,7 +180,4 @@ def _inverse_diagonal(matrix: Array) -> Array:
     if failed:
         raise ValueError(f"covariance of {len(matrix)} planned places is not positive definite (pivot {failed})")
     inverse, _ = dtrtri(factor, lower=1)
-    return np.einsum("ij,ij->j", inverse, inverse)
-
-
-__all__ = ["PathReward", "Tail", "join"]
+    return np.asarray(np.einsum("ij,ij->j", inverse, inverse))

@@ -13,14 +13,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dsyrk
+
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.factor import Factor, IllConditionedError
 from auv_lse_gp.kernels import Kernel
 from auv_lse_gp.online import Centers
 from auv_lse_gp.prior_mean import PriorMean, prior_mean
-from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dsyrk
 
 Array = NDArray[np.float64]
 

@@ -3,21 +3,23 @@
 F(V) = sum over p in M of  max over v in V of  d(p, v)  +  w sum over v in V of r(v),
 
 d(p, v) the expected drop of risk at p from one measurement at v alone (given the data and the team mates' plans),
-r(v) the risk at v itself, which counts once where a path passes a place again (`REVISIT_M`). For w = 0, F is monotone and submodular, never more than the exact drop
-by much nor of another order (tests: rank agreement), and costs some microseconds. Places are moved to the nearest
-place of the map's grid; d is read from a table of the expected risk in two numbers, h = (l - m) / s and
+r(v) the risk around v, which counts once where a path passes a place again (`REVISIT_M`). For w = 0, F is monotone
+and submodular, ranks paths like the exact drop (tests: rank agreement) and costs some microseconds. Places are moved
+to the nearest place of the map's grid; d is read from a table of the expected risk in two numbers, h = (l - m) / s and
 phi = asin(s_after / s) (for c1 = c2 and h = 0 the expected risk is linear in phi). Rows of d are made when first used.
 """
 
 from __future__ import annotations
 
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
 import math
 
 import numpy as np
-from auv_lse_gp.area import Grid
-from auv_lse_gp.risk import LevelSet
 from numpy.typing import NDArray
 
+from auv_lse_gp.area import Grid
+from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.compiled import compiled
 from auv_lse_planner.map_reward import MapReward
 
@@ -47,7 +49,7 @@ def risk_table(level_set: LevelSet) -> Array:
 
 
 @compiled
-def table_risk(table, h, phi):  # type: ignore[no-untyped-def]  # numba
+def table_risk(table, h, phi):
     """Expected risk from the table, bilinear."""
     x = (h + H_MAX) * ((H_COUNT - 1) / (2.0 * H_MAX))
     if not (x > 0.0 and x < H_COUNT - 1):
@@ -63,14 +65,14 @@ def table_risk(table, h, phi):  # type: ignore[no-untyped-def]  # numba
 
 
 @compiled
-def read_table(table, h, phi, result):  # type: ignore[no-untyped-def]  # numba
+def read_table(table, h, phi, result):
     """`table_risk` for arrays (M,)."""
     for p in range(result.shape[0]):
         result[p] = table_risk(table, h[p], phi[p])
 
 
 @compiled
-def fill_row(row, covariance, noise, place, table, h, data_var, base_var, base_risk):  # type: ignore[no-untyped-def]  # numba
+def fill_row(row, covariance, noise, place, table, h, data_var, base_var, base_risk):
     """Drop of risk at every place of the map from one measurement at map place `place`."""
     scale = 1.0 / (covariance[place, place] + noise)
     for p in range(row.shape[0]):
@@ -160,10 +162,29 @@ class Surrogate:
 
 
 @compiled
-def add_place(rows, ready, covariance, noise, table, h, data_var, base_var, base_risk, index, own, own_weight, north0, east0, cell, north, east, best):  # type: ignore[no-untyped-def]  # numba
+def add_place(
+    rows,
+    ready,
+    covariance,
+    noise,
+    table,
+    h,
+    data_var,
+    base_var,
+    base_risk,
+    index,
+    own,
+    own_weight,
+    north0,
+    east0,
+    cell,
+    north,
+    east,
+    best,
+):
     """Takes one place into `best` (M,), the drop at every place of the map so far."""
-    i = min(max(int(round((north - north0) / cell)), 0), index.shape[0] - 1)
-    j = min(max(int(round((east - east0) / cell)), 0), index.shape[1] - 1)
+    i = min(max(round((north - north0) / cell), 0), index.shape[0] - 1)
+    j = min(max(round((east - east0) / cell), 0), index.shape[1] - 1)
     place = index[i, j]
     row = rows[place]
     if not ready[place]:
@@ -175,7 +196,7 @@ def add_place(rows, ready, covariance, noise, table, h, data_var, base_var, base
 
 
 @compiled
-def own_risk(own, north0, east0, cell, north, east):  # type: ignore[no-untyped-def]  # numba
+def own_risk(own, north0, east0, cell, north, east):
     """Risk around a place: bilinear on the map's grid, which makes it a mean over the width of a cell.
 
     At the very place it would be no guide: on the estimated isobath it is largest however well that is known.
@@ -192,7 +213,7 @@ def own_risk(own, north0, east0, cell, north, east):  # type: ignore[no-untyped-
 
 
 @compiled
-def value_of(surrogate, places, best):  # type: ignore[no-untyped-def]  # numba
+def value_of(surrogate, places, best):
     """F of places (P, 2); `best` (M,) holds the drops that are had already."""
     own, weight = surrogate[10], surrogate[11]
     north0, east0, cell = surrogate[12], surrogate[13], surrogate[14]

@@ -95,7 +95,7 @@ class Team:
         return [v for v in others if rank[v] < rank[self._vehicle]]
 
     def legs_ahead(self, now_s: float, vehicle: int) -> tuple[Array, NDArray[np.int64]]:
-        """States (L, 3) and actions (L,) of the legs that a team mate has still to travel, by time since it was heard."""
+        """States (L, 3) and actions (L,) of the legs that a team mate has still to travel, by its clock."""
         mate = self._mates.get(vehicle)
         if mate is None or now_s - mate.last_heard_s >= self._expiry_s:
             return np.empty((0, 3)), np.empty(0, dtype=np.int64)

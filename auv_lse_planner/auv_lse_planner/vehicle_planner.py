@@ -20,15 +20,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
+
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.online import Centers
-from numpy.typing import NDArray
-
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.map_reward import MapReward
-from auv_lse_planner.methods import Recipe, recipe
+from auv_lse_planner.methods import Recipe, late, recipe
 from auv_lse_planner.motion import MotionTable
 from auv_lse_planner.naive import IDS, NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
@@ -244,10 +244,10 @@ class VehiclePlanner:
             return
         speed = speed_mps if math.isfinite(speed_mps) else self.settings.vehicle.speed_mps
         self._odometry = _Odometry(now_s, heading_rad, north_m, east_m, speed)
-        if self._leg is not None and self._next_leg is not None:
-            if self._leg.progress_m(north_m, east_m) >= self._leg.length_m - 1e-9:
-                self._start_leg(self._next_leg, now_s)
-                self._next_leg = None
+        leg, following = self._leg, self._next_leg
+        if leg is not None and following is not None and leg.progress_m(north_m, east_m) >= leg.length_m - 1e-9:
+            self._start_leg(following, now_s)
+            self._next_leg = None
 
     def _start_leg(self, leg: Leg, now_s: float) -> None:
         self._leg, self._leg_started_s = leg, now_s
@@ -279,7 +279,8 @@ class VehiclePlanner:
         )
 
     def _remaining_m(self) -> float:
-        assert self._leg is not None and self._odometry is not None
+        assert self._leg is not None
+        assert self._odometry is not None
         return self._leg.length_m - self._leg.progress_m(self._odometry.north_m, self._odometry.east_m)
 
     def _overdue(self, now_s: float) -> bool:
@@ -413,6 +414,8 @@ class VehiclePlanner:
         deadline: Callable[[], bool] | None,
     ) -> Decision:
         how = self.recipe
+        if step >= how.late_share * self.settings.mission.steps:
+            how = late(how)
         left = self.settings.mission.steps - step
         horizon = min(how.horizon, left)
         heuristics = how.naive_paths if how.tail and left > horizon else ()
@@ -436,9 +439,7 @@ class VehiclePlanner:
             level_set = dataclasses.replace(level_set, method=how.risk_method)
         reward: PathReward | MapReward
         if how.objective == "map":
-            reward = MapReward(
-                self._map_posterior(), level_set, how.own_area_m2 / self.planner.map_spacing_m**2
-            )
+            reward = MapReward(self._map_posterior(), level_set, how.own_area_m2 / self.planner.map_spacing_m**2)
             if math.isnan(self._risk_at_start):
                 self._risk_at_start = float(reward.risk_in_hand.sum())
             # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kernels import Kernel

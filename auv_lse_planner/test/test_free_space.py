@@ -2,17 +2,20 @@ import math
 
 import numpy as np
 import pytest
+from planner_helpers import border_distance, world
+
 from auv_lse_planner.compiled import plain
 from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.free_space import _feasible_mask, clearance_at, escape_action, leg_clearance
-from planner_helpers import border_distance, world
 
 ISLAND = {"island": (100.0, 150.0, 180.0, 150.0, 180.0, 250.0, 100.0, 250.0)}
 L_SHAPE = (0.0, 0.0, 300.0, 0.0, 300.0, 70.0, 90.0, 70.0, 90.0, 400.0, 0.0, 400.0)
 
 
 @pytest.mark.parametrize("straight", ["constant", "printed"])
-@pytest.mark.parametrize(("polygon", "no_go"), [((0.0, 0.0, 400.0, 0.0, 400.0, 420.0, 0.0, 420.0), ISLAND), (L_SHAPE, {})])
+@pytest.mark.parametrize(
+    ("polygon", "no_go"), [((0.0, 0.0, 400.0, 0.0, 400.0, 420.0, 0.0, 420.0), ISLAND), (L_SHAPE, {})]
+)
 def test_random_walks_of_feasible_actions_never_get_stuck_nor_leave(polygon, no_go, straight):
     area, motion, space, _ = world(polygon, MotionConfig(straight=straight), no_go=no_go)
     if straight == "printed" and polygon is L_SHAPE:
@@ -38,7 +41,9 @@ def test_random_walks_of_feasible_actions_never_get_stuck_nor_leave(polygon, no_
 
 def test_pockets_are_not_entered():
     # A corridor 24 m wide inside the margin: the vehicle fits, its turning circle (30 m) does not.
-    area, motion, space, _ = world((0.0, 0.0, 200.0, 0.0, 200.0, 200.0, 124.0, 200.0, 124.0, 420.0, 80.0, 420.0, 80.0, 200.0, 0.0, 200.0))
+    _, motion, space, _ = world(
+        (0.0, 0.0, 200.0, 0.0, 200.0, 200.0, 124.0, 200.0, 124.0, 420.0, 80.0, 420.0, 80.0, 200.0, 0.0, 200.0)
+    )
     state = np.array([math.pi / 2, 102.0, 165.0])  # heading for the corridor's mouth
     free = [a for a in range(motion.actions) if space.leg_free(state, a)]
     assert motion.straight_on in free
@@ -48,7 +53,7 @@ def test_pockets_are_not_entered():
 
 
 def test_escape_leads_back_from_a_corner_and_from_outside():
-    area, motion, space, _ = world()
+    _, motion, space, _ = world()
     for state in (np.array([0.8, 378.0, 478.0]), np.array([0.0, 390.0, 200.0]), np.array([math.pi, -30.0, -30.0])):
         assert not len(space.feasible(state))
         for _ in range(12):
@@ -77,7 +82,7 @@ def test_shallow_ground_is_kept_clear_of():
 
 
 def test_compiled_functions_equal_the_plain_ones():
-    _, motion, space, _ = world(no_go=ISLAND)
+    _, _, space, _ = world(no_go=ISLAND)
     a = space.arguments()
     rng = np.random.default_rng(6)
     for _ in range(40):

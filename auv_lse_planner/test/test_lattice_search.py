@@ -1,6 +1,8 @@
-import auv_lse_planner.lattice_search as module
 import numpy as np
 import pytest
+from planner_helpers import centers, world
+
+import auv_lse_planner.lattice_search as module
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.compiled import plain
@@ -8,7 +10,6 @@ from auv_lse_planner.lattice_search import LatticeSearch
 from auv_lse_planner.map_reward import MapReward
 from auv_lse_planner.posterior import Posterior
 from auv_lse_planner.surrogate import Surrogate
-from planner_helpers import centers, world
 
 STATE = np.array([0.4, 150.0, 200.0])
 

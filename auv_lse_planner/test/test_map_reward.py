@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
+from planner_helpers import area, centers, dense_posterior, expected_risk
+
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.online import Centers
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.map_reward import MapReward
 from auv_lse_planner.posterior import Posterior
-from planner_helpers import area, centers, dense_posterior, expected_risk
 
 
 def _situation(seed, data=60, team=0, level=None):

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_planner.compiled import plain
 from auv_lse_planner.config import MotionConfig
@@ -64,7 +65,9 @@ def test_compiled_and_plain_steps_are_the_same_bits(table):
         arguments = (*state, table.turns_rad[action], *table.steps_m[action])
         assert advance(*arguments) == plain(advance)(*arguments)
     actions = rng.integers(0, table.actions, 100)
-    assert np.array_equal(table.roll(state, actions)[-1], roll_states(state, actions, table.turns_rad, table.steps_m)[-1])
+    assert np.array_equal(
+        table.roll(state, actions)[-1], roll_states(state, actions, table.turns_rad, table.steps_m)[-1]
+    )
 
 
 def test_loops_are_the_turning_circles(table):

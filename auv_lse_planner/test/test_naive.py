@@ -2,10 +2,11 @@ import math
 
 import numpy as np
 import pytest
+from planner_helpers import area, world
+
 from auv_lse_planner.compiled import plain
 from auv_lse_planner.config import MotionConfig, PlannerConfig
 from auv_lse_planner.naive import COVERING, HOLD, IDS, LAWNMOWERS, NONE, STRAIGHT_ON, lawnmower, naive_path, straight_on
-from planner_helpers import area, world
 
 
 def _states(count, seed=1):
@@ -47,7 +48,7 @@ def test_the_map_of_one_vehicle_does_not_change_the_path():
 
 
 def test_compiled_paths_equal_the_plain_ones():
-    _, motion, space, naive = world()
+    _, _, space, naive = world()
     frame = naive._frames[0]
     order = naive._by_size
     for state in _states(4, seed=3):

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from planner_helpers import centers, dense_posterior, expected_risk
+
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.posterior import Posterior, join
-from planner_helpers import centers, dense_posterior, expected_risk
 
 
 def _situation(seed, data=60, team=0, level=None, credit="printed"):

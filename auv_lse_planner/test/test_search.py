@@ -1,5 +1,9 @@
+import itertools
+
 import numpy as np
 import pytest
+from planner_helpers import centers, world
+
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.naive import LAWNMOWERS
@@ -7,7 +11,6 @@ from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.posterior import Posterior
 from auv_lse_planner.search import TreeSearch, exhaustive_search
 from auv_lse_planner.sequences import PathSequences
-from planner_helpers import centers, world
 
 
 def _toy(horizon=4, kinds=5, seed=3):
@@ -51,8 +54,7 @@ def test_it_finds_the_optimum_of_a_small_tree():
 
 
 def test_the_exhaustive_search_is_the_plain_maximum():
-    choices, end_state, valuer, horizon = _toy(horizon=3)
-    import itertools
+    choices, end_state, valuer, _ = _toy(horizon=3)
 
     allowed = [s for s in itertools.product(range(5), repeat=3) if s[1] < 4]
     best = exhaustive_search(choices, end_state, valuer, np.zeros(3), 3)
@@ -71,7 +73,9 @@ def test_seeds_are_tried_first_and_bad_ones_skipped():
     problem = _toy()
     good = exhaustive_search(*problem[:3], np.zeros(3), 4)
     result = _search(problem, np.random.default_rng(4)).run(
-        np.zeros(3), 2, seeds=[(0, 4, 0, 0), good.actions]  # action 4 is not allowed at step 1
+        np.zeros(3),
+        2,
+        seeds=[(0, 4, 0, 0), good.actions],  # action 4 is not allowed at step 1
     )
     assert result.value == pytest.approx(good.value)
 
@@ -105,7 +109,7 @@ def test_tree_search_against_exhaustive_search_on_real_situations():
 
 
 def test_sequences_are_valued_with_their_naive_path():
-    _, motion, space, naive = world()
+    _, motion, _, naive = world()
     rng = np.random.default_rng(9)
     posterior = Posterior(GpConfig())
     posterior.set_centers(centers(rng, 40))

@@ -1,18 +1,19 @@
 import numpy as np
 import pytest
+from planner_helpers import centers, world
+from scipy.stats import spearmanr
+
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.compiled import plain
 from auv_lse_planner.map_reward import MapReward
 from auv_lse_planner.posterior import Posterior
 from auv_lse_planner.surrogate import Surrogate, fill_row, risk_table, table_risk
-from planner_helpers import centers, world
-from scipy.stats import spearmanr
 
 
 def _situation(seed, data, team=0, level=None, spacing=20.0):
     rng = np.random.default_rng(seed)
-    a, motion, space, naive = world()
+    a, motion, space, _ = world()
     grid = a.grid(spacing)
     posterior = Posterior(GpConfig())
     posterior.watch(grid.places_m)

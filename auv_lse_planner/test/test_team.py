@@ -1,4 +1,5 @@
 import numpy as np
+
 from auv_lse_planner.plan import Plan
 from auv_lse_planner.team import Team
 

@@ -1,15 +1,17 @@
 import dataclasses
+import itertools
 import math
 
 import numpy as np
 import pytest
+from planner_helpers import centers, depth, settings
+
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_gp.online import Centers, OnlineGp
 from auv_lse_planner.config import METHODS, PlannerConfig, PlannerSettings
 from auv_lse_planner.methods import RECIPES, recipe
 from auv_lse_planner.plan import Plan
 from auv_lse_planner.vehicle_planner import VehiclePlanner
-from planner_helpers import centers, depth, settings
 
 
 def _fly(planner, gp=None, ticks=2000, until=None, push=None):
@@ -50,7 +52,7 @@ def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
     assert planner.finished
     assert [d.leg.step for d in decisions] == list(range(12))
     assert [r.step for r in planner.records] == list(range(12))
-    for before, after in zip(decisions, decisions[1:], strict=False):
+    for before, after in itertools.pairwise(decisions):
         end = before.leg.end_state
         assert (after.leg.north_m, after.leg.east_m) == pytest.approx((end[1], end[2]), abs=1e-3)
     for d in decisions:
@@ -279,7 +281,7 @@ def test_samples_per_leg_count_in_the_reward():
 
 
 def test_a_vehicle_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="vehicle: got 4; expected 1 to mission.vehicles = 2"):
+    with pytest.raises(ValueError, match=r"vehicle: got 4; expected 1 to mission\.vehicles = 2"):
         VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
 
 
@@ -287,7 +289,13 @@ def test_recipes_are_the_papers_and_can_be_overridden():
     paper = RECIPES["augmented"]
     assert (paper.objective, paper.credit, paper.horizon, paper.tail) == ("path", "printed", 3, True)
     plain = RECIPES["plain"]
-    assert (plain.objective, plain.credit, plain.horizon, plain.tail, plain.incumbent) == ("path", "printed", 10, False, False)
+    assert (plain.objective, plain.credit, plain.horizon, plain.tail, plain.incumbent) == (
+        "path",
+        "printed",
+        10,
+        False,
+        False,
+    )
     changed = recipe(PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)))
     assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))
     assert recipe(PlannerConfig(method="plain", tail=True)).naive_paths == (0xF0,)
