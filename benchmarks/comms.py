@@ -366,8 +366,8 @@ def selections(seeds: int = 3, scenes: dict[str, dict[str, Any]] = SCENES) -> li
                 goal = "ratio < 1" if kind == "regret" and choice == "useful" else ""
                 rows.append(
                     row(
-                        f"local-map {kind}, {scene}: {choice}", mean, "cost per place", against="every n-th", ratio=ratio,
-                        goal=goal, holds=ratio < 1.0 if goal else None,
+                        f"local-map {kind}, {scene}: {choice}", mean, "cost per place", against="every n-th",
+                        ratio=ratio, goal=goal, holds=ratio < 1.0 if goal else None,
                     )
                 )  # fmt: skip
             if not first:

@@ -31,7 +31,12 @@ class TdmaConfig:
         0.0, unit="s", low=-1e10, high=1e10, help="time at which a cycle starts (for field use: in UTC)"
     )
     send_duration_s: float = parameter(
-        2.2, unit="s", above=0.0, high=600.0, help="time one packet takes to send (about 2 s at rate 4)"
+        2.2,
+        unit="s",
+        above=0.0,
+        high=600.0,
+        help="longest time from handing a packet to the modem until it is sent: 2 s at rate 4, and for a real modem up "
+        "to modem.start_timeout_s more",
     )
     max_range_m: float = parameter(
         1500.0, unit="m", low=0.0, high=100e3, help="farthest two vehicles get: its travel time must fit the slot too"
