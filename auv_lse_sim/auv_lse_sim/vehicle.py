@@ -393,18 +393,28 @@ class SimVehicle:
             return pings
         self._pings = np.concatenate([self._pings, pings]) if len(self._pings) else pings
         if not len(self._pings):
-            return np.empty((0, 4))
+            return self._pings
         window = np.ceil(self._pings[:, 0] / every - 1e-6)
         done = math.floor(self._stamps[-1] / every + 1e-6)
-        soundings: list[Array] = []
-        for w in np.unique(window[window <= done]):
-            group = self._pings[window == w]
-            if self._sim.altimeter.ideal or self._sim.ideal:
-                soundings.append(group[len(group) // 2])
-            elif len(group) >= self._sim.altimeter.least_pings:
-                soundings.append(np.append(group[:, :3].mean(axis=0), np.median(group[:, 3])))
-        self._pings = self._pings[window > done]
-        return np.array(soundings) if soundings else np.empty((0, 4))
+        count = int(np.searchsorted(window, done, side="right"))
+        edges = np.flatnonzero(window[1:count] != window[: max(count - 1, 0)]) + 1
+        soundings = [self._sounding(group) for group in np.split(self._pings[:count], edges) if len(group)]
+        self._pings = self._pings[count:]
+        found = [s for s in soundings if s is not None]
+        return np.array(found) if found else np.empty((0, 4))
+
+    def _sounding(self, pings: Array) -> Array | None:
+        """One sounding of the pings (n, 4) of its time: where they are on average, and their median depth."""
+        n = len(pings)
+        if self._sim.altimeter.ideal or self._sim.ideal:
+            middle: Array = pings[n // 2]
+            return middle
+        if n < self._sim.altimeter.least_pings:
+            return None
+        sounding: Array = pings.sum(axis=0) / n
+        depths = np.sort(pings[:, 3])
+        sounding[3] = 0.5 * (depths[(n - 1) // 2] + depths[n // 2])
+        return sounding
 
     def odometry(self, now_s: float) -> Odometry:
         """The filter's estimate at the end of the last tick."""
