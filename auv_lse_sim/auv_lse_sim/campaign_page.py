@@ -21,6 +21,7 @@ from auv_lse_sim.statistics import Interval, interval
 
 #: What settings are compared in: column, heading, and whether more is better.
 MEASURES: tuple[tuple[str, str, bool], ...] = (
+    ("risk_third", "risk at a third (cost/place)", False),
     ("risk_after", "final risk (cost/place)", False),
     ("f1", "F1", True),
     ("isobath_error_m", "isobath error (m)", False),
@@ -34,7 +35,7 @@ MEASURES: tuple[tuple[str, str, bool], ...] = (
 )
 
 #: The measures that get a panel in the comparison.
-SHOWN = ("risk_after", "f1", "isobath_error_m", "misclassified_m2")
+SHOWN = ("risk_third", "risk_after", "f1", "isobath_error_m")
 
 Row = Mapping[str, Any]
 
@@ -89,7 +90,7 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
 
 
 _COMPARISON = "Every setting: each seed's result (dots), their mean and its 95 % confidence interval."
-_CURVES = "Stepwise team reward over steps: mean over seeds and its 95 % confidence interval."
+_CURVES = "Risk over the map, and stepwise team reward, over steps: mean over seeds, 95 % confidence interval."
 
 
 def _draw(figure: Figure, folder: Path, name: str, caption: str) -> tuple[str, str]:
@@ -150,34 +151,45 @@ def _dot(axis: Any, mean: Interval, values: Sequence[float], place: int, rng: np
 
 
 def curves(groups: Mapping[str, Sequence[Row]]) -> Figure:
-    """Mean stepwise reward over steps of every setting (of the first 16)."""
+    """Mean risk over the map, and mean stepwise reward, over steps, of every setting (of the first 16)."""
     with matplotlib.rc_context(STYLE):
-        figure = new_figure(WIDTH_IN, 3.2 + 0.06 * len(groups))
-        axis = figure.subplots()
-        for place, (label, rows) in enumerate(list(groups.items())[:16]):
-            runs = [r["stepwise"] for r in rows if r.get("stepwise")]
-            if not runs:
-                continue
-            length = min(map(len, runs))
-            values = np.array([run[:length] for run in runs])
-            mean = values.mean(axis=0)
-            style: dict[str, Any] = {
-                "color": COLORS[place % len(COLORS)],
-                "ls": DASHES[place // len(COLORS) % len(DASHES)],
-            }
-            axis.plot(mean, lw=1.4, label=label, **style)
-            if len(runs) > 1:
-                half = np.array([interval(column).half for column in values.T])
-                axis.fill_between(range(length), mean - half, mean + half, color=style["color"], alpha=0.15, lw=0)
-        axis.set_xlabel("step")
-        axis.set_ylabel("team reward, stepwise (units of cost)")
-        axis.set_xlim(left=0)
-        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axis.grid(True, color="#e4e4e4", lw=0.5)
-        axis.set_axisbelow(True)
+        lines = (min(len(groups), 16) + 2) // 3
+        figure = new_figure(WIDTH_IN, 2.9 + 0.17 * lines)
+        axes = figure.subplots(1, 2)
+        for axis, column, label in zip(
+            axes, ("risk", "stepwise"), ("risk (cost/place)", "team reward, stepwise (cost)"), strict=True
+        ):
+            for place, rows in enumerate(list(groups.values())[:16]):
+                _curve(axis, [r[column] for r in rows if r.get(column)], place)
+            axis.set_xlabel("step")
+            axis.set_ylabel(label)
+            axis.set_xlim(left=0)
+            axis.set_ylim(bottom=0.0)
+            axis.xaxis.set_major_locator(MaxNLocator(integer=True))
+            axis.grid(True, color="#e4e4e4", lw=0.5)
+            axis.set_axisbelow(True)
         if len(groups) > 1:
-            figure.legend(loc="outside right upper", fontsize=7.0)
+            handles = [Line2D([], [], label=name, **_line(i)) for i, name in enumerate(list(groups)[:16])]
+            figure.legend(handles=handles, loc="outside lower center", ncols=3, fontsize=7.0, handlelength=2.4)
         return figure
+
+
+def _line(place: int) -> dict[str, Any]:
+    return {"color": COLORS[place % len(COLORS)], "ls": DASHES[place // len(COLORS) % len(DASHES)], "lw": 1.4}
+
+
+def _curve(axis: Any, runs: Sequence[Sequence[float | None]], place: int) -> None:
+    """Mean over runs of a curve, where all of them know it, and its confidence interval."""
+    if not runs:
+        return
+    length = min(map(len, runs))
+    values = np.array([[np.nan if v is None else v for v in run[:length]] for run in runs])
+    at = np.flatnonzero(np.isfinite(values).all(axis=0))
+    mean = values[:, at].mean(axis=0)
+    axis.plot(at, mean, **_line(place))
+    if len(runs) > 2:
+        half = np.array([interval(column).half for column in values[:, at].T])
+        axis.fill_between(at, mean - half, mean + half, color=COLORS[place % len(COLORS)], alpha=0.13, lw=0)
 
 
 def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) -> Figure | None:

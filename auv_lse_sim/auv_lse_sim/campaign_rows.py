@@ -34,7 +34,7 @@ HEADER = (
 )
 
 #: Columns that hold a curve over steps.
-CURVES = ("stepwise", "bound", "whole", "whole_bound")
+CURVES = ("stepwise", "bound", "whole", "whole_bound", "risk")
 
 
 def schema(varied: Mapping[str, Sequence[Any]]) -> pyarrow.Schema:

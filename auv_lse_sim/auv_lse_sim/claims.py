@@ -85,6 +85,7 @@ def by_seed(rows: Sequence[Row], column: str) -> dict[int, float | None]:
 COMPARED = (
     ("team_reward", "team reward, stepwise (cost)", True),
     ("path_reward", "path reward (cost)", True),
+    ("risk_third", "risk at a third of the mission (cost/place)", False),
     ("risk_after", "final risk (cost/place)", False),
     ("f1", "F1", True),
     ("isobath_error_m", "isobath error (m)", False),

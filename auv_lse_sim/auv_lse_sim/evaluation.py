@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.params import parameters_for
-from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.depth_map import DepthMap, Field
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim import isobath
@@ -29,6 +29,9 @@ Mask = NDArray[np.bool_]
 
 #: Separation of vehicles is not judged before this time (s): they all start at one place, at their own depths.
 SEPARATION_FROM_S = 60.0
+
+#: Number of places over which the risk is averaged at steps under way (at the end: over all).
+RISK_PLACES = 1500
 
 
 @dataclass(slots=True, kw_only=True)
@@ -46,8 +49,6 @@ class Evaluation:
         estimate: Lines of the estimated isobath.
         truth: Lines of the true isobath (empty without truth).
         scored: Cells judged, shape of the map.
-        risk_at_steps: Joint steps at which `risk_history` was taken.
-        risk_history: Mean Bayes risk of the team's map at those steps.
         summary: The figures of merit.
         seconds: Wall-clock time by part of the evaluation, for the impatient; filled in by the caller.
     """
@@ -113,7 +114,7 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
     everything = np.concatenate([v.soundings for v in run.vehicles])
     team_map = _map(first, area, everything)
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
-    curves = replay(run, settings, area, bounds)
+    curves = replay(run, settings, area, bounds, _thinned(prior.grid, scored))
     evaluation = Evaluation(
         run=run,
         settings=settings,
@@ -129,6 +130,13 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
     )
     evaluation.summary = _summary(evaluation)
     return evaluation
+
+
+def _thinned(grid: Grid, scored: Mask) -> Array:
+    """Every k-th of the places judged, about `RISK_PLACES` of them, for the risk over steps."""
+    rows, columns = np.nonzero(scored)
+    apart = max(1, round(len(rows) / RISK_PLACES))
+    return np.column_stack([grid.north_m[rows], grid.east_m[columns]])[::apart]
 
 
 def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingArea, tick_s: float) -> DepthMap:
@@ -234,6 +242,7 @@ def _summary(e: Evaluation) -> Summary:
         lawnmower_value=curves.naive_value,
         path_bound_kept=bool(curves.whole[-1] >= curves.naive_value) if run.steps else None,
         risk_before=mean(e.prior.risk),
+        risk_third=_at_third(curves.risk),
         risk_after=mean(e.team.risk),
         loss_after=of(verdict, lambda v: v.loss),
         f1=of(verdict, lambda v: v.f1),
@@ -267,6 +276,12 @@ def _summary(e: Evaluation) -> Summary:
         sim_s=run.sim_s,
         wall_s=known(run.wall_s),
     )
+
+
+def _at_third(risk: Array) -> float | None:
+    """Value of a curve over steps after a third of them; None if there is no such step."""
+    third = round((len(risk) - 1) / 3.0)
+    return float(risk[third]) if third > 0 and math.isfinite(risk[third]) else None
 
 
 def _last(values: Array) -> float | None:

@@ -144,6 +144,24 @@ def reward(e: Evaluation) -> Figure:
         return figure
 
 
+def risk_over_steps(e: Evaluation) -> Figure | None:
+    """Mean Bayes risk over the map against steps; None if it was not computed."""
+    known = np.flatnonzero(np.isfinite(e.curves.risk))
+    if len(known) < 2:
+        return None
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(WIDTH_IN, 2.4)
+        axis = figure.subplots()
+        axis.plot(known, e.curves.risk[known], "o-", ms=3.5, lw=1.5, color="#0072B2")
+        axis.set_xlabel("step")
+        axis.set_ylabel("mean Bayes risk (cost/place)")
+        axis.set_xlim(0, len(e.curves.risk) - 1)
+        axis.set_ylim(bottom=0.0)
+        axis.grid(True, color="#e4e4e4", lw=0.5)
+        axis.set_axisbelow(True)
+        return figure
+
+
 def local_risk_error(e: Evaluation) -> Figure:
     """Per vehicle: posterior risk of its own final map less the risk given all soundings."""
     with matplotlib.rc_context(STYLE):
@@ -351,6 +369,11 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
         "below it. (b) The whole path as one: drop of risk since the start at all places visited, its expectation at "
         "the mission's end if the plans in hand are carried out, and the value of mowing the lawn.",
         reward,
+    ),
+    (
+        "risk_over_steps.png",
+        "Mean Bayes risk over the map, given the soundings of all vehicles so far.",
+        risk_over_steps,
     ),
     (
         "local_risk_error.png",

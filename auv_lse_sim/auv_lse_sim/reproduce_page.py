@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from auv_lse_sim import figures
 from auv_lse_sim.campaign import columns_of
-from auv_lse_sim.campaign_page import comparison, sweep_figure, value_of
+from auv_lse_sim.campaign_page import comparison, curves, sweep_figure, value_of
 from auv_lse_sim.campaign_rows import Rows
 from auv_lse_sim.claims import Claim, claims
 from auv_lse_sim.evaluation import Evaluation
@@ -34,6 +34,7 @@ COLUMNS = (
     ("bound_kept", "above printed bound (share)"),
     ("path_reward", "path reward (cost)"),
     ("path_bound_kept", "above lawnmower's value (share)"),
+    ("risk_third", "risk at a third (cost/place)"),
     ("risk_after", "final risk (cost/place)"),
     ("f1", "F1"),
     ("isobath_error_m", "isobath error (m)"),
@@ -122,8 +123,13 @@ def _table(groups: Mapping[tuple[int, str], Sequence[Row]]) -> str:
 def _groups_figure(folder: Path, name: str, groups: Mapping[tuple[int, str], Sequence[Row]]) -> str:
     if not groups:
         return "<p>No mission has finished yet.</p>"
-    save(comparison({trial_name(*key): rows for key, rows in groups.items()}), folder / f"{name}.png")
-    return embedded(folder / f"{name}.png", "Each seed (dots), mean and 95 % confidence interval.")
+    named = {trial_name(*key): rows for key, rows in groups.items()}
+    save(comparison(named), folder / f"{name}.png")
+    save(curves(named), folder / f"{name}_curves.png")
+    caption = "Risk over the map, and stepwise team reward, over steps: mean and 95 % confidence interval."
+    return embedded(folder / f"{name}.png", "Each seed (dots), mean and 95 % confidence interval.") + embedded(
+        folder / f"{name}_curves.png", caption
+    )
 
 
 # Figures of single missions -------------------------------------------------------------------------------------------

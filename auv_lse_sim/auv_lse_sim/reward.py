@@ -35,6 +35,9 @@ from auv_lse_sim.run_data import DecisionRecord, RunData, VehicleRun
 
 Array = NDArray[np.float64]
 
+#: Parts of the mission after each of which the map's risk is averaged.
+RISK_EVERY = 12
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curves:
@@ -47,6 +50,7 @@ class Curves:
         whole_bound: Expected whole-path reward if the plans in hand are carried out; NaN where not computed, (n + 1,).
         naive_value: Expected whole-path reward, before the first leg, of every vehicle mowing the lawn from its start.
         per_vehicle: Stepwise reward of each vehicle's legs, shape (K, n).
+        risk: Mean Bayes risk over the map given the data so far (cost/place), NaN where not computed, shape (n + 1,).
     """
 
     stepwise: Array
@@ -55,6 +59,7 @@ class Curves:
     whole_bound: Array
     naive_value: float
     per_vehicle: Array
+    risk: Array
 
     @property
     def bound_max(self) -> Array:
@@ -153,7 +158,9 @@ def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
     return np.array([*times, np.inf])
 
 
-def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, bounds: int = 34) -> Curves:
+def replay(
+    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, bounds: int = 34, map_m: Array | None = None
+) -> Curves:
     """Replays a mission's reward and bounds from its soundings.
 
     Args:
@@ -161,6 +168,7 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
         settings: The planner's settings of each vehicle, in order.
         area: The operating area.
         bounds: At most about this many steps get their bounds computed (each takes some 20 ms for 300 places).
+        map_m: Places (P, 2) over which the map's risk is averaged, at start, end and each `RISK_EVERY` of the steps.
     """
     steps, level_set = run.steps, settings[0].level_set
     paths = [PlannedPath(s, area) for s in settings]
@@ -173,6 +181,10 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
     stepwise, whole = np.zeros(steps + 1), np.zeros(steps + 1)
     bound, whole_bound = np.full(steps + 1, np.nan), np.full(steps + 1, np.nan)
     per_vehicle = np.zeros((len(run.vehicles), steps))
+    risk = np.full(steps + 1, np.nan)
+    if map_m is not None:
+        risk[0] = _risk(gp, level_set, map_m).mean()
+    averaged = {round(steps * i / RISK_EVERY) for i in range(RISK_EVERY + 1)}
     augmented = any(d.heuristic != NONE for v in run.vehicles for d in v.decisions)
     chosen = set(np.linspace(0, steps - 1, min(max(bounds, 2), steps)).round().astype(int).tolist()) if steps else set()
     for step in range(steps):
@@ -197,6 +209,8 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
         drop = before_leg - _risk(gp, level_set, here)
         per_vehicle[:, step] = np.bincount(owner, drop, minlength=len(places))
         stepwise[step + 1] = stepwise[step] + drop.sum()
+        if map_m is not None and step + 1 in averaged:
+            risk[step + 1] = _risk(gp, level_set, map_m).mean()
         visited = np.concatenate([visited, here])
         prior_visited = np.concatenate([prior_visited, _risk(OnlineGp(settings[0].gp), level_set, here)])
         whole[step + 1] = float((prior_visited - _risk(gp, level_set, visited)).sum())
@@ -209,6 +223,7 @@ def replay(run: RunData, settings: Sequence[PlannerSettings], area: OperatingAre
         whole_bound=whole_bound,
         naive_value=_naive_value(run, settings, paths, noise_m2),
         per_vehicle=per_vehicle,
+        risk=risk,
     )
 
 

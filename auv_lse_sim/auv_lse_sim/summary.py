@@ -41,6 +41,7 @@ class Summary:
     lawnmower_value: float = figure("cost", "expected path_reward, at the start, of all vehicles mowing the lawn")
     path_bound_kept: bool | None = figure("", "whether path_reward is at least lawnmower_value")
     risk_before: float = figure("cost/place", "mean Bayes risk over the map before the mission")
+    risk_third: float | None = figure("cost/place", "the same after a third of the steps (over a part of the places)")
     risk_after: float = figure("cost/place", "mean Bayes risk over the map given the soundings of all vehicles")
     loss_after: float | None = figure(
         "cost/place", "mean of the costs really incurred by the final calls; as large as risk_after if that is honest"

@@ -52,6 +52,7 @@ def rows_of(reward, risk, *, error=0.1, kept=True):
                 "path_reward": 1400.0 + lake,
                 "risk_after": risk + 0.01 * (seed % 3),
                 "risk_before": 5.0,
+                "risk_third": 2.0 * risk,
                 "f1": 0.9,
                 "isobath_error_m": 10.0 * risk,
                 "bound_kept": kept,

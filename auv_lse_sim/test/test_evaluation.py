@@ -31,6 +31,10 @@ def test_summary_of_a_known_mission(evaluation, synthetic_run):
     assert s.risk_before == pytest.approx(5.0)  # prior mean at the level, c1 = c2 = 10
     assert s.risk_after == pytest.approx(float(evaluation.team.risk[evaluation.scored].mean()))
     assert s.risk_after < 0.2 * s.risk_before
+    assert s.risk_after < s.risk_third < s.risk_before
+    risk = evaluation.curves.risk
+    assert risk[0] == pytest.approx(s.risk_before)
+    assert risk[-1] == pytest.approx(s.risk_after, rel=0.1)  # over a part of the places, soundings in another order
     assert s.area_m2 == 240.0 * 300.0
     assert s.misclassified_m2 == s.false_safe_m2 + s.false_unsafe_m2
     assert s.loss_after == pytest.approx(10.0 * s.misclassified_m2 / s.area_m2)

@@ -37,7 +37,7 @@ def test_the_page_needs_nothing_but_itself(folder):
     assert not re.search(r"(src|href)=[\"'](?!data:)", page)
     assert "http" not in page
     assert "<script" not in page
-    assert page.count("data:image/png;base64,") == 5
+    assert page.count("data:image/png;base64,") == 6
     assert "prefers-color-scheme: dark" in page
     for key, _, _ in table():
         assert f"<code>{key}</code>" in page

@@ -67,7 +67,7 @@ def test_a_reproduction_in_miniature(tmp_path, monkeypatch, capsys):
     page = (tmp_path / "r" / "reproduce.html").read_text()
     assert not re.search(r"(src|href)=[\"'](?!data:)", page)
     assert "lower bound" in page
-    assert page.count("data:image/png;base64,") == 3 + 1 + 1  # the paper's three, trials, sensitivity
+    assert page.count("data:image/png;base64,") == 3 + 2 + 1  # the paper's three, trials, sensitivity
     results = json.loads((tmp_path / "r" / "results.json").read_text())
     assert {(t["vehicles"], t["method"]) for t in results["trials"]} == {
         (k, m) for k in (2, 3) for m in ("augmented", "lawnmower")
