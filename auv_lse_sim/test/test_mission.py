@@ -131,6 +131,22 @@ def test_both_wirings_decide_alike(mission: tuple[Path, subprocess.CompletedProc
             assert a.jbar == b.jbar
 
 
+def test_two_missions_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
+    folders = [tmp_path / "a", tmp_path / "b"]
+    processes = [
+        subprocess.Popen(
+            command("--vehicles", "1", "--steps", "4", "--seed", "9", "--no-report", "--out", str(folder)),
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(),
+        )
+        for folder in folders
+    ]  # fmt: skip
+    outputs = [process.communicate(timeout=200)[0] for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], outputs
+    first, second = (read_run(folder) for folder in folders)
+    assert [p.payload for p in first.sent] == [p.payload for p in second.sent], "the same seed gives the same run"
+    assert (first.vehicles[0].soundings == second.vehicles[0].soundings).all()
+
+
 @pytest.mark.parametrize("name", ["tzibana_soundings.csv", "tzibana_grid10m.npz"])
 def test_a_mission_over_the_real_lake(tmp_path: Path, name: str) -> None:
     file = SHARED / "data" / name
