@@ -260,7 +260,7 @@ def _by_leg(vehicle: VehicleRun, path: PlannedPath, steps: int) -> list[Array]:
         return legs
     index = np.clip(np.searchsorted(times[:-1], vehicle.soundings[:, 0], side="right") - 1, 0, None)
     for number, decision in enumerate(vehicle.decisions):
-        legs[decision.step] = vehicle.soundings[index == number]
+        legs[decision.step] = np.concatenate([legs[decision.step], vehicle.soundings[index == number]])
     return legs
 
 

@@ -141,3 +141,15 @@ def test_a_plan_that_is_kept_is_read_from_where_the_vehicle_is(synthetic_run):
         assert np.array_equal(np.concatenate([head, tail]), everything[step:])
         assert np.array_equal(path.leg(kept)[-1], everything[step])
         assert path.state(kept)[1:] == pytest.approx(everything[step - 1])
+
+
+def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
+    from dataclasses import replace
+
+    run = synthetic_run(steps=4)
+    settings, area = settings_of(run)
+    once = replay(run, settings, area)
+    vehicle = run.vehicles[0]
+    again = replace(vehicle.decisions[2], now_s=vehicle.decisions[2].now_s + 5.0)
+    vehicle.decisions.insert(3, again)
+    assert replay(run, settings, area).stepwise[-1] == pytest.approx(once.stepwise[-1])
