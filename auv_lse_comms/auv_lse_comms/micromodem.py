@@ -422,11 +422,6 @@ class Micromodem:
         at_rest = self.state in (State.IDLE, State.SENDING)
         return at_rest and (self._waiting is None or self.state is State.SENDING) and self._clock is _Clock.REST
 
-    @property
-    def packet_frames(self) -> int:
-        """Frames in the packet that is being sent, 0 if none is."""
-        return len(self._current.frames) if self._current is not None else 0
-
     # ------------------------------------------------------------------ states and waits
 
     def _move(self, cause: Cause) -> None:

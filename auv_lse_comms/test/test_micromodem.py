@@ -474,6 +474,37 @@ def test_an_fsk_packet_has_two_statistics_and_ends_with_the_second():
     assert kinds(desk.hear("CARXP,0", "CARXD,2,0,0,1,AABB", mini)) == ["PacketReceived"]
 
 
+def test_frames_of_two_senders_never_make_one_packet():
+    desk = Desk().configure()
+    other = "CARXD,5,0,0,2,BB"
+    events = desk.hear("CACYC,0,2,0,4,0,2", "CARXD,2,0,0,1,AA", other, statistics(frames=2))
+    assert kinds(events) == ["ReceptionFailed", "ReceptionFailed"]
+    assert not [e for e in events if isinstance(e, mm.PacketReceived)]
+
+
+def test_a_frame_said_twice_is_taken_once():
+    desk = Desk().configure()
+    (packet,) = desk.hear(CYCLE, FRAME, FRAME, statistics())
+    assert packet.payload == PAYLOAD
+    assert desk.modem.counts["repeated_frames"] == 1
+
+
+def test_the_modem_saying_that_it_took_less_is_told():
+    desk = Desk().configure()
+    desk.modem.send(desk.now_s, PAYLOAD)
+    (problem,) = desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,250")
+    assert "took 250 of the frame's 252 bytes" in problem.text
+
+
+def test_sentences_nobody_asked_for_change_nothing():
+    desk = Desk().configure()
+    events = desk.hear("CATXD,3,0,0,252", "CATXP,252", "CATXF,252", "CATMS,0,2019-12-02T03:02:59Z", "CAXXX,1")
+    assert events == []
+    assert desk.modem.state is State.IDLE
+    assert desk.modem.counts["unasked_transmissions"] == 1
+    assert desk.modem.ignored.counts["CAXXX"] == 1
+
+
 # ------------------------------------------------------------------ reboot
 
 
