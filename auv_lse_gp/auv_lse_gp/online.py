@@ -33,6 +33,10 @@ CHUNK = 2048
 #: Soundings that one centre is merged from, at most.
 MERGED_AT_MOST = 256
 
+#: Only the last so many centres are merged into: older ones stay as they are, so that neither the factor nor a map has
+#: to be made anew when a vehicle crosses an old track (at 2000 centres that would take seconds).
+MERGE_WINDOW = 32
+
 
 class SoundingError(ValueError):
     """A sounding that cannot be one: not finite, or absurd."""
@@ -175,7 +179,7 @@ class OnlineGp:
                 self._groups.append(_Group(self.kernel, place[0], depth_m, self.config.noise_std_m))
             self.counts.kept += 1
             return Outcome.KEPT
-        if not self.config.merge or near >= len(self._groups) or self._groups[near].full:
+        if not self._may_merge(near):
             self.counts.too_close += 1
             return Outcome.TOO_CLOSE
         self._groups[near].add(place[0], depth_m)
@@ -183,6 +187,10 @@ class OnlineGp:
         self.revision += 1
         self.counts.merged += 1
         return Outcome.MERGED
+
+    def _may_merge(self, number: int) -> bool:
+        held = len(self._groups)  # none after `set_centers`
+        return max(0, self._size - MERGE_WINDOW) <= number < held and not self._groups[number].full
 
     def set_centers(self, places_m: ArrayLike, depths_m: ArrayLike, noise_std_m: ArrayLike) -> None:
         """Replaces all centres, as they come from another `OnlineGp`; no spacing, gate or merging is applied.

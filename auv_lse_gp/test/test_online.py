@@ -21,6 +21,7 @@ from auv_lse_gp import (
 )
 from auv_lse_gp.config import KERNELS
 from auv_lse_gp.factor import BLOCK, Factor
+from auv_lse_gp.online import MERGE_WINDOW
 
 
 @pytest.fixture(params=[True, False], ids=["numba", "numpy"])
@@ -69,7 +70,8 @@ def test_agrees_with_the_textbook(name, merge):
             gp.predict(queries[:3])  # asking in between must change nothing
     assert len(gp) > 2 * BLOCK
     assert gp.counts.kept == len(gp)
-    assert gp.counts.kept + (gp.counts.merged if merge else gp.counts.too_close) == len(places)
+    assert gp.counts.kept + gp.counts.merged + gp.counts.too_close == len(places)
+    assert (gp.counts.merged > 0) is merge
     mean, covariance = textbook(gp, queries)
     tiny = 1e-11 * config.signal_std_m**2  # a covariance near 0 is a difference of numbers up to the signal's variance
     got_mean, got_std = gp.predict(queries)
@@ -158,6 +160,17 @@ def test_merging_is_better_than_dropping():
     assert error[True] < 0.6 * error[False]
 
 
+def test_only_recent_centers_are_merged_into():
+    gp = OnlineGp(GpConfig(merge=True, min_spacing_m=5.0))
+    for i in range(MERGE_WINDOW + 1):
+        assert gp.add(0.0, 10.0 * i, 12.0) is Outcome.KEPT
+    assert gp.add(0.0, 1.0, 12.0) is Outcome.TOO_CLOSE
+    assert gp.add(0.0, 11.0, 12.0) is Outcome.MERGED
+    other = OnlineGp(GpConfig(merge=True, min_spacing_m=5.0))
+    other.set_centers(gp.centers.places_m, gp.centers.depths_m, gp.centers.noise_std_m)
+    assert other.add(0.0, 21.0, 12.0) is Outcome.TOO_CLOSE  # what it was made from is not known here
+
+
 def test_merging_is_the_mean_at_the_centroid():
     config = GpConfig(merge=True, min_spacing_m=10.0, noise_std_m=0.3)
     gp = OnlineGp(config)
@@ -177,12 +190,12 @@ def test_merging_that_cannot_be_factorized_is_undone_and_said(monkeypatch):
     for (north, east), depth in zip(*soundings(150), strict=True):
         gp.add(north, east, depth)
     queries = np.array([[50.0, 60.0], [200.0, 100.0]])
-    before, place = gp.predict(queries), gp.centers.places_m[3]
-    assert gp.add(*gp._groups[3]._places_m[0], 15.0) is Outcome.MERGED
-    gp._groups[2].add(place, 15.0)
-    gp._moved.add(2)
+    before, place = gp.predict(queries), gp.centers.places_m[-3]
+    assert gp.add(*gp._groups[-3]._places_m[0], 15.0) is Outcome.MERGED
+    gp._groups[-4].add(place, 15.0)
+    gp._moved.add(len(gp) - 4)
     summary = (place, 15.0, 1e-16)  # two centres at one place, without noise
-    monkeypatch.setattr(type(gp._groups[2]), "summary", lambda self: summary)
+    monkeypatch.setattr(type(gp._groups[-4]), "summary", lambda self: summary)
     after = gp.predict(queries)
     assert gp.problems == ["merging made the covariance of the centres ill-conditioned: these soundings are not merged"]
     assert after[0] == pytest.approx(before[0], rel=1e-12)
@@ -299,7 +312,7 @@ def test_local_subset(name):
         alone = np.array([gp.predict(q[None])[0][0] for q in queries[:20]])
         assert alone == pytest.approx(got_mean[:20], rel=1e-12)  # whatever else is asked for
     assert errors[0] > errors[1] > errors[2]
-    assert errors[2] < (0.15 if name == "squared_exponential" else 0.02)  # as documented
+    assert errors[2] < (0.2 if name == "squared_exponential" else 0.02)  # as documented
 
 
 def test_local_subset_of_a_wendland_kernel_is_the_full_posterior():
