@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-from auv_lse_msgs.msg import KernelCenters, LevelSetField, LockstepDone, LockstepTick, SampleArray, Sounding
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import OccupancyGrid
 from visualization_msgs.msg import Marker
@@ -24,6 +23,7 @@ from auv_lse_gp.ros_conversions import (
     sample_rows,
     sounding_row,
 )
+from auv_lse_msgs.msg import KernelCenters, LevelSetField, LockstepDone, LockstepTick, SampleArray, Sounding
 
 _STEP_PERIOD_S = 0.1
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from auv_lse_msgs.msg import Bound, Waypoint
-from auv_lse_msgs.msg import Plan as PlanMessage
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 from numpy.typing import NDArray
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.ros_conversions import header
+from auv_lse_msgs.msg import Bound, Waypoint
+from auv_lse_msgs.msg import Plan as PlanMessage
 from auv_lse_planner.plan import Leg, Plan
 from auv_lse_planner.vehicle_planner import BoundRecord
 
