@@ -16,6 +16,8 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import reduce
+from operator import xor
 from typing import ClassVar, NamedTuple, Protocol
 
 #: Longest line taken for a sentence (characters without CR LF): a 256-byte frame in hexadecimal, and room.
@@ -24,6 +26,7 @@ MAX_LINE = 1024
 MAX_UNKNOWN_TYPES = 32
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_PRINTABLE = re.compile(rb"[\x20-\x7e]*\Z")
 _TYPE = re.compile(r"[A-Z][A-Z0-9]{2,7}\Z")
 _INT = re.compile(r"[+-]?[0-9]{1,15}\Z")
 _FLOAT = re.compile(r"[+-]?([0-9]{1,15}(\.[0-9]{0,12})?|\.[0-9]{1,12})\Z")
@@ -72,10 +75,7 @@ class SentenceError(ValueError):
 
 def checksum(body: str) -> str:
     """XOR of the characters of `body` (between `$` and `*`) as two upper-case hexadecimal digits."""
-    value = 0
-    for character in body.encode("ascii"):
-        value ^= character
-    return f"{value:02X}"
+    return f"{reduce(xor, body.encode('ascii'), 0):02X}"
 
 
 class Sentence(NamedTuple):
@@ -171,7 +171,7 @@ class SentenceReader:
     def _check(line: bytes) -> Sentence | str:
         if not line.startswith(b"$"):
             return "not_a_sentence"
-        if any(not 0x20 <= character < 0x7F for character in line):
+        if not _PRINTABLE.match(line):
             return "bad_character"
         text = line[1:].decode("ascii")
         body, star, digits = text.rpartition("*")
