@@ -47,6 +47,7 @@ STYLE = {
 }
 WIDTH_IN = 7.3
 DPI = 200
+LEGEND_COLUMNS = 7
 
 
 def vehicle_style(index: int) -> dict[str, Any]:
@@ -71,7 +72,7 @@ def risk_maps(e: Evaluation) -> Figure:
         extent, aspect = _extent(e)
         panel_in, side_by_side = _panel(aspect, 2)
         columns = 2 if side_by_side else 1
-        figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75)
+        figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + _legend_in(e, 5))
         axes = figure.subplots(2 // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
         top = max(float(np.nanmax(e.prior.risk)), 1e-9)
         titles = (r"$\bf{a}$  Bayes risk before the mission", r"$\bf{b}$  Bayes risk given all soundings")
@@ -171,7 +172,7 @@ def local_risk_error(e: Evaluation) -> Figure:
         rows = math.ceil(count / columns)
         width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
         panel_in = (width - 1.3) / columns * aspect + 0.3
-        figure = new_figure(width, rows * panel_in + 0.7)
+        figure = new_figure(width, rows * panel_in + 0.7 + _legend_in(e, 2))
         axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         differences = [own.risk - e.team.risk for own in e.local]
         largest = max((float(np.nanmax(np.abs(d[e.scored]))) for d in differences), default=0.0) or 1.0
@@ -192,7 +193,7 @@ def local_risk_error(e: Evaluation) -> Figure:
         for axis in axes[count:]:
             axis.set_visible(False)
         _outer_labels(axes[:count], columns)
-        bar = figure.colorbar(image, ax=axes[:count].tolist(), shrink=0.9, pad=0.015, aspect=28)
+        bar = figure.colorbar(image, ax=axes[:count].tolist(), shrink=0.9, pad=0.015, aspect=26 * rows)
         bar.set_label("own risk − risk given all\n(units of cost per place)")
         bar.outline.set_linewidth(0.5)
         _legend(figure, e, truth=False, estimate=False)
@@ -336,6 +337,11 @@ def _proxy(kind: str, label: str) -> Line2D:
     return Line2D([], [], label=label, path_effects=effects, **style)
 
 
+def _legend_in(e: Evaluation, others: int) -> float:
+    """Height (in) of the legend's lines after the first, with `others` entries beside the vehicles."""
+    return 0.17 * ((len(e.run.vehicles) + others - 1) // LEGEND_COLUMNS)
+
+
 def _legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) -> None:
     level = e.settings[0].level_set.level_m
     handles: list[Any] = [
@@ -350,7 +356,11 @@ def _legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) -> No
     if not e.scored.all():
         handles.append(Patch(facecolor="#ececec", edgecolor="#888888", linewidth=0.5, label="not judged"))
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=min(len(handles), 7), handlelength=2.2, columnspacing=1.4
+        handles=handles,
+        loc="outside lower center",
+        ncols=min(len(handles), LEGEND_COLUMNS),
+        handlelength=2.2,
+        columnspacing=1.4,
     )
 
 
