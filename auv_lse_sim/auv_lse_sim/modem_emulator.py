@@ -73,7 +73,7 @@ class Arrival:
         source: The sender's modem address.
         destination: Whom it is for, 0: all.
         payload: What was sent; None if it was heard but could not be decoded.
-        snr_db: Signal to noise ratio (dB), NaN if unknown.
+        snr_db: Signal to noise ratio (dB), not finite if unknown.
         rate: Packet rate number.
         frames: Number of frames.
         doppler_mps: Relative speed of the sender (m/s).
@@ -186,7 +186,7 @@ class ModemEmulator:
         self.counts["heard" if good else "heard_bad"] += 1
         size = nmea.RATES[arrival.rate].frame_bytes
         payload = arrival.payload or b""
-        snr_db = 0.0 if math.isnan(arrival.snr_db) else arrival.snr_db
+        snr_db = arrival.snr_db if math.isfinite(arrival.snr_db) else 0.0
         detection = nmea.Detection(
             peak=max(0, round(300 * 10 ** (min(snr_db, 40.0) / 40))),
             power_db=round(120 + snr_db),
@@ -232,9 +232,9 @@ class ModemEmulator:
                     frames=arrival.frames,
                     bad_frames=0 if good else arrival.frames,
                     snr_rss_db=round(snr_db),
-                    snr_in_db=arrival.snr_db,
-                    snr_out_db=arrival.snr_db,
-                    snr_symbol_db=arrival.snr_db,
+                    snr_in_db=snr_db,
+                    snr_out_db=snr_db,
+                    snr_symbol_db=snr_db,
                     mse_db=-snr_db,
                     doppler_mps=arrival.doppler_mps,
                     noise_db=60,

@@ -395,12 +395,12 @@ def test_every_number_said_is_one_that_can_be_read():
     """The modem's own sentences, over all settings and levels, pass the reader that the driver uses."""
     modem = ModemEmulator(lambda packet: None)
     modem.settings |= dict.fromkeys(("CST", "RXP", "REV", "XST", "MFD"), "1") | {"SRC": "2"}
-    for snr_db in (-40.0, -0.04, 0.0, 12.34, 99.9, math.nan):
+    for snr_db in (-40.0, -0.04, 0.0, 12.34, 99.9, math.nan, -math.inf):
         for payload in (PAYLOAD, None):
             modem.arrive(
                 Arrival(start_s=0.0, source=1, destination=0, payload=payload, snr_db=snr_db, doppler_mps=-1.5)
             )
     sentences = nmea.SentenceReader().feed(modem.outgoing())
-    assert len(sentences) == 6 * 2 * 5
+    assert len(sentences) == 7 * 2 * 5
     for sentence in sentences:
         assert nmea.read_message(sentence) is not None
