@@ -27,8 +27,10 @@ from auv_lse_gp.risk import LevelSet
 
 Array = NDArray[np.float64]
 
-#: A place whose depth a sample explains by less than this share of its variance is not reckoned with.
-_NEGLIGIBLE = 1e-4
+#: Not reckoned with: a place whose depth a sample explains by less than this share of its variance, ...
+_NEGLIGIBLE_SHARE = 1e-3
+#: ... and one whose Bayes risk is less than this share of the larger cost.
+_NEGLIGIBLE_RISK = 1e-4
 #: Supposed receivers where packets are lost.
 SUPPOSED = 4
 
@@ -151,7 +153,9 @@ class Knowledge:
         variance = np.maximum(self._kernel.variance(at) - (row**2).sum(axis=0), 0.0) + self._noise_m2
         cross = self._kernel(at, self.places_m) - row.T @ self._white[:n]
         explained = np.minimum(cross**2 / variance[:, None], self._variance)
-        sample, place = np.nonzero(explained > _NEGLIGIBLE * self._variance)
+        cost = max(self._level_set.cost_false_safe, self._level_set.cost_false_unsafe)
+        open_places = self._level_set.risk(self._mean, np.sqrt(self._variance)) > _NEGLIGIBLE_RISK * cost
+        sample, place = np.nonzero((explained > _NEGLIGIBLE_SHARE * self._variance) & open_places)
         drop = explained[sample, place]
         benefit = self._level_set.benefit(
             self._mean[place], np.sqrt(drop), np.sqrt(np.maximum(self._variance[place] - drop, 0.0))
