@@ -87,7 +87,8 @@ class PlannedPath:
         self.motion = MotionTable(settings.motion)
         self.steps = settings.mission.steps
         self._fractions = (np.arange(settings.planner.samples_per_leg) + 1.0) / settings.planner.samples_per_leg
-        self._naive = NaivePaths(FreeSpace(area, self.motion), settings.planner, area.polygon)
+        space = FreeSpace(area, self.motion, settings.area.raster_m)
+        self._naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
 
     def leg_places(self, state: Array, action: int) -> Array:
         """Places (n, 2) of one leg that count in the reward; the last one is its end."""

@@ -153,3 +153,25 @@ def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
     again = replace(vehicle.decisions[2], now_s=vehicle.decisions[2].now_s + 5.0)
     vehicle.decisions.insert(3, again)
     assert replay(run, settings, area).stepwise[-1] == pytest.approx(once.stepwise[-1])
+
+
+@pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower", "best"])
+def test_credited_places_lie_on_the_flown_tracks(method):
+    """The replay rebuilds legs from plans alone: kept plans, naive tails and strips come out as they were flown."""
+    from scipy.spatial import cKDTree
+
+    from auv_lse_sim.fleet import Fleet
+    from auv_lse_sim.ground_source import ground_of
+    from auv_lse_sim.settings import Settings
+
+    overrides = {"mission.steps": 12, "mission.vehicles": 3, "planner.method": method, "planner.iterations": 20}
+    small = {"area.polygon_m": [-50.0, -50.0, 250.0, -50.0, 250.0, 250.0, -50.0, 250.0], "sim.ideal": True}
+    settings = Settings.load(None, {**overrides, **small, "gp.map_resolution_m": 20.0})
+    run = Fleet(settings, ground_of(settings)).run()
+    planner, area = settings_of(run)
+    for vehicle, own in zip(run.vehicles, planner, strict=True):
+        path = PlannedPath(own, area)
+        ends = np.array([path.leg(decision)[-1] for decision in vehicle.decisions])
+        assert len(ends) == 12
+        off = cKDTree(vehicle.odometry[:, 1:3]).query(ends)[0]
+        assert off.max() < 1.5  # a second at 1.5 m/s lies between two odometry messages
