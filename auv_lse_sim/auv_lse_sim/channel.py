@@ -177,6 +177,11 @@ class Arrival:
     ok: bool
     why: str
 
+    @property
+    def audible(self) -> bool:
+        """Whether the receiver's modem notices it at all: no sound comes through land, and a sender hears nothing."""
+        return self.why not in ("blackout", "land", "half_duplex")
+
 
 def thorp_db_per_km(frequency_khz: float) -> float:
     """Thorp's absorption of sound in the sea (dB/km), with its low-frequency term (Urick 1983, eq. 5-3)."""

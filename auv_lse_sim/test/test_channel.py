@@ -306,6 +306,7 @@ def test_repeats_from_its_seed_whatever_the_tick() -> None:
     assert first != chatter(6, 2.0)
     whys = {a.why for a in first}
     assert whys == {"", "blackout", "half_duplex", "interference", "noise", "random"}
+    assert {a.why for a in first if a.audible} == {"", "interference", "noise", "random"}
     assert [a.arrival_s for a in first] == sorted(a.arrival_s for a in first)
 
 
