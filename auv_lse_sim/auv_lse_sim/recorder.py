@@ -65,11 +65,11 @@ class BagWriter:
         self._flushed_ns = 0
         self._connections: dict[str, Any] = {}
         self.count = 0
-        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)  # chunks, as rosbag2's zstd_fast
-        for key, text in snapshot.items():
-            self._writer.set_custom_data(key, text)
         try:
+            self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)  # chunk by chunk
+            for key, text in snapshot.items():
+                self._writer.set_custom_data(key, text)
             self._writer.open()
         except (WriterError, OSError) as error:
             raise RecorderError(f"record.folder = {str(folder)!r}: cannot start a recording there: {error}") from error
