@@ -87,7 +87,7 @@ assert set(RECIPES) == set(METHODS)
 
 
 def late(how: Recipe) -> Recipe:
-    """What takes over from `how` late in the mission: the paper's plain search, credited beyond the team mates' plans."""
+    """What takes over from `how` late in the mission: the plain search, credited beyond the team mates' plans."""
     return replace(RECIPES["plain"], method=how.method, credit="beyond")
 
 

@@ -103,18 +103,20 @@ class PathReward:
         inverse = np.tril(half) + np.tril(half, -1).T
         return Tail(columns, inverse, np.diag(inverse).copy())
 
-    def values_with_tail(self, heads: Columns, count: int, tail: Tail) -> Array:
+    def values_with_tail(self, heads: Columns, count: int, tail: Tail | None) -> Array:
         """J of many paths that share a tail and differ in their `count` first places.
 
         Args:
             heads: The first places of all paths, one after another, count * B of them.
             count: First places of each path.
-            tail: The shared tail.
+            tail: The shared tail; None for none.
 
         Returns:
             Values, shape (B,).
         """
         batch = len(heads) // count
+        if tail is None:
+            tail = Tail(heads.slice(0, 0), np.empty((0, 0)), np.empty(0))
         cross = self.posterior.covariance(tail.columns, heads)  # (T, B count)
         white = heads.white.reshape(batch, count, -1)
         scaled = heads.scaled.reshape(batch, count, 2)

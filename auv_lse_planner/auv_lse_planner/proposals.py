@@ -96,7 +96,9 @@ def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, rewar
         s.rng,
         space.random_actions,
     )
-    result = search.run(s.state, s.iterations, s.deadline, s.seeds)
+    # half of the growing phase goes to the heads that are worth most by themselves
+    seeds = [*s.seeds, *sequences.promising(space.choices, s.horizon, s.iterations // 6, 2)]
+    result = search.run(s.state, s.iterations, s.deadline, seeds)
     return Proposal(
         actions=result.actions,
         heuristic=sequences.continuations[result.actions].heuristic,

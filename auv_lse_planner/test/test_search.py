@@ -6,9 +6,11 @@ from planner_helpers import centers, world
 
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.naive import LAWNMOWERS
 from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.proposals import Situation, search_path
 from auv_lse_planner.search import TreeSearch, exhaustive_search
 from auv_lse_planner.sequences import PathSequences
 
@@ -87,6 +89,23 @@ def test_progress_only_rises_and_ends_at_the_value():
     assert values[-1] == result.value
 
 
+def _situation(state, left, heuristics, rng):
+    return Situation(
+        state=state,
+        steps_left=left,
+        horizon=3,
+        heuristics=heuristics,
+        iterations=150,
+        exploration=PlannerConfig().exploration,
+        batch=8,
+        samples_per_leg=1,
+        finalists=1,
+        rng=rng,
+        deadline=None,
+        seeds=[],
+    )
+
+
 def test_tree_search_against_exhaustive_search_on_real_situations():
     """A small version of the yardstick in benchmarks/planner_yardstick.py (200 situations there)."""
     _, motion, space, naive = world()
@@ -101,8 +120,7 @@ def test_tree_search_against_exhaustive_search_on_real_situations():
         heuristics = (LAWNMOWERS[0],) if left > 3 else ()
         sequences = PathSequences(reward, motion, naive, state, left, heuristics, 1)
         best = exhaustive_search(space.choices, motion.end_state, sequences, state, 3)
-        search = TreeSearch(space.choices, motion.end_state, sequences, 3, 0.5, 8, rng)
-        found = search.run(state, 150)
+        found = search_path(_situation(state, left, heuristics, rng), space, naive, reward)
         good += found.value >= 0.99 * best.value
         assert found.value <= best.value + 1e-9
     assert good >= 5
@@ -128,3 +146,28 @@ def test_sequences_are_valued_with_their_naive_path():
             per_tail.append(reward.value(posterior.columns(places)))
         assert value == pytest.approx(max(per_tail), abs=1e-9)
         assert both.continuations[sequence].heuristic == LAWNMOWERS[int(np.argmax(per_tail))]
+
+
+def test_promising_heads_are_the_best_of_all():
+    _, motion, space, naive = world()
+    rng = np.random.default_rng(10)
+    posterior = Posterior(GpConfig())
+    posterior.set_centers(centers(rng, 60))
+    reward = PathReward(posterior, LevelSet())
+    state = np.array([0.3, 150.0, 150.0])
+    alone = PathSequences(reward, motion, naive, state, 2, (), 2)
+    best = exhaustive_search(space.choices, motion.end_state, alone, state, 2)
+    heads = PathSequences(reward, motion, naive, state, 20, LAWNMOWERS[:1], 2).promising(space.choices, 2, 5, 1)
+    assert heads[:5] == [a for a, _ in best.ranking[:5]]
+    assert {h[0] for h in heads} == set(space.choices(state))
+    assert alone.promising(space.choices, 10, 5, 1) == []
+
+
+def test_polishing_reaches_what_no_single_change_improves():
+    problem = _toy()
+    result = _search(problem, np.random.default_rng(7)).run(np.zeros(3), 300)
+    _, _, valuer, _ = problem
+    for i in range(4):
+        for action in range(5 - i % 2):
+            changed = (*result.actions[:i], action, *result.actions[i + 1 :])
+            assert valuer([changed])[0] <= result.value + 1e-12

@@ -1,0 +1,189 @@
+"""How often does a mission end below its bound, with and without the incumbent rule?
+
+    python -m benchmarks.planner_bound --missions 200 --out bound.jsonl
+    python -m benchmarks.planner_bound --table bound.jsonl
+
+Missions differ in lake (synthetic lakes, and lakes drawn from the planner's own prior), number of vehicles (1 to 3)
+and packet loss (0 to 50 %); each is flown by the augmented method with the paper's reward and with the map's, with the
+incumbent rule and without. Per vehicle, with P_i = reward so far + Jbar at decision i (what is promised), g_i = Jbar
+less the value of continuing the last plan on the same data (what the choice brings), counted are missions in which
+
+- *expected*: the choices of some vehicle took value away, sum g_i < 0. A change of P that is not g comes from data,
+  whose effect is zero in expectation where the reward telescopes; so the expected end is P_0 + sum g_i.
+- *realized start*: the reward ends below P_0, the value of the plan at the start.
+- *realized maximum*: the reward ends below the running maximum of the time-varying bound.
+- *decisions*: share of decisions that violate the paper's condition Jbar_n >= Jbar_(n-m-1).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from auv_lse_gp.config import GpConfig
+from auv_lse_sim.ground import LakeConfig, SyntheticLake
+from benchmarks.planner_loop import fly, settings_for
+
+SPAN_M = (250.0, 300.0)
+RULES = (True, False)
+OBJECTIVES = ("path", "map")
+LOSSES = (0.0, 0.25, 0.5)
+
+
+class PriorLake:
+    """A lake drawn from the planner's own prior (random Fourier features of the Matern 5/2 kernel)."""
+
+    def __init__(self, seed: int, features: int = 600) -> None:
+        """Draws lake number `seed`."""
+        rng = np.random.default_rng([seed, 77])
+        config = GpConfig()
+        # the spectrum of Matern 5/2 in the plane: a bivariate t with 5 degrees of freedom
+        waves = rng.normal(size=(features, 2)) * np.sqrt(5.0 / rng.chisquare(5.0, (features, 1)))
+        self._waves = waves / config.length_scale_m
+        self._phases = rng.uniform(0.0, 2.0 * np.pi, features)
+        self._scale = config.signal_std_m * np.sqrt(2.0 / features)
+        self._mean = config.mean_depth_m
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Any:
+        """Depth at any places."""
+        north, east = np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float))
+        angle = north[..., None] * self._waves[:, 0] + east[..., None] * self._waves[:, 1] + self._phases
+        return self._mean + self._scale * np.cos(angle).sum(axis=-1)
+
+
+def mission(number: int, objective: str, rule: bool, steps: int, iterations: int) -> dict[str, Any]:
+    """Flies mission `number` by one objective and rule and gives its line."""
+    vehicles, loss = 1 + number % 3, LOSSES[(number // 3) % 3]
+    own = (number // 9) % 2 == 1
+    height, width = SPAN_M
+    ground: Any = PriorLake(number)
+    if not own:
+        ground = SyntheticLake(
+            LakeConfig(
+                seed=9000 + number,
+                north_m=height / 2 - 20,
+                east_m=width / 2 - 20,
+                height_m=height,
+                width_m=width,
+                islands=0,
+            )
+        )
+    settings = settings_for(
+        "augmented",
+        vehicles,
+        {"polygon_m": [-20.0, -20.0, height - 20, -20.0, height - 20, width - 20, -20.0, width - 20]},
+        {
+            "objective": objective,
+            "credit": "printed" if objective == "path" else "beyond",
+            "incumbent": rule,
+            "iterations": iterations if objective == "path" else 10 * iterations,
+        },
+        mission={"steps": steps},
+        vehicle={"depth_m": 0.0, "min_water_m": 0.0},
+        gp={"min_depth_m": -1000.0},
+    )
+    outcome = fly(settings, ground, number, loss, sounding_std_m=0.3)
+    line: dict[str, Any] = {
+        "number": number,
+        "objective": objective,
+        "rule": rule,
+        "vehicles": vehicles,
+        "loss": loss,
+        "prior_lake": own,
+        "steps": steps,
+        "per_vehicle": [],
+    }
+    for boat in outcome.boats:
+        records = boat.planner.records
+        promised = np.array([r.promised for r in records])
+        if objective == "map":
+            planner = boat.planner
+            planner.set_centers(boat.gp.centers)
+            planner._take_centers()
+            columns = planner._map_posterior().watched()
+            left = settings.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum()
+            end = planner._risk_at_start - float(left)
+            bound = promised
+        else:
+            end = float(promised[-1])  # the last leg's own reward is all that its Jbar holds
+            bound = np.array([r.lower_bound for r in records])
+        gains = np.array([r.jbar - r.incumbent_value for r in records if np.isfinite(r.incumbent_value)])
+        line["per_vehicle"].append(
+            {
+                "start": float(promised[0]),
+                "end": end,
+                "bound_max": float(bound.max()),
+                "gain": float(gains.sum()),
+                "violated": int(np.sum(gains < -1e-9)),
+                "decisions": len(gains),
+            }
+        )
+    return line
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Lines of a results file."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def table(lines: list[dict[str, Any]]) -> str:
+    """Markdown table of rates."""
+    head = ["reward", "incumbent", "lakes", "missions", "expected", "realized start", "realized maximum", "decisions"]
+    head += ["end - start, mean (95 % interval)"]
+    text = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for objective in OBJECTIVES:
+        for rule in RULES:
+            for own in (False, True):
+                mine = [r for r in lines if (r["objective"], r["rule"], r["prior_lake"]) == (objective, rule, own)]
+                if not mine:
+                    continue
+                boats = [r["per_vehicle"] for r in mine]
+                expected = np.mean([any(v["gain"] < -1e-9 for v in b) for b in boats])
+                start = np.mean([any(v["end"] < v["start"] - 1e-9 for v in b) for b in boats])
+                top = np.mean([any(v["end"] < v["bound_max"] - 1e-9 for v in b) for b in boats])
+                violated = sum(v["violated"] for b in boats for v in b) / sum(v["decisions"] for b in boats for v in b)
+                over = np.array([np.mean([v["end"] - v["start"] for v in b]) for b in boats])
+                error = 1.96 * over.std(ddof=1) / np.sqrt(len(over)) if len(over) > 1 else np.nan
+                cells = [objective, "kept" if rule else "off", "own prior" if own else "synthetic", str(len(mine))]
+                cells += [f"{x:.0%}" for x in (expected, start, top, violated)]
+                cells.append(f"{over.mean():+.1f} ({over.mean() - error:+.1f} .. {over.mean() + error:+.1f})")
+                text.append("| " + " | ".join(cells) + " |")
+    return "\n".join(text)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--table", type=Path, help="only print the table of this results file")
+    parser.add_argument("--out", type=Path, default=Path("planner_bound.jsonl"), help="results file, appended to")
+    parser.add_argument("--missions", type=int, default=200)
+    parser.add_argument("--steps", type=int, default=25)
+    parser.add_argument("--iterations", type=int, default=25)
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    if options.table:
+        print(table(read(options.table)))
+        return
+    done = {(r["number"], r["objective"], r["rule"], r["steps"]) for r in read(options.out)}
+    jobs = [(n, o, r) for n in range(options.missions) for o in OBJECTIVES for r in RULES]
+    jobs = [j for j in jobs if (*j, options.steps) not in done]
+    print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}", flush=True)
+    with ProcessPoolExecutor(options.processes) as pool, options.out.open("a") as file:
+        futures = [pool.submit(mission, *job, options.steps, options.iterations) for job in jobs]
+        for future in as_completed(futures):
+            file.write(json.dumps(future.result()) + "\n")
+            file.flush()
+    print(table(read(options.out)))
+
+
+if __name__ == "__main__":
+    main()

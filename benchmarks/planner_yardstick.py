@@ -1,0 +1,89 @@
+"""The tree search against exhaustive search at m = 3, over random situations: the share within 99 % of the optimum.
+
+python -m benchmarks.planner_yardstick --situations 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.online import Centers
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.free_space import FreeSpace
+from auv_lse_planner.methods import RECIPES
+from auv_lse_planner.motion import MotionTable
+from auv_lse_planner.naive import NaivePaths
+from auv_lse_planner.path_reward import PathReward
+from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.proposals import Situation, search_path
+from auv_lse_planner.search import exhaustive_search
+from auv_lse_planner.sequences import PathSequences
+
+
+def shares(situations: int, tail: bool, iterations: int | None = None, first: int = 0) -> np.ndarray:
+    """Value found / optimum in each situation: random data (0 to 150 centres), state and steps left (3 to 100)."""
+    settings = PlannerSettings.from_parameters({"area": {}}, "benchmark")
+    area, motion = OperatingArea(settings.area), MotionTable(settings.motion)
+    space = FreeSpace(area, motion)
+    naive = NaivePaths(space, PlannerConfig(), area.polygon)
+    how = RECIPES["augmented"]
+    result = []
+    for number in range(first, first + situations):
+        rng = np.random.default_rng([number, 11])
+        count = int(rng.integers(0, 150))
+        places = rng.uniform([-40.0, -40.0], [540.0, 640.0], (count, 2))
+        phase = rng.uniform(0.0, 6.0, 2)
+        depths = 15.0 + 8.0 * np.sin(places[:, 0] / 60.0 + phase[0]) * np.cos(places[:, 1] / 75.0 + phase[1])
+        posterior = Posterior(GpConfig())
+        posterior.set_centers(Centers(places, depths, np.full(count, 0.3)))
+        state = np.array([rng.uniform(-np.pi, np.pi), *rng.uniform(0.0, 480.0, 2)])
+        left = int(rng.integers(3, 101))
+        heuristics = how.naive_paths if tail and left > 3 else ()
+        reward = PathReward(posterior, LevelSet())
+        situation = Situation(
+            state=state,
+            steps_left=left,
+            horizon=3,
+            heuristics=heuristics,
+            iterations=iterations or how.iterations,
+            exploration=PlannerConfig().exploration,
+            batch=PlannerConfig().batch,
+            samples_per_leg=1,
+            finalists=1,
+            rng=rng,
+            deadline=None,
+            seeds=[],
+        )
+        found = search_path(situation, space, naive, reward).value
+        sequences = PathSequences(reward, motion, naive, state, left, heuristics, 1)
+        best = exhaustive_search(space.choices, motion.end_state, sequences, state, 3).value
+        result.append(found / best)
+    return np.array(result)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--situations", type=int, default=200)
+    parser.add_argument("--iterations", type=int, help="search budget; default: that of the method 'augmented'")
+    options = parser.parse_args()
+    for tail in (True, False):
+        found = shares(options.situations, tail, options.iterations)
+        print(
+            f"m = 3 {'with' if tail else 'without'} naive path: {np.mean(found >= 0.99):.1%} of {len(found)} "
+            f"situations within 99 % of the optimum (least {found.min():.4f}, mean {found.mean():.4f})",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
