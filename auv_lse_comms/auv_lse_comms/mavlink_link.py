@@ -14,7 +14,8 @@ Own heartbeats go out in both states. Every LOCAL_POSITION_NED gives one odometr
 `stale_after_s` is there. Stamps are the autopilot's own times (time_boot_ms) carried over to UTC by its SYSTEM_TIME,
 if that agrees with the host's clock within `MAX_CLOCK_OFFSET_S`; else the time of receipt.
 
-Waypoints come as ends of legs, in order, each before the one before it is reached. In mode "position_target" the
+Waypoints come as ends of legs, in order, each before the one before it is reached; one with the step of an earlier
+one replaces it and all after it. In mode "position_target" the
 current end is sent as SET_POSITION_TARGET_LOCAL_NED, at once and every `target_period_s`; the next one takes its place
 when the vehicle is within `acceptance_m` of it or has passed it. In mode "mission" all ends not yet reached are
 uploaded as a mission whenever one is added. While the link is down targets are kept; the vehicle does what its
@@ -174,10 +175,17 @@ class VehicleLink:
         self._advance()
 
     def command(self, now_s: float, target: Target) -> None:
-        """Queues the end of the next leg."""
+        """Queues the end of the next leg; one of a step that is queued already takes its place and what follows it.
+
+        Raises:
+            ValueError: if a number in it is not finite.
+        """
         self._tick(now_s)
         if not all(map(math.isfinite, (target.north_m, target.east_m, target.depth_m, target.heading_rad))):
             raise ValueError(f"target {target}: expected finite numbers")
+        while self._targets and self._targets[-1].step >= target.step:
+            self._targets.pop()
+            self.counts["targets_replaced"] += 1
         if len(self._targets) == MAX_TARGETS:
             self.counts["targets_dropped"] += 1
             self._events.append(Problem(text=f"more than {MAX_TARGETS} legs wait: the oldest is dropped"))

@@ -338,6 +338,21 @@ def test_targets_are_kept_while_the_link_is_down_and_sent_when_it_is_up():
     assert targets(pilot) == [(20.0, 0.0)]
 
 
+@pytest.mark.parametrize("mode", ["position_target", "mission"])
+def test_a_leg_planned_anew_takes_the_place_of_the_old_one(mode):
+    pilot = Autopilot(mode=mode).up()
+    other = dataclasses.replace(A, east_m=9.0)
+    for target in (A, B):
+        pilot.link.command(pilot.now_s, target)
+    pilot.heard()
+    pilot.link.command(pilot.now_s, dataclasses.replace(B, east_m=9.0))
+    assert [t.east_m for t in pilot.link.targets] == [0.0, 9.0]
+    pilot.link.command(pilot.now_s, other)
+    assert pilot.link.targets == (other,)
+    if mode == "position_target":
+        assert targets(pilot) == [(20.0, 9.0)]
+
+
 def test_a_target_that_is_no_place_is_refused():
     with pytest.raises(ValueError, match="expected finite"):
         Autopilot().up().link.command(NOW_S, dataclasses.replace(A, north_m=math.nan))
