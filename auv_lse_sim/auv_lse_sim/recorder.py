@@ -13,7 +13,7 @@ from typing import Any
 
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from auv_lse_common.params import parameter
 
@@ -98,7 +98,7 @@ class BagWriter:
         )
         try:
             connection = self._writer.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=[qos])
-        except (KeyError, WriterError) as error:
+        except (KeyError, TypesysError, WriterError) as error:
             raise RecorderError(f"topic {topic} of type {kind}: cannot be recorded: {error!r}") from error
         self._connections[topic] = connection
 
