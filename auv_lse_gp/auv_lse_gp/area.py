@@ -169,12 +169,13 @@ class OperatingArea:
             )
         north = self._north0_m + step * np.arange(rows)
         east = self._east0_m + step * np.arange(columns)
-        nodes = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
         polygons = (self.polygon, *self.no_go.values())
-        distance = np.sqrt(np.minimum.reduce([_border_distance_2(polygon, nodes) for polygon in polygons]))
-        signed = np.where(self.contains(nodes), distance, -distance)
-        self._nodes = signed.reshape(rows, columns)
-        if not np.any(signed > 0.0):
+        distance = np.sqrt(_border_distance_2(polygons, north, east))
+        inside = _raster_in_polygon(self.polygon, north, east)
+        for polygon in self.no_go.values():
+            inside &= ~_raster_in_polygon(polygon, north, east)
+        self._nodes = np.where(inside, distance, -distance)
+        if not np.any(self._nodes > 0.0):
             raise ParameterError(
                 "area: no place is left in the polygon outside of the no-go areas (or raster_m is too coarse: "
                 f"{step!r} m)"
@@ -257,13 +258,51 @@ def _in_polygon(polygon: Array, places: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def _border_distance_2(polygon: Array, places: Array) -> Array:
-    """Squared distance (P,) of places to the border of a polygon, exactly: to each edge in turn."""
-    north, east = np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1])
-    nearest = np.full(len(places), np.inf)
+def _raster_in_polygon(polygon: Array, north: Array, east: Array) -> NDArray[np.bool_]:
+    """`_in_polygon` of the nodes of a raster (R, C): each edge concerns only the rows that it spans."""
+    inside = np.zeros((len(north), len(east)), dtype=bool)
     for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        dn, de = n1 - n0, e1 - e0
-        n, e = north - n0, east - e0
-        along = np.clip((n * dn + e * de) / (dn * dn + de * de), 0.0, 1.0)
-        np.minimum(nearest, (n - along * dn) ** 2 + (e - along * de) ** 2, out=nearest)
-    return nearest
+        if n0 == n1:
+            continue
+        rows = slice(*np.searchsorted(north, sorted((n0, n1))))  # (n0 > north) != (n1 > north)
+        crossing = e0 + (north[rows] - n0) * ((e1 - e0) / (n1 - n0))
+        inside[rows] ^= east < crossing[:, None]
+    return inside
+
+
+def _edge_distance_2(n: Array, e: Array, dn: float, de: float) -> Array:
+    """Squared distance of places, given from an edge's first corner, to the edge that leads by (dn, de) from there."""
+    along = np.clip((n * dn + e * de) / (dn * dn + de * de), 0.0, 1.0)
+    squared: Array = (n - along * dn) ** 2 + (e - along * de) ** 2
+    return squared
+
+
+def _border_distance_2(polygons: tuple[Array, ...], north: Array, east: Array) -> Array:
+    """Squared distance (R, C) of a raster's nodes to the nearest border, exactly.
+
+    The nodes are taken in blocks. An edge farther from a block's middle than the nearest edge by more than the block
+    is wide cannot be the nearest of any of its nodes, so each block looks at a few edges only.
+    """
+    width = 8
+    rows, columns = (math.ceil(len(axis) / width) for axis in (north, east))
+    # Beyond the raster's end the blocks are filled up with its last nodes.
+    n = np.pad(north, (0, rows * width - len(north)), mode="edge").reshape(rows, width)
+    e = np.pad(east, (0, columns * width - len(east)), mode="edge").reshape(columns, width)
+    middle_n, middle_e = (axis[:, [0, -1]].mean(axis=1) for axis in (n, e))
+    reach = math.hypot(float(np.ptp(n, axis=1).max()), float(np.ptp(e, axis=1).max())) / 2.0
+    edges = [
+        (n0, e0, n1 - n0, e1 - e0)
+        for polygon in polygons
+        for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
+    ]
+    nearest = np.full((rows, columns), np.inf)
+    for n0, e0, dn, de in edges:
+        np.minimum(nearest, _edge_distance_2(middle_n[:, None] - n0, middle_e - e0, dn, de), out=nearest)
+    limit = (np.sqrt(nearest) + 2.0 * reach) ** 2 * (1.0 + 1e-9)
+    result = np.full((rows, columns, width, width), np.inf)
+    for n0, e0, dn, de in edges:
+        i, j = np.nonzero(_edge_distance_2(middle_n[:, None] - n0, middle_e - e0, dn, de) <= limit)
+        squared = _edge_distance_2(n[i][:, :, None] - n0, e[j][:, None, :] - e0, dn, de)
+        result[i, j] = np.minimum(result[i, j], squared)
+    whole = result.swapaxes(1, 2).reshape(rows * width, columns * width)
+    return np.ascontiguousarray(whole[: len(north), : len(east)])

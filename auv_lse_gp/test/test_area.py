@@ -118,3 +118,24 @@ def test_random_simple_polygons_are_accepted():
             continue
         radius = rng.uniform(50, 200, 12)
         AreaConfig(polygon_m=tuple(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]).ravel()))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_raster_of_borders_is_that_of_every_edge_at_every_node(seed):
+    """The blocks that look at a few edges only, and the rows that an edge spans, against all edges at all nodes."""
+    from auv_lse_gp.area import _border_distance_2, _edge_distance_2, _in_polygon, _raster_in_polygon
+
+    rng = np.random.default_rng(seed)
+    corners_ = int(rng.integers(3, 40))
+    angle, radius = np.sort(rng.uniform(0, 2 * np.pi, corners_)), rng.uniform(50, 300, corners_)
+    outer = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    inner = 0.2 * outer + rng.uniform(-50, 50, 2)
+    north, east = np.arange(-310, 311, rng.uniform(2, 7)), np.arange(-305, 330, rng.uniform(2, 7))
+    n, e = (a.ravel() for a in np.meshgrid(north, east, indexing="ij"))
+    expected = np.full(n.shape, np.inf)
+    for polygon in (outer, inner):
+        for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            expected = np.minimum(expected, _edge_distance_2(n - a[0], e - a[1], *(b - a)))
+    assert np.allclose(_border_distance_2((outer, inner), north, east).ravel(), expected, atol=1e-8)
+    inside = _in_polygon(outer, np.column_stack([n, e]))
+    assert np.array_equal(_raster_in_polygon(outer, north, east).ravel(), inside)
