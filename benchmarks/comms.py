@@ -1,16 +1,18 @@
 """Communication: speed of codec and bridge, what of it arrives against range and number of vehicles, and what choosing
 the samples by their worth to the receivers gains.
 
-    python -m benchmarks comms        or, from here: python -c "from benchmarks import comms; print(comms.run())"
-    python -m benchmarks.comms        only draws docs/figures/channel.png
+    scripts/bench comms
+    python -m benchmarks.comms figure        draws docs/figures/channel.png
+    python -m benchmarks.comms selections    compares all ways to choose samples in all scenes (half an hour)
 """
 
 from __future__ import annotations
 
 import dataclasses
+import sys
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -351,12 +353,20 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 
 
-def selections(seeds: int = 3, scenes: dict[str, dict[str, Any]] = SCENES) -> list[Row]:
-    """What choosing the samples gains: cost of local maps over that of all data, mean over the mission."""
+def selections(scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES, seeds: int = 3) -> list[Row]:
+    """What choosing the samples gains: cost of local maps over that of all data, mean over the mission.
+
+    Args:
+        scenes: Of `SCENES`.
+        choices: Of `CHOICES`, the first one the one that the others are compared with.
+        seeds: Number of lakes.
+    """
     rows = []
-    for scene, settings in scenes.items():
+    for scene in scenes:
+        settings = SCENES[scene]
         base: list[Outcome] = []
-        for choice, config in CHOICES.items():
+        for choice in choices:
+            config = CHOICES[choice]
             runs = [fly(config, seed=seed, **settings) for seed in range(1, seeds + 1)]
             first = not base
             base = base or runs
@@ -387,7 +397,7 @@ def channel_figure(path: Path) -> None:
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
-    far = np.linspace(50.0, 8000.0, 400)
+    far = np.linspace(50.0, 10000.0, 400)
     cases = {
         "default: practical, Thorp, 70 dB/Hz": ChannelConfig(),
         "no fading": ChannelConfig(fading_db=0.0),
@@ -398,7 +408,7 @@ def channel_figure(path: Path) -> None:
     }
     for i, (name, config) in enumerate(cases.items()):
         left.plot(far / 1000.0, loss_at_range(far, config), color=f"C{i}", label=name, linewidth=1.4)
-        points = np.arange(500.0, 8000.0, 750.0) + 60.0 * i
+        points = np.arange(500.0, 10000.0, 750.0) + 60.0 * i
         sent = [1.0 - delivery_at_range(p, config, 250) for p in points.tolist()]
         left.plot(points / 1000.0, sent, ".", color=f"C{i}", markersize=4)
         if name not in ("no fading", "rate 5", "10 % random loss"):
@@ -409,15 +419,27 @@ def channel_figure(path: Path) -> None:
     fresh = ChannelConfig(absorption="fresh")
     right.plot(far / 1000.0, snr_db(far, fresh), color="C7", label="fresh water", linewidth=1.4)
     right.axhspan(-2.6, 0.39, color="0.85", label="rate 4: errors from 1 to 0")
-    right.set(xlabel="range (km)", ylabel="mean SNR (dB)", xlim=(0.0, 8.0), ylim=(-25.0, 60.0))
+    right.set(xlabel="range (km)", ylabel="mean SNR (dB)", xlim=(0.0, 10.0), ylim=(-25.0, 60.0))
     right.legend(fontsize=7)
     figure.savefig(path, dpi=120)
 
 
 def run() -> list[Row]:
     """All rows of `scripts/bench comms`."""
-    return [*codec(), *twenty_vehicles(), *ranges(), *teams(), *selections()]
+    chosen = selections(("K = 3", "K = 3, silent for 10 min"), ("every n-th", "useful"), 2)
+    return [*codec(), *twenty_vehicles(), *ranges(), *teams(), *chosen]
 
 
 if __name__ == "__main__":
-    channel_figure(Path(__file__).resolve().parents[1] / "docs" / "figures" / "channel.png")
+    if sys.argv[1:] == ["figure"]:
+        channel_figure(Path(__file__).resolve().parents[1] / "docs" / "figures" / "channel.png")
+    elif sys.argv[1:] == ["selections"]:
+        for line in selections():
+            print(
+                line["name"],
+                f"{line['value']:.4g}",
+                line["unit"],
+                "" if line["ratio"] is None else f"x {line['ratio']:.3f}",
+            )
+    else:
+        sys.exit(__doc__)
