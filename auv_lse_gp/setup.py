@@ -16,9 +16,6 @@ setup(
     description="Bayes-risk level-set estimation on an online Gaussian process; gp_node",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "gp_node = auv_lse_gp.gp_node:main",
-            "fit = auv_lse_gp.fit:main"
-        ],
+        "console_scripts": ["gp_node = auv_lse_gp.gp_node:main", "fit = auv_lse_gp.fit:main"],
     },
 )

@@ -154,7 +154,9 @@ class ConfiguredNode(Node):
         changed = {p.name: p.value for p in changes if p.name.split(".")[0] not in _ROS_OWN}
         for name in changed:
             if name not in self._tunable:
-                reason = f"{name} takes effect only at the start of the node; tunable: {', '.join(self._tunable) or 'none'}"
+                reason = (
+                    f"{name} takes effect only at the start of the node; tunable: {', '.join(self._tunable) or 'none'}"
+                )
                 return SetParametersResult(successful=False, reason=reason)
         if changed and self._apply is not None:
             wanted = merge(self.parameters, nest(changed))

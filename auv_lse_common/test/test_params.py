@@ -130,7 +130,12 @@ def test_a_nodes_parameters_follow_rcls_patterns(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("", "is empty"), ("- 1\n", "expected a ROS 2 parameter file"), ("a: {b: 1}\n", "under 'a'"), ("{", "not valid YAML")],
+    [
+        ("", "is empty"),
+        ("- 1\n", "expected a ROS 2 parameter file"),
+        ("a: {b: 1}\n", "under 'a'"),
+        ("{", "not valid YAML"),
+    ],
 )
 def test_files_that_are_none_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "m.yaml"

@@ -38,9 +38,7 @@ class PlannerNode(ConfiguredNode):
         super().__init__("planner_node")
         settings = PlannerSettings.from_parameters(self.parameters, self.where)
         self._settings = settings
-        self._planner = VehiclePlanner(
-            self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle)
-        )
+        self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._warm_up(settings)
         sections = ("mission", "level_set", "area", "gp", "motion", "planner", "vehicle")
         tunable = ("method", "iterations", "exploration", "horizon", "naive_paths", "incumbent", "deadline_s")

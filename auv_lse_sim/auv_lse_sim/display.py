@@ -58,7 +58,13 @@ class Progress:
     def table(self) -> Group:
         """The live table."""
         table = Table(box=None, pad_edge=False)
-        for title, align in (("vehicle", "left"), ("steps", "left"), ("", "right"), ("reward", "right"), ("bound", "right")):
+        for title, align in (
+            ("vehicle", "left"),
+            ("steps", "left"),
+            ("", "right"),
+            ("reward", "right"),
+            ("bound", "right"),
+        ):
             table.add_column(title, justify=align)  # type: ignore[arg-type]  # a literal from the line above
         for vehicle in range(1, self.vehicles + 1):
             done = self.steps[vehicle - 1] if len(self.steps) >= vehicle else 0
@@ -102,7 +108,9 @@ class Display:
             self._live.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Leaves the last state on the screen."""
         if self._live is not None:
             self._live.update(self._progress.table())

@@ -41,13 +41,21 @@ def parser() -> argparse.ArgumentParser:
         description="Flies a team mission as real ROS 2 processes and leaves one run folder with the recording, the "
         "figures and a report.",
     )
-    p.add_argument("mission", nargs="?", type=Path, metavar="MISSION.yaml", help="mission file (default: config/missions/default.yaml)")
+    p.add_argument(
+        "mission",
+        nargs="?",
+        type=Path,
+        metavar="MISSION.yaml",
+        help="mission file (default: config/missions/default.yaml)",
+    )
     p.add_argument("--vehicles", type=int, metavar="K", help="number of vehicles, 1 to 20")
     p.add_argument("--steps", type=int, metavar="N", help="legs that each vehicle travels")
     p.add_argument("--method", metavar="NAME", help="planning method: augmented, plain, best, ... (docs/planner.md)")
     p.add_argument("--seed", type=int, help="seed of every random stream: ground, sensors, channel, planners")
     p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
-    p.add_argument("--bathymetry", type=Path, metavar="FILE", help="real ground: CSV of soundings, npz or ESRI ASCII grid, GeoTIFF")
+    p.add_argument(
+        "--bathymetry", type=Path, metavar="FILE", help="real ground: CSV of soundings, npz or ESRI ASCII grid, GeoTIFF"
+    )
     p.add_argument(
         "--area",
         type=float,
@@ -55,13 +63,36 @@ def parser() -> argparse.ArgumentParser:
         metavar=("SOUTH", "WEST", "NORTH", "EAST"),
         help="operating area (m, local north and east); with --bathymetry default: the file's extent",
     )
-    p.add_argument("--real-time-factor", type=float, metavar="X", help="paced run, X times real time (default: lockstep, as fast as it goes)")
-    p.add_argument("--modem", choices=("direct", "emulated"), default="direct", help="emulated: through serial ports, drivers and Micromodem sentences")
-    p.add_argument("--vehicle-link", choices=("direct", "mavlink"), default="direct", help="mavlink: through a simulated MAVLink vehicle")
-    p.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="any parameter, as --set planner.iterations=500; again for more")
+    p.add_argument(
+        "--real-time-factor",
+        type=float,
+        metavar="X",
+        help="paced run, X times real time (default: lockstep, as fast as it goes)",
+    )
+    p.add_argument(
+        "--modem",
+        choices=("direct", "emulated"),
+        default="direct",
+        help="emulated: through serial ports, drivers and Micromodem sentences",
+    )
+    p.add_argument(
+        "--vehicle-link",
+        choices=("direct", "mavlink"),
+        default="direct",
+        help="mavlink: through a simulated MAVLink vehicle",
+    )
+    p.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="any parameter, as --set planner.iterations=500; again for more",
+    )
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
     p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
-    p.add_argument("--parameters", action="store_true", help="print every parameter with unit, range and meaning, and end")
+    p.add_argument(
+        "--parameters", action="store_true", help="print every parameter with unit, range and meaning, and end"
+    )
     return p
 
 
@@ -111,7 +142,9 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
             again += 1
             folder = base.with_name(f"{base.name}-{again}")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise MissionError(f"--out {folder}: exists and is not empty; expected a new or empty folder (nothing was changed)")
+        raise MissionError(
+            f"--out {folder}: exists and is not empty; expected a new or empty folder (nothing was changed)"
+        )
     try:
         (folder / "logs").mkdir(parents=True)
     except OSError as error:
@@ -140,7 +173,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[2]))
     try:
-        settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
+        settings = Settings.load(
+            options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options)
+        )
         settings, notes = fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
         folder = run_folder(options.out, root)
     except (ParameterError, MissionError, ValueError) as error:

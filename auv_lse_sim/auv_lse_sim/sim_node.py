@@ -8,7 +8,6 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
-from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, SimStatus, Sounding, Waypoint
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -17,6 +16,7 @@ from sensor_msgs.msg import FluidPressure, Range
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import ParameterError, read_parameter_file
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, header, run, seconds, stamp
+from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, SimStatus, Sounding, Waypoint
 from auv_lse_sim.ground_source import ground_of
 from auv_lse_sim.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.ros_conversions import (
@@ -173,7 +173,9 @@ class SimNode(ConfiguredNode):
 
     def _transmit(self, message: ModemTx) -> None:
         try:
-            self._world.transmit(message.source, max(seconds(message.header.stamp), self._now_s), bytes(message.payload))
+            self._world.transmit(
+                message.source, max(seconds(message.header.stamp), self._now_s), bytes(message.payload)
+            )
             self._sent += 1
         except ValueError as error:
             self.get_logger().error(f"packet of auv{message.source} at {seconds(message.header.stamp):.1f} s: {error}")
@@ -211,7 +213,9 @@ class SimNode(ConfiguredNode):
         """Lockstep: a node that does not answer is named, instead of waiting in silence for ever."""
         if self._tick and not all(self._finished) and time.monotonic() - self._waiting_since_s > _STALLED_S:
             text = ", ".join(f"{name}: {count}" for name, count in self._gate.missing().items())
-            self._publish_status(SimStatus.FAILED, f"tick {self._tick}: no answer for {_STALLED_S:.0f} s; missing {text}")
+            self._publish_status(
+                SimStatus.FAILED, f"tick {self._tick}: no answer for {_STALLED_S:.0f} s; missing {text}"
+            )
             self._waiting_since_s = time.monotonic()
 
     def _publish_status(self, state: int, message: str) -> None:

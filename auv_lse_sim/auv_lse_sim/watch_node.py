@@ -6,11 +6,11 @@ from functools import partial
 from types import TracebackType
 
 import rclpy
-from auv_lse_msgs.msg import Bound, SimStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.ros_conversions import EVERY, LATCHED, seconds
+from auv_lse_msgs.msg import Bound, SimStatus
 from auv_lse_sim.display import Progress
 
 _STATES = {
@@ -41,7 +41,9 @@ class Watcher:
             self._node.create_subscription(Bound, topic, partial(self._on_bound, vehicle), EVERY)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Leaves."""
         self._executor.shutdown()
         self._node.destroy_node()

@@ -47,8 +47,12 @@ def generate_launch_description():
     default = Path(get_package_share_directory("auv_lse_sim")) / "missions" / "default.yaml"
     return LaunchDescription(
         [
-            DeclareLaunchArgument("params_file", default_value=str(default), description="mission file (ROS 2 parameter file)"),
-            DeclareLaunchArgument("out", default_value="run", description="run folder: the recording and the complete mission file"),
+            DeclareLaunchArgument(
+                "params_file", default_value=str(default), description="mission file (ROS 2 parameter file)"
+            ),
+            DeclareLaunchArgument(
+                "out", default_value="run", description="run folder: the recording and the complete mission file"
+            ),
             DeclareLaunchArgument("modem", default_value="direct", description="direct or emulated"),
             DeclareLaunchArgument("vehicle_link", default_value="direct", description="direct or mavlink"),
             OpaqueFunction(function=_nodes),

@@ -40,7 +40,9 @@ def environment() -> dict[str, str]:
 
 
 def fly(*arguments: str, timeout_s: float = 240.0) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, timeout=timeout_s, env=environment(), check=False)
+    return subprocess.run(
+        command(*arguments), capture_output=True, text=True, timeout=timeout_s, env=environment(), check=False
+    )
 
 
 def nodes_of(folder: Path) -> list[str]:
@@ -70,8 +72,20 @@ def test_a_mission_leaves_a_whole_run_folder(mission: tuple[Path, subprocess.Com
     assert any(name.endswith(".png") for name in names)
     summary = json.loads((folder / "summary.json").read_text())
     for key in (
-        "vehicles", "steps", "method", "seed", "team_reward", "lower_bound", "risk_before", "risk_after", "f1",
-        "misclassified_m2", "packets_sent", "packets_received", "sim_s", "wall_s",
+        "vehicles",
+        "steps",
+        "method",
+        "seed",
+        "team_reward",
+        "lower_bound",
+        "risk_before",
+        "risk_after",
+        "f1",
+        "misclassified_m2",
+        "packets_sent",
+        "packets_received",
+        "sim_s",
+        "wall_s",
     ):
         assert key in summary
     assert (summary["vehicles"], summary["steps"], summary["seed"]) == (3, STEPS, 5)
@@ -166,7 +180,11 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path: Pat
     folder = tmp_path / "run"
     with subprocess.Popen(
         command("--vehicles", "1", "--out", str(folder), "--no-report"),
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(), start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=environment(),
+        start_new_session=True,
     ) as process:
         until = time.monotonic() + 90.0
         while not list((folder / "bag").glob("*.mcap")) or (folder / "bag" / "bag.mcap").stat().st_size < 20_000:
@@ -186,7 +204,10 @@ def test_a_node_that_dies_is_named_with_its_last_words(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with subprocess.Popen(
         command("--vehicles", "1", "--out", str(folder), "--no-report"),
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=environment(),
     ) as process:
         until = time.monotonic() + 90.0
         victim: Any = None

@@ -15,7 +15,6 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from auv_lse_msgs.msg import Bound, KernelCenters, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus, Waypoint
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -24,6 +23,7 @@ from ros_bench import Bench, bench
 
 from auv_lse_common.ros_conversions import LATCHED, header
 from auv_lse_comms.packet import Packet, decode, encode
+from auv_lse_msgs.msg import Bound, KernelCenters, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus, Waypoint
 
 pytestmark = pytest.mark.ros
 
@@ -61,15 +61,24 @@ def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> No
         for i in range(5):
             soundings.publish(sounding(40.0 * i, 0.0, 10.0 + 2.0 * i))
         soundings.publish(sounding(0.0, 0.0, math.nan))
-        samples.publish(SampleArray(header=header(time.time()), source=2, north_m=[0.0], east_m=[100.0], depth_m=[12.0]))
-        samples.publish(SampleArray(header=header(time.time()), source=2, north_m=[0.0, 1.0], east_m=[50.0], depth_m=[12.0]))
+        samples.publish(
+            SampleArray(header=header(time.time()), source=2, north_m=[0.0], east_m=[100.0], depth_m=[12.0])
+        )
+        samples.publish(
+            SampleArray(header=header(time.time()), source=2, north_m=[0.0, 1.0], east_m=[50.0], depth_m=[12.0])
+        )
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
         b.until(lambda: diagnostics and value_of(diagnostics[-1], "centers") == "6", "a map of 6 centres")
         assert value_of(diagnostics[-1], "refused") == "1"
         late = b.collect(KernelCenters, "/auv1/kernel_centers", LATCHED)
         b.until(lambda: late, "the latched centres")
         assert sorted(zip(late[0].north_m, late[0].east_m, strict=True)) == [
-            (0.0, 0.0), (0.0, 100.0), (40.0, 0.0), (80.0, 0.0), (120.0, 0.0), (160.0, 0.0),
+            (0.0, 0.0),
+            (0.0, 100.0),
+            (40.0, 0.0),
+            (80.0, 0.0),
+            (120.0, 0.0),
+            (160.0, 0.0),
         ]
         risk = b.collect(OccupancyGrid, "/auv1/risk_map", LATCHED)
         b.until(lambda: risk, "the risk map")
@@ -79,7 +88,9 @@ def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> No
 
 
 def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_path: Path) -> None:
-    parameters = PARAMETERS + "    tdma: {order: [1, 2], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
+    parameters = (
+        PARAMETERS + "    tdma: {order: [1, 2], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
+    )
     with bench(tmp_path) as b:
         b.start("auv_lse_comms", "modem_node", parameters)
         plan = b.publisher(Plan, "/auv1/plan", LATCHED)
@@ -90,7 +101,9 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         samples = b.collect(SampleArray, "/auv1/team/samples")
         for i in range(30):
             soundings.publish(sounding(float(i), 0.0, 12.0))
-        plan.publish(Plan(vehicle=1, step=3, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=[5, 5, 0], heuristic=0xF0))
+        plan.publish(
+            Plan(vehicle=1, step=3, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=[5, 5, 0], heuristic=0xF0)
+        )
         b.until(lambda: len(tx) >= 2, "two packets")
         for message in tx:
             assert len(message.payload) == 252
@@ -99,14 +112,22 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         packet = decode(bytes(tx[0].payload))
         assert (packet.step, packet.actions, packet.heuristic, len(packet.samples)) == (3, (5, 5, 0), 0xF0, 19)
 
-        mate = Packet(step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), heuristic=0xFF, samples=[[1.0, 2.0, 14.0]])
+        mate = Packet(
+            step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), heuristic=0xFF, samples=[[1.0, 2.0, 14.0]]
+        )
         for payload in (b"", bytes(252), b"\xff" * 252, encode(mate)[:-1], encode(mate)):
             rx.publish(ModemRx(header=header(time.time()), source=2, payload=payload))
         b.until(lambda: plans and samples, "the mate's plan and samples")
         assert (plans[0].vehicle, plans[0].north_m, list(plans[0].actions)) == (2, 5.0, [1])
         assert list(samples[0].depth_m) == [14.0]
         status = b.collect(TdmaStatus, "/auv1/tdma")
-        b.until(lambda: status and sum(n for r, n in zip(status[-1].reasons, status[-1].counts, strict=True) if "rejected" in r) >= 3, "counts")
+        b.until(
+            lambda: (
+                status
+                and sum(n for r, n in zip(status[-1].reasons, status[-1].counts, strict=True) if "rejected" in r) >= 3
+            ),
+            "counts",
+        )
 
         assert set_parameter(b, "/auv1/modem_node", "tdma.slot_s", 3.0).successful
         refused = set_parameter(b, "/auv1/modem_node", "tdma.slot_s", 0.5)
@@ -133,13 +154,18 @@ def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> N
         latched = b.collect(Plan, "/auv1/plan", LATCHED)
         b.until(lambda: latched, "the latched plan")
         assert latched[0].vehicle == 1
-        b.until(lambda: any("planning has stopped" in d.status[0].message for d in diagnostics), "the word that odometry stopped")
+        b.until(
+            lambda: any("planning has stopped" in d.status[0].message for d in diagnostics),
+            "the word that odometry stopped",
+        )
         assert set_parameter(b, "/auv1/planner_node", "planner.iterations", 77).successful
         assert not set_parameter(b, "/auv1/planner_node", "planner.iterations", 0).successful
         assert not set_parameter(b, "/auv1/planner_node", "mission.steps", 5).successful
         client = b.node.create_client(GetParameters, "/auv1/planner_node/get_parameters")
         b.until(client.service_is_ready, "get_parameters")
-        future = client.call_async(GetParameters.Request(names=["planner.iterations", "motion.turn_radius_m", "mission.seed"]))
+        future = client.call_async(
+            GetParameters.Request(names=["planner.iterations", "motion.turn_radius_m", "mission.seed"])
+        )
         b.until(future.done, "answer")
         iterations, radius, seed = future.result().values
         assert (iterations.integer_value, radius.double_value, seed.integer_value) == (77, 15.0, 7)
@@ -154,11 +180,13 @@ def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> N
         (PARAMETERS, "/scout", "ends in the vehicle's number"),
     ],
 )
-def test_a_wrong_parameter_ends_the_node_with_words(tmp_path: Path, parameters: str, namespace: str, expected: str) -> None:
+def test_a_wrong_parameter_ends_the_node_with_words(
+    tmp_path: Path, parameters: str, namespace: str, expected: str
+) -> None:
     with bench(tmp_path) as b:
         b.start("auv_lse_planner", "planner_node", parameters, namespace)
         b.until(b.group.ended, "the end of the node")
-        (name, code), = b.group.ended()
+        ((name, code),) = b.group.ended()
         assert code == 2
         assert expected in b.group.last_words(name)
         assert "Traceback" not in b.group.last_words(name)
