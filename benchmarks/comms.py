@@ -399,7 +399,7 @@ def channel_figure(path: Path) -> None:
     left, right = figure.subplots(1, 2)
     far = np.linspace(50.0, 10000.0, 400)
     cases = {
-        "default: practical, Thorp, 70 dB/Hz": ChannelConfig(),
+        "default": ChannelConfig(),
         "no fading": ChannelConfig(fading_db=0.0),
         "spherical spreading": ChannelConfig(spreading="spherical"),
         "noise 80 dB/Hz": ChannelConfig(noise_level_db=80.0),
