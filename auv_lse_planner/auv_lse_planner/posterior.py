@@ -10,6 +10,7 @@ The factor is kept between decisions and only its end is computed anew as centre
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -208,6 +209,14 @@ class Posterior:
             self.kernel.of_scaled(scaled, scaled) + self.noise_var_m2 * np.eye(len(scaled)),
         )
         self._planned_scaled = scaled
+
+    def copy(self) -> Posterior:
+        """The same data with planned places of its own; watched places are not taken along."""
+        other = copy.copy(self)
+        other._factor = copy.deepcopy(self._factor)
+        other._watched = None
+        other.forget_planned()
+        return other
 
     def forget_planned(self) -> None:
         """Goes back to the data alone."""

@@ -22,6 +22,7 @@ class _Mate:
     actions: NDArray[np.int64]
     reference_step: float  # the mate was at least at this step ...
     reference_s: float  # ... at this time
+    earlier: list[_Mate]  # different plans heard before this one, the last first
 
 
 class Team:
@@ -35,6 +36,7 @@ class Team:
         leg_s: float,
         expiry_s: float,
         rebuild: Callable[[Plan], tuple[Array, NDArray[np.int64]]],
+        kept: int = 1,
     ) -> None:
         """Sets up without any plan known.
 
@@ -45,9 +47,10 @@ class Team:
             leg_s: Time a leg takes.
             expiry_s: Age at which a plan is dropped.
             rebuild: States and actions of a plan to the mission's end.
+            kept: Different plans of each team mate that are kept (for Dec-MCTS; else the last one).
         """
         self._vehicle, self._vehicles, self._order = vehicle, vehicles, order
-        self._leg_s, self._expiry_s, self._rebuild = leg_s, expiry_s, rebuild
+        self._leg_s, self._expiry_s, self._rebuild, self._kept = leg_s, expiry_s, rebuild, kept
         self._mates: dict[int, _Mate] = {}
 
     def hear(self, now_s: float, plan: Plan) -> None:
@@ -70,7 +73,10 @@ class Team:
             estimate = self._step_of(known, now_s)
             if estimate > reference_step and plan.step <= known.plan.step:
                 reference_step = estimate
-        self._mates[plan.vehicle] = _Mate(plan, now_s, now_s, states, actions, reference_step, reference_s)
+        earlier = [known, *known.earlier][: self._kept - 1] if known is not None else []
+        for mate in earlier:
+            mate.earlier = []
+        self._mates[plan.vehicle] = _Mate(plan, now_s, now_s, states, actions, reference_step, reference_s, earlier)
 
     def _step_of(self, mate: _Mate, now_s: float) -> float:
         return mate.reference_step + (now_s - mate.reference_s) / self._leg_s
@@ -99,5 +105,18 @@ class Team:
         mate = self._mates.get(vehicle)
         if mate is None or now_s - mate.last_heard_s >= self._expiry_s:
             return np.empty((0, 3)), np.empty(0, dtype=np.int64)
+        return self._ahead(mate, now_s)
+
+    def _ahead(self, mate: _Mate, now_s: float) -> tuple[Array, NDArray[np.int64]]:
         passed = int(max(0.0, self._step_of(mate, now_s) - mate.plan.step))
         return mate.states[passed:-1], mate.actions[passed:]
+
+    def draw(self, now_s: float, rng: np.random.Generator) -> list[tuple[Array, NDArray[np.int64]]]:
+        """Legs ahead of every team mate by one of its kept plans, drawn at random: the last twice as likely each."""
+        legs = []
+        for _, mate in sorted(self._mates.items()):
+            kept = [m for m in (mate, *mate.earlier) if now_s - m.last_heard_s < self._expiry_s]
+            if kept:
+                weights = 0.5 ** np.arange(len(kept))
+                legs.append(self._ahead(kept[int(rng.choice(len(kept), p=weights / weights.sum()))], now_s))
+        return legs

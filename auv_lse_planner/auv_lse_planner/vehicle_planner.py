@@ -26,6 +26,7 @@ from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.online import Centers
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.dec_mcts import JOINT_DRAWS, KEPT_PLANS, search_dec_mcts
 from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.map_reward import MapReward
 from auv_lse_planner.methods import Recipe, late, recipe
@@ -173,10 +174,11 @@ class VehiclePlanner:
         self.team = Team(
             vehicle,
             settings.mission.vehicles,
-            settings.planner.team_order,
+            "all" if settings.planner.coordination == "dec_mcts" else settings.planner.team_order,
             self.motion.leg_length_m / settings.vehicle.speed_mps,
             settings.planner.plan_expiry_s,
             self.rebuild,
+            KEPT_PLANS if settings.planner.coordination == "dec_mcts" else 1,
         )
         self._map_problem = ""
         self._new_centers: Centers | None = None
@@ -203,8 +205,14 @@ class VehiclePlanner:
 
         Lanes (which all receivers must share), the map's spacing and the team's order stay as they were.
         """
+        how = recipe(config)
+        if config.coordination == "dec_mcts" and (how.kind != "search" or how.objective != "path"):
+            raise ValueError(
+                f"planner.coordination: 'dec_mcts' searches by the path's reward; got planner.method {config.method!r} "
+                f"with objective {how.objective!r}; expected 'augmented', 'plain' or objective 'path'"
+            )
         self.planner = config
-        self.recipe = recipe(config)
+        self.recipe = how
 
     # ------------------------------------------------------------------ what comes in
 
@@ -341,12 +349,13 @@ class VehiclePlanner:
         return self.motion.roll(plan.state, actions), actions
 
     def _team_places(self, now_s: float, step: int) -> Array:
-        places = [np.empty((0, 2))]
-        for mate in self.team.before(step):
-            states, actions = self.team.legs_ahead(now_s, mate)
-            if len(actions):
-                places.append(self.motion.sample_places(states, actions, self.planner.samples_per_leg))
-        return np.concatenate(places)
+        return self._places_of([self.team.legs_ahead(now_s, mate) for mate in self.team.before(step)])
+
+    def _places_of(self, legs: list[tuple[Array, Ints]]) -> Array:
+        """Measurement places (O, 2) along legs, given by their states and actions."""
+        samples = self.planner.samples_per_leg
+        places = [self.motion.sample_places(states, actions, samples) for states, actions in legs if len(actions)]
+        return np.concatenate([np.empty((0, 2)), *places])
 
     # ------------------------------------------------------------------ the decision
 
@@ -446,10 +455,17 @@ class VehiclePlanner:
             self._reward_so_far = self._risk_at_start - float(reward.risk_in_hand.sum())
         else:
             reward = PathReward(self.posterior, level_set, how.credit)
-        found = self._propose(how, situation, reward)
+        shown: tuple[tuple[int, ...], int] | None = None
+        if self.planner.coordination == "dec_mcts":
+            draws = [self._places_of(self.team.draw(now_s, self._rng)) for _ in range(JOINT_DRAWS)]
+            found, shown = search_dec_mcts(situation, self.space, self.naive, self.posterior, level_set, draws, step)
+        else:
+            found = self._propose(how, situation, reward)
         plan = self._plan(step, state, found.actions, found.heuristic)
         chosen = _Path(plan, *self.rebuild(plan), len(found.actions))
         value, kept, incumbent_value, infeasible = found.value, False, math.nan, False
+        if shown is not None:  # valued against draws; from here on against the team mates' last plans
+            value = reward.value(self._columns(chosen.states, chosen.actions))
         if self._path is not None and not reanchored:
             states, actions, _ = self._path.rest(step)
             if len(actions):
@@ -486,7 +502,8 @@ class VehiclePlanner:
             incumbent_infeasible=infeasible,
         )
         leg = Leg.of(self.motion, step, states[0], first)
-        return Decision(plan=chosen.plan, leg=leg, bound=bound, statistics=statistics)
+        told = chosen.plan if shown is None or kept else self._plan(step, state, *shown)
+        return Decision(plan=told, leg=leg, bound=bound, statistics=statistics)
 
     def _propose(self, how: Recipe, situation: Situation, reward: PathReward | MapReward) -> Proposal:
         """The method's new plan."""

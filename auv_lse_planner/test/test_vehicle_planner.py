@@ -320,3 +320,40 @@ def test_configuration_round_trip():
 
     config = PlannerConfig(method="best", horizon=7, naive_paths=(0xF4,))
     assert from_mapping(PlannerConfig, to_mapping(config), "again") == config
+
+
+def test_dec_mcts_plans_against_what_team_mates_may_do():
+    s = settings({"method": "augmented", "coordination": "dec_mcts", "iterations": 60}, vehicles=2, steps=8)
+    one, two = (VehiclePlanner(k, s, np.random.default_rng(k)) for k in (1, 2))
+    told = []
+    for now in range(3):
+        for planner, other in ((one, two), (two, one)):
+            at = planner.leg.end_state if planner.leg is not None and now else np.zeros(3)
+            planner.odometry(20.0 * now, *at, 1.5)
+            if now > 1:
+                planner.odometry(20.0 * now, *planner.leg.end_state, 1.5)
+            decision = planner.decide(20.0 * now)
+            other.hear(20.0 * now, decision.plan)
+            told.append(decision)
+            _, actions = planner.rebuild(decision.plan)
+            assert len(actions) == 8 - decision.plan.step
+            assert math.isfinite(decision.bound.jbar)
+    assert told[-1].statistics.team_places > 0
+    # what is told is drawn from a distribution: not always the path that is travelled
+    draws = [one.team.draw(60.0, np.random.default_rng(i)) for i in range(12)]
+    assert len({d[0][0].tobytes() for d in draws}) > 1
+
+
+def test_dec_mcts_prefers_better_sequences_and_cools():
+    from auv_lse_planner.dec_mcts import distribution
+
+    values = np.array([100.0, 99.0, 90.0])
+    early, late = distribution(values, 0), distribution(values, 99)
+    assert early.sum() == pytest.approx(1.0)
+    assert np.all(np.diff(early) < 0.0)
+    assert late[0] > early[0]
+
+
+def test_dec_mcts_on_the_maps_reward_is_refused():
+    with pytest.raises(ValueError, match="dec_mcts' searches by the path's reward"):
+        VehiclePlanner(1, settings({"method": "map", "coordination": "dec_mcts"}), np.random.default_rng(1))
