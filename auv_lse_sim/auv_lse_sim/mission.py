@@ -313,7 +313,8 @@ def headlines(summary: Summary) -> list[str]:
     s = summary
     bound = "" if s.lower_bound is None else f", lower bound {s.lower_bound:.1f}"
     lines = [
-        f"map-wide Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place; team reward {s.team_reward:.1f}{bound}",
+        f"map-wide Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place; "
+        f"team reward {s.team_reward:.1f}{bound}",
     ]
     if s.isobath_error_m is not None and s.f1 is not None and s.misclassified_m2 is not None:
         lines.append(

@@ -50,7 +50,7 @@ class Watcher:
         rclpy.try_shutdown()
 
     def wait(self, seconds_: float) -> tuple[str, str]:
-        """Handles messages for about `seconds_`; returns state ("waiting", "running", ...) and the simulator's words."""
+        """Handles messages for about `seconds_`; returns the state ("waiting", "running", ...) and the words to it."""
         until = self._node.get_clock().now().nanoseconds + int(seconds_ * 1e9)
         while (left := until - self._node.get_clock().now().nanoseconds) > 0:
             self._executor.spin_once(timeout_sec=left * 1e-9)
