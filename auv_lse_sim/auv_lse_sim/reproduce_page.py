@@ -47,7 +47,7 @@ COLUMNS = (
 
 
 def write_page(plan: Plan, folder: Path, shown: Mapping[tuple[int, str], Evaluation]) -> Path:
-    """Writes figures, `results.json` and `reproduce.html` from the rows that there are; returns the page's path."""
+    """Writes figures, `results.json`, `results.md` and `reproduce.html` from the rows so far; returns its path."""
     rows = {name: Rows(folder / name, columns_of(spec)).merge() for name, spec in plan.campaigns.items()}
     known = {name: {job.id for job in spec.jobs()} for name, spec in plan.campaigns.items()}
     done = {name: [r for r in found if r["status"] == "ok" and r["id"] in known[name]] for name, found in rows.items()}
@@ -78,6 +78,7 @@ def write_page(plan: Plan, folder: Path, shown: Mapping[tuple[int, str], Evaluat
     path = folder / "reproduce.html"
     path.write_text("\n".join(parts) + "\n</body></html>\n")
     (folder / "results.json").write_text(json.dumps(_results(found, trials), indent=2) + "\n")
+    (folder / "results.md").write_text(markdown(found, trials, _subtitle(plan, done, failed)))
     return path
 
 
@@ -270,6 +271,22 @@ def _made(plan: Plan, done: Mapping[str, Sequence[Row]]) -> str:
         "again."
     )
     return f"<p>{html.escape(text)}</p>"
+
+
+def markdown(found: Sequence[Claim], trials: Mapping[tuple[int, str], Sequence[Row]], subtitle: str) -> str:
+    """Table and claims as text, for a document."""
+    columns = [(key, heading) for key, heading in COLUMNS if key not in ("bound_kept", "isobath_found")]
+    lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", ""]
+    lines.append("| setting | seeds | " + " | ".join(heading for _, heading in columns) + " |")
+    lines.append("|---" * (len(columns) + 2) + "|")
+    for (vehicles, method), rows in trials.items():
+        cells = [str(interval([value_of(r, key) for r in rows])) for key, _ in columns]
+        lines.append(f"| {trial_name(vehicles, method)} | {len(rows)} | " + " | ".join(cells) + " |")
+    for claim in found:
+        lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark}", ""]
+        lines += ["| measured here | result | this claim is |", "|---|---|---|"]
+        lines += [f"| {e.what.replace('|', chr(92) + '|')} | {e.value} | {e.verdict} |" for e in claim.evidence]
+    return "\n".join(lines) + "\n"
 
 
 def _results(found: Sequence[Claim], trials: Mapping[tuple[int, str], Sequence[Row]]) -> dict[str, Any]:

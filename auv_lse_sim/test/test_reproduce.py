@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from auv_lse_sim import reproduce
+from auv_lse_sim.campaign import cluster
 from auv_lse_sim.reproduce import METHODS, SWEEPS, full_plan, main, quick_plan, sweep_name
 
 TINY = {
@@ -63,7 +64,13 @@ def test_a_reproduction_in_miniature(tmp_path, monkeypatch, capsys):
     for name, spec in plan.campaigns.items():
         plan.campaigns[name] = replace(spec, seeds=(1, 2) if name == "trials" else (1,))
     monkeypatch.setattr(reproduce, "quick_plan", lambda budget_s: plan)
-    assert main(["--quick", "--out", str(tmp_path / "r"), "--workers", "2"]) == 0
+    with cluster(None, 2) as client:
+        scheduler = ["--scheduler", client.scheduler.address]
+        _reproduced_in_miniature(tmp_path, [*scheduler, "--quick", "--out", str(tmp_path / "r")], capsys)
+
+
+def _reproduced_in_miniature(tmp_path, arguments, capsys):
+    assert main(arguments) == 0
     page = (tmp_path / "r" / "reproduce.html").read_text()
     assert not re.search(r"(src|href)=[\"'](?!data:)", page)
     assert "lower bound" in page
@@ -73,12 +80,15 @@ def test_a_reproduction_in_miniature(tmp_path, monkeypatch, capsys):
         (k, m) for k in (2, 3) for m in ("augmented", "lawnmower")
     }
     assert all(t["seeds"] == 2 for t in results["trials"])
+    text = (tmp_path / "r" / "results.md").read_text()
+    assert "| 3 AUVs, lawnmower | 2 |" in text
+    assert "11 simulated missions, 2 seeds in the trials, 0 missions failed." in text
     assert (tmp_path / "r" / "examples" / "3_auvs_augmented" / "report.html").exists()
     assert (tmp_path / "r" / "examples" / "3_auvs_augmented" / "bag" / "metadata.yaml").exists()
     capsys.readouterr()
 
     # Started again, it flies nothing and makes the same page from the rows and the recordings.
-    assert main(["--quick", "--out", str(tmp_path / "r"), "--workers", "1"]) == 0
+    assert main(arguments) == 0
     assert json.loads((tmp_path / "r" / "results.json").read_text()) == results
 
 
