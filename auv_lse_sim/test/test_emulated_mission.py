@@ -1,0 +1,83 @@
+"""Whole missions through emulated hardware, against the same missions without it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from auv_lse_comms import micromodem as mm
+from auv_lse_comms.line_log import read_entries, replay
+from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_sim.bag import read_run
+from auv_lse_sim.run_data import RunData
+
+pytestmark = [pytest.mark.ros, pytest.mark.mission]
+
+ROOT = Path(__file__).resolve().parents[2]
+TEAM = (1, 2)
+SHORT = ("--vehicles", "2", "--steps", "6", "--seed", "5", "--packet-loss", "0.1", "--set", "planner.iterations=20")
+
+
+def fly(folder: Path, *options: str) -> RunData:
+    command = [sys.executable, "-m", "auv_lse_sim.mission", *SHORT, "--no-report", "--out", str(folder), *options]
+    environment = {**os.environ, "AUV_LSE_ROOT": str(ROOT), "COLUMNS": "200"}
+    process = subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=environment, check=False)
+    assert process.returncode == 0, process.stdout + process.stderr
+    return read_run(folder)
+
+
+@pytest.fixture(scope="module")
+def direct(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+    return fly(tmp_path_factory.mktemp("direct") / "run")
+
+
+@pytest.fixture(scope="module")
+def emulated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunData]:
+    folder = tmp_path_factory.mktemp("emulated") / "run"
+    return folder, fly(folder, "--modem", "emulated")
+
+
+def test_through_serial_ports_and_sentences_the_packets_are_the_same(
+    direct: RunData, emulated: tuple[Path, RunData]
+) -> None:
+    _, other = emulated
+    assert len(direct.sent) >= 8
+    packets = [sorted((p.stamp_s, p.source, p.payload) for p in run.sent) for run in (direct, other)]
+    assert packets[0] == packets[1]
+    heard = [sorted(run.received, key=lambda p: (p.receiver, p.stamp_s)) for run in (direct, other)]
+    assert len(heard[0]) == len(heard[1]) > 0
+    for a, b in zip(*heard, strict=True):
+        assert (a.receiver, a.source, a.payload) == (b.receiver, b.source, b.payload)
+        assert a.stamp_s == pytest.approx(b.stamp_s, abs=1.1e-4)  # a modem tells 0.1 ms
+        assert a.snr_db == pytest.approx(b.snr_db, abs=0.051)  # and 0.1 dB
+
+
+def test_the_line_logs_of_the_mission_replay_and_hold_its_packets(emulated: tuple[Path, RunData]) -> None:
+    folder, run = emulated
+    for k in TEAM:
+        with (folder / "logs" / f"auv{k}.modem_lines.log").open() as lines:
+            again = replay(read_entries(lines), ModemConfig(kind="micromodem", port="log"))
+        assert again.said == again.logged
+        sent = [event for _, event in again.events if isinstance(event, mm.TransmitStarted)]
+        assert len(sent) == sum(packet.source == k for packet in run.sent)
+        received = [event.payload for _, event in again.events if isinstance(event, mm.PacketReceived)]
+        assert received == [packet.payload for packet in run.received if packet.receiver == k]
+
+
+def test_through_mavlink_the_mission_is_the_same_to_the_rounding_of_its_messages(
+    direct: RunData, tmp_path: Path
+) -> None:
+    other = fly(tmp_path / "run", "--modem", "emulated", "--vehicle-link", "mavlink")
+    for a, b in zip(direct.vehicles, other.vehicles, strict=True):
+        assert [(d.step, d.actions) for d in a.decisions] == [(d.step, d.actions) for d in b.decisions]
+        count = min(len(a.truth), len(b.truth))
+        assert abs(len(a.truth) - len(b.truth)) <= 2
+        assert abs(a.truth[:count, 1:3] - b.truth[:count, 1:3]).max() < 0.05
