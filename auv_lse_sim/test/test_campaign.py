@@ -2,6 +2,10 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pyarrow.parquet
 import pytest
@@ -250,3 +254,35 @@ def test_an_unreachable_scheduler_is_named(monkeypatch):
 )
 def test_durations_for_readers(seconds, text):
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
+def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
+    spec_file, out = tmp_path / "tiny.yaml", tmp_path / "out"
+    spec_file.write_text(yaml.safe_dump({"set": TINY, "seeds": 16, "name": "test"}))
+    packages = [str(p) for p in Path(__file__).resolve().parents[2].glob("auv_lse_*") if (p / "setup.py").exists()]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, "-m", "auv_lse_sim.campaign", str(spec_file), "--out", str(out), "--workers", "1"]
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    try:
+        until = time.monotonic() + 60.0
+        while not list(out.glob("rows/*.parquet")) and time.monotonic() < until:
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.05)
+        process.send_signal(sign)
+        _, errors = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    if sign == signal.SIGINT:
+        assert process.returncode == 130
+        assert "the same command goes on from here" in errors
+    spec = CampaignSpec.load(spec_file)
+    rows = Rows(out, columns_of(spec))
+    kept = {p: p.stat().st_mtime_ns for p in rows.folder.glob("*.parquet")}
+    assert 1 <= len(kept) < 16
+    assert set(rows.statuses().values()) == {"ok"}
+    client.wait_for_workers(2, timeout=30)
+    state = run_campaign(spec, out, client)
+    assert (state.before, state.done, state.failed) == (len(kept), 16 - len(kept), 0)
+    assert all(p.stat().st_mtime_ns == stamp for p, stamp in kept.items())
+    assert sorted(row["seed"] for row in rows.read()) == list(range(1, 17))
