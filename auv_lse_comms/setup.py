@@ -16,6 +16,10 @@ setup(
     description="252-byte packets, TDMA, acoustic modem driver and MAVLink link; modem_node",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["modem_node = auv_lse_comms.modem_node:main"],
+        "console_scripts": [
+            "modem_node = auv_lse_comms.modem_node:main",
+            "micromodem_node = auv_lse_comms.micromodem_node:main",
+            "vehicle_link_node = auv_lse_comms.vehicle_link_node:main",
+        ],
     },
 )

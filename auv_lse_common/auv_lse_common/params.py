@@ -178,7 +178,7 @@ def _scalar(hint: Any, value: Any, key: str, field: dataclasses.Field[Any], expe
 
 
 def to_mapping(config: Any) -> dict[str, Any]:
-    """The nested plain mapping of a configuration, as `from_mapping` takes it (tuples become lists, None is left out)."""
+    """The nested plain mapping of a configuration, as `from_mapping` takes it (tuples become lists, None stays out)."""
     result: dict[str, Any] = {}
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)

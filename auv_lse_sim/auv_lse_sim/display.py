@@ -51,8 +51,8 @@ class Progress:
         steps = " ".join(str(n) for n in self.steps) or "-"
         return (
             f"{clock(self.sim_s)}  steps {steps} of {self.steps_total}  packets {self.sent} sent {self.received} "
-            f"received {self.lost} lost  reward {sum(self.rewards.values()):.0f} bound {sum(self.bounds.values()):.0f}  "
-            f"{self.speed:.0f} x real time"
+            f"received {self.lost} lost  reward {sum(self.rewards.values()):.0f} "
+            f"bound {sum(self.bounds.values()):.0f}  {self.speed:.0f} x real time"
         )
 
     def table(self) -> Group:

@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import sys
 import time
 from collections.abc import Sequence
@@ -128,6 +129,31 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     return wanted
 
 
+def hardware_of(modem: str, vehicle_link: str, vehicles: int, folder: Path) -> dict[str, Any]:
+    """Parameters by which each vehicle's drivers and the simulator's emulated hardware find each other.
+
+    Args:
+        modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder.
+        vehicle_link: "direct", or "mavlink": a free UDP port of this machine per vehicle.
+        vehicles: Number of vehicles.
+        folder: The run folder, absolute.
+    """
+    wanted: dict[str, Any] = {}
+    for k in range(1, vehicles + 1):
+        if modem == "emulated":
+            wanted[f"auv{k}.modem.kind"] = "micromodem"
+            wanted[f"auv{k}.modem.port"] = str(folder / "modems" / f"auv{k}")
+            wanted[f"auv{k}.modem.log_file"] = str(folder / "logs" / f"auv{k}.modem_lines.log")
+    if vehicle_link == "mavlink":
+        with contextlib.ExitStack() as stack:  # all are held until all are known, so that no two are the same
+            for k in range(1, vehicles + 1):
+                probe = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                probe.bind(("127.0.0.1", 0))
+                wanted[f"auv{k}.link.kind"] = "mavlink"
+                wanted[f"auv{k}.link.endpoint"] = f"udpin://127.0.0.1:{probe.getsockname()[1]}"
+    return wanted
+
+
 def run_folder(wanted: Path | None, root: Path) -> Path:
     """Makes the run folder.
 
@@ -185,6 +211,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print(note, highlight=False, soft_wrap=True)
     console.print(f"run folder: {folder}", highlight=False, soft_wrap=True)
     settings = settings.with_overrides({"record.folder": str(folder / "bag")})
+    settings = settings.with_overrides(
+        hardware_of(options.modem, options.vehicle_link, settings.mission.vehicles, folder)
+    )
     (folder / "mission.yaml").write_text(settings.to_parameter_file())
     interrupt = _Interrupt()
     started = time.monotonic()

@@ -16,8 +16,11 @@ from sensor_msgs.msg import FluidPressure, Range
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import ParameterError, read_parameter_file
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, header, run, seconds, stamp
+from auv_lse_comms.transport import Watcher
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, SimStatus, Sounding, Waypoint
+from auv_lse_sim.emulated_links import EmulatedLinks
 from auv_lse_sim.ground_source import ground_of
+from auv_lse_sim.mavlink_vehicle import TargetLeg
 from auv_lse_sim.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.ros_conversions import (
     altitude_message,
@@ -33,6 +36,8 @@ from auv_lse_sim.world import VehicleOutput, World
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _STALLED_S = 60.0
+#: Losses of the channel that a modem notices: it hears a packet and cannot decode it.
+_HEARD_ALL_THE_SAME = ("noise", "interference", "random")
 
 
 class SimNode(ConfiguredNode):
@@ -55,6 +60,7 @@ class SimNode(ConfiguredNode):
         self._arrivals = [0] * len(self._vehicles)
         self._transmissions: list[ModemTx] = []
         self._recorded_tick = 0
+        self._links = EmulatedLinks(settings, self._on_emulated_packet, self._on_target)
         self._waiting_since_s = time.monotonic()
         self._speed = _Speed()
 
@@ -68,24 +74,36 @@ class SimNode(ConfiguredNode):
         self._rx = [self.create_publisher(ModemRx, n + "modem/rx", EVERY) for n in names]
         self._truth = [self.create_publisher(Odometry, f"/truth{n}odometry", EVERY) for n in names]
         for k, n in zip(self._vehicles, names, strict=True):
-            self.create_subscription(ModemTx, n + "modem/tx", partial(self._on_transmission, k), EVERY)
-            self.create_subscription(Waypoint, n + "waypoint", partial(self._on_waypoint, k), EVERY)
+            if k not in self._links.modems:
+                self.create_subscription(ModemTx, n + "modem/tx", partial(self._on_transmission, k), EVERY)
+            if k not in self._links.autopilots:
+                self.create_subscription(Waypoint, n + "waypoint", partial(self._on_waypoint, k), EVERY)
+        self._bytes = self.create_guard_condition(self._on_bytes)
+        ports = [port for port in (self._links.rack, self._links.dock) if port is not None]
+        self._watchers = [Watcher(port, self._bytes.trigger) for port in ports]
         self._wire_time(names)
         self._publish_status(SimStatus.WAITING, "for the mission's nodes")
 
     def _wire_time(self, names: list[str]) -> None:
         """Lockstep: the gates of a tick. Otherwise: a timer. Either begins once every reader is matched."""
-        readers = {self._clock: 3 * len(self._vehicles) + self.recorded, self._status: self.recorded}
+        drivers = len(self._links.modems) + len(self._links.autopilots)
+        self._nodes = 3 * len(self._vehicles) + drivers
+        readers = {self._clock: self._nodes + self.recorded, self._status: self.recorded}
         for k in self._vehicles:
             i = k - 1
             readers |= {self._sounding[i]: 2 + self.recorded, self._odometry[i]: 1 + self.recorded}
             readers |= {self._rx[i]: 1 + self.recorded, self._truth[i]: self.recorded}
             readers |= {self._altitude[i]: self.recorded, self._pressure[i]: self.recorded}
-        inputs = [f"{what} of auv{k}" for k in self._vehicles for what in ("waypoints", "packets")]
+        inputs = [f"packets of auv{k}" for k in self._vehicles]
+        inputs += [f"waypoints of auv{k}" for k in self._vehicles]
+        inputs += [f"targets of auv{k}" for k in self._links.autopilots]
+        inputs += [f"modem of auv{k}" for k in self._links.modems]
+        self._lost_by_modem = [0] * len(self._vehicles)
+        self._heard = [0] * len(self._vehicles)
         self._gate = Gate(tuple(inputs))
         if self.lockstep:
             self._tick_topic = self.create_publisher(LockstepTick, "/lockstep/tick", EVERY)
-            readers[self._tick_topic] = 3 * len(self._vehicles) + self.recorded
+            readers[self._tick_topic] = self._nodes + self.recorded
             for k, n in zip(self._vehicles, names, strict=True):
                 self.create_subscription(LockstepDone, n + "lockstep/done", partial(self._on_done, k), EVERY)
             self.create_subscription(LockstepDone, "/lockstep/done", self._on_recorded, EVERY)
@@ -93,6 +111,8 @@ class SimNode(ConfiguredNode):
             self._begun = False
             self.create_timer(1.0, self._watch, clock=_STEADY)
         self.when_matched(readers, self._begin)
+        if drivers:
+            self.create_timer(0.2, self._greet, clock=_STEADY)
 
     # ------------------------------------------------------------------ time
 
@@ -106,7 +126,7 @@ class SimNode(ConfiguredNode):
         self._start_lockstep()
 
     def _start_lockstep(self) -> None:
-        if self._begun and self._tick == 0 and len(self._ready) == 3 * len(self._vehicles):
+        if self._begun and self._tick == 0 and len(self._ready) == self._nodes:
             self._run_tick()
 
     def _run_tick(self) -> None:
@@ -123,6 +143,7 @@ class SimNode(ConfiguredNode):
             slow = [k for k in self._vehicles if not self._finished[k - 1]]
             self._publish_status(SimStatus.FAILED, f"vehicles {slow} have not finished by {self._now_s:.0f} s")
             return
+        self._links.poll(self._now_s)
         outputs = self._world.tick(self._now_s)
         self._lost += len(self._world.lost)
         self._clock.publish(ClockMessage(clock=stamp(self._now_s)))
@@ -131,6 +152,8 @@ class SimNode(ConfiguredNode):
         if self.lockstep:
             tick = LockstepTick(stamp=stamp(self._now_s), tick=self._tick)
             tick.soundings, tick.arrivals = self._soundings, self._arrivals
+            for k in self._links.modems:
+                self._gate.announce(self._tick, f"modem of auv{k}", self._tick)
             tick.odometries = [self._tick] * len(self._vehicles)
             self._waiting_since_s = time.monotonic()
             self._tick_topic.publish(tick)
@@ -142,13 +165,21 @@ class SimNode(ConfiguredNode):
         for row in output.soundings:
             self._sounding[i].publish(sounding_message(row))
         self._soundings[i] += len(output.soundings)
-        for arrival in output.arrivals:
-            self._rx[i].publish(arrival_message(arrival))
+        if k in self._links.modems:
+            heard = [a for a in self._world.lost if a.receiver == k and a.why in _HEARD_ALL_THE_SAME]
+            for arrival in sorted((*output.arrivals, *heard), key=lambda a: a.arrival_s):
+                self._links.arrive(k, arrival)
+        else:
+            for arrival in output.arrivals:
+                self._rx[i].publish(arrival_message(arrival))
         self._arrivals[i] += len(output.arrivals)
         self._received += len(output.arrivals)
-        self._odometry[i].publish(odometry_message(output.odometry, output.pressure_depth_m, k))
-        self._altitude[i].publish(altitude_message(self._now_s, output.altitude_m, k))
-        self._pressure[i].publish(pressure_message(self._now_s, output.pressure_depth_m, k))
+        if k in self._links.autopilots:
+            self._links.report(k, self._now_s, output)
+        else:
+            self._odometry[i].publish(odometry_message(output.odometry, output.pressure_depth_m, k))
+            self._altitude[i].publish(altitude_message(self._now_s, output.altitude_m, k))
+            self._pressure[i].publish(pressure_message(self._now_s, output.pressure_depth_m, k))
         self._truth[i].publish(truth_message(output.truth, k))
         steps = self._settings.mission.steps
         if not self.lockstep:
@@ -164,6 +195,37 @@ class SimNode(ConfiguredNode):
             self.get_logger().error(f"auv{k}: {error}")
         self._gate.count(f"waypoints of auv{k}")
         self._advance()
+
+    # ------------------------------------------------------------------ emulated modems and autopilots
+
+    def _greet(self) -> None:
+        if self._tick == 0:
+            self._links.greet(self._now_s)
+
+    def _on_bytes(self) -> None:
+        self._links.serve(self._now_s)
+        for watcher in self._watchers:
+            watcher.handled()
+        for k in self._links.autopilots:
+            targets, missions = self._links.heard(k)
+            heard = missions if self._settings.vehicle(k).link.mode == "mission" else targets
+            self._gate.count(f"targets of auv{k}", heard - self._heard[k - 1])
+            self._heard[k - 1] = heard
+        self._advance()
+
+    def _on_emulated_packet(self, k: int, start_s: float, payload: bytes) -> float:
+        self._on_transmission(k, ModemTx(header=header(start_s), source=k, payload=payload))
+        return self._world.channel.duration_s(len(payload))
+
+    def _on_target(self, k: int, leg: TargetLeg) -> None:
+        self._world.command(k, leg)
+
+    def destroy_node(self) -> None:
+        """Takes the emulated hardware away."""
+        for watcher in self._watchers:
+            watcher.stop()
+        self._links.close()
+        super().destroy_node()
 
     def _on_transmission(self, k: int, message: ModemTx) -> None:
         self._gate.count(f"packets of auv{k}")
@@ -191,6 +253,14 @@ class SimNode(ConfiguredNode):
             if message.finished:
                 self._steps[k - 1] = self._settings.mission.steps
             self._gate.announce(message.tick, f"waypoints of auv{k}", message.second)
+        elif message.node == "vehicle_link":  # what it has sent to the autopilot, once it has that many waypoints
+            self._gate.announce(message.tick, f"targets of auv{k}", message.first)
+            self._gate.reach(f"waypoints of auv{k}", message.second)
+        elif message.node == "micromodem":
+            self._gate.count(f"modem of auv{k}")
+        elif message.node == "micromodem_lost":  # a packet that its driver could not send: nothing to wait for
+            self._gate.count(f"packets of auv{k}", message.first - self._lost_by_modem[k - 1])
+            self._lost_by_modem[k - 1] = message.first
         elif message.node == "modem_sent":
             self._gate.announce(message.tick, f"packets of auv{k}", message.first)
         self._advance()
