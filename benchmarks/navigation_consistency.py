@@ -79,7 +79,7 @@ def measure(
         lane = 0
         for tick in range(1, int(duration_s) + 1):
             stamps = tick - 1.0 + np.arange(1, 11) / 10.0
-            north, _ = vehicle.move(tick - 1.0, float(tick), current.advance(tick - 1.0, stamps))
+            north, _ = vehicle.move(stamps, current.advance(tick - 1.0, stamps))
             vehicle.sense(np.full(len(north), 20.0))
             if vehicle.step == step - 1:
                 if side_m > 0.0:

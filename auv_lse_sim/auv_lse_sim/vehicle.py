@@ -302,22 +302,22 @@ class SimVehicle:
         self._loitering = True
         self._m[mm.ALONG] = along_m
 
-    def move(self, start_s: float, now_s: float, currents: Array) -> tuple[Array, Array]:
-        """Moves on to `now_s`.
+    def move(self, stamps_s: Array, currents: Array) -> tuple[Array, Array]:
+        """Moves on by sub-steps of one over the DVL's rate.
 
         Args:
-            start_s: End of the last tick.
-            now_s: End of this tick.
+            stamps_s: End of each sub-step (n,).
             currents: Current north, east of each sub-step (n, 2), m/s.
 
         Returns:
             True north and east (n,) of each sub-step, where `sense` wants the depth of the water.
         """
-        m, n = self._m, len(currents)
+        m, n = self._m, len(stamps_s)
         normals = self._rng.standard_normal((n, mm.NORMALS))
         uniforms = self._rng.random((n, mm.UNIFORMS))
         rows = np.zeros((n, mm.OUT))
         dt = self._params[mm.P_DT]
+        start_s = float(stamps_s[0]) - dt if n else 0.0
         i = 0
         while i < n:
             last, limit = n, math.inf
@@ -345,8 +345,7 @@ class SimVehicle:
                 else:
                     self._circle(over)
         self._rows = rows
-        self._stamps = start_s + dt * np.arange(1, n + 1)
-        self._stamps[-1:] = now_s
+        self._stamps = stamps_s
         return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
 
     def sense(self, water_m: Array) -> Array:

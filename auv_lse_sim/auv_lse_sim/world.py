@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -79,6 +80,7 @@ class World:
         self._current = Current(sim.current, stream(seed, "current"), sim.ideal)
         self.channel = Channel(sim.channel, stream(seed, "channel"), land_between(ground.depth_m))
         self._now_s = 0.0
+        self._substeps = 0
         self.lost: list[Arrival] = []
 
     @classmethod
@@ -103,10 +105,13 @@ class World:
         start_s = self._now_s
         if now_s < start_s:
             raise ValueError(f"world: tick to {now_s:g} s; expected a time after {start_s:g} s")
-        n = round((now_s - start_s) * self.config.dvl.rate_hz)
-        stamps = start_s + np.arange(1, n + 1) / self.config.dvl.rate_hz
-        currents = self._current.advance(start_s, stamps)
-        places = [vehicle.move(start_s, now_s, currents) for vehicle in self.vehicles.values()]
+        # Sub-steps keep to their own clock, whatever the ticks: all those that end within this tick.
+        rate, done = self.config.dvl.rate_hz, self._substeps
+        self._substeps = math.floor(now_s * rate + 1e-6)
+        stamps = np.arange(done + 1, self._substeps + 1) / rate
+        n = len(stamps)
+        currents = self._current.advance(done / rate, stamps)
+        places = [vehicle.move(stamps, currents) for vehicle in self.vehicles.values()]
         north, east = np.concatenate([p[0] for p in places]), np.concatenate([p[1] for p in places])
         water = self.ground.depth_m(north, east)
         arrivals = self.channel.arrivals(now_s)

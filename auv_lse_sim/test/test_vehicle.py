@@ -48,8 +48,8 @@ class Dive:
 
     def tick(self) -> None:
         start, self.now_s = self.now_s, self.now_s + 1.0
-        currents = self.current.advance(start, start + np.arange(1, 11) / 10.0)
-        north, _ = self.vehicle.move(start, self.now_s, currents)
+        stamps = start + np.arange(1, 11) / 10.0
+        north, _ = self.vehicle.move(stamps, self.current.advance(start, stamps))
         self.rows.append(self.vehicle._rows)
         self.soundings.append(self.vehicle.sense(np.full(len(north), self.water_m)))
 

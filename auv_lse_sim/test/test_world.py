@@ -130,6 +130,20 @@ def test_shorter_ticks_make_the_same_truth():
     assert halves.travelled_m == pytest.approx(whole.travelled_m + 0.75, abs=1e-6)
 
 
+@pytest.mark.parametrize(("tick_s", "rate_hz"), [(0.25, 10.0), (0.05, 10.0), (1.0, 3.0), (0.7, 8.0)])
+def test_ticks_need_not_hold_whole_sub_steps(tick_s, rate_hz):
+    """Nothing is lost or gained where a sub-step reaches over a tick's end."""
+    w = world(1, ideal=True, dvl={"rate_hz": rate_hz}, altimeter={"sounding_every_s": 0.0})
+    w.tick(0.0)
+    leg = Leg(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, action_rad=0.0, radius_m=15.0, straight_m=500.0)
+    w.command(1, leg)
+    ticks = round(21.0 / tick_s)
+    stamps = [s for i in range(1, ticks + 1) for s in w.tick(i * tick_s)[1].soundings[:, 0]]
+    assert len(stamps) == 21.0 * rate_hz
+    assert np.allclose(np.diff(stamps), 1.0 / rate_hz)
+    assert w.positions()[1][0] == pytest.approx(21.0 * 1.5, abs=1e-6)
+
+
 def test_leaving_the_known_ground_gives_no_soundings_and_goes_on():
     small = Extent(north_min_m=-10, north_max_m=30, east_min_m=-50, east_max_m=90)
     w = world(1, ground=FunctionGround(lambda n, e: 20.0 + 0.0 * n, small))
