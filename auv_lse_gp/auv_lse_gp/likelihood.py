@@ -277,9 +277,9 @@ def fit(
         **{name: float(value) for name, value in values.items()},  # type: ignore[arg-type]  # all are floats
     )
     warnings += _bounds_hit(best_x, bounds, two_axes)
-    if 3.0 * target.spacing_m > config.length_scale_m > 0.0:
+    if config.length_scale_m < 1.5 * target.spacing_m:
         warnings.append(
-            f"length_scale_m: {config.length_scale_m:.3g} m is under three times the spacing of the soundings "
+            f"length_scale_m: {config.length_scale_m:.3g} m is under 1.5 times the spacing of the soundings "
             f"({target.spacing_m:.3g} m): expected soundings closer together to tell it from noise"
         )
     if config.length_scale_m > 0.5 * target.extent_m:
