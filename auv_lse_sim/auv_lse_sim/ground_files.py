@@ -480,8 +480,8 @@ def _read_ascii(path: Path, config: BathymetryConfig, origin: tuple[float, float
     if step <= 0.0:
         raise GroundError(f"{path}: cellsize {step:g}; expected > 0")
     shift = 0.5 * step if corner else 0.0
-    x: Array = header[x_name] + shift + step * np.arange(columns)
-    y: Array = header[y_name] + shift + step * np.arange(rows)
+    x = header[x_name] + shift + step * np.arange(columns, dtype=np.float64)
+    y = header[y_name] + shift + step * np.arange(rows, dtype=np.float64)
     projection = path.with_suffix(".prj")
     crs = projection.read_text() if projection.is_file() else None
     return _raster(path, x, y, grid, crs, config, origin)

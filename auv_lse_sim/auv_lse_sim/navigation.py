@@ -158,7 +158,8 @@ def update_compass(x: Array, p: Array, heading: float, variance: float, gate: fl
     """Takes a compass heading (rad): HEADING + COMPASS_BIAS. Returns the normalized innovation squared."""
     h = np.zeros(STATES)
     h[HEADING], h[COMPASS_BIAS] = 1.0, 1.0
-    return update(x, p, h, wrap(heading - x[HEADING] - x[COMPASS_BIAS]), variance, gate)
+    nis: float = update(x, p, h, wrap(heading - x[HEADING] - x[COMPASS_BIAS]), variance, gate)
+    return nis
 
 
 @compiled
