@@ -35,6 +35,7 @@ def shares(situations: int, tail: bool, iterations: int | None = None, first: in
     area, motion = OperatingArea(settings.area), MotionTable(settings.motion)
     space = FreeSpace(area, motion)
     naive = NaivePaths(space, PlannerConfig(), area.polygon)
+    grid = area.grid(PlannerConfig().map_spacing_m)
     how = RECIPES["augmented"]
     result = []
     for number in range(first, first + situations):
@@ -62,6 +63,7 @@ def shares(situations: int, tail: bool, iterations: int | None = None, first: in
             rng=rng,
             deadline=None,
             seeds=[],
+            grid=grid,
         )
         found = search_path(situation, space, naive, reward).value
         sequences = PathSequences(reward, motion, naive, state, left, heuristics, 1)

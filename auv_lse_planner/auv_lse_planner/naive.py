@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_gp.area import Grid
 from auv_lse_planner.compiled import compiled
 from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.free_space import Area, FreeSpace, escape_action, is_feasible, loop_clearance
@@ -44,6 +45,7 @@ COVERING = (0xF4, 0xF5, 0xF6, 0xF7)
 STRAIGHT_ON = 0xF8
 HOLD = 0xF9
 STRIPS = (0xFA, 0xFB, 0xFC, 0xFD, 0xFE)
+MOWING = (*LAWNMOWERS, *COVERING, *STRIPS)
 IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD, *STRIPS)
 
 #: Metres off the lane that weigh as much as one radian off its direction.
@@ -172,6 +174,72 @@ def lawnmower(
 
 
 @compiled
+def sum_along(state, actions, turns, steps, field, north0_f, east0_f, cell_f):
+    """Sum of a gridded field, bilinear and clamped at its border, over the ends of legs from a state (3,)."""
+    heading, north, east = state[0], state[1], state[2]
+    total = 0.0
+    for index in range(actions.shape[0]):
+        a = actions[index]
+        heading, north, east = advance(heading, north, east, turns[a], steps[a, 0], steps[a, 1])
+        x = min(max((north - north0_f) / cell_f, 0.0), field.shape[0] - 1.001)
+        y = min(max((east - east0_f) / cell_f, 0.0), field.shape[1] - 1.001)
+        i = int(x)
+        j = int(y)
+        u = x - i
+        v = y - j
+        total += (field[i, j] * (1.0 - v) + field[i, j + 1] * v) * (1.0 - u)
+        total += (field[i + 1, j] * (1.0 - v) + field[i + 1, j + 1] * v) * u
+    return total
+
+
+@compiled
+def lawnmower_sum(
+    raster,
+    north0,
+    east0,
+    cell,
+    tracks,
+    spacing,
+    loops,
+    turns,
+    steps,
+    state,
+    count,
+    axis,
+    lanes,
+    side,
+    low,
+    high,
+    straight,
+    field,
+    north0_f,
+    east0_f,
+    cell_f,
+):
+    """`sum_along` a `lawnmower`."""
+    actions = lawnmower(
+        raster,
+        north0,
+        east0,
+        cell,
+        tracks,
+        spacing,
+        loops,
+        turns,
+        steps,
+        state,
+        count,
+        axis,
+        lanes,
+        side,
+        low,
+        high,
+        straight,
+    )
+    return sum_along(state, actions, turns, steps, field, north0_f, east0_f, cell_f)
+
+
+@compiled
 def straight_on(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, count, order):
     """Actions that turn as little as possible; `order` lists the actions by the size of their turn."""
     actions = np.zeros(count, dtype=np.int64)
@@ -261,35 +329,8 @@ class NaivePaths:
         state = np.asarray(state, dtype=float)
         motion = self._space.motion
         space = self._space.arguments(static=not around_shallows)
-        if heuristic in LAWNMOWERS or heuristic in COVERING or heuristic in STRIPS:
-            kind = (heuristic - LAWNMOWERS[0]) % 4 if heuristic not in STRIPS else 0
-            frame = self._frames[kind // 2]
-            side = 1.0 if kind % 2 == 0 else -1.0
-            spacing, low, high = self._spacing_m, frame.low_m, frame.high_m
-            if heuristic not in LAWNMOWERS:
-                spacing = frame.area_m2 / (steps * motion.leg_length_m)
-            if heuristic in STRIPS and self._strips > 1:
-                spacing /= self._strips
-                width = (high - low) / self._strips
-                number = (heuristic - STRIPS[0]) % self._strips
-                inset = min(0.5 * spacing, 0.5 * width)
-                low, high = low + number * width + inset, low + (number + 1) * width - inset
-                across = -state[1] * math.sin(frame.axis_rad) + state[2] * math.cos(frame.axis_rad)
-                side = 1.0 if across < 0.5 * (low + high) else -1.0  # from the near side to the far one
-            spacing = max(spacing, 2.0 * motion.radius_m)
-            return np.asarray(
-                lawnmower(
-                    *space,
-                    state,
-                    steps,
-                    frame.axis_rad,
-                    spacing,
-                    side,
-                    low,
-                    high,
-                    motion.straight_on,
-                )
-            )
+        if heuristic in MOWING:
+            return np.asarray(lawnmower(*space, state, steps, *self._lanes(state, heuristic, steps)))
         if heuristic == STRAIGHT_ON:
             return np.asarray(straight_on(*space, state, steps, self._by_size))
         if heuristic == HOLD:
@@ -298,6 +339,48 @@ class NaivePaths:
             order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
             return np.asarray(straight_on(*space, state, steps, order))
         raise ValueError(f"heuristic: got {heuristic:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
+
+    def _lanes(self, state: Array, heuristic: int, steps: int) -> tuple[float, float, float, float, float, int]:
+        """Axis, spacing, side, range and straight-on action of a lawnmower: its arguments after the number of steps."""
+        motion = self._space.motion
+        kind = (heuristic - LAWNMOWERS[0]) % 4 if heuristic not in STRIPS else 0
+        frame = self._frames[kind // 2]
+        side = 1.0 if kind % 2 == 0 else -1.0
+        spacing, low, high = self._spacing_m, frame.low_m, frame.high_m
+        if heuristic not in LAWNMOWERS:
+            spacing = frame.area_m2 / (steps * motion.leg_length_m)
+        if heuristic in STRIPS and self._strips > 1:
+            spacing /= self._strips
+            width = (high - low) / self._strips
+            number = (heuristic - STRIPS[0]) % self._strips
+            inset = min(0.5 * spacing, 0.5 * width)
+            low, high = low + number * width + inset, low + (number + 1) * width - inset
+            across = -state[1] * math.sin(frame.axis_rad) + state[2] * math.cos(frame.axis_rad)
+            side = 1.0 if across < 0.5 * (low + high) else -1.0  # from the near side to the far one
+        spacing = max(spacing, 2.0 * motion.radius_m)
+        return frame.axis_rad, spacing, side, low, high, motion.straight_on
+
+    def sums_along(self, states: Array, heuristic: int, steps: int, field: Array, grid: Grid) -> Array:
+        """Sum of a gridded field over the leg ends of a naive path from each of many states (B, 3).
+
+        Args:
+            states: Heading, north, east.
+            heuristic: Id.
+            steps: Number of legs.
+            field: Values at the nodes of `grid`, shape (N, E); read by bilinear interpolation.
+            grid: The nodes.
+        """
+        north0, east0, cell = float(grid.north_m[0]), float(grid.east_m[0]), float(grid.resolution_m)
+        motion = self._space.motion
+        sums = np.empty(len(states))
+        for i, state in enumerate(states):
+            if heuristic in MOWING:
+                lanes = self._lanes(state, heuristic, steps)
+                sums[i] = lawnmower_sum(*self._arguments, state, steps, *lanes, field, north0, east0, cell)
+            else:
+                actions = self.actions(state, heuristic, steps)
+                sums[i] = sum_along(state, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell)
+        return sums
 
     def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
         """Measurement places (P, 2) of naive path `heuristic` over `steps` legs from a state (3,)."""

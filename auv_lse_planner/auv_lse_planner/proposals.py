@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_gp.area import Grid
 from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.lattice_search import LatticeSearch
 from auv_lse_planner.map_reward import MapReward
@@ -41,6 +42,7 @@ class Situation:
         rng: Random stream.
         deadline: Says when to stop.
         seeds: Action sequences tried first.
+        grid: Grid of places over the area, to guess what naive paths bring; None: not guessed.
     """
 
     state: Array
@@ -55,6 +57,7 @@ class Situation:
     rng: np.random.Generator
     deadline: Callable[[], bool] | None
     seeds: list[Actions]
+    grid: Grid | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +88,12 @@ class Proposal:
 def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward) -> Proposal:
     """Tree search on the paper's reward, every path valued exactly."""
     s = situation
-    sequences = PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg)
+    risk = None
+    if s.grid is not None and s.heuristics:
+        columns = reward.posterior.columns(s.grid.places_m)
+        filled = s.grid.fill(reward.before(columns), outside=0.0)
+        risk = (filled, s.grid)
+    sequences = PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg, risk)
     search = TreeSearch(
         space.choices,
         space.motion.end_state,
@@ -96,8 +104,8 @@ def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, rewar
         s.rng,
         space.random_actions,
     )
-    # half of the growing phase goes to the heads that are worth most by themselves
-    seeds = [*s.seeds, *sequences.promising(space.choices, s.horizon, s.iterations // 6, 2)]
+    # a good part of the growing phase goes to what promises most
+    seeds = [*s.seeds, *sequences.promising(space.choices, s.horizon, s.iterations // 4, 2)]
     result = search.run(s.state, s.iterations, s.deadline, seeds)
     return Proposal(
         actions=result.actions,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_gp.area import Grid
 from auv_lse_planner.motion import MotionTable
 from auv_lse_planner.naive import NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
@@ -17,6 +18,9 @@ Array = NDArray[np.float64]
 
 #: Most sequences that `promising` values.
 MOST_HEADS = 1500
+
+#: Most of them whose naive paths are guessed.
+MOST_TAILS = 400
 Actions = tuple[int, ...]
 
 
@@ -48,6 +52,7 @@ class PathSequences:
         steps_left: int,
         heuristics: tuple[int, ...],
         samples_per_leg: int,
+        risk: tuple[Array, Grid] | None = None,
     ) -> None:
         """Prepares for sequences from `state`.
 
@@ -59,7 +64,9 @@ class PathSequences:
             steps_left: Steps to the mission's end.
             heuristics: Ids of the naive paths to choose from; empty for none.
             samples_per_leg: Measurement places on a leg.
+            risk: Risk in hand on a grid (N, E), to guess what naive paths bring; None: not guessed.
         """
+        self._risk = risk
         self._reward, self._motion, self._naive = reward, motion, naive
         self._steps_left, self._heuristics, self._samples = steps_left, heuristics, samples_per_leg
         self._states: dict[Actions, Array] = {(): np.asarray(state, dtype=float)}
@@ -77,10 +84,11 @@ class PathSequences:
     def promising(
         self, choices: Callable[[Array], NDArray[np.int64]], horizon: int, overall: int, per_first: int
     ) -> list[Actions]:
-        """Sequences that are worth most without their naive paths: what a search should try first.
+        """Sequences that promise most: what a search should try first.
 
         All of them are valued, together and exactly, which costs about as much as ten with naive paths; so only where
-        there are not more than `MOST_HEADS` (three legs of eleven actions).
+        there are not more than `MOST_HEADS` (three legs of eleven actions). What the naive paths add is guessed, for
+        `MOST_TAILS` of them, as the risk in hand along them.
 
         Args:
             choices: Actions that may be taken in a state.
@@ -98,6 +106,8 @@ class PathSequences:
             heads = [(*h, int(a)) for h in heads for a in choices(self._state(h))]
         self._look_up(list(dict.fromkeys(h[:i] for h in heads for i in range(1, horizon + 1))))
         values = np.concatenate([self._head_values(heads[i : i + 256]) for i in range(0, len(heads), 256)])
+        if self._heuristics and self._risk is not None:
+            heads, values = self._with_tails_roughly(heads, values)
         order = np.argsort(-values, kind="stable")
         chosen = dict.fromkeys(heads[i] for i in order[:overall])
         taken: dict[int, int] = {}
@@ -107,6 +117,21 @@ class PathSequences:
                 taken[first] = taken.get(first, 0) + 1
                 chosen[heads[i]] = None
         return list(chosen)
+
+    def _with_tails_roughly(self, heads: list[Actions], values: Array) -> tuple[list[Actions], Array]:
+        """A share of the heads, evenly spread, with their values and the risk in hand along their naive paths added."""
+        assert self._risk is not None
+        field, grid = self._risk
+        every = max(1, -(-len(heads) // MOST_TAILS))
+        # the last action runs fastest: a step that is prime to the number of actions visits all of them
+        if every > 1 and len(heads) % self._motion.actions == 0 and self._motion.actions % every == 0:
+            every += 1
+        index = np.arange(0, len(heads), every)
+        chosen = [heads[i] for i in index]
+        states = np.array([self._state(h) for h in chosen])
+        left = self._steps_left - len(chosen[0])
+        rough = [self._naive.sums_along(states, h, left, field, grid) for h in self._heuristics]
+        return chosen, values[index] + self._samples * np.max(rough, axis=0)
 
     def _head_values(self, heads: list[Actions]) -> Array:
         within = np.arange(self._samples)

@@ -193,6 +193,7 @@ class VehiclePlanner:
         self.plans_refused = 0
         self._map_grid: Grid | None = None
         self._surrogate: Surrogate | None = None
+        self._rough_grid = self.area.grid(settings.planner.map_spacing_m)
         self._risk_at_start = math.nan
         self._reward_so_far = 0.0
         self._bound_max = -math.inf
@@ -442,6 +443,7 @@ class VehiclePlanner:
             rng=self._rng,
             deadline=deadline,
             seeds=self._seeds,
+            grid=self._rough_grid,
         )
         level_set = self.settings.level_set
         if how.risk_method:

@@ -107,3 +107,16 @@ def test_an_area_without_room_still_gives_a_path():
     tiny = area((0.0, 0.0, 30.0, 0.0, 30.0, 30.0, 0.0, 30.0))
     _, motion, _, _ = world()
     assert len(naive_path(np.zeros(3), LAWNMOWERS[0], 10, tiny, motion, PlannerConfig())) == 10
+
+
+@pytest.mark.parametrize("heuristic", [LAWNMOWERS[1], COVERING[0], STRAIGHT_ON])
+def test_sums_along_paths_are_those_of_the_places(heuristic):
+    a, _, _, naive = world()
+    grid = a.grid(20.0)
+    slope = 2.0 * grid.north_m[:, None] - 0.5 * grid.east_m[None, :]  # bilinear interpolation is exact on a plane
+    states = _states(4, seed=8)
+    sums = naive.sums_along(states, heuristic, 12, slope, grid)
+    for state, total in zip(states, sums, strict=True):
+        places = naive.path_places(state, heuristic, 12, 1)
+        inside = np.clip(places, [grid.north_m[0], grid.east_m[0]], [grid.north_m[-1], grid.east_m[-1]])
+        assert total == pytest.approx((2.0 * inside[:, 0] - 0.5 * inside[:, 1]).sum(), abs=0.5)
