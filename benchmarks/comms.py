@@ -281,7 +281,7 @@ def fly(
         seed: Of lake, paths and losses.
         seconds: Length of the mission.
         loss: Share of the receptions lost at random.
-        silent_s: Nobody hears anybody before this (a gap in communication).
+        silent_s: Nobody hears anybody before this (a gap in communication), and nothing is compared.
         rate_hz: Soundings per second.
     """
     lake = SyntheticLake(mission_seed=seed)
@@ -294,7 +294,7 @@ def fly(
     def belief(address: int) -> ReceiversRisk | None:
         if packet.selection != "useful":
             return None
-        return ReceiversRisk(gp, level, area, packet.expected_loss, stream(seed, "receivers", address), 25.0)
+        return ReceiversRisk(gp, level, area, stream(seed, "receivers", address), 25.0)
 
     team = [ModemBridge(TdmaConfig(), packet, a, vehicles, receivers=belief(a)) for a in range(1, vehicles + 1)]
     own, everything = [Knowledge(gp, level, area, 25.0) for _ in team], Knowledge(gp, level, area, 25.0)
@@ -330,7 +330,7 @@ def fly(
                 received = other.receive(t + 3.0, bridge.address, payload)
                 if received is not None:
                     own[i].tell(received.packet.samples)
-        if t % 50 == 0:
+        if t % 50 == 0 and t > silent_s:
             excess.append(float(np.mean([k.risk for k in own])) - everything.risk)
             regrets.append(float(np.mean([regret(k, everything, level) for k in own])))
     return Outcome(float(np.mean(excess)), float(np.mean(regrets)), select_s / max(packets, 1))
@@ -342,7 +342,6 @@ CHOICES = {
     "every n-th, 5 m apart": PacketConfig(min_spacing_m=5.0),
     "useful": PacketConfig(selection="useful"),
     "useful, 3 m apart": PacketConfig(selection="useful", min_spacing_m=3.0),
-    "useful, loss not reckoned with": PacketConfig(selection="useful", expected_loss=0.0),
 }
 SCENES: dict[str, dict[str, Any]] = {
     "K = 3": {"vehicles": 3},

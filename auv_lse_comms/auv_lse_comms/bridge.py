@@ -23,6 +23,9 @@ from auv_lse_comms.tdma import Slot, Tdma
 
 Array = NDArray[np.float64]
 
+#: Weight of the last slot in the estimate of the loss: a memory of about ten slots.
+_LOSS_GAIN = 0.1
+
 
 class PlanLike(Protocol):
     """A plan as the planner makes it: where it begins, its actions, and the naive path that continues it."""
@@ -105,6 +108,9 @@ class ModemBridge:
         self._slot: Slot | None = None  # the slot the last poll fell in
         self._used = False  # whether that slot's packet is out
         self._why = "late"  # why not, if it is ours and is over without one
+        self._heard = False  # whether a packet was taken since that slot began
+        #: Share of the team's slots in which nothing was heard of late: what is lost, as far as one can tell.
+        self.loss = packet.expected_loss
 
     @property
     def unsent(self) -> int:
@@ -210,11 +216,12 @@ class ModemBridge:
         except PacketError as error:
             self.counts[f"rejected.{error.reason}"] += 1
             return None
+        self._heard = True
         self.counts["received"] += 1
         self.counts[f"received.{source}"] += 1
         self.counts["samples.received"] += len(packet.samples)
         if self._receivers is not None and len(packet.samples):
-            self._receivers.hear(packet.samples)
+            self._receivers.hear(packet.samples, self.loss)
         return Received(source=source, stamp_s=now_s, packet=packet)
 
     def poll(self, now_s: float, ready: bool = True) -> bytes | None:
@@ -259,6 +266,9 @@ class ModemBridge:
         before = self._slot
         if before is None:
             return
+        if before.owner not in (0, self.address):
+            self.loss += _LOSS_GAIN * ((0.0 if self._heard else 1.0) - self.loss)
+        self._heard = False
         if before.owner == self.address and not self._used:
             self.counts[f"slots.missed.{self._why}"] += 1
         if slot.since_s != before.since_s or slot.index <= before.index + 1:
@@ -275,7 +285,7 @@ class ModemBridge:
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
             chosen = most_useful(unsent[:, 1:4], room, self._receivers, unsent[:, 4])
-            self._receivers.send()
+            self._receivers.send(self.loss)
         else:
             chosen = every_nth(len(unsent), room)
         packet = Packet(

@@ -84,7 +84,7 @@ class PacketConfig:
         help="class, as 'module:class', that says what a sample is worth to the receivers; for selection 'useful'",
     )
     expected_loss: float = parameter(
-        0.2, low=0.0, high=1.0, help="chance that a packet is lost, as selection 'useful' supposes"
+        0.2, low=0.0, high=1.0, help="chance that a packet is lost, as selection 'useful' supposes until it has heard"
     )
     min_spacing_m: float = parameter(
         0.0,

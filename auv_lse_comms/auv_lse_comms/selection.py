@@ -26,11 +26,12 @@ class ReceiversRisk(Protocol):
     The map and its risk belong to other packages, so whoever wires a vehicle hands an object of this shape in.
     """
 
-    def hear(self, samples_m: Array) -> None:
-        """A packet of a team mate with these samples was heard.
+    def hear(self, samples_m: Array, loss: float) -> None:
+        """A packet of a team mate with these samples was heard; others may have missed it.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
+            loss: Chance that a packet is lost at present.
         """
 
     def suppose(self, samples_m: Array) -> None:
@@ -40,8 +41,12 @@ class ReceiversRisk(Protocol):
             samples_m: North, east, water depth (m), shape (n, 3).
         """
 
-    def send(self) -> None:
-        """The packet with what was supposed is sent; it may get lost."""
+    def send(self, loss: float) -> None:
+        """The packet with what was supposed is sent; it may get lost.
+
+        Args:
+            loss: Chance that a packet is lost at present.
+        """
 
     def gains(self, samples_m: Array) -> Array:
         """Expected drop of the receivers' Bayes risk by each sample alone, shape (n,).
@@ -127,18 +132,17 @@ def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Ar
     return np.sort(np.array(chosen, dtype=np.intp))
 
 
-def load_receivers(name: str, parameters: Mapping[str, Any], where: str, address: int, loss: float) -> ReceiversRisk:
+def load_receivers(name: str, parameters: Mapping[str, Any], where: str, address: int) -> ReceiversRisk:
     """The `ReceiversRisk` that the mission file names.
 
     This package knows no map, so what a sample is worth comes from a class named as "module:class", which is made by
-    its `from_parameters(parameters, where, address, loss)`.
+    its `from_parameters(parameters, where, address)`.
 
     Args:
         name: `packet.receivers`.
         parameters: Nested parameters of the mission.
         where: Where they came from, for messages.
         address: Number of the sender.
-        loss: Chance that a packet is lost.
 
     Raises:
         ParameterError: if there is no such class.
@@ -146,7 +150,7 @@ def load_receivers(name: str, parameters: Mapping[str, Any], where: str, address
     module, _, attribute = name.partition(":")
     try:
         kind = getattr(importlib.import_module(module), attribute)
-        made: ReceiversRisk = kind.from_parameters(parameters, where, address, loss)
+        made: ReceiversRisk = kind.from_parameters(parameters, where, address)
     except (ImportError, AttributeError, ValueError) as error:
         if isinstance(error, ParameterError):
             raise

@@ -52,7 +52,7 @@ def bridge_of(
     packet = section(PacketConfig, parameters, "packet", where)
     vehicles = int(parameters.get("mission", {}).get("vehicles", max((*tdma.order, address))))
     if packet.selection == "useful" and receivers is None:
-        receivers = load_receivers(packet.receivers, parameters, where, address, packet.expected_loss)
+        receivers = load_receivers(packet.receivers, parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
         limits = limits_of(parameters, packet)

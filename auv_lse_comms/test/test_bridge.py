@@ -275,11 +275,11 @@ class Deepest:
         self.told = 0
         self.log: list[str] = []
 
-    def hear(self, samples_m: Array) -> None:
-        self.log.append(f"heard {len(samples_m)}")
+    def hear(self, samples_m: Array, loss: float) -> None:
+        self.log.append(f"heard {len(samples_m)} at {loss:g}")
 
-    def send(self) -> None:
-        self.log.append(f"sent {self.told}")
+    def send(self, loss: float) -> None:
+        self.log.append(f"sent {self.told} at {loss:g}")
 
     def suppose(self, samples_m: Array) -> None:
         self.told += len(samples_m)
@@ -296,9 +296,26 @@ def test_useful_selection_asks_the_receivers() -> None:
     payload = b.poll(1.0)
     assert payload is not None
     assert decode(payload).samples[:, 2].tolist() == [0.0, *range(22, 40)]
-    assert receivers.log == ["sent 19"]
+    assert receivers.log == ["sent 19 at 0.2"]
     b.receive(12.0, 2, encode(dataclasses.replace(PLAN, samples=np.ones((7, 3)))))
-    assert receivers.log == ["sent 19", "heard 7"]
+    assert receivers.log == ["sent 19 at 0.2", "heard 7 at 0.2"]
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.4, 1.0])
+def test_loss_is_estimated_from_the_slots_of_others(loss: float) -> None:
+    rng = np.random.default_rng(4)
+    b = ModemBridge(TdmaConfig(order=(1, 2, 0, 3)), PacketConfig(expected_loss=0.5), 1, 3)
+    estimates = []
+    for t in range(40 * 200):
+        owner = b.tdma.slot(float(t)).owner
+        if owner in (2, 3) and t % 10 == 4 and rng.random() >= loss:
+            assert b.receive(float(t), owner, encode(PLAN)) is not None
+        b.poll(float(t))
+        estimates.append(b.loss)
+    assert estimates[0] == 0.5
+    late = estimates[len(estimates) // 4 :]
+    # an exponential mean with gain 0.1 scatters by sqrt(0.1 / 1.9) of one draw's deviation; its mean far less
+    assert np.mean(late) == pytest.approx(loss, abs=0.06)
 
 
 @pytest.mark.parametrize("vehicles", [1, 2, 3, 20])

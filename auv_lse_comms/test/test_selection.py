@@ -63,10 +63,10 @@ class Peaks:
     def suppose(self, samples_m: Array) -> None:
         self.known = np.concatenate([self.known, samples_m])
 
-    def hear(self, samples_m: Array) -> None:
+    def hear(self, samples_m: Array, loss: float) -> None:
         raise AssertionError("nothing was heard")
 
-    def send(self) -> None:
+    def send(self, loss: float) -> None:
         raise AssertionError("the bridge sends, not the selection")
 
     def gains(self, samples_m: Array) -> Array:
@@ -135,16 +135,16 @@ def test_worth_is_remembered_and_a_backlog_looked_at_evenly() -> None:
 @pytest.mark.parametrize("name", ["no_such_module:Class", "math:Class", "math:pi", "math", ""])
 def test_a_class_that_does_not_exist_is_refused(name: str) -> None:
     with pytest.raises(ParameterError, match=r"mission.yaml: packet.receivers: got '.*'; expected 'module:class'"):
-        load_receivers(name, {}, "mission.yaml", 1, 0.2)
+        load_receivers(name, {}, "mission.yaml", 1)
 
 
 def test_the_class_a_mission_names_is_made_from_its_parameters() -> None:
     pytest.importorskip("auv_lse_gp.receivers_risk")
     parameters = {"area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0]}}
-    receivers = load_receivers(PacketConfig().receivers, parameters, "mission.yaml", 1, 0.2)
+    receivers = load_receivers(PacketConfig().receivers, parameters, "mission.yaml", 1)
     assert receivers.gains(np.array([[60.0, 50.0, 15.0]])) > 0.0
     with pytest.raises(ParameterError, match=r"kernel: got 'none'"):
-        load_receivers(PacketConfig().receivers, {**parameters, "gp": {"kernel": "none"}}, "mission.yaml", 1, 0.2)
+        load_receivers(PacketConfig().receivers, {**parameters, "gp": {"kernel": "none"}}, "mission.yaml", 1)
 
 
 @pytest.mark.parametrize("gains", [lambda s: np.ones((len(s), 1)), lambda s: np.full(len(s), np.nan)])

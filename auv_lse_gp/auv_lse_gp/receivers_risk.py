@@ -5,7 +5,7 @@ expect of it before they know its depth (PAPER.md section 1, with D1 what they k
 
 Nobody tells a sender what got through. A sender that takes all for known leaves holes where packets were lost, and
 does worse than one that sends every n-th sample. So several receivers are supposed, each of which misses every packet,
-sent or heard, with the chance that packets are lost; a sample's worth is its mean over them.
+sent or heard, with the chance that packets are lost then; a sample's worth is its mean over them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 _NEGLIGIBLE_SHARE = 1e-3
 #: ... and one whose Bayes risk is less than this share of the larger cost.
 _NEGLIGIBLE_RISK = 1e-4
-#: Supposed receivers where packets are lost.
+#: Supposed receivers.
 SUPPOSED = 4
 
 
@@ -171,7 +171,6 @@ class ReceiversRisk:
         gp: GpConfig,
         level_set: LevelSet,
         area: OperatingArea,
-        loss: float,
         rng: np.random.Generator,
         spacing_m: float = 20.0,
     ) -> None:
@@ -181,29 +180,22 @@ class ReceiversRisk:
             gp: The prior, and the noise of a sounding.
             level_set: The isobath and what errors cost.
             area: Where risk counts.
-            loss: Chance that a packet is lost, from 0 to 1.
             rng: Which packets the supposed receivers miss.
             spacing_m: Spacing of the places where risk is summed.
-
-        Raises:
-            ValueError: if the loss is no chance.
         """
-        if not 0.0 <= loss <= 1.0:
-            raise ValueError(f"loss = {loss}: expected a chance, 0 to 1")
-        self._loss = loss
         self._rng = rng
-        self._receivers = [Knowledge(gp, level_set, area, spacing_m) for _ in range(SUPPOSED if loss > 0.0 else 1)]
+        self._receivers = [Knowledge(gp, level_set, area, spacing_m) for _ in range(SUPPOSED)]
+        self._missed = [0] * SUPPOSED  # what each has missed, as a number: those with the same know the same
         self._marks = [receiver.mark() for receiver in self._receivers]
 
     @classmethod
-    def from_parameters(cls, parameters: Mapping[str, Any], where: str, address: int, loss: float) -> ReceiversRisk:
+    def from_parameters(cls, parameters: Mapping[str, Any], where: str, address: int) -> ReceiversRisk:
         """From the sections `gp`, `level_set` and `area` of a mission file.
 
         Args:
             parameters: Nested parameters.
             where: Where they came from, for messages.
             address: Number of the sender.
-            loss: Chance that a packet is lost.
 
         Raises:
             ParameterError: naming what cannot be used.
@@ -212,18 +204,18 @@ class ReceiversRisk:
             section(GpConfig, parameters, "gp", where),
             section(LevelSet, parameters, "level_set", where),
             OperatingArea(section(AreaConfig, parameters, "area", where)),
-            loss,
             stream(int(parameters.get("mission", {}).get("seed", 1)), "receivers", address),
         )
 
-    def hear(self, samples_m: ArrayLike) -> None:
+    def hear(self, samples_m: ArrayLike, loss: float) -> None:
         """A team mate's packet with these samples was heard; the others may have missed it.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
+            loss: Chance that a packet is lost at present.
         """
         self.suppose(samples_m)
-        self.send()
+        self.send(loss)
 
     def suppose(self, samples_m: ArrayLike) -> None:
         """The packet that is being made holds these samples too; what it is worth is reckoned as if it arrived.
@@ -234,12 +226,17 @@ class ReceiversRisk:
         for receiver in self._receivers:
             receiver.tell(np.asarray(samples_m, dtype=float))
 
-    def send(self) -> None:
-        """The packet is made; each of the supposed receivers misses it with the chance that packets are lost."""
-        missed = self._rng.random(len(self._receivers)) < self._loss
-        for receiver, mark, misses in zip(self._receivers, self._marks, missed, strict=True):
-            if misses:
-                receiver.forget(mark)
+    def send(self, loss: float) -> None:
+        """The packet is made; each of the supposed receivers misses it with the chance that packets are lost.
+
+        Args:
+            loss: That chance at present.
+        """
+        missed = self._rng.random(len(self._receivers)) < loss
+        for i, receiver in enumerate(self._receivers):
+            self._missed[i] = hash((self._missed[i], bool(missed[i])))
+            if missed[i]:
+                receiver.forget(self._marks[i])
         self._marks = [receiver.mark() for receiver in self._receivers]
 
     def gains(self, samples_m: ArrayLike) -> Array:
@@ -249,4 +246,6 @@ class ReceiversRisk:
             samples_m: North, east, water depth (m), shape (n, 3).
         """
         samples = np.asarray(samples_m, dtype=float)
-        return np.asarray(np.mean([receiver.gains(samples) for receiver in self._receivers], axis=0))
+        different = dict(zip(self._missed, self._receivers, strict=True))
+        known = {missed: receiver.gains(samples) for missed, receiver in different.items()}
+        return np.asarray(np.mean([known[missed] for missed in self._missed], axis=0))
