@@ -1,13 +1,16 @@
 """The navigation filter: its equations against dense ones, its consistency, what it refuses."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from auv_lse_planner.compiled import plain
+from auv_lse_planner.compiled import HAVE_NUMBA, plain
+from auv_lse_sim import motion_model as mm
 from auv_lse_sim import navigation as nav
 from auv_lse_sim.config import SimConfig
+from auv_lse_sim.kernels import _cache_folder
 from benchmarks.navigation_consistency import measure
 
 Q = np.array([1e-6, 4e-4, 1e-12, 1e-10, 1e-6])
@@ -145,3 +148,10 @@ def test_filter_is_consistent():
         assert nees.mean(axis=0).max() < high
     # Dead reckoning that drifts, but by no more than a good INS: 0.1 to 2 % of the distance gone.
     assert 0.001 < result.drift < 0.02
+
+
+@pytest.mark.skipif(not HAVE_NUMBA, reason="numba is not installed")
+def test_compiled_code_is_kept_by_the_text_of_all_its_files():
+    """Numba alone would go on using what it once compiled of another, since changed, file."""
+    assert Path(mm.advance.stats.cache_path).is_relative_to(_cache_folder())
+    assert Path(nav.predict.stats.cache_path).is_relative_to(_cache_folder())
