@@ -34,7 +34,7 @@ class Recipe:
     objective: str = "path"
     credit: str = "printed"
     horizon: int = 3
-    iterations: int = 150
+    iterations: int = 100
     tail: bool = True
     naive_paths: tuple[int, ...] = (LAWNMOWERS[0],)
     incumbent: bool = True

@@ -18,9 +18,6 @@ Array = NDArray[np.float64]
 
 #: Most sequences that `promising` values.
 MOST_HEADS = 1500
-
-#: Most of them whose naive paths are guessed.
-MOST_TAILS = 400
 Actions = tuple[int, ...]
 
 
@@ -87,8 +84,8 @@ class PathSequences:
         """Sequences that promise most: what a search should try first.
 
         All of them are valued, together and exactly, which costs about as much as ten with naive paths; so only where
-        there are not more than `MOST_HEADS` (three legs of eleven actions). What the naive paths add is guessed, for
-        `MOST_TAILS` of them, as the risk in hand along them.
+        there are not more than `MOST_HEADS` (three legs of eleven actions). What the naive paths add is guessed as the
+        risk in hand along them: little of it is left at a place that is measured.
 
         Args:
             choices: Actions that may be taken in a state.
@@ -107,7 +104,7 @@ class PathSequences:
         self._look_up(list(dict.fromkeys(h[:i] for h in heads for i in range(1, horizon + 1))))
         values = np.concatenate([self._head_values(heads[i : i + 256]) for i in range(0, len(heads), 256)])
         if self._heuristics and self._risk is not None:
-            heads, values = self._with_tails_roughly(heads, values)
+            values = self._with_tails_roughly(heads, values)
         order = np.argsort(-values, kind="stable")
         chosen = dict.fromkeys(heads[i] for i in order[:overall])
         taken: dict[int, int] = {}
@@ -118,20 +115,14 @@ class PathSequences:
                 chosen[heads[i]] = None
         return list(chosen)
 
-    def _with_tails_roughly(self, heads: list[Actions], values: Array) -> tuple[list[Actions], Array]:
-        """A share of the heads, evenly spread, with their values and the risk in hand along their naive paths added."""
+    def _with_tails_roughly(self, heads: list[Actions], values: Array) -> Array:
+        """The heads with their values, and the risk in hand along the best of their naive paths added."""
         assert self._risk is not None
         field, grid = self._risk
-        every = max(1, -(-len(heads) // MOST_TAILS))
-        # the last action runs fastest: a step that is prime to the number of actions visits all of them
-        if every > 1 and len(heads) % self._motion.actions == 0 and self._motion.actions % every == 0:
-            every += 1
-        index = np.arange(0, len(heads), every)
-        chosen = [heads[i] for i in index]
-        states = np.array([self._state(h) for h in chosen])
-        left = self._steps_left - len(chosen[0])
+        states = np.array([self._state(h) for h in heads])
+        left = self._steps_left - len(heads[0])
         rough = [self._naive.sums_along(states, h, left, field, grid) for h in self._heuristics]
-        return chosen, values[index] + self._samples * np.max(rough, axis=0)
+        return np.asarray(values + self._samples * np.max(rough, axis=0))
 
     def _head_values(self, heads: list[Actions]) -> Array:
         within = np.arange(self._samples)
