@@ -23,6 +23,9 @@ SUPPORTED, CONTRADICTED, UNDECIDED = "supported", "contradicted", "undecided"
 #: the start. The paper says "small" and gives no number.
 SMALL = 0.05
 
+#: Fewer seeds than this decide nothing, whatever their interval.
+LEAST = 5
+
 #: "At least as good" holds if the interval of the difference excludes being worse by more than this share.
 MARGIN = 0.05
 
@@ -61,7 +64,7 @@ class Claim:
 
 def verdict(difference: Interval, more_is_better: bool) -> str:
     """Whether a difference (claimed better - other) supports that the first is better."""
-    if difference.count < 2:
+    if difference.count < LEAST:
         return UNDECIDED
     low, high = (difference.low, difference.high) if more_is_better else (-difference.high, -difference.low)
     return SUPPORTED if low > 0.0 else CONTRADICTED if high < 0.0 else UNDECIDED
@@ -70,7 +73,7 @@ def verdict(difference: Interval, more_is_better: bool) -> str:
 def not_worse(difference: Interval, other: float, more_is_better: bool) -> str:
     """Whether a difference supports "at least as good as `other`": no worse by more than `MARGIN` of it."""
     found = verdict(difference, more_is_better)
-    if found == UNDECIDED and difference.count > 1:
+    if found == UNDECIDED and difference.count >= LEAST:
         low = difference.low if more_is_better else -difference.high
         return SUPPORTED if low > -MARGIN * abs(other) else UNDECIDED
     return found
@@ -112,6 +115,7 @@ def share(flags: Sequence[bool | None], what: str) -> Evidence | None:
         return None
     held = sum(known)
     judged = SUPPORTED if held == len(known) else CONTRADICTED if held < 0.95 * len(known) else UNDECIDED
+    judged = judged if len(known) >= LEAST else UNDECIDED
     return Evidence(what=what, value=f"{held} of {len(known)} missions", verdict=judged)
 
 
@@ -180,7 +184,7 @@ def _local_maps(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Sequence
             after = interval([value_of(r, "risk_after") for r in rows]).mean
             delivery = interval([value_of(r, "delivery") for r in rows])
             judged = UNDECIDED
-            if error.count > 1:
+            if error.count >= LEAST:
                 limit = SMALL * before
                 judged = SUPPORTED if error.high < limit else CONTRADICTED if error.low > limit else UNDECIDED
             evidence.append(

@@ -8,11 +8,11 @@ from auv_lse_sim.statistics import interval
 @pytest.mark.parametrize(
     ("differences", "more", "expected"),
     [
-        ([1.0, 1.1, 0.9], True, SUPPORTED),
-        ([1.0, 1.1, 0.9], False, CONTRADICTED),
-        ([-1.0, -1.1, -0.9], False, SUPPORTED),
-        ([1.0, -1.1, 0.2], True, UNDECIDED),
-        ([5.0], True, UNDECIDED),  # one seed says nothing
+        ([1.0, 1.1, 0.9, 1.0, 1.0], True, SUPPORTED),
+        ([1.0, 1.1, 0.9, 1.0, 1.0], False, CONTRADICTED),
+        ([-1.0, -1.1, -0.9, -1.0, -1.0], False, SUPPORTED),
+        ([1.0, -1.1, 0.2, 0.3, -0.4], True, UNDECIDED),
+        ([5.0, 5.1, 4.9, 5.0], True, UNDECIDED),  # too few seeds
         ([], True, UNDECIDED),
     ],
 )
@@ -23,9 +23,9 @@ def test_a_difference_decides_only_if_its_interval_does(differences, more, expec
 @pytest.mark.parametrize(
     ("differences", "expected"),
     [
-        ([0.4, -0.3, 0.1, -0.2], SUPPORTED),  # within 5 % of 100
-        ([40.0, -30.0, 10.0, -20.0], UNDECIDED),  # could be much worse
-        ([-1.0, -1.1, -0.9], CONTRADICTED),  # little, but surely worse
+        ([0.4, -0.3, 0.1, -0.2, 0.0], SUPPORTED),  # within 5 % of 100
+        ([40.0, -30.0, 10.0, -20.0, 0.0], UNDECIDED),  # could be much worse
+        ([-1.0, -1.1, -0.9, -1.0, -1.0], CONTRADICTED),  # little, but surely worse
     ],
 )
 def test_at_least_as_good_needs_to_exclude_much_worse(differences, expected):
@@ -37,6 +37,7 @@ def test_what_must_always_hold_is_contradicted_by_one_in_ten():
     assert share([True] * 19 + [False], "x").verdict == UNDECIDED
     assert share([True] * 9 + [False], "x").verdict == CONTRADICTED
     assert share([None, None], "x") is None
+    assert share([True, False], "x").verdict == UNDECIDED
     assert share([True, None], "x").value == "1 of 1 missions"
 
 
