@@ -105,7 +105,7 @@ def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, rewar
         space.random_actions,
     )
     # a good part of the growing phase goes to what promises most
-    seeds = [*s.seeds, *sequences.promising(space.choices, s.horizon, s.iterations // 4, 2)]
+    seeds = [*s.seeds, *sequences.promising(space.choices, s.horizon, s.iterations // 4, 2, s.deadline)]
     result = search.run(s.state, s.iterations, s.deadline, seeds)
     return Proposal(
         actions=result.actions,

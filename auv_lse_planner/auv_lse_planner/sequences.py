@@ -79,7 +79,12 @@ class PathSequences:
         return state
 
     def promising(
-        self, choices: Callable[[Array], NDArray[np.int64]], horizon: int, overall: int, per_first: int
+        self,
+        choices: Callable[[Array], NDArray[np.int64]],
+        horizon: int,
+        overall: int,
+        per_first: int,
+        deadline: Callable[[], bool] | None = None,
     ) -> list[Actions]:
         """Sequences that promise most: what a search should try first.
 
@@ -92,6 +97,7 @@ class PathSequences:
             horizon: Length of the sequences.
             overall: How many of the best.
             per_first: How many of the best of each first action.
+            deadline: Says when to stop valuing and guessing; what is not done by then is left out.
 
         Returns:
             Sequences, best first; none if there would be too many to value.
@@ -101,10 +107,20 @@ class PathSequences:
         heads: list[Actions] = [()]
         for _ in range(horizon):
             heads = [(*h, int(a)) for h in heads for a in choices(self._state(h))]
+        if deadline is not None and deadline():
+            return []
         self._look_up(list(dict.fromkeys(h[:i] for h in heads for i in range(1, horizon + 1))))
         values = np.concatenate([self._head_values(heads[i : i + 256]) for i in range(0, len(heads), 256)])
         if self._heuristics and self._risk is not None:
-            values = self._with_tails_roughly(heads, values)
+            every = len(heads) if deadline is None else 64
+            order = np.argsort(-values, kind="stable")
+            for begin in range(0, len(heads), every):
+                if deadline is not None and deadline():
+                    order = order[:begin]
+                    break
+                part = order[begin : begin + every]
+                values[part] = self._with_tails_roughly([heads[i] for i in part], values[part])
+            heads, values = [heads[i] for i in order], values[order]
         order = np.argsort(-values, kind="stable")
         chosen = dict.fromkeys(heads[i] for i in order[:overall])
         taken: dict[int, int] = {}
