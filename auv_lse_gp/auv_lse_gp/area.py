@@ -25,7 +25,7 @@ class AreaConfig:
         unit="m",
         help="Corners of the operating area in order, either way round: north, east, north, east, ...",
     )
-    no_go: dict[str, tuple[float, ...]] = parameter(  # noqa: RUF009  # makes a field, copied for each
+    no_go: dict[str, tuple[float, ...]] = parameter(
         {}, unit="m", help="Areas not to be entered, by name: corners as in polygon_m."
     )
     origin_lat_deg: float | None = parameter(
@@ -167,8 +167,8 @@ class OperatingArea:
                 f"area.raster_m: got {step!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m would need "
                 f"{rows * columns} raster nodes; expected at most {MAX_NODES}: choose a larger raster_m"
             )
-        north = self._north0_m + step * np.arange(rows)
-        east = self._east0_m + step * np.arange(columns)
+        north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
+        east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)
         polygons = (self.polygon, *self.no_go.values())
         distance = np.sqrt(_border_distance_2(polygons, north, east))
         inside = _raster_in_polygon(self.polygon, north, east)
