@@ -45,8 +45,8 @@ def odometry_message(odometry: NavigationOdometry, depth_m: float, vehicle: int)
     """
     o = odometry
     message = _pose_message(o.stamp_s, o.heading_rad, o.north_m, o.east_m, depth_m, o.speed_mps, f"auv{vehicle}")
-    # (north, east, heading) -> (x = east, y = north, yaw = pi/2 - heading)
-    turn = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    # (heading, north, east) -> (x = east, y = north, yaw = pi/2 - heading)
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     pose = np.zeros((6, 6))
     rows = np.array([0, 1, 5])
     pose[np.ix_(rows, rows)] = turn @ np.asarray(o.covariance) @ turn.T

@@ -1,0 +1,114 @@
+"""Messages to and from the cores' numbers, by values worked out by hand and by round trips."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+
+import numpy as np
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from auv_lse_common.ros_conversions import doubles, floats, header, seconds, stamp
+from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_gp.depth_map import Field
+from auv_lse_gp.online import Centers
+from auv_lse_gp.ros_conversions import centers_from_message, centers_message, field_message, risk_map_message
+from auv_lse_msgs.msg import Waypoint
+from auv_lse_planner.config import MotionConfig
+from auv_lse_planner.motion import MotionTable
+from auv_lse_planner.plan import Leg, Plan
+from auv_lse_planner.ros_conversions import (
+    navigation,
+    path_message,
+    plan_from_message,
+    plan_message,
+    waypoint_message,
+)
+from auv_lse_sim.ros_conversions import altitude_message, leg_of_waypoint, odometry_message, pressure_message
+from auv_lse_sim.vehicle import Odometry
+
+pytestmark = pytest.mark.ros
+
+
+def test_stamps_come_back_to_the_nanosecond() -> None:
+    for value in (0.0, 1.0, 1611.000000001, 1.8e9 + 0.25):
+        assert seconds(stamp(value)) == pytest.approx(value, abs=1e-9)
+    assert stamp(0.9999999999).sec == 1, "rounded, not cut"
+    assert header(3.5).frame_id == "map"
+
+
+def test_arrays_keep_their_numbers() -> None:
+    values = np.array([1.5, -2.25, 1e-7])
+    assert list(doubles(values)) == values.tolist()
+    assert np.allclose(floats(values), values, rtol=1e-7)
+
+
+def test_odometry_becomes_enu_with_its_covariance() -> None:
+    # heading 30 deg, variances (heading 0.01, north 4, east 9), north-east covariance 1, heading-north 0.1
+    covariance = np.array([[0.01, 0.1, 0.0], [0.1, 4.0, 1.0], [0.0, 1.0, 9.0]])
+    odometry = Odometry(
+        stamp_s=2.0, heading_rad=math.radians(30), north_m=10.0, east_m=20.0, speed_mps=1.5, covariance=covariance
+    )
+    message = odometry_message(odometry, 3.0, 2)
+    p = message.pose.pose.position
+    assert (p.x, p.y, p.z) == (20.0, 10.0, -3.0)
+    matrix = np.asarray(message.pose.covariance).reshape(6, 6)
+    assert (matrix[0, 0], matrix[1, 1], matrix[5, 5]) == (9.0, 4.0, 0.01)
+    assert (matrix[0, 1], matrix[1, 5], matrix[0, 5]) == (1.0, -0.1, 0.0), "yaw grows against heading"
+    assert message.child_frame_id == "auv2"
+    assert navigation(message) == pytest.approx((math.radians(30), 10.0, 20.0, 1.5), abs=1e-12)
+
+
+def test_plans_and_legs_come_back() -> None:
+    plan = Plan(vehicle=3, step=7, heading_rad=0.5, north_m=1.25, east_m=-2.5, actions=(1, 10, 0), heuristic=0xF4)
+    assert plan_from_message(plan_message(1.0, plan)) == plan
+    leg = Leg.of(MotionTable(MotionConfig()), 7, plan.state, 3)
+    message = waypoint_message(1.0, leg, 1.5, 4.0, last=True)
+    assert leg_of_waypoint(message) == leg
+    assert (message.end_heading_rad, message.end_north_m, message.end_east_m) == tuple(leg.end_state)
+    message.straight_m = math.nan
+    with pytest.raises(ValueError, match="waypoint of step 7"):
+        leg_of_waypoint(message)
+    with pytest.raises(ValueError, match="radius above 0"):
+        leg_of_waypoint(Waypoint(step=1))
+
+
+def test_a_path_lies_at_the_vehicles_depth() -> None:
+    path = path_message(1.0, np.array([[0.0, 1.0, 2.0], [math.pi / 2, 3.0, 4.0]]), 5.0)
+    assert [(q.pose.position.x, q.pose.position.y, q.pose.position.z) for q in path.poses] == [(2, 1, -5), (4, 3, -5)]
+    assert path.poses[1].pose.orientation.w == pytest.approx(1.0), "heading east is yaw 0"
+
+
+def test_centres_come_back_and_a_ragged_message_is_refused() -> None:
+    centers = Centers(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([5.0, 6.0]), np.array([0.3, 0.2]))
+    message = centers_message(1.0, 4, centers)
+    back = centers_from_message(message)
+    assert np.array_equal(back.places_m, centers.places_m)
+    assert np.array_equal(back.noise_std_m, centers.noise_std_m)
+    message.depth_m = [1.0]
+    with pytest.raises(ValueError, match=r"have \[2, 2, 1, 2\] values"):
+        centers_from_message(message)
+
+
+def test_maps_have_south_west_first_and_unknown_outside() -> None:
+    area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 40.0, 0.0, 40.0, 80.0, 0.0, 40.0)))
+    grid = area.grid(10.0)
+    inside = np.where(grid.inside, 1.0, np.nan)
+    field = Field(grid, 15.0 * inside, inside, 2.5 * inside, 0.5 * inside, 1)
+    message = field_message(1.0, field, 15.0)
+    assert (message.rows, message.columns) == grid.inside.shape
+    assert (message.south_m, message.west_m) == (grid.north_m[0], grid.east_m[0])
+    risk = risk_map_message(1.0, field, 5.0)
+    cells = np.asarray(risk.data).reshape(risk.info.height, risk.info.width)
+    assert set(np.unique(cells)) == {-1, 50}
+    assert np.array_equal(cells == -1, ~grid.inside)
+    assert risk.info.origin.position.x == pytest.approx(grid.east_m[0] - 5.0)
+
+
+def test_no_echo_is_infinite_and_depth_is_pressure() -> None:
+    assert altitude_message(1.0, math.nan, 1).range == math.inf
+    assert altitude_message(1.0, 12.5, 1).range == 12.5
+    assert pressure_message(1.0, 10.0, 1).fluid_pressure == pytest.approx(101325.0 + 98066.5)
