@@ -114,7 +114,7 @@ class PlannerConfig:
     incumbent: bool | None = parameter(
         None, help="whether the last plan is kept unless the new one is worth more on the same data"
     )
-    exploration: float = parameter(0.2, low=0.0, help="exploration constant of UCT, on values scaled to 0..1")
+    exploration: float | None = parameter(None, low=0.0, help="exploration constant of UCT, on values scaled to 0..1")
     batch: int = parameter(8, low=1, high=256, help="paths the search values together")
     samples_per_leg: int = parameter(1, low=1, high=20, help="measurement places along a leg that count in the reward")
     lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")

@@ -20,6 +20,7 @@ class Recipe:
         credit: "printed" or "beyond" (see `path_reward.py`).
         horizon: Legs searched (paper: m).
         iterations: Search budget.
+        exploration: Exploration constant of UCT.
         tail: Whether naive paths continue the plan to the mission's end (augmented).
         naive_paths: Their ids; the best one is taken (kind "naive": vehicle n takes the n-th, modulo their number).
         incumbent: Whether the last plan stays unless the new one is worth more.
@@ -35,6 +36,7 @@ class Recipe:
     credit: str = "printed"
     horizon: int = 3
     iterations: int = 100
+    exploration: float = 0.2
     tail: bool = True
     naive_paths: tuple[int, ...] = (LAWNMOWERS[0],)
     incumbent: bool = True
@@ -47,7 +49,9 @@ class Recipe:
 RECIPES = {
     # The paper's two methods, as printed.
     "augmented": Recipe(method="augmented"),
-    "plain": Recipe(method="plain", horizon=10, iterations=300, tail=False, naive_paths=(), incumbent=False),
+    "plain": Recipe(
+        method="plain", horizon=10, iterations=300, exploration=0.5, tail=False, naive_paths=(), incumbent=False
+    ),
     # The paper's augmented method with the approximate risk integral that it uses.
     "exponential_quadratic": Recipe(method="exponential_quadratic", risk_method="exponential_quadratic"),
     # Risk over the whole area instead of at the path's own places.
@@ -57,6 +61,7 @@ RECIPES = {
         credit="beyond",
         horizon=10,
         iterations=2000,
+        exploration=0.5,
         tail=False,
         naive_paths=(),
         incumbent=False,
@@ -67,6 +72,7 @@ RECIPES = {
         credit="beyond",
         horizon=10,
         iterations=2000,
+        exploration=0.5,
         naive_paths=(*COVERING, *LAWNMOWERS),
     ),
     # Baselines.
@@ -110,6 +116,7 @@ def recipe(config: PlannerConfig) -> Recipe:
         credit=str(pick("credit")),
         horizon=int(pick("horizon")),
         iterations=int(pick("iterations")),
+        exploration=float(pick("exploration")),
         tail=tail,
         naive_paths=paths if tail or base.kind == "naive" else (),
         incumbent=bool(pick("incumbent")),

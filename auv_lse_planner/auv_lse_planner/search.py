@@ -24,8 +24,8 @@ Actions = tuple[int, ...]
 
 #: Share of the iterations that goes to changing single actions of the best sequences.
 POLISH = 0.4
-#: Up to this horizon an action is exchanged for every other one, beyond for its neighbours in the action set.
-POLISH_ALL_UP_TO = 4
+#: Only up to this horizon: over many legs the best printed reward is not the best path (docs/planner.md).
+POLISH_UP_TO = 4
 
 #: Values a list of sequences: an array of as many values.
 Valuer = Callable[[list[Actions]], Array]
@@ -120,7 +120,8 @@ class TreeSearch:
         done = 0
         hit = False
         starts = [s for s in seeds if self._admissible(root, s)]
-        grown = max(1, iterations - int(POLISH * iterations))
+        polish = POLISH if self._horizon <= POLISH_UP_TO else 0.0
+        grown = max(1, iterations - int(polish * iterations))
         while done < grown:
             if done and deadline is not None and deadline():
                 hit = True
@@ -135,7 +136,7 @@ class TreeSearch:
                     node.valued += 1
                     node.total += value
             done += size
-        if not hit:
+        if not hit and polish > 0.0:
             done, hit = self._polish(root.state, done, iterations, deadline)
         ranking = sorted(self._memo.items(), key=lambda item: (-item[1], item[0]))[:64]
         best, value = ranking[0]
@@ -170,8 +171,6 @@ class TreeSearch:
         found = []
         for i, old in enumerate(sequence):
             options = self._choices(states[i])
-            if len(sequence) > POLISH_ALL_UP_TO:
-                options = options[np.abs(options - old) <= 1]
             for action in options:
                 if action == old:
                     continue

@@ -436,7 +436,7 @@ class VehiclePlanner:
             horizon=horizon,
             heuristics=heuristics,
             iterations=how.iterations,
-            exploration=self.planner.exploration,
+            exploration=how.exploration,
             batch=self.planner.batch,
             samples_per_leg=self.planner.samples_per_leg,
             finalists=self.planner.finalists,

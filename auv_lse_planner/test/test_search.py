@@ -6,7 +6,6 @@ from planner_helpers import centers, world
 
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.naive import LAWNMOWERS
 from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.posterior import Posterior
@@ -96,7 +95,7 @@ def _situation(state, left, heuristics, rng):
         horizon=3,
         heuristics=heuristics,
         iterations=150,
-        exploration=PlannerConfig().exploration,
+        exploration=0.2,
         batch=8,
         samples_per_leg=1,
         finalists=1,
