@@ -42,6 +42,7 @@ class MicromodemNode(ConfiguredNode):
         self._watched: tuple[Transport, Watcher] | None = None
         self._problem = ""
         self._rx = self.create_publisher(ModemRx, "modem/rx", EVERY)
+        self._failed = self.create_publisher(ModemTx, "modem/failed", EVERY)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", EVERY)
         self.create_subscription(ModemTx, "modem/tx", self._on_transmit, EVERY)
         self._bytes = self.create_guard_condition(self._on_bytes)
@@ -131,6 +132,7 @@ class MicromodemNode(ConfiguredNode):
                 log.warning(f"packet {event.number} not sent: {event.reason}")
                 if event.number not in self._started:  # never reached the water: nobody need wait for it
                     self._lost += 1
+                    self._failed.publish(ModemTx(header=header(self._now_s()), source=self.vehicle))
                     if self.lockstep:
                         self._answer("micromodem_lost", max(1, self._tick or 0))
                 self._started.discard(event.number)

@@ -51,6 +51,7 @@ class ModemNode(ConfiguredNode):
         self.create_subscription(Sounding, "sounding", self._on_sounding, EVERY)
         self.create_subscription(ModemRx, "modem/rx", self._on_arrival, EVERY)
         self.create_subscription(Plan, "plan", self._on_plan, LATCHED)
+        self.create_subscription(ModemTx, "modem/failed", self._on_failed, EVERY)
         self._heard = Gate(("soundings", "arrivals"))  # opens the tick's first half: what has come in
         self._said = Gate(("plans",))  # opens its second half: what goes out
         self._tick_s: dict[int, float] = {}
@@ -83,6 +84,11 @@ class ModemNode(ConfiguredNode):
         self._plan = message
         self._said.count("plans")
         self._advance()
+
+    def _on_failed(self, message: ModemTx) -> None:
+        """The modem could not send the last packet: its samples are unsent again."""
+        self._bridge.not_sent()
+        self.get_logger().warning(f"packet at {seconds(message.header.stamp):.1f} s was not sent; its samples wait again")
 
     def _on_tick(self, message: LockstepTick) -> None:
         self._tick_s[message.tick] = seconds(message.stamp)

@@ -112,6 +112,13 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         packet = decode(bytes(tx[0].payload))
         assert (packet.step, packet.actions, packet.heuristic, len(packet.samples)) == (3, (5, 5, 0), 0xF0, 19)
 
+        failed = b.publisher(ModemTx, "/auv1/modem/failed")
+        failed.publish(ModemTx(header=header(time.time()), source=1))
+        b.until(lambda: len(tx) >= 3, "a third packet")
+        second, third = (decode(bytes(message.payload)).samples for message in tx[1:3])
+        assert len(second) == 11, "the other soundings"
+        assert (second == third).all(), "what the modem did not send is sent again"
+
         mate = Packet(
             step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), heuristic=0xFF, samples=[[1.0, 2.0, 14.0]]
         )
