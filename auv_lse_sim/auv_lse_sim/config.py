@@ -36,6 +36,9 @@ class SimConfig:
     real_time_factor: float = parameter(
         0.0, low=0.0, high=1000.0, help="speed of simulated time against the clock; 0: as fast as it goes"
     )
+    shutdown_at_end: bool = parameter(
+        False, help="true: sim_node ends when the mission has (the launch file then ends the other nodes)"
+    )
     ideal: bool = parameter(False, help="true: perfect vehicles, instruments and water; the channel is not touched")
     bathymetry: BathymetryConfig = field(default_factory=BathymetryConfig)
     lake: LakeConfig = field(default_factory=LakeConfig)

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
+import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
@@ -136,6 +137,8 @@ class SimNode(ConfiguredNode):
         self._transmissions.clear()
         if all(self._finished):
             self._publish_status(SimStatus.FINISHED, "every vehicle has travelled its last leg")
+            if self._settings.sim.shutdown_at_end:
+                self.create_timer(1.0, rclpy.try_shutdown, clock=_STEADY)
             return
         self._tick += 1
         self._now_s = self._tick * self._settings.sim.tick_s

@@ -13,6 +13,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from auv_lse_sim.mission import hardware_of
 from auv_lse_sim.processes import mission_processes
 from auv_lse_sim.settings import Settings
 
@@ -20,14 +21,15 @@ from auv_lse_sim.settings import Settings
 def _nodes(context):
     path = Path(LaunchConfiguration("params_file").perform(context)).resolve()
     folder = Path(LaunchConfiguration("out").perform(context)).resolve()
-    settings = Settings.load(path)
+    settings = Settings.load(path, {"sim.shutdown_at_end": True})
     if not settings.record.folder:
         settings = settings.with_overrides({"record.folder": str(folder / "bag")})
-    folder.mkdir(parents=True, exist_ok=True)
-    complete = folder / "mission.yaml"
-    complete.write_text(settings.to_parameter_file())
     modem = LaunchConfiguration("modem").perform(context)
     link = LaunchConfiguration("vehicle_link").perform(context)
+    settings = settings.with_overrides(hardware_of(modem, link, settings.mission.vehicles, folder))
+    (folder / "logs").mkdir(parents=True, exist_ok=True)
+    complete = folder / "mission.yaml"
+    complete.write_text(settings.to_parameter_file())
     return [
         Node(
             package=process.package,
