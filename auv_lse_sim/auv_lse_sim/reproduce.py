@@ -348,7 +348,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 #: Wall-clock time (s) that --quick gives to its missions; start, examples and page take the rest of its 3 minutes.
-QUICK_S = 105.0
+QUICK_S = 90.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
