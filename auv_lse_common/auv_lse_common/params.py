@@ -100,7 +100,7 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         if name not in mapping:
             if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
                 if dataclasses.is_dataclass(hints[name]):
-                    values[name] = from_mapping(hints[name], {}, key)  # type: ignore[arg-type]  # a class
+                    values[name] = from_mapping(hints[name], {}, key)
                     continue
                 raise ParameterError(f"{key}: missing; expected {_describe(hints[name], field)}")
             continue
@@ -200,7 +200,7 @@ def describe(cls: type, prefix: str = "") -> list[tuple[str, Any, str, str, str]
     hints = typing.get_type_hints(cls)
     for field in dataclasses.fields(cls):
         if dataclasses.is_dataclass(hints[field.name]):
-            rows += describe(hints[field.name], f"{prefix}{field.name}.")  # type: ignore[arg-type]  # a class
+            rows += describe(hints[field.name], f"{prefix}{field.name}.")
             continue
         default = field.default
         if default is dataclasses.MISSING:

@@ -88,7 +88,7 @@ class ModemNode(ConfiguredNode):
     def _on_failed(self, message: ModemTx) -> None:
         """The modem could not send the last packet: its samples are unsent again."""
         self._bridge.not_sent()
-        self.get_logger().warning(f"packet at {seconds(message.header.stamp):.1f} s was not sent; its samples wait again")
+        self.get_logger().warning(f"the packet of {seconds(message.header.stamp):.1f} s was not sent; its samples wait")
 
     def _on_tick(self, message: LockstepTick) -> None:
         self._tick_s[message.tick] = seconds(message.stamp)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from geometry_msgs.msg import Point, Pose
@@ -34,8 +35,8 @@ def sample_rows(message: SampleArray) -> NDArray[np.float64]:
     columns = [np.asarray(c, dtype=float) for c in (message.north_m, message.east_m, message.depth_m)]
     if len({len(c) for c in columns}) != 1:
         raise ValueError(
-            f"SampleArray of vehicle {message.source}: north_m, east_m, depth_m have {[len(c) for c in columns]} values; "
-            f"expected the same number of each"
+            f"SampleArray of vehicle {message.source}: north_m, east_m, depth_m have {[len(c) for c in columns]} "
+            f"values; expected the same number of each"
         )
     return np.column_stack(columns)
 
@@ -61,8 +62,8 @@ def centers_from_message(message: KernelCenters) -> Centers:
     columns = [np.asarray(c) for c in (message.north_m, message.east_m, message.depth_m, message.noise_std_m)]
     if len({len(c) for c in columns}) != 1:
         raise ValueError(
-            f"KernelCenters: north_m, east_m, depth_m, noise_std_m have {[len(c) for c in columns]} values; "
-            f"expected the same number of each"
+            f"KernelCenters: north_m, east_m, depth_m, noise_std_m have {[len(c) for c in columns]} "
+            f"values; expected the same number of each"
         )
     return Centers(np.column_stack(columns[:2]), columns[2], columns[3])
 
@@ -131,7 +132,7 @@ def _line_list(
     marker.color = ColorRGBA(r=color[0], g=color[1], b=color[2], a=1.0)
     for line in lines:
         points = [Point(x=float(east), y=float(north), z=-level_m) for north, east in line]
-        for begin, end in zip(points[:-1], points[1:], strict=True):
+        for begin, end in pairwise(points):
             marker.points += [begin, end]
     return marker
 

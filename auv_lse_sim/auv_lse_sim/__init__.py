@@ -1,0 +1,1 @@
+"""Simulator, recorder, fleet engine, campaigns and reports."""

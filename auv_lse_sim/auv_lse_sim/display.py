@@ -65,7 +65,7 @@ class Progress:
             ("reward", "right"),
             ("bound", "right"),
         ):
-            table.add_column(title, justify=align)  # type: ignore[arg-type]  # a literal from the line above
+            table.add_column(title, justify=align)
         for vehicle in range(1, self.vehicles + 1):
             done = self.steps[vehicle - 1] if len(self.steps) >= vehicle else 0
             table.add_row(

@@ -333,17 +333,16 @@ def conclude(
     for line in headlines(summary):
         console.print(line, highlight=False, soft_wrap=True)
     told = "report.html" if report else "summary.json"
-    times = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
-    console.print(f"{folder / told}   ({times})", highlight=False, soft_wrap=True)
+    took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
+    console.print(f"{folder / told}   ({took})", highlight=False, soft_wrap=True)
 
 
 def headlines(summary: Summary) -> list[str]:
     """The few figures of a mission that a person wants first."""
     s = summary
-    bound = "" if s.lower_bound is None else f", lower bound {s.lower_bound:.1f}"
     lines = [
         f"map-wide Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place; "
-        f"team reward {s.team_reward:.1f}{bound}",
+        f"path reward {s.path_reward:.0f} (mowing the lawn was expected to bring {s.lawnmower_value:.0f})",
     ]
     if s.isobath_error_m is not None and s.f1 is not None and s.misclassified_m2 is not None:
         lines.append(

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, run
+from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_planner.config import MissionConfig
 from auv_lse_sim.processes import LATCHED_TOPICS, recorded_topics
 from auv_lse_sim.recorder import BagWriter, RecordConfig, RecorderError, message_types

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from auv_lse_msgs.msg import ModemRx, Sounding, Waypoint
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.frames import quaternion_from_heading
 from auv_lse_common.ros_conversions import header
+from auv_lse_msgs.msg import ModemRx, Sounding, Waypoint
 from auv_lse_planner.plan import Leg
 from auv_lse_sim.channel import Arrival
 from auv_lse_sim.vehicle import Odometry as NavigationOdometry
