@@ -124,7 +124,7 @@ def test_mission_that_cannot_end_is_given_up():
 
 
 def test_memory_stays_bounded():
-    """What a tick leaves behind is its record: under 20 kB for 2 vehicles, their maps included, and no growth of anything else."""
+    """A tick leaves behind its record, under 20 kB for 2 vehicles with their maps, and nothing else grows."""
     f = fleet(**{"mission.vehicles": 2, "mission.steps": 400, "planner.method": "random"})
     for _ in range(200):
         f.tick()
