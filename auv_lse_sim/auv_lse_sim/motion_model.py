@@ -21,7 +21,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_sim.kernels import compiled
+from auv_lse_planner.compiled import compiled
 from auv_lse_sim.navigation import (
     COMPASS_BIAS,
     DVL_SCALE,

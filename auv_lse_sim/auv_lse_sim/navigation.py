@@ -29,7 +29,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_sim.kernels import compiled
+from auv_lse_planner.compiled import compiled
 
 Array = NDArray[np.float64]
 

@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auv_lse_planner.compiled import HAVE_NUMBA, plain
+from auv_lse_planner.compiled import HAVE_NUMBA, cache_folder, plain
 from auv_lse_sim import motion_model as mm
 from auv_lse_sim import navigation as nav
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.kernels import _cache_folder
 from benchmarks.navigation_consistency import measure
 
 Q = np.array([1e-6, 4e-4, 1e-12, 1e-10, 1e-6])
@@ -153,5 +152,5 @@ def test_filter_is_consistent():
 @pytest.mark.skipif(not HAVE_NUMBA, reason="numba is not installed")
 def test_compiled_code_is_kept_by_the_text_of_all_its_files():
     """Numba alone would go on using what it once compiled of another, since changed, file."""
-    assert Path(mm.advance.stats.cache_path).is_relative_to(_cache_folder())
-    assert Path(nav.predict.stats.cache_path).is_relative_to(_cache_folder())
+    assert Path(mm.advance.stats.cache_path).is_relative_to(cache_folder(Path(nav.__file__).resolve().parent))
+    assert Path(nav.predict.stats.cache_path).is_relative_to(cache_folder(Path(nav.__file__).resolve().parent))
