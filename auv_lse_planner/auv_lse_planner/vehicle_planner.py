@@ -185,6 +185,7 @@ class VehiclePlanner:
         self._map_s: float | None = None
         self._shallow_places = self.area.grid(max(10.0, 2.0 * settings.area.raster_m))
         self._odometry: _Odometry | None = None
+        self._travelled = False  # stays true once the last leg is done, wherever the vehicle circles then
         self._leg: Leg | None = None
         self._next_leg: Leg | None = None
         self._leg_started_s = math.nan
@@ -257,6 +258,8 @@ class VehiclePlanner:
         if leg is not None and following is not None and leg.progress_m(north_m, east_m) >= leg.length_m - 1e-9:
             self._start_leg(following, now_s)
             self._next_leg = None
+        if self._leg is not None and self._next_leg is None and self._decided >= self.settings.mission.steps:
+            self._travelled = self._travelled or self._remaining_m() <= 0.0
 
     def _start_leg(self, leg: Leg, now_s: float) -> None:
         self._leg, self._leg_started_s = leg, now_s
@@ -279,13 +282,7 @@ class VehiclePlanner:
     @property
     def finished(self) -> bool:
         """Whether all steps are decided and travelled."""
-        return (
-            self._decided >= self.settings.mission.steps
-            and self._next_leg is None
-            and self._leg is not None
-            and self._odometry is not None
-            and self._remaining_m() <= 0.0
-        )
+        return self._travelled
 
     def _remaining_m(self) -> float:
         assert self._leg is not None

@@ -357,3 +357,12 @@ def test_dec_mcts_prefers_better_sequences_and_cools():
 def test_dec_mcts_on_the_maps_reward_is_refused():
     with pytest.raises(ValueError, match="dec_mcts' searches by the path's reward"):
         VehiclePlanner(1, settings({"method": "map", "coordination": "dec_mcts"}), np.random.default_rng(1))
+
+
+def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_others():
+    planner = VehiclePlanner(1, settings({"method": "random"}, steps=2), np.random.default_rng(1))
+    last = _fly(planner)[-1].leg
+    assert planner.finished
+    planner.odometry(1e3, last.heading_rad, last.north_m, last.east_m, 1.5)  # round the circle, back at its start
+    assert planner.finished
+    assert not [p for p in planner.problems(1e3) if p.startswith("leg")]
