@@ -189,7 +189,7 @@ def _facts(s: Summary) -> list[tuple[str, str]]:
         rows.append((f"{100.0 * s.isobath_found:.1f} %", "of the true isobath found to within 10 m"))
     if s.delivery is not None:
         rows.append(
-            (f"{100.0 * s.delivery:.0f} %", f"of receptions succeeded ({s.packets_received}, of {s.packets_sent} packets)")
+            (f"{100.0 * s.delivery:.0f} %", f"of receptions succeeded ({s.packets_received}; {s.packets_sent} packets)")
         )
     if s.vehicles > 1:
         rows.append((number(max(s.local_risk_error), 3), "largest local-map risk error (units of cost per place)"))
