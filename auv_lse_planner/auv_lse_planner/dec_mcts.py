@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.action_tree import ActionTree
 from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.naive import NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.posterior import Posterior
 from auv_lse_planner.proposals import Proposal, Situation
-from auv_lse_planner.search import Actions, TreeSearch
+from auv_lse_planner.search import Actions, run_search
 from auv_lse_planner.sequences import PathSequences
 
 Array = NDArray[np.float64]
@@ -84,12 +85,10 @@ def search_dec_mcts(
     def mean(sequences: list[Actions]) -> Array:
         return np.asarray(np.mean([valuer(sequences) for valuer in valuers], axis=0))
 
-    search = TreeSearch(
-        space.choices, space.motion.end_state, mean, s.horizon, s.exploration, s.batch, s.rng, space.random_actions
-    )
     budget = max(s.batch, s.iterations // len(valuers))
-    heads = valuers[0].promising(space.choices, s.horizon, budget // 6, 2)
-    result = search.run(s.state, budget, s.deadline, [*s.seeds, *heads])
+    heads = valuers[0].promising(space, s.horizon, budget // 6, 2)
+    tree = ActionTree(space, s.state, s.horizon, s.exploration)
+    result = run_search(tree, mean, s.horizon, budget, s.batch, s.rng, s.deadline, [*s.seeds, *heads])
     support = result.ranking[:SUPPORT]
     chances = distribution(np.array([value for _, value in support]), step)
     drawn = support[int(s.rng.choice(len(support), p=chances))][0]

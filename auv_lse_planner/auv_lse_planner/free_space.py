@@ -269,9 +269,9 @@ class FreeSpace:
         actions = self.feasible(state)
         return actions if actions.size else np.array([self.escape(state)], dtype=np.int64)
 
-    def random_actions(self, state: Array, count: int, rng: np.random.Generator) -> Ints:
-        """`count` feasible actions by chance from a state (3,), one after another."""
-        return np.asarray(random_actions(*self.arguments(), state[0], state[1], state[2], rng.random(count)))
+    def random_actions(self, state: Array, randoms: Array) -> Ints:
+        """Feasible actions by chance from a state (3,), one after another, one for each of uniform numbers (L,)."""
+        return np.asarray(random_actions(*self.arguments(), state[0], state[1], state[2], randoms))
 
     def escape(self, state: Array) -> int:
         """The action that leads out of a state where nothing is feasible."""

@@ -47,6 +47,15 @@ def roll_states(state, actions, turns, steps):
     return states
 
 
+@compiled
+def roll_many(states, actions, turns, steps):
+    """States (B, L + 1, 3) along actions (B, L) from states (B, 3)."""
+    rolled = np.empty((actions.shape[0], actions.shape[1] + 1, 3))
+    for b in range(actions.shape[0]):
+        rolled[b] = roll_states(states[b], actions[b], turns, steps)
+    return rolled
+
+
 class MotionTable:
     """The action set with, for every action, its step, its sampled track and its turning loop.
 

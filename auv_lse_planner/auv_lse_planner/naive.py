@@ -32,7 +32,7 @@ from auv_lse_gp.area import Grid
 from auv_lse_planner.compiled import compiled
 from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.free_space import Area, FreeSpace, escape_action, is_feasible, loop_clearance
-from auv_lse_planner.motion import MotionTable, advance
+from auv_lse_planner.motion import MotionTable, advance, roll_many
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -193,50 +193,21 @@ def sum_along(state, actions, turns, steps, field, north0_f, east0_f, cell_f):
 
 
 @compiled
-def lawnmower_sum(
-    raster,
-    north0,
-    east0,
-    cell,
-    tracks,
-    spacing,
-    loops,
-    turns,
-    steps,
-    state,
-    count,
-    axis,
-    lanes,
-    side,
-    low,
-    high,
-    straight,
-    field,
-    north0_f,
-    east0_f,
-    cell_f,
-):
-    """`sum_along` a `lawnmower`."""
-    actions = lawnmower(
-        raster,
-        north0,
-        east0,
-        cell,
-        tracks,
-        spacing,
-        loops,
-        turns,
-        steps,
-        state,
-        count,
-        axis,
-        lanes,
-        side,
-        low,
-        high,
-        straight,
-    )
-    return sum_along(state, actions, turns, steps, field, north0_f, east0_f, cell_f)
+def lawnmowers(space, states, count, axis, lanes, sides, low, high, straight):
+    """Actions (B, count) of a `lawnmower` from each of `states` (B, 3), sweeping to each of `sides` (B,) first."""
+    actions = np.empty((states.shape[0], count), dtype=np.int64)
+    for b in range(states.shape[0]):
+        actions[b] = lawnmower(*space, states[b], count, axis, lanes, sides[b], low, high, straight)
+    return actions
+
+
+@compiled
+def sums_along(states, actions, turns, steps, field, north0_f, east0_f, cell_f):
+    """`sum_along` actions (B, L) from each of `states` (B, 3): sums (B,)."""
+    sums = np.empty(states.shape[0])
+    for b in range(states.shape[0]):
+        sums[b] = sum_along(states[b], actions[b], turns, steps, field, north0_f, east0_f, cell_f)
+    return sums
 
 
 @compiled
@@ -340,8 +311,19 @@ class NaivePaths:
             return np.asarray(straight_on(*space, state, steps, order))
         raise ValueError(f"heuristic: got {heuristic:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
 
+    def actions_from(self, states: Array, heuristic: int, steps: int) -> Ints:
+        """Actions (B, steps) of naive path `heuristic` from each of many states (B, 3): `actions`, all at once."""
+        states = np.ascontiguousarray(states, dtype=float)
+        if heuristic not in MOWING or steps <= 0:
+            rows = [self.actions(state, heuristic, steps) for state in states]
+            return np.array(rows, dtype=np.int64).reshape(len(states), -1)
+        lanes = [self._lanes(state, heuristic, steps) for state in states] if heuristic in STRIPS else []
+        axis, spacing, side, low, high, straight = lanes[0] if lanes else self._lanes(states[0], heuristic, steps)
+        sides = np.array([own[2] for own in lanes]) if lanes else np.full(len(states), side)
+        return np.asarray(lawnmowers(self._arguments, states, steps, axis, spacing, sides, low, high, straight))
+
     def _lanes(self, state: Array, heuristic: int, steps: int) -> tuple[float, float, float, float, float, int]:
-        """Axis, spacing, side, range and straight-on action of a lawnmower: its arguments after the number of steps."""
+        """Axis, spacing, side, range, straight-on action of a lawnmower; only a strip's side depends on the state."""
         motion = self._space.motion
         kind = (heuristic - LAWNMOWERS[0]) % 4 if heuristic not in STRIPS else 0
         frame = self._frames[kind // 2]
@@ -372,21 +354,23 @@ class NaivePaths:
         """
         north0, east0, cell = float(grid.north_m[0]), float(grid.east_m[0]), float(grid.resolution_m)
         motion = self._space.motion
-        sums = np.empty(len(states))
-        for i, state in enumerate(states):
-            if heuristic in MOWING:
-                lanes = self._lanes(state, heuristic, steps)
-                sums[i] = lawnmower_sum(*self._arguments, state, steps, *lanes, field, north0, east0, cell)
-            else:
-                actions = self.actions(state, heuristic, steps)
-                sums[i] = sum_along(state, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell)
-        return sums
+        actions = self.actions_from(states, heuristic, steps)
+        return np.asarray(sums_along(states, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell))
 
     def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
         """Measurement places (P, 2) of naive path `heuristic` over `steps` legs from a state (3,)."""
-        actions = self.actions(state, heuristic, steps)
+        places: Array = self.places_from(np.asarray(state, dtype=float)[None], heuristic, steps, samples_per_leg)[0]
+        return places
+
+    def places_from(self, states: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
+        """Measurement places (B, P, 2) of naive path `heuristic` over `steps` legs from each of many states (B, 3)."""
         motion = self._space.motion
-        return motion.sample_places(motion.roll(state, actions)[:-1], actions, samples_per_leg)
+        actions = self.actions_from(states, heuristic, steps)
+        rolled = roll_many(states, actions, motion.turns_rad, motion.steps_m)
+        if samples_per_leg == 1:
+            return np.asarray(rolled[:, 1:, 1:])
+        places = motion.sample_places(rolled[:, :-1].reshape(-1, 3), actions.ravel(), samples_per_leg)
+        return places.reshape(len(states), -1, 2)
 
     def _freer_side(self, state: Array) -> int:
         """0 if the loop to port has more room than the one to starboard, else 1."""

@@ -10,6 +10,7 @@ sigma^2 - sigma^4 diag(M^-1); M grows by blocks, so a tail (naive path) that man
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,13 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.compiled import compiled
 from auv_lse_planner.posterior import Columns, Posterior
 
 Array = NDArray[np.float64]
+
+#: Paths of at most so many places are factorized together by compiled loops, longer ones by LAPACK one by one.
+SMALL = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,16 @@ class PathReward:
             return self.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2))
         return self._expected(columns, columns.planned_var_m2)
 
+    def _gains(self, columns: Columns, var_after_m2: Array) -> Array:
+        """What the path is credited for at each place (P,) once the variances are `var_after_m2` (P,)."""
+        if self.credit == "printed" or not self.posterior.planned_rows:
+            return self.before(columns) - self._expected(columns, var_after_m2)
+        # before and after in one call
+        data = columns.data_var_m2
+        after = np.minimum(np.stack([columns.planned_var_m2, var_after_m2]), data)
+        before, left = self.level_set.expected_risk(columns.mean_m, np.sqrt(data - after), np.sqrt(after))
+        return np.asarray(before - left)
+
     def _expected(self, columns: Columns, var_after_m2: Array) -> Array:
         after = np.clip(var_after_m2, 0.0, columns.data_var_m2)
         return self.level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
@@ -67,7 +82,7 @@ class PathReward:
         """Expected benefit (P,) at each place of the path that has these places and no others."""
         if not len(columns):
             return np.empty(0)
-        return self.before(columns) - self._expected(columns, self.var_after_m2(columns))
+        return self._gains(columns, self.var_after_m2(columns))
 
     def value(self, columns: Columns) -> float:
         """J of the path with these places."""
@@ -83,14 +98,39 @@ class PathReward:
 
     def var_after_m2(self, columns: Columns) -> Array:
         """Variance (P,) of the depth at the path's places once all of them are measured."""
-        inverse_diagonal = _inverse_diagonal(self._matrix(columns))
+        inverse_diagonal = inverse_diagonal_of(self._matrix(columns))
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
 
     def _matrix(self, columns: Columns) -> Array:
         """Lower triangle of M = cov + sigma^2 I among the places."""
         matrix = self.posterior.lower_covariance(columns)
-        matrix[np.diag_indices(len(matrix))] += self._noise
+        np.einsum("ii->i", matrix)[:] += self._noise
         return matrix
+
+    def values_of_equal(self, columns: Columns, length: int) -> Array:
+        """J of several paths of equal length, all at once.
+
+        Args:
+            columns: Places of all paths, one path after the other, B * length of them.
+            length: Places of each.
+
+        Returns:
+            Values, shape (B,).
+        """
+        batch = len(columns) // length
+        if length <= SMALL:
+            white = columns.white.reshape(batch, length, -1)
+            matrices = _batched_kernel(self.posterior, columns.scaled.reshape(batch, length, 2))
+            matrices -= white @ white.transpose(0, 2, 1)
+            np.einsum("bii->bi", matrices)[:] += self._noise
+            diagonal = np.empty((batch, length))
+            if not small_inverse_diagonals(matrices, diagonal):
+                raise ValueError(f"covariance of {length} planned places is not positive definite")
+        else:
+            parts = [columns.slice(i * length, (i + 1) * length) for i in range(batch)]
+            diagonal = np.array([inverse_diagonal_of(self._matrix(part)) for part in parts])
+        after = np.maximum(self._noise - self._noise**2 * diagonal.ravel(), 0.0)
+        return np.asarray(self._gains(columns, after).reshape(batch, length).sum(axis=1))
 
     # ------------------------------------------------------------------ a shared tail
 
@@ -171,15 +211,53 @@ def _batched_kernel(posterior: Posterior, scaled: Array) -> Array:
     """k among the places of each path: (B, c, 2) -> (B, c, c)."""
     batch, count, _ = scaled.shape
     apart = scaled[:, :, None, :] - scaled[:, None, :, :]
-    distance = np.sqrt((apart**2).sum(axis=-1)).reshape(-1, 1)
-    flat = np.concatenate([distance, np.zeros_like(distance)], axis=1)
-    return posterior.kernel.of_scaled(flat, np.zeros((1, 2))).reshape(batch, count, count)
+    return posterior.kernel.of_scaled(np.zeros((1, 2)), apart.reshape(-1, 2)).reshape(batch, count, count)
 
 
-def _inverse_diagonal(matrix: Array) -> Array:
-    """Diagonal of the inverse of a symmetric positive definite matrix."""
-    factor, failed = dpotrf(matrix, lower=1, clean=1)
+def inverse_diagonal_of(matrix: Array) -> Array:
+    """Diagonal (P,) of the inverse of a symmetric positive definite matrix: its lower triangle, overwritten.
+
+    Raises:
+        ValueError: if it is not positive definite.
+    """
+    factor, failed = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
     if failed:
         raise ValueError(f"covariance of {len(matrix)} planned places is not positive definite (pivot {failed})")
-    inverse, _ = dtrtri(factor, lower=1)
+    inverse, _ = dtrtri(factor, lower=1, overwrite_c=1)
     return np.asarray(np.einsum("ij,ij->j", inverse, inverse))
+
+
+@compiled
+def small_inverse_diagonals(matrices, diagonals):  # type: ignore[no-untyped-def]  # numba's types
+    """Diagonals (B, P) of the inverses of small matrices (B, P, P), their lower triangles overwritten.
+
+    Returns whether all are positive definite.
+    """
+    count = matrices.shape[1]
+    for b in range(matrices.shape[0]):
+        a = matrices[b]
+        for j in range(count):  # a = L L^T
+            pivot = a[j, j]
+            for k in range(j):
+                pivot -= a[j, k] * a[j, k]
+            if not pivot > 0.0:
+                return False
+            root = math.sqrt(pivot)
+            a[j, j] = root
+            for i in range(j + 1, count):
+                total = a[i, j]
+                for k in range(j):
+                    total -= a[i, k] * a[j, k]
+                a[i, j] = total / root
+        for j in range(count):  # column j of L^-1, kept in row j above the diagonal; its squares summed
+            first = 1.0 / a[j, j]
+            square = first * first
+            for i in range(j + 1, count):
+                total = a[i, j] * first
+                for k in range(j + 1, i):
+                    total += a[i, k] * a[j, k]
+                entry = -total / a[i, i]
+                a[j, i] = entry
+                square += entry * entry
+            diagonals[b, j] = square
+    return True

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dsyrk
+from scipy.linalg.blas import dsyrk, dtrsm
 
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.factor import Factor, IllConditionedError
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 #: Largest number of right-hand sides solved at once.
 CHUNK = 2048
+#: Places that a pool has room for before it grows: those of 300 sequences of ten legs, and more.
+POOLED = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +86,31 @@ def join(parts: list[Columns]) -> Columns:
     )
 
 
+def joined_rows(heads: Columns, tails: Columns, paths: int) -> Columns:
+    """Places of so many paths of equal length, path after path, of which each has a head and a tail."""
+
+    def both(head: Array, tail: Array) -> Array:
+        by_path = [part.reshape(paths, len(part) // paths, *part.shape[1:]) for part in (head, tail)]
+        return np.concatenate(by_path, axis=1).reshape(len(head) + len(tail), *head.shape[1:])
+
+    return Columns(
+        both(heads.scaled, tails.scaled),
+        both(heads.white, tails.white),
+        both(heads.mean_m, tails.mean_m),
+        both(heads.data_var_m2, tails.data_var_m2),
+        both(heads.planned_var_m2, tails.planned_var_m2),
+    )
+
+
 class ColumnPool:
     """Columns of many places, asked for by number: what a search keeps of the places it has looked up."""
 
     def __init__(self, rows: int) -> None:
         """Makes an empty pool for whitened covariances of `rows` numbers."""
         self._size = 0
-        self._numbers = np.empty((64, 5))
-        self._white = np.empty((64, rows))
+        # memory that is not touched costs nothing, growing does
+        self._numbers = np.empty((POOLED, 5))
+        self._white = np.empty((POOLED, rows))
 
     def add(self, columns: Columns) -> int:
         """Adds places; returns the number of the first of them."""
@@ -138,6 +157,7 @@ class Posterior:
         self._whitened = np.empty(0)
         self._planned_scaled = np.empty((0, 2))
         self._watched: _Watched | None = None
+        self._lower: Array | None = None
 
     @property
     def centers(self) -> Centers:
@@ -172,6 +192,7 @@ class Posterior:
         keep = common if same.all() else int(np.argmin(same))
         keep = min(keep, self._factor.size)
         self._factor.truncate(keep)
+        self._lower = None
         if self._watched is not None:
             self._watched.truncate(keep)
         places = np.array(centers.places_m, dtype=float).reshape(-1, 2)
@@ -209,6 +230,7 @@ class Posterior:
             self.kernel.of_scaled(scaled, scaled) + self.noise_var_m2 * np.eye(len(scaled)),
         )
         self._planned_scaled = scaled
+        self._lower = None
 
     def copy(self) -> Posterior:
         """The same data with planned places of its own; watched places are not taken along."""
@@ -220,6 +242,8 @@ class Posterior:
 
     def forget_planned(self) -> None:
         """Goes back to the data alone."""
+        if self.planned_rows:
+            self._lower = None
         self._factor.truncate(self.data_rows)
         self._planned_scaled = np.empty((0, 2))
 
@@ -261,32 +285,42 @@ class Posterior:
         places_m = np.asarray(places_m, dtype=float).reshape(-1, 2)
         scaled = self.kernel.scale(places_m)
         known = np.concatenate([self._scaled, self._planned_scaled])
-        white = self.kernel.of_scaled(known, scaled) if len(known) else np.empty((0, len(scaled)))
-        if len(known):
-            white = self._factor.solve_in_place(np.ascontiguousarray(white))
+        white = self.kernel.of_scaled(scaled, known)
+        self._whiten(white)
         n = self.data_rows
-        prior = self.kernel.variance(places_m)
-        data_var = np.maximum(prior - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
-        planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
+        data, planned = white[:, :n], white[:, n:]
+        data_var = np.maximum(self.kernel.variance(places_m) - np.einsum("pn,pn->p", data, data), 0.0)
+        planned_var = data_var
+        if self.planned_rows:
+            planned_var = np.maximum(data_var - np.einsum("pn,pn->p", planned, planned), 0.0)
         mean = self.prior_mean(places_m)
         if n:
-            mean = mean + self._whitened @ white[:n]
-        return Columns(scaled, white.T, mean, data_var, planned_var)
+            mean = mean + data @ self._whitened
+        return Columns(scaled, white, mean, data_var, planned_var)
+
+    def _whiten(self, rows: Array) -> None:
+        """Solves L w = k for each of the rows k of an array (P, n + o), in place."""
+        if not rows.size:
+            return
+        if self._lower is None:
+            self._lower = np.ascontiguousarray(self._factor.lower)
+        # to BLAS, whose columns are our rows: L^T is upper, and the right side is overwritten without a copy
+        dtrsm(1.0, self._lower.T, rows.T, lower=0, trans_a=1, overwrite_b=1)
 
     def lower_covariance(self, a: Columns) -> Array:
-        """Lower triangle (A, A) of the covariance among places, zeros above: half the work of `covariance`."""
-        own = np.tril(self.kernel.of_scaled(a.scaled, a.scaled))
+        """Covariance (A, A) among places, its lower triangle only: half the work. Not to be read above it."""
+        own = self.kernel.of_scaled(a.scaled, a.scaled).T  # symmetric; Fortran-ordered, so changed in place
         if not a.white.shape[1]:
             return own
         if a.white.flags.c_contiguous:
-            return np.asarray(dsyrk(-1.0, a.white.T, beta=1.0, c=np.asfortranarray(own), trans=1, lower=1))
-        return np.asarray(dsyrk(-1.0, np.asfortranarray(a.white), beta=1.0, c=np.asfortranarray(own), lower=1))
+            return np.asarray(dsyrk(-1.0, a.white.T, beta=1.0, c=own, trans=1, lower=1, overwrite_c=1))
+        return np.asarray(dsyrk(-1.0, np.asfortranarray(a.white), beta=1.0, c=own, lower=1, overwrite_c=1))
 
     def covariance(self, a: Columns, b: Columns) -> Array:
         """Covariance (A, B) of the depths given the data and the planned places."""
         if a is b and a.white.shape[1]:
             lower = self.lower_covariance(a)
-            return lower + np.tril(lower, -1).T
+            return np.tril(lower) + np.tril(lower, -1).T
         return self.kernel.of_scaled(a.scaled, b.scaled) - a.white @ b.white.T
 
 

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.area import Grid
+from auv_lse_planner.action_tree import ActionTree
 from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.lattice_search import LatticeSearch
 from auv_lse_planner.map_reward import MapReward
 from auv_lse_planner.naive import NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.search import Actions, TreeSearch
+from auv_lse_planner.search import Actions, run_search
 from auv_lse_planner.sequences import PathSequences
 from auv_lse_planner.surrogate import Surrogate
 
@@ -88,25 +89,13 @@ class Proposal:
 def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward) -> Proposal:
     """Tree search on the paper's reward, every path valued exactly."""
     s = situation
-    risk = None
-    if s.grid is not None and s.heuristics:
-        columns = reward.posterior.columns(s.grid.places_m)
-        filled = s.grid.fill(reward.before(columns), outside=0.0)
-        risk = (filled, s.grid)
-    sequences = PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg, risk)
-    search = TreeSearch(
-        space.choices,
-        space.motion.end_state,
-        sequences,
-        s.horizon,
-        s.exploration,
-        s.batch,
-        s.rng,
-        space.random_actions,
+    sequences = PathSequences(
+        reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg, s.grid
     )
     # a good part of the growing phase goes to what promises most
-    seeds = [*s.seeds, *sequences.promising(space.choices, s.horizon, s.iterations // 4, 2, s.deadline)]
-    result = search.run(s.state, s.iterations, s.deadline, seeds)
+    seeds = [*s.seeds, *sequences.promising(space, s.horizon, s.iterations // 4, 2, s.deadline)]
+    tree = ActionTree(space, s.state, s.horizon, s.exploration)
+    result = run_search(tree, sequences, s.horizon, s.iterations, s.batch, s.rng, s.deadline, seeds)
     return Proposal(
         actions=result.actions,
         heuristic=sequences.continuations[result.actions].heuristic,

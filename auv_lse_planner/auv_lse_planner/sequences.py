@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.area import Grid
+from auv_lse_planner.action_tree import every_sequence
+from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.motion import MotionTable
 from auv_lse_planner.naive import NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.posterior import ColumnPool, Columns, join
+from auv_lse_planner.posterior import ColumnPool, Columns, joined_rows
+from auv_lse_planner.prefixes import Prefixes
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Actions = tuple[int, ...]
 
 #: Most sequences that `promising` values.
 MOST_HEADS = 1500
-Actions = tuple[int, ...]
+#: How many of them are valued together.
+HEADS_AT_ONCE = 256
+#: How many naive paths are guessed between two looks at the deadline.
+GUESSES_AT_ONCE = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +57,7 @@ class PathSequences:
         steps_left: int,
         heuristics: tuple[int, ...],
         samples_per_leg: int,
-        risk: tuple[Array, Grid] | None = None,
+        grid: Grid | None = None,
     ) -> None:
         """Prepares for sequences from `state`.
 
@@ -61,26 +69,19 @@ class PathSequences:
             steps_left: Steps to the mission's end.
             heuristics: Ids of the naive paths to choose from; empty for none.
             samples_per_leg: Measurement places on a leg.
-            risk: Risk in hand on a grid (N, E), to guess what naive paths bring; None: not guessed.
+            grid: Grid of places over the area, to guess what naive paths bring; None: not guessed.
         """
-        self._risk = risk
+        self._grid = grid
         self._reward, self._motion, self._naive = reward, motion, naive
         self._steps_left, self._heuristics, self._samples = steps_left, heuristics, samples_per_leg
-        self._states: dict[Actions, Array] = {(): np.asarray(state, dtype=float)}
+        self._root = np.array(state, dtype=float)
+        self._prefixes = Prefixes(motion, self._root)
         self._pool = ColumnPool(reward.posterior.data_rows + reward.posterior.planned_rows)
-        self._numbers: dict[Actions, int] = {}  # of a leg's first place in the pool
         self.continuations: dict[Actions, Continuation] = {}
-
-    def _state(self, prefix: Actions) -> Array:
-        state = self._states.get(prefix)
-        if state is None:
-            state = self._motion.end_state(self._state(prefix[:-1]), prefix[-1])
-            self._states[prefix] = state
-        return state
 
     def promising(
         self,
-        choices: Callable[[Array], NDArray[np.int64]],
+        space: FreeSpace,
         horizon: int,
         overall: int,
         per_first: int,
@@ -93,116 +94,95 @@ class PathSequences:
         risk in hand along them: little of it is left at a place that is measured.
 
         Args:
-            choices: Actions that may be taken in a state.
+            space: Where to go.
             horizon: Length of the sequences.
             overall: How many of the best.
             per_first: How many of the best of each first action.
-            deadline: Says when to stop valuing and guessing; what is not done by then is left out.
+            deadline: Says when to stop guessing; what is not guessed by then is left out, unless nothing is.
 
         Returns:
             Sequences, best first; none if there would be too many to value.
         """
-        if self._motion.actions**horizon > MOST_HEADS:
+        if self._motion.actions**horizon > MOST_HEADS or (deadline is not None and deadline()):
             return []
-        heads: list[Actions] = [()]
-        for _ in range(horizon):
-            heads = [(*h, int(a)) for h in heads for a in choices(self._state(h))]
-        if deadline is not None and deadline():
-            return []
-        self._look_up(list(dict.fromkeys(h[:i] for h in heads for i in range(1, horizon + 1))))
-        values = np.concatenate([self._head_values(heads[i : i + 256]) for i in range(0, len(heads), 256)])
-        if self._heuristics and self._risk is not None:
-            every = len(heads) if deadline is None else 64
-            order = np.argsort(-values, kind="stable")
-            for begin in range(0, len(heads), every):
-                if deadline is not None and deadline():
-                    order = order[:begin]
-                    break
-                part = order[begin : begin + every]
-                values[part] = self._with_tails_roughly([heads[i] for i in part], values[part])
-            heads, values = [heads[i] for i in order], values[order]
+        heads = np.asarray(every_sequence(space.arguments(), self._root, horizon))
+        numbers, new = self._numbered(heads)
+        self._pool.add(self._reward.posterior.columns(new))
+        values = np.concatenate(
+            [self._head_values(numbers[i : i + HEADS_AT_ONCE]) for i in range(0, len(heads), HEADS_AT_ONCE)]
+        )
         order = np.argsort(-values, kind="stable")
-        chosen = dict.fromkeys(heads[i] for i in order[:overall])
-        taken: dict[int, int] = {}
-        for i in order:
-            first = heads[i][0]
-            if taken.get(first, 0) < per_first:
-                taken[first] = taken.get(first, 0) + 1
-                chosen[heads[i]] = None
+        if self._heuristics and self._grid is not None and not (deadline is not None and deadline()):
+            risk = self._grid.fill(
+                self._reward.before(self._reward.posterior.columns(self._grid.places_m)), outside=0.0
+            )
+            every = len(heads) if deadline is None else GUESSES_AT_ONCE
+            guessed = 0
+            while guessed < len(heads) and (guessed == 0 or deadline is None or not deadline()):
+                part = order[guessed : guessed + every]
+                values[part] += self._tails_roughly(self._prefixes.states(numbers[part, -1]), horizon, risk)
+                guessed += len(part)
+            order = order[:guessed][np.argsort(-values[order[:guessed]], kind="stable")]
+        chosen = dict.fromkeys(tuple(h) for h in heads[order[:overall]].tolist())
+        taken = np.zeros(self._motion.actions, dtype=int)
+        for head in heads[order].tolist():
+            if taken[head[0]] < per_first:
+                taken[head[0]] += 1
+                chosen[tuple(head)] = None
         return list(chosen)
 
-    def _with_tails_roughly(self, heads: list[Actions], values: Array) -> Array:
-        """The heads with their values, and the risk in hand along the best of their naive paths added."""
-        assert self._risk is not None
-        field, grid = self._risk
-        states = np.array([self._state(h) for h in heads])
-        left = self._steps_left - len(heads[0])
-        rough = [self._naive.sums_along(states, h, left, field, grid) for h in self._heuristics]
-        return np.asarray(values + self._samples * np.max(rough, axis=0))
+    def _tails_roughly(self, states: Array, legs: int, risk: Array) -> Array:
+        """Risk in hand along the best of the naive paths from each of `states` (B, 3), after so many legs."""
+        assert self._grid is not None
+        left = self._steps_left - legs
+        rough = [self._naive.sums_along(states, h, left, risk, self._grid) for h in self._heuristics]
+        return np.asarray(self._samples * np.max(rough, axis=0))
 
-    def _head_values(self, heads: list[Actions]) -> Array:
-        within = np.arange(self._samples)
-        numbers = np.array([[self._numbers[h[:i]] for i in range(1, len(h) + 1)] for h in heads], dtype=np.int64)
-        columns = self._pool.take((numbers[:, :, None] + within).ravel())
-        return self._reward.values_with_tail(columns, numbers.shape[1] * self._samples, None)
+    def _numbered(self, sequences: Ints) -> tuple[Ints, Array]:
+        """Numbers (B, L) of all beginnings of sequences (B, L), and the places (P, 2) of those that are new."""
+        first = self._prefixes.count
+        numbers = self._prefixes.enter(sequences)
+        return numbers, self._prefixes.leg_places(first, self._samples)
 
-    def _look_up(self, prefixes: list[Actions]) -> None:
-        """Takes the places of new prefixes into the pool."""
-        new = [p for p in prefixes if p not in self._numbers]
-        if not new:
-            return
-        first = self._pool.add(self._reward.posterior.columns(np.concatenate([self._leg_places(p) for p in new])))
-        for i, prefix in enumerate(new):
-            self._numbers[prefix] = first + i * self._samples
+    def _heads(self, numbers: Ints) -> Columns:
+        """Places of sequences given by the numbers of their beginnings, (B, L): B * L * samples of them."""
+        legs = (numbers - 1) * self._samples  # the empty beginning has no place
+        return self._pool.take((legs[:, :, None] + np.arange(self._samples)).ravel())
 
-    def _leg_places(self, prefix: Actions) -> Array:
-        """Measurement places of the last leg of `prefix`."""
-        if self._samples == 1:
-            return self._state(prefix)[None, 1:]
-        return self._motion.sample_places(self._state(prefix[:-1])[None], np.array(prefix[-1:]), self._samples)
+    def _head_values(self, numbers: Ints) -> Array:
+        return self._reward.values_of_equal(self._heads(numbers), numbers.shape[1] * self._samples)
 
     def path_places(self, sequence: Actions, heuristic: int) -> Array:
         """Measurement places (P, 2) of a sequence continued by a naive path."""
-        state = self._state(sequence)
-        tail = self._naive.actions(state, heuristic, self._steps_left - len(sequence))
+        states = self._motion.roll(self._root, sequence)
+        tail = self._naive.actions(states[-1], heuristic, self._steps_left - len(sequence))
         actions = np.concatenate([np.array(sequence, dtype=np.int64), tail])
-        states = self._motion.roll(self._state(()), actions)
+        states = self._motion.roll(self._root, actions)
         return self._motion.sample_places(states[:-1], actions, self._samples)
 
-    def __call__(self, sequences: list[Actions]) -> Array:
-        """Values of sequences, shape (len(sequences),)."""
-        wanted, sequences = sequences, list(dict.fromkeys(sequences))
-        new = list(dict.fromkeys(s[:i] for s in sequences for i in range(1, len(s) + 1) if s[:i] not in self._numbers))
-        tails = {
-            (s, h): self._naive.path_places(self._state(s), h, self._steps_left - len(s), self._samples)
-            for s in sequences
-            for h in self._heuristics
-        }
-        legs = [self._leg_places(p) for p in new]
-        places = np.concatenate([*legs, *tails.values()]) if legs or tails else np.empty((0, 2))
-        columns = self._reward.posterior.columns(places)
-        begin = len(new) * self._samples
-        first = self._pool.add(columns.slice(0, begin))
-        for i, prefix in enumerate(new):
-            self._numbers[prefix] = first + i * self._samples
-        paths: list[Columns] = []
-        keys: list[tuple[Actions, int]] = []
-        within = np.arange(self._samples)
-        for s in sequences:
-            numbers = np.array([self._numbers[s[:i]] for i in range(1, len(s) + 1)], dtype=np.int64)
-            head = self._pool.take((numbers[:, None] + within).ravel())
-            for h in self._heuristics or (NONE,):
-                path = head
-                if self._heuristics:
-                    count = len(tails[(s, h)])
-                    path = join([head, columns.slice(begin, begin + count)])
-                    begin += count
-                paths.append(path)
-                keys.append((s, h))
-        values = self._reward.values(paths)
-        best: dict[Actions, float] = {}
-        for (s, h), value in zip(keys, values, strict=True):
-            if value > best.get(s, -np.inf):
-                best[s] = float(value)
-                self.continuations[s] = Continuation(float(value), h)
-        return np.array([best[s] for s in wanted])
+    def __call__(self, sequences: Sequence[Actions]) -> Array:
+        """Values (B,) of sequences of the same length."""
+        actions = np.array(sequences, dtype=np.int64)
+        numbers, new = self._numbered(actions)
+        ends = self._prefixes.states(numbers[:, -1])
+        left = self._steps_left - actions.shape[1]
+        tails = [self._naive.places_from(ends, h, left, self._samples) for h in self._heuristics]
+        columns = self._reward.posterior.columns(np.concatenate([new, *(t.reshape(-1, 2) for t in tails)]))
+        self._pool.add(columns.slice(0, len(new)))
+        if not tails:
+            alone = self._head_values(numbers)
+            for sequence, value in zip(sequences, alone.tolist(), strict=True):
+                self.continuations[sequence] = Continuation(value, NONE)
+            return alone
+        heads = self._heads(numbers)
+        values = np.empty((len(tails), len(actions)))
+        begin = len(new)
+        for row, tail in zip(values, tails, strict=True):
+            end = begin + tail.shape[0] * tail.shape[1]
+            joined = joined_rows(heads, columns.slice(begin, end), len(actions))
+            row[:] = self._reward.values_of_equal(joined, len(joined) // len(actions))
+            begin = end
+        best: Array = values.max(axis=0)
+        for i, sequence in enumerate(sequences):
+            self.continuations[sequence] = Continuation(float(best[i]), self._heuristics[int(values[:, i].argmax())])
+        return best

@@ -156,10 +156,10 @@ def test_promising_heads_are_the_best_of_all():
     state = np.array([0.3, 150.0, 150.0])
     alone = PathSequences(reward, motion, naive, state, 2, (), 2)
     best = exhaustive_search(space.choices, motion.end_state, alone, state, 2)
-    heads = PathSequences(reward, motion, naive, state, 20, LAWNMOWERS[:1], 2).promising(space.choices, 2, 5, 1)
+    heads = PathSequences(reward, motion, naive, state, 20, LAWNMOWERS[:1], 2).promising(space, 2, 5, 1)
     assert heads[:5] == [a for a, _ in best.ranking[:5]]
     assert {h[0] for h in heads} == set(space.choices(state))
-    assert alone.promising(space.choices, 10, 5, 1) == []
+    assert alone.promising(space, 10, 5, 1) == []
 
 
 def test_polishing_reaches_what_no_single_change_improves():
