@@ -5,6 +5,7 @@ Set the environment variable AUV_LSE_NUMBA=0 before the import to force the NumP
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import os
@@ -29,11 +30,13 @@ if AVAILABLE:
     _cache_somewhere()
 
 
+@functools.cache
 def risk() -> Any:
     """The module of compiled risk functions (imported, and loaded from numba's cache, at the first call)."""
     return importlib.import_module("auv_lse_gp.compiled_risk")
 
 
+@functools.cache
 def gp() -> Any:
     """The module of compiled GP functions (imported, and loaded from numba's cache, at the first call)."""
     return importlib.import_module("auv_lse_gp.compiled_gp")

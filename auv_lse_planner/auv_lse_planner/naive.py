@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from auv_lse_gp.area import Grid
 from auv_lse_planner.compiled import compiled
 from auv_lse_planner.config import PlannerConfig
-from auv_lse_planner.free_space import Area, FreeSpace, escape_action, is_feasible, loop_clearance
+from auv_lse_planner.free_space import Area, FreeSpace, clearance_at, escape_action, is_feasible, loop_clearance
 from auv_lse_planner.motion import MotionTable, advance, roll_many
 
 Array = NDArray[np.float64]
@@ -64,6 +64,20 @@ def _wrap(angle):
 @compiled
 def _lane_cost(offset, error):
     return abs(offset) + HEADING_WEIGHT_M * abs(error)
+
+
+@compiled
+def _reach(spacing, loops, tracks):
+    """Clearance (m) of a place from which every action is feasible: more than its leg and its end's loops reach to.
+
+    Clearances are 1-Lipschitz, and read bilinearly off a raster sqrt(2)-Lipschitz.
+    """
+    leg = spacing * (tracks.shape[1] - 1)  # the longest
+    reach = 1.5 * leg + 0.5 * spacing
+    for side in range(loops.shape[0]):
+        centre = math.hypot(loops[side, 0], loops[side, 1])
+        reach = max(reach, 1.5 * (leg + centre) + loops[side, 2] + 0.5 * spacing)
+    return reach
 
 
 @compiled
@@ -105,20 +119,23 @@ def lawnmower(
     cos_t = np.cos(turns)
     sin_t = np.sin(turns)
     costs = np.empty(kinds)
+    o1, e1, c1, s1 = np.empty(kinds), np.empty(kinds), np.empty(kinds), np.empty(kinds)
     lane = min(max(-north * axis_s + east * axis_c, low), high)
     first = lane
     direction = 1.0 if math.cos(heading - axis) >= 0.0 else -1.0
+    reach = _reach(spacing, loops, tracks)
     sweeps = 0  # 0: the sweep's side, 1: the other side, 2 and more: back over the area between the lanes
     settled = False
     for index in range(count):
         course = axis if direction > 0.0 else _wrap(axis + math.pi)
         across = -north * axis_s + east * axis_c
         error = _wrap(heading - course)
+        roomy = clearance_at(raster, north0, east0, cell, north, east) >= reach
         if not settled and abs(across - lane) < 0.5 * lanes and abs(error) < 0.8:
             settled = True
         if settled:
             # The lane ends where a straight leg in its direction is not feasible.
-            free = is_feasible(
+            free = roomy or is_feasible(
                 raster, north0, east0, cell, tracks, spacing, loops, turns, steps, course, north, east, straight
             )
             if not free:
@@ -146,19 +163,25 @@ def lawnmower(
             rel_c, rel_s = math.cos(error), math.sin(error)
             offset = (across - lane) * direction  # to starboard of the course
             for a in range(kinds):
-                o1 = offset + rel_s * steps[a, 0] + rel_c * steps[a, 1]
-                c1 = rel_c * cos_t[a] - rel_s * sin_t[a]
-                s1 = rel_s * cos_t[a] + rel_c * sin_t[a]
-                e1 = _wrap(error + turns[a])
-                best = 1e18
-                for b in range(kinds):
-                    o2 = o1 + s1 * steps[b, 0] + c1 * steps[b, 1]
-                    best = min(best, _lane_cost(o2, _wrap(e1 + turns[b])))
-                costs[a] = best + 0.25 * _lane_cost(o1, e1)
+                o1[a] = offset + rel_s * steps[a, 0] + rel_c * steps[a, 1]
+                c1[a] = rel_c * cos_t[a] - rel_s * sin_t[a]
+                s1[a] = rel_s * cos_t[a] + rel_c * sin_t[a]
+                e1[a] = _wrap(error + turns[a])
+                costs[a] = 1e18
+            for b in range(kinds):
+                ahead, starboard, turn = steps[b, 0], steps[b, 1], turns[b]
+                for a in range(kinds):  # no branch: this loop runs in vectors
+                    o2 = o1[a] + s1[a] * ahead + c1[a] * starboard
+                    e2 = e1[a] + turn
+                    e2 = e2 - 2.0 * math.pi if e2 >= math.pi else (e2 + 2.0 * math.pi if e2 < -math.pi else e2)
+                    cost = abs(o2) + HEADING_WEIGHT_M * abs(e2)
+                    costs[a] = cost if cost < costs[a] else costs[a]
+            for a in range(kinds):
+                costs[a] += 0.25 * _lane_cost(o1[a], e1[a])
             action = -1
             for _ in range(kinds):
                 a = int(np.argmin(costs))
-                if is_feasible(
+                if roomy or is_feasible(
                     raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, a
                 ):
                     action = a
