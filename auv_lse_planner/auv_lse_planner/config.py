@@ -17,6 +17,7 @@ METHODS = (
     "plain",
     "exponential_quadratic",
     "best",
+    "bounded",
     "map",
     "lawnmower",
     "random",
@@ -122,19 +123,19 @@ class PlannerConfig:
         None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
     )
     map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
-    late_share: float | None = parameter(
+    proposals: str | None = parameter(
+        None,
+        choices=("surrogate", "path"),
+        help="objective 'map': whose search proposes paths: the map reward's surrogate, or the path's reward",
+    )
+    map_share: float | None = parameter(
         None,
         low=0.0,
-        high=1.0,
-        help="share of the mission after which the plain search on the path's reward takes over",
+        help="objective 'path': weight of the map's reward in the choice among the finalists (0: none)",
     )
-    own_area_m2: float | None = parameter(
-        None,
-        low=0.0,
-        unit="m2",
-        help="objective 'map': the benefit at a path's own places counts, beside the map's, as that of so much area",
+    finalists: int | None = parameter(
+        None, low=1, high=64, help="paths of a search that the map's reward is asked about"
     )
-    finalists: int = parameter(8, low=1, help="paths of the surrogate's search that are valued exactly")
     team_order: str = parameter(
         "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"
     )

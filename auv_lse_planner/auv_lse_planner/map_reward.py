@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
 
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.path_reward import PathReward
+from auv_lse_planner.path_reward import kernel_among
 from auv_lse_planner.posterior import Columns, Posterior
 
 Array = NDArray[np.float64]
@@ -23,17 +23,13 @@ Array = NDArray[np.float64]
 class MapReward:
     """Map reward for one decision: the data and the team mates' places are fixed."""
 
-    def __init__(self, posterior: Posterior, level_set: LevelSet, own_weight: float = 0.0) -> None:
+    def __init__(self, posterior: Posterior, level_set: LevelSet) -> None:
         """Takes the posterior as it stands, with the map watched and the team mates' places planned.
 
         Args:
             posterior: The posterior.
             level_set: Level and costs.
-            own_weight: What the path's own reward (`PathReward`, beyond the team mates' plans) counts beside the
-                map's. Above 0 the sum does not telescope.
         """
-        self.own_weight = own_weight
-        self._own = PathReward(posterior, level_set, "beyond")
         self.posterior = posterior
         self.level_set = level_set
         self.places = posterior.watched()
@@ -42,7 +38,7 @@ class MapReward:
         self.risk_before = self.expected(self.places.planned_var_m2) if posterior.planned_rows else self.risk_in_hand
 
     def expected(self, var_after_m2: Array) -> Array:
-        """Expected risk (M,) at the map's places once their variances are `var_after_m2` (M,)."""
+        """Expected risk at the map's places once their variances are `var_after_m2`, shape (..., M) both."""
         after = np.clip(var_after_m2, 0.0, self.places.data_var_m2)
         return self.level_set.expected_risk(
             self.places.mean_m, np.sqrt(self.places.data_var_m2 - after), np.sqrt(after)
@@ -67,8 +63,27 @@ class MapReward:
 
     def value(self, columns: Columns) -> float:
         """J of the path with these places."""
-        drop = float(np.sum(self.risk_before - self.expected(self.var_after_m2(columns))))
-        return drop + self.own_weight * self._own.value(columns) if self.own_weight > 0.0 else drop
+        return float(np.sum(self.risk_before - self.expected(self.var_after_m2(columns))))
+
+    def values_of_equal(self, columns: Columns, length: int) -> Array:
+        """J of several paths of equal length, all at once.
+
+        Args:
+            columns: Places of all paths, one path after the other, B * length of them.
+            length: Places of each.
+
+        Returns:
+            Values, shape (B,).
+        """
+        batch = len(columns) // length
+        white = columns.white.reshape(batch, length, -1)
+        matrices = kernel_among(self.posterior, columns.scaled.reshape(batch, length, 2))
+        matrices -= white @ white.transpose(0, 2, 1)
+        np.einsum("bii->bi", matrices)[:] += self._noise
+        cross = self.posterior.covariance(columns, self.places).reshape(batch, length, -1)
+        rows = np.linalg.solve(np.linalg.cholesky(matrices), cross)
+        after = np.maximum(self.places.planned_var_m2 - np.einsum("bpm,bpm->bm", rows, rows), 0.0)
+        return np.asarray((self.risk_before - self.expected(after)).sum(axis=1))
 
     def values_of_beginnings(self, columns: Columns, counts: list[int]) -> Array:
         """J of the path's first `counts[i]` places, for each i: what its legs add one after another."""

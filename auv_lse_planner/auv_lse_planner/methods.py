@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from auv_lse_planner.config import METHODS, PlannerConfig
-from auv_lse_planner.naive import LAWNMOWERS, STRIPS
+from auv_lse_planner.naive import COVERING, LAWNMOWERS, STRIPS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,9 +24,10 @@ class Recipe:
         tail: Whether naive paths continue the plan to the mission's end (augmented).
         naive_paths: Their ids; the best one is taken (kind "naive": vehicle n takes the n-th, modulo their number).
         incumbent: Whether the last plan stays unless the new one is worth more.
-        own_area_m2: Area that a path's own place counts as, beside the map.
+        proposals: Which search proposes the paths that the map's reward is asked about: "surrogate" or "path".
+        map_share: Weight of the map's reward in the choice among the finalists of the search on the path's reward.
+        finalists: Paths among which the map's reward chooses.
         risk_method: How the expected risk is computed, if not as `level_set.method` says.
-        late_share: Share of the mission after which the plain search on the path's reward takes over (`late`).
         score: Score of a greedy method: "benefit", "variance" or "straddle".
     """
 
@@ -41,9 +42,10 @@ class Recipe:
     naive_paths: tuple[int, ...] = (LAWNMOWERS[0],)
     incumbent: bool = True
     score: str = ""
-    own_area_m2: float = 0.0
+    proposals: str = "surrogate"
+    map_share: float = 0.0
+    finalists: int = 8
     risk_method: str = ""
-    late_share: float = 1.0
 
 
 RECIPES = {
@@ -66,7 +68,8 @@ RECIPES = {
         naive_paths=(),
         incumbent=False,
     ),
-    # The plain search, credited beyond the team mates' plans: what did best so far (docs/planner.md).
+    # The plain search proposes, credited beyond the team mates' plans; the map's reward has a say in the choice among
+    # its finalists, which are nearly equal by the path's: what did best (docs/planner.md).
     "best": Recipe(
         method="best",
         credit="beyond",
@@ -76,6 +79,21 @@ RECIPES = {
         tail=False,
         naive_paths=(),
         incumbent=False,
+        map_share=1.0,
+        finalists=16,
+    ),
+    # The same proposals, continued to the mission's end, valued by the map's reward and held against the incumbent:
+    # what keeps the bound (in expectation).
+    "bounded": Recipe(
+        method="bounded",
+        objective="map",
+        credit="beyond",
+        proposals="path",
+        horizon=10,
+        iterations=300,
+        exploration=0.5,
+        naive_paths=(*COVERING, *STRIPS),
+        finalists=16,
     ),
     # Baselines.
     "lawnmower": Recipe(method="lawnmower", kind="naive", horizon=1, naive_paths=STRIPS),
@@ -92,11 +110,6 @@ RECIPES = {
 }
 
 assert set(RECIPES) == set(METHODS)
-
-
-def late(how: Recipe) -> Recipe:
-    """What takes over from `how` late in the mission: the plain search, credited beyond the team mates' plans."""
-    return replace(RECIPES["plain"], method=how.method, credit="beyond")
 
 
 def recipe(config: PlannerConfig) -> Recipe:
@@ -124,6 +137,7 @@ def recipe(config: PlannerConfig) -> Recipe:
         incumbent=bool(pick("incumbent")),
         score=base.score,
         risk_method=base.risk_method,
-        late_share=float(pick("late_share")),
-        own_area_m2=float(pick("own_area_m2")),
+        proposals=str(pick("proposals")),
+        map_share=float(pick("map_share")),
+        finalists=int(pick("finalists")),
     )

@@ -380,6 +380,11 @@ class NaivePaths:
         actions = self.actions_from(states, heuristic, steps)
         return np.asarray(sums_along(states, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell))
 
+    def different(self, heuristics: tuple[int, ...]) -> tuple[int, ...]:
+        """`heuristics` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
+        named = STRIPS[: self._strips] if self._strips > 1 else STRIPS[:0]
+        return tuple(h for h in heuristics if h not in STRIPS or h in named) or heuristics[:1]
+
     def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
         """Measurement places (P, 2) of naive path `heuristic` over `steps` legs from a state (3,)."""
         places: Array = self.places_from(np.asarray(state, dtype=float)[None], heuristic, steps, samples_per_leg)[0]

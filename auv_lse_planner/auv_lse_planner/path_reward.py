@@ -120,7 +120,7 @@ class PathReward:
         batch = len(columns) // length
         if length <= SMALL:
             white = columns.white.reshape(batch, length, -1)
-            matrices = _batched_kernel(self.posterior, columns.scaled.reshape(batch, length, 2))
+            matrices = kernel_among(self.posterior, columns.scaled.reshape(batch, length, 2))
             matrices -= white @ white.transpose(0, 2, 1)
             np.einsum("bii->bi", matrices)[:] += self._noise
             diagonal = np.empty((batch, length))
@@ -160,7 +160,7 @@ class PathReward:
         cross = self.posterior.covariance(tail.columns, heads)  # (T, B count)
         white = heads.white.reshape(batch, count, -1)
         scaled = heads.scaled.reshape(batch, count, 2)
-        own = _batched_kernel(self.posterior, scaled) - white @ white.transpose(0, 2, 1)
+        own = kernel_among(self.posterior, scaled) - white @ white.transpose(0, 2, 1)
         own[:, np.arange(count), np.arange(count)] += self._noise
         # M = [[A, c], [c^T, b]]: Schur complement of the tail's block A, s = b - c^T A^-1 c
         solved = tail.inverse @ cross
@@ -207,7 +207,7 @@ def _tiled(heads: Columns, tail: Columns, batch: int, count: int) -> Columns:
     )
 
 
-def _batched_kernel(posterior: Posterior, scaled: Array) -> Array:
+def kernel_among(posterior: Posterior, scaled: Array) -> Array:
     """k among the places of each path: (B, c, 2) -> (B, c, c)."""
     batch, count, _ = scaled.shape
     apart = scaled[:, :, None, :] - scaled[:, None, :, :]

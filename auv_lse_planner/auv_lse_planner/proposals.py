@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from auv_lse_planner.surrogate import Surrogate
 
 Array = NDArray[np.float64]
 
+#: Keeps a share of nothing from being a division by zero.
+TINY = 1e-12
 #: Legs of a lawnmower that are checked against the map, and of a detour around shallow ground.
 DETOUR_LEGS = 10
 
@@ -108,32 +110,57 @@ def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, rewar
     )
 
 
-def search_map(
-    situation: Situation, space: FreeSpace, naive: NaivePaths, reward: MapReward, surrogate: Surrogate
+def chosen_with_map(
+    found: Proposal, situation: Situation, space: FreeSpace, reward: MapReward, share: float
 ) -> Proposal:
-    """Tree search on the surrogate of the map's reward; its finalists, continued by naive paths, are valued exactly."""
+    """The finalist of a search on the path's reward that is best by both rewards: J / max J + share J_map / max J_map.
+
+    The best paths of such a search are nearly equal by the path's reward (which is flat where nothing is known yet),
+    and far from equal by what they bring to the map.
+    """
     s = situation
-    search = LatticeSearch(space, naive, surrogate, s.samples_per_leg)
-    ranking, done, hit = search.run(s.state, s.horizon, s.iterations, s.exploration, s.rng, s.deadline, s.seeds)
-    finalists = _diverse(ranking, s.finalists)
+    finalists = [(a, v) for a, v in found.ranking[: s.finalists] if len(a) == len(found.actions)]
+    values = np.array([v for _, v in finalists])
+    by_map = reward.values_of_equal(
+        reward.posterior.columns(np.concatenate([_head_places(s, space, a) for a, _ in finalists])),
+        len(found.actions) * s.samples_per_leg,
+    )
+    score = values / max(values.max(), TINY) + share * by_map / max(by_map.max(), TINY)
+    best = finalists[int(np.argmax(score))]
+    ranking = [best, *(f for f in found.ranking if f != best)]
+    return replace(found, actions=best[0], value=best[1], ranking=ranking)
+
+
+def search_map(
+    situation: Situation,
+    space: FreeSpace,
+    naive: NaivePaths,
+    reward: MapReward,
+    surrogate: Surrogate,
+    own: PathReward | None = None,
+) -> Proposal:
+    """The best path by the map's reward among the finalists of a search, each continued by a naive path.
+
+    The search is on the reward's surrogate or, where `own` is given, on that reward of the path's own places. Finalists
+    are continued by the naive path that the surrogate likes best, and valued exactly.
+    """
+    s = situation
+    if own is None:
+        search = LatticeSearch(space, naive, surrogate, s.samples_per_leg)
+        ranking, done, hit = search.run(s.state, s.horizon, s.iterations, s.exploration, s.rng, s.deadline, s.seeds)
+        finalists = _diverse(ranking, s.finalists)
+    else:
+        found = search_path(replace(s, heuristics=()), space, naive, own)
+        ranking, done, hit = found.ranking, found.iterations, found.deadline_hit
+        finalists = [a for a, _ in ranking[: s.finalists]]
     best: tuple[float, Actions, int] = (-math.inf, (), NONE)
-    motion = space.motion
     exact: list[tuple[Actions, float]] = []
     progress: list[tuple[int, float]] = []
     for actions in finalists:
         if exact and s.deadline is not None and s.deadline():
             hit = True
             break
-        states = motion.roll(s.state, actions)
-        head = motion.sample_places(states[:-1], np.array(actions), s.samples_per_leg)
-        heuristic, places = NONE, head
-        if s.heuristics:
-            options = []
-            for candidate in s.heuristics:
-                tail = naive.path_places(states[-1], candidate, s.steps_left - len(actions), s.samples_per_leg)
-                whole = np.concatenate([head, tail])
-                options.append((surrogate.value(whole), candidate, whole))
-            _, heuristic, places = max(options, key=lambda option: option[0])
+        heuristic, places = _continued(s, space, naive, surrogate, actions)
         value = reward.value(reward.posterior.columns(places))
         exact.append((actions, value))
         if value > best[0]:
@@ -149,6 +176,26 @@ def search_map(
         ranking=sorted(exact, key=lambda item: -item[1]) + ranking[:16],
         progress=progress,
     )
+
+
+def _head_places(s: Situation, space: FreeSpace, actions: Actions) -> Array:
+    """Measurement places (P, 2) of actions from the situation's state."""
+    states = space.motion.roll(s.state, actions)
+    return space.motion.sample_places(states[:-1], np.array(actions), s.samples_per_leg)
+
+
+def _continued(
+    s: Situation, space: FreeSpace, naive: NaivePaths, surrogate: Surrogate, actions: Actions
+) -> tuple[int, Array]:
+    """The naive path that continues actions best by the surrogate, and the places (P, 2) of both."""
+    head = _head_places(s, space, actions)
+    if not s.heuristics:
+        return NONE, head
+    end = space.motion.roll(s.state, actions)[-1]
+    left = s.steps_left - len(actions)
+    wholes = [np.concatenate([head, naive.path_places(end, h, left, s.samples_per_leg)]) for h in s.heuristics]
+    best = int(np.argmax([surrogate.value(whole) for whole in wholes]))
+    return s.heuristics[best], wholes[best]
 
 
 def _diverse(ranking: list[tuple[Actions, float]], count: int) -> list[Actions]:

@@ -1,12 +1,12 @@
 """A fast stand-in for the map's reward, to steer the search: facility location on the map's own places.
 
-F(V) = sum over p in M of  max over v in V of  d(p, v)  +  w sum over v in V of r(v),
+F(V) = sum over p in M of  max over v in V of  d(p, v),
 
-d(p, v) the expected drop of risk at p from one measurement at v alone (given the data and the team mates' plans),
-r(v) the risk around v, which counts once where a path passes a place again (`REVISIT_M`). For w = 0, F is monotone
-and submodular, ranks paths like the exact drop (tests: rank agreement) and costs some microseconds. Places are moved
-to the nearest place of the map's grid; d is read from a table of the expected risk in two numbers, h = (l - m) / s and
-phi = asin(s_after / s) (for c1 = c2 and h = 0 the expected risk is linear in phi). Rows of d are made when first used.
+d(p, v) the expected drop of risk at p from one measurement at v alone (given the data and the team mates' plans). F is
+monotone and submodular, ranks paths like the exact drop (tests: rank agreement) and costs some microseconds. Places are
+moved to the nearest place of the map's grid; d is read from a table of the expected risk in two numbers,
+h = (l - m) / s and phi = asin(s_after / s) (for c1 = c2 and h = 0 the expected risk is linear in
+phi). Rows of d are made when first used.
 """
 
 from __future__ import annotations
@@ -30,8 +30,6 @@ Ints = NDArray[np.int64]
 H_MAX = 6.0
 H_COUNT = 193
 PHI_COUNT = 65
-#: A place nearer than this to an earlier one of the path is not paid for its own risk again (m).
-REVISIT_M = 12.0
 #: A measurement that lowers a variance by less than this fraction is taken to do nothing.
 NEGLIGIBLE = 1e-3
 
@@ -115,8 +113,8 @@ class Surrogate:
         self.covariance = np.zeros((0, 0))
         self._prior: NDArray[np.float32] | None = None
 
-    def set(self, reward: MapReward, own_weight: float = 0.0) -> None:
-        """Takes the data of one decision, and what the risk at a path's own place counts beside the map's."""
+    def set(self, reward: MapReward) -> None:
+        """Takes the data of one decision."""
         places = reward.places
         if self._prior is None:
             self._prior = reward.posterior.kernel.of_scaled(places.scaled, places.scaled).astype(np.float32)
@@ -129,8 +127,6 @@ class Surrogate:
         phi = np.arcsin(np.sqrt(np.clip(self.base_var / self.data_var, 0.0, 1.0)))
         self.base_risk = np.empty(len(phi))
         read_table(self._table, self.h, phi, self.base_risk)
-        self.own = np.ascontiguousarray(self.base_risk[self.index])
-        self.own_weight = own_weight
         self.noise = reward.posterior.noise_var_m2
         self.ready[:] = False
 
@@ -148,15 +144,13 @@ class Surrogate:
             self.base_var,
             self.base_risk,
             self.index,
-            self.own,
-            self.own_weight,
             float(g.north_m[0]),
             float(g.east_m[0]),
             float(g.resolution_m),
         )
 
     def value(self, places_m: Array) -> float:
-        """F of the path with these places (P, 2), and what they are worth themselves."""
+        """F of the path with these places (P, 2)."""
         best = np.zeros(len(self.h), dtype=np.float32)
         return float(value_of(self.arguments(), np.ascontiguousarray(places_m, dtype=float), best))
 
@@ -173,8 +167,6 @@ def add_place(
     base_var,
     base_risk,
     index,
-    own,
-    own_weight,
     north0,
     east0,
     cell,
@@ -196,39 +188,11 @@ def add_place(
 
 
 @compiled
-def own_risk(own, north0, east0, cell, north, east):
-    """Risk around a place: bilinear on the map's grid, which makes it a mean over the width of a cell.
-
-    At the very place it would be no guide: on the estimated isobath it is largest however well that is known.
-    """
-    x = min(max((north - north0) / cell, 0.0), own.shape[0] - 1.0)
-    y = min(max((east - east0) / cell, 0.0), own.shape[1] - 1.0)
-    i = min(int(x), max(own.shape[0] - 2, 0))
-    j = min(int(y), max(own.shape[1] - 2, 0))
-    k = min(i + 1, own.shape[0] - 1)
-    m = min(j + 1, own.shape[1] - 1)
-    u = x - i
-    v = y - j
-    return (own[i, j] * (1.0 - v) + own[i, m] * v) * (1.0 - u) + (own[k, j] * (1.0 - v) + own[k, m] * v) * u
-
-
-@compiled
 def value_of(surrogate, places, best):
     """F of places (P, 2); `best` (M,) holds the drops that are had already."""
-    own, weight = surrogate[10], surrogate[11]
-    north0, east0, cell = surrogate[12], surrogate[13], surrogate[14]
     value = 0.0
     for i in range(places.shape[0]):
-        north = places[i, 0]
-        east = places[i, 1]
-        add_place(*surrogate, north, east, best)
-        again = weight == 0.0
-        for j in range(i - 1):  # the place just before is never nearer than a leg's sample spacing
-            if (places[j, 0] - north) ** 2 + (places[j, 1] - east) ** 2 < REVISIT_M**2:
-                again = True
-                break
-        if not again:
-            value += weight * own_risk(own, north0, east0, cell, north, east)
+        add_place(*surrogate, places[i, 0], places[i, 1], best)
     for p in range(best.shape[0]):
         value += best[p]
     return value

@@ -29,13 +29,21 @@ from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.dec_mcts import JOINT_DRAWS, KEPT_PLANS, search_dec_mcts
 from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.map_reward import MapReward
-from auv_lse_planner.methods import Recipe, late, recipe
+from auv_lse_planner.methods import Recipe, recipe
 from auv_lse_planner.motion import MotionTable
 from auv_lse_planner.naive import IDS, NONE, NaivePaths
 from auv_lse_planner.path_reward import PathReward
 from auv_lse_planner.plan import Leg, Plan
 from auv_lse_planner.posterior import Columns, Posterior
-from auv_lse_planner.proposals import Proposal, Situation, naive_only, one_leg, search_map, search_path
+from auv_lse_planner.proposals import (
+    Proposal,
+    Situation,
+    chosen_with_map,
+    naive_only,
+    one_leg,
+    search_map,
+    search_path,
+)
 from auv_lse_planner.surrogate import Surrogate
 from auv_lse_planner.team import Team
 
@@ -421,11 +429,9 @@ class VehiclePlanner:
         deadline: Callable[[], bool] | None,
     ) -> Decision:
         how = self.recipe
-        if step >= how.late_share * self.settings.mission.steps:
-            how = late(how)
         left = self.settings.mission.steps - step
         horizon = min(how.horizon, left)
-        heuristics = how.naive_paths if how.tail and left > horizon else ()
+        heuristics = self.naive.different(how.naive_paths) if how.tail and left > horizon else ()
         escape = not self.space.feasible(state).size
         situation = Situation(
             state=state,
@@ -436,7 +442,7 @@ class VehiclePlanner:
             exploration=how.exploration,
             batch=self.planner.batch,
             samples_per_leg=self.planner.samples_per_leg,
-            finalists=self.planner.finalists,
+            finalists=how.finalists,
             rng=self._rng,
             deadline=deadline,
             seeds=self._seeds,
@@ -447,7 +453,7 @@ class VehiclePlanner:
             level_set = dataclasses.replace(level_set, method=how.risk_method)
         reward: PathReward | MapReward
         if how.objective == "map":
-            reward = MapReward(self._map_posterior(), level_set, how.own_area_m2 / self.planner.map_spacing_m**2)
+            reward = MapReward(self._map_posterior(), level_set)
             if math.isnan(self._risk_at_start):
                 self._risk_at_start = float(reward.risk_in_hand.sum())
             # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
@@ -508,8 +514,13 @@ class VehiclePlanner:
         """The method's new plan."""
         if how.kind == "search":
             if isinstance(reward, MapReward):
-                return search_map(situation, self.space, self.naive, reward, self._surrogate_for(reward))
-            return search_path(situation, self.space, self.naive, reward)
+                own = PathReward(self.posterior, reward.level_set, how.credit) if how.proposals == "path" else None
+                return search_map(situation, self.space, self.naive, reward, self._surrogate_for(reward), own)
+            found = search_path(situation, self.space, self.naive, reward)
+            if how.map_share > 0.0 and not found.deadline_hit:
+                by_map = MapReward(self._map_posterior(), reward.level_set)
+                found = chosen_with_map(found, situation, self.space, by_map, how.map_share)
+            return found
         if how.kind == "naive":
             heuristic = how.naive_paths[(self.vehicle - 1) % len(how.naive_paths)]
             return naive_only(situation, self.space, self.naive, reward, heuristic)
@@ -525,7 +536,7 @@ class VehiclePlanner:
         if self._surrogate is None:
             assert self._map_grid is not None
             self._surrogate = Surrogate(self._map_grid, self.settings.level_set)
-        self._surrogate.set(reward, reward.own_weight)
+        self._surrogate.set(reward)
         return self._surrogate
 
     def _columns(self, states: Array, actions: Ints) -> Columns:
