@@ -1,12 +1,14 @@
 """The table of methods: the same lakes, the same distance travelled, differences paired lake by lake.
 
-    python -m benchmarks.planner_methods --vehicles 1 --lakes 20 --out methods.jsonl [--methods best plain ...]
+    python -m benchmarks.planner_methods --vehicles 1 3 --lakes 20 --out methods.jsonl [--methods best plain ...]
+    python -m benchmarks.planner_methods --vehicles 3 --area default --out methods.jsonl
     python -m benchmarks.planner_methods --table methods.jsonl
 
 Every mission's figures are appended to the file as one JSON line as soon as it is over, and missions that are in the
 file already are not flown again, so a run can be stopped and continued. Lakes are `SyntheticLake`s with seeds from
 `--first` on (seeds 1000 to 1015 were used while developing) and, with `--real FILE`, windows of a real lake's grid.
-One vehicle works in 500 m x 400 m, several in the default area of 600 m x 700 m: what the path of 100 steps can cover.
+The small area (500 m x 400 m) is what one vehicle can just cover in 100 steps, the default mission's (600 m x 700 m)
+what three can.
 """
 
 from __future__ import annotations
@@ -37,11 +39,11 @@ METHODS = (
     "augmented",
     "exponential_quadratic",
     "map",
+    "bounded",
     "best",
 )
-#: North and east span (m) of the area by number of vehicles (1, more), and its margin around the start (0, 0).
-SMALL = (400.0, 500.0, 20.0)
-DEFAULT = (600.0, 700.0, 50.0)
+#: North and east span (m) of the areas, and their margin around the start (0, 0).
+AREAS = {"small": (400.0, 500.0, 20.0), "default": (600.0, 700.0, 50.0)}
 FIGURES = {
     "team_reward": "team reward",
     "risk_third": "map risk at 1/3",
@@ -64,19 +66,19 @@ class Shifted:
         return self._ground.depth_m(np.asarray(north_m) + self._north, np.asarray(east_m) + self._east)
 
 
-def area(vehicles: int) -> tuple[tuple[float, float, float], dict[str, Any]]:
-    """Span and the `area` section for so many vehicles."""
-    north, east, margin = span = SMALL if vehicles == 1 else DEFAULT
+def area(name: str) -> tuple[tuple[float, float, float], dict[str, Any]]:
+    """Span and the `area` section of the area called `name`."""
+    north, east, margin = span = AREAS[name]
     polygon = [-margin, -margin, north - margin, -margin, north - margin, east - margin, -margin, east - margin]
     return span, {"polygon_m": polygon}
 
 
-def windows(path: Path, vehicles: int) -> Iterator[tuple[str, float, float]]:
+def windows(path: Path, where: str) -> Iterator[tuple[str, float, float]]:
     """Windows of a real lake in which all ground is known and between 25 and 75 % of it deeper than 15 m."""
     from auv_lse_sim.ground_files import load_ground
 
     ground = load_ground(path)
-    (height, width, margin), _ = area(vehicles)
+    (height, width, margin), _ = area(where)
     e = ground.extent
     for north in np.arange(e.north_min_m, e.north_max_m - height, 50.0):
         for east in np.arange(e.east_min_m, e.east_max_m - width, 50.0):
@@ -88,9 +90,9 @@ def windows(path: Path, vehicles: int) -> Iterator[tuple[str, float, float]]:
                 yield f"{path.stem}@{north:.0f},{east:.0f}", float(north + margin), float(east + margin)
 
 
-def lake(name: str, vehicles: int, real: Path | None) -> Any:
+def lake(name: str, where: str, real: Path | None) -> Any:
     """The ground called `name`: a seed, or a window of the real lake."""
-    (height, width, margin), _ = area(vehicles)
+    (height, width, margin), _ = area(where)
     if name.isdigit():
         middle = {"north_m": height / 2.0 - margin, "east_m": width / 2.0 - margin}
         return SyntheticLake(LakeConfig(seed=int(name), height_m=height, width_m=width, **middle))
@@ -101,14 +103,22 @@ def lake(name: str, vehicles: int, real: Path | None) -> Any:
     return Shifted(load_ground(real), north + margin, east + margin)
 
 
-def mission(method: str, vehicles: int, name: str, loss: float, real: str, steps: int) -> dict[str, Any]:
+def mission(method: str, vehicles: int, where: str, name: str, loss: float, real: str, steps: int) -> dict[str, Any]:
     """Flies one mission and gives its line."""
-    _, section = area(vehicles)
-    ground = lake(name, vehicles, Path(real) if real else None)
+    _, section = area(where)
+    ground = lake(name, where, Path(real) if real else None)
     seed = int(name) if name.isdigit() else sum(name.encode())
     outcome = fly(settings_for(method, vehicles, section, mission={"steps": steps}), ground, seed, loss)
     figures = {key: getattr(outcome, key) for key in (*FIGURES, "wall_max_ms", "travelled_m", "kept_share")}
-    return {"method": method, "vehicles": vehicles, "lake": name, "loss": loss, "steps": steps, **figures}
+    return {
+        "method": method,
+        "vehicles": vehicles,
+        "area": where,
+        "lake": name,
+        "loss": loss,
+        "steps": steps,
+        **figures,
+    }
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -123,12 +133,15 @@ def interval(differences: np.ndarray, rng: np.random.Generator) -> tuple[float, 
 
 
 def table(lines: list[dict[str, Any]]) -> str:
-    """Markdown tables, one for each number of vehicles and packet loss: means, and map risk against the lawnmower."""
+    """Markdown tables, one for each team, area and packet loss: means, and map risk against the lawnmower."""
     text = []
-    for vehicles, loss in sorted({(r["vehicles"], r["loss"]) for r in lines}):
-        rows = [r for r in lines if (r["vehicles"], r["loss"]) == (vehicles, loss)]
+    for kind in sorted({(r["vehicles"], r["area"], r["loss"]) for r in lines}):
+        vehicles, where, loss = kind
+        rows = [r for r in lines if (r["vehicles"], r["area"], r["loss"]) == kind]
         base = {r["lake"]: r for r in rows if r["method"] == "lawnmower"}
-        title = f"{vehicles} vehicle{'s' if vehicles > 1 else ''}, packet loss {loss:.0%}, {len(base)} lakes"
+        title = (
+            f"{vehicles} vehicle{'s' if vehicles > 1 else ''}, {where} area, packet loss {loss:.0%}, {len(base)} lakes"
+        )
         head = ["method", "lakes", *FIGURES.values(), "risk at 1/3 vs mowing", "at end vs mowing", "worst lake"]
         text += [f"### {title}", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
         for method in METHODS:
@@ -154,6 +167,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("planner_methods.jsonl"), help="results file, appended to")
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3])
+    parser.add_argument("--area", default="small", choices=AREAS)
     parser.add_argument("--lakes", type=int, default=20, help="number of synthetic lakes")
     parser.add_argument("--first", type=int, default=5000, help="seed of the first lake")
     parser.add_argument("--real", type=Path, help="grid or soundings of a real lake: its windows are flown too")
@@ -165,15 +179,15 @@ def main() -> None:
     if options.table:
         print(table(read(options.table)))
         return
-    done = {(r["method"], r["vehicles"], r["lake"], r["loss"], r["steps"]) for r in read(options.out)}
+    done = {(r["method"], r["vehicles"], r["area"], r["lake"], r["loss"], r["steps"]) for r in read(options.out)}
     jobs = []
     for vehicles in options.vehicles:
         names = [str(options.first + i) for i in range(options.lakes)]
         if options.real:
-            found = [name for name, _, _ in windows(options.real, vehicles)]
+            found = [name for name, _, _ in windows(options.real, options.area)]
             every = max(1, len(found) // options.windows)
             names += found[::every][: options.windows]
-        jobs += [(m, vehicles, name, options.loss) for name in names for m in options.methods]
+        jobs += [(m, vehicles, options.area, name, options.loss) for name in names for m in options.methods]
     jobs = [j for j in jobs if (*j, options.steps) not in done]
     print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}")
     real = str(options.real) if options.real else ""
