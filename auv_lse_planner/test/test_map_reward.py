@@ -92,3 +92,12 @@ def test_the_paths_own_reward_does_not_telescope():
         here = posterior.columns(np.array([[(i + 1) * 10.0, 0.0]]))
         stepwise += PathReward(posterior, level).value(here)
     assert stepwise < 0.95 * whole
+
+
+@pytest.mark.parametrize("team", [0, 12])
+def test_paths_valued_together_have_the_values_that_they_have_alone(team):
+    rng, *_, reward = _situation(8, 70, team)
+    columns = reward.posterior.columns(rng.uniform(0, 400, (5 * 7, 2)))
+    together = reward.values_of_equal(columns, 7)
+    alone = [reward.value(columns.slice(7 * i, 7 * i + 7)) for i in range(5)]
+    assert together == pytest.approx(np.array(alone), rel=1e-9)

@@ -1,0 +1,111 @@
+"""How finalists of a search are chosen by the map's reward."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from planner_helpers import centers, world
+
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.map_reward import MapReward
+from auv_lse_planner.naive import COVERING, NONE, STRIPS
+from auv_lse_planner.path_reward import PathReward
+from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.proposals import Situation, chosen_with_map, search_map, search_path
+from auv_lse_planner.surrogate import Surrogate
+
+
+@pytest.fixture(scope="module")
+def scene():
+    area, motion, space, naive = world()
+    posterior = Posterior(GpConfig())
+    grid = area.grid(20.0)
+    posterior.watch(grid.places_m)
+    posterior.set_centers(centers(np.random.default_rng(3), 40))
+    situation = Situation(
+        state=np.array([0.4, 120.0, 150.0]),
+        steps_left=40,
+        horizon=6,
+        heuristics=(),
+        iterations=120,
+        exploration=0.5,
+        batch=8,
+        samples_per_leg=1,
+        finalists=16,
+        rng=np.random.default_rng(4),
+        deadline=None,
+        seeds=[],
+    )
+    return motion, space, naive, posterior, grid, situation
+
+
+def _fresh(situation, **changes):
+    return dataclasses.replace(situation, rng=np.random.default_rng(4), **changes)
+
+
+def _places(motion, state, actions):
+    return motion.roll(state, np.array(actions))[1:, 1:]
+
+
+def test_the_choice_is_the_best_finalist_by_both_rewards(scene):
+    motion, space, naive, posterior, _, situation = scene
+    own, by_map = PathReward(posterior, LevelSet()), MapReward(posterior, LevelSet())
+    found = search_path(_fresh(situation), space, naive, own)
+    chosen = chosen_with_map(found, situation, space, by_map, 1.0)
+    finalists = found.ranking[:16]
+    maps = np.array([by_map.value(posterior.columns(_places(motion, situation.state, a))) for a, _ in finalists])
+    values = np.array([v for _, v in finalists])
+    score = values / values.max() + maps / maps.max()
+    assert chosen.actions == finalists[int(np.argmax(score))][0]
+    assert chosen.value == pytest.approx(own.value(posterior.columns(_places(motion, situation.state, chosen.actions))))
+    assert chosen.actions != found.actions  # in this scene the map has another favourite
+    assert sorted(chosen.ranking) == sorted(found.ranking)
+
+
+def test_a_share_of_nothing_leaves_the_searchs_choice_and_a_large_one_the_maps(scene):
+    motion, space, naive, posterior, _, situation = scene
+    own, by_map = PathReward(posterior, LevelSet()), MapReward(posterior, LevelSet())
+    found = search_path(_fresh(situation), space, naive, own)
+    assert chosen_with_map(found, situation, space, by_map, 0.0).actions == found.actions
+    maps = {a: by_map.value(posterior.columns(_places(motion, situation.state, a))) for a, _ in found.ranking[:16]}
+    assert chosen_with_map(found, situation, space, by_map, 1e9).actions == max(maps, key=maps.__getitem__)
+
+
+def test_paths_proposed_by_their_own_reward_are_valued_on_the_map_to_the_missions_end(scene):
+    motion, space, naive, posterior, grid, situation = scene
+    own, by_map = PathReward(posterior, LevelSet(), "beyond"), MapReward(posterior, LevelSet())
+    surrogate = Surrogate(grid, LevelSet())
+    surrogate.set(by_map)
+    there = _fresh(situation, heuristics=COVERING)
+    found = search_map(there, space, naive, by_map, surrogate, own)
+    assert found.heuristic in COVERING
+    state = motion.roll(there.state, np.array(found.actions))[-1]
+    tail = naive.actions(state, found.heuristic, there.steps_left - len(found.actions))
+    whole = _places(motion, there.state, [*found.actions, *tail])
+    assert len(whole) == there.steps_left
+    assert found.value == pytest.approx(by_map.value(posterior.columns(whole)))
+    proposed = search_path(_fresh(situation), space, naive, own).ranking[:16]
+    assert found.actions in [a for a, _ in proposed]
+    assert found.value == max(v for _, v in found.ranking[: found.evaluations])
+
+
+def test_without_naive_paths_only_the_legs_searched_count(scene):
+    motion, space, naive, posterior, grid, situation = scene
+    by_map = MapReward(posterior, LevelSet())
+    surrogate = Surrogate(grid, LevelSet())
+    surrogate.set(by_map)
+    found = search_map(_fresh(situation), space, naive, by_map, surrogate)
+    assert found.heuristic == NONE
+    places = _places(motion, situation.state, found.actions)
+    assert found.value == pytest.approx(by_map.value(posterior.columns(places)))
+
+
+def test_ids_of_strips_that_name_the_same_path_are_tried_once():
+    *_, naive = world()  # two vehicles or one: see planner_helpers
+    different = naive.different((*COVERING, *STRIPS))
+    assert different[:4] == COVERING
+    state = np.array([0.0, 50.0, 50.0])
+    paths = [naive.actions(state, h, 60).tolist() for h in different]
+    assert len({tuple(p) for p in paths[4:]}) == len(paths[4:])
+    assert naive.different((STRIPS[4],)) == (STRIPS[4],)  # never empty
