@@ -131,7 +131,7 @@ class PlannerConfig:
     map_share: float | None = parameter(
         None,
         low=0.0,
-        help="objective 'path': weight of the map's reward in the choice among the finalists (0: none)",
+        help="weight of the map's reward in the choice among the finalists of the path's reward (0: none)",
     )
     finalists: int | None = parameter(
         None, low=1, high=64, help="paths of a search that the map's reward is asked about"

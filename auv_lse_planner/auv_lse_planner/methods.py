@@ -25,8 +25,8 @@ class Recipe:
         naive_paths: Their ids; the best one is taken (kind "naive": vehicle n takes the n-th, modulo their number).
         incumbent: Whether the last plan stays unless the new one is worth more.
         proposals: Which search proposes the paths that the map's reward is asked about: "surrogate" or "path".
-        map_share: Weight of the map's reward in the choice among the finalists of the search on the path's reward.
-        finalists: Paths among which the map's reward chooses.
+        map_share: Weight of the map's reward in the order of the finalists of the search on the path's reward.
+        finalists: Paths that the map's reward is asked about.
         risk_method: How the expected risk is computed, if not as `level_set.method` says.
         score: Score of a greedy method: "benefit", "variance" or "straddle".
     """
@@ -82,17 +82,18 @@ RECIPES = {
         map_share=1.0,
         finalists=16,
     ),
-    # The same proposals, continued to the mission's end, valued by the map's reward and held against the incumbent:
-    # what keeps the bound (in expectation).
+    # The same proposals in the same order, continued to the mission's end: the first that is worth as much on the map
+    # as the incumbent is taken. Keeps the bound (in expectation).
     "bounded": Recipe(
         method="bounded",
         objective="map",
         credit="beyond",
         proposals="path",
         horizon=10,
-        iterations=300,
+        iterations=150,
         exploration=0.5,
         naive_paths=(*COVERING, *STRIPS),
+        map_share=1.0,
         finalists=16,
     ),
     # Baselines.

@@ -46,6 +46,8 @@ class Situation:
         deadline: Says when to stop.
         seeds: Action sequences tried first.
         grid: Grid of places over the area, to guess what naive paths bring; None: not guessed.
+        map_share: Weight of the map's reward in the order of finalists that the path's reward proposes.
+        to_beat: Value of the incumbent, if it may stay.
     """
 
     state: Array
@@ -61,6 +63,8 @@ class Situation:
     deadline: Callable[[], bool] | None
     seeds: list[Actions]
     grid: Grid | None = None
+    map_share: float = 0.0
+    to_beat: float = -math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +122,14 @@ def chosen_with_map(
     The best paths of such a search are nearly equal by the path's reward (which is flat where nothing is known yet),
     and far from equal by what they bring to the map.
     """
-    s = situation
+    ranking = _by_both(found, situation, space, reward, share)
+    return replace(found, actions=ranking[0][0], value=ranking[0][1], ranking=ranking)
+
+
+def _by_both(
+    found: Proposal, s: Situation, space: FreeSpace, reward: MapReward, share: float
+) -> list[tuple[Actions, float]]:
+    """The ranking with its finalists in the order of their score by both rewards."""
     finalists = [(a, v) for a, v in found.ranking[: s.finalists] if len(a) == len(found.actions)]
     values = np.array([v for _, v in finalists])
     by_map = reward.values_of_equal(
@@ -126,9 +137,8 @@ def chosen_with_map(
         len(found.actions) * s.samples_per_leg,
     )
     score = values / max(values.max(), TINY) + share * by_map / max(by_map.max(), TINY)
-    best = finalists[int(np.argmax(score))]
-    ranking = [best, *(f for f in found.ranking if f != best)]
-    return replace(found, actions=best[0], value=best[1], ranking=ranking)
+    first = [finalists[i] for i in np.argsort(-score, kind="stable")]
+    return [*first, *(f for f in found.ranking if f not in first)]
 
 
 def search_map(
@@ -141,8 +151,10 @@ def search_map(
 ) -> Proposal:
     """The best path by the map's reward among the finalists of a search, each continued by a naive path.
 
-    The search is on the reward's surrogate or, where `own` is given, on that reward of the path's own places. Finalists
-    are continued by the naive path that the surrogate likes best, and valued exactly.
+    The search is on the reward's surrogate; finalists are continued by the naive path that the surrogate likes best,
+    and valued exactly. Where `own` is given, the search is on that reward of the path's own places, and of its
+    finalists, in the order of `chosen_with_map`, the first is taken that is worth at least the incumbent: the mission's
+    bound asks no more, and that order brings more at once.
     """
     s = situation
     if own is None:
@@ -151,7 +163,8 @@ def search_map(
         finalists = _diverse(ranking, s.finalists)
     else:
         found = search_path(replace(s, heuristics=()), space, naive, own)
-        ranking, done, hit = found.ranking, found.iterations, found.deadline_hit
+        done, hit = found.iterations, found.deadline_hit
+        ranking = _by_both(found, s, space, reward, s.map_share)
         finalists = [a for a, _ in ranking[: s.finalists]]
     best: tuple[float, Actions, int] = (-math.inf, (), NONE)
     exact: list[tuple[Actions, float]] = []
@@ -166,6 +179,9 @@ def search_map(
         if value > best[0]:
             best = (value, actions, heuristic)
             progress.append((done, value))
+        if own is not None and value >= s.to_beat:
+            best = (value, actions, heuristic)
+            break
     return Proposal(
         actions=best[1],
         heuristic=best[2],

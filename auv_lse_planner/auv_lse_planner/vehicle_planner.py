@@ -447,6 +447,7 @@ class VehiclePlanner:
             deadline=deadline,
             seeds=self._seeds,
             grid=self._rough_grid,
+            map_share=how.map_share,
         )
         level_set = self.settings.level_set
         if how.risk_method:
@@ -460,6 +461,14 @@ class VehiclePlanner:
             self._reward_so_far = self._risk_at_start - float(reward.risk_in_hand.sum())
         else:
             reward = PathReward(self.posterior, level_set, how.credit)
+        incumbent_value, infeasible = math.nan, False
+        if self._path is not None and not reanchored:
+            states, actions, _ = self._path.rest(step)
+            if len(actions):
+                infeasible = not self.space.path_feasible(states[0], actions, max(LOOK_AHEAD, horizon))
+                incumbent_value = reward.value(self._columns(states, actions))
+                if how.incumbent and not infeasible:
+                    situation = dataclasses.replace(situation, to_beat=incumbent_value)
         shown: tuple[tuple[int, ...], int] | None = None
         if self.planner.coordination == "dec_mcts":
             draws = [self._places_of(self.team.draw(now_s, self._rng)) for _ in range(JOINT_DRAWS)]
@@ -468,17 +477,12 @@ class VehiclePlanner:
             found = self._propose(how, situation, reward)
         plan = self._plan(step, state, found.actions, found.heuristic)
         chosen = _Path(plan, *self.rebuild(plan), len(found.actions))
-        value, kept, incumbent_value, infeasible = found.value, False, math.nan, False
+        value, kept = found.value, False
         if shown is not None:  # valued against draws; from here on against the team mates' last plans
             value = reward.value(self._columns(chosen.states, chosen.actions))
-        if self._path is not None and not reanchored:
-            states, actions, _ = self._path.rest(step)
-            if len(actions):
-                infeasible = not self.space.path_feasible(states[0], actions, max(LOOK_AHEAD, horizon))
-                incumbent_value = reward.value(self._columns(states, actions))
-                stays = how.kind == "naive" or incumbent_value >= value
-                if how.incumbent and not infeasible and stays:
-                    chosen, value, kept = self._path, incumbent_value, True
+        stays = how.kind == "naive" or incumbent_value >= value
+        if self._path is not None and math.isfinite(situation.to_beat) and stays:
+            chosen, value, kept = self._path, incumbent_value, True
         self._path = chosen
         states, actions, explicit = chosen.rest(step)
         columns = self._columns(states, actions)

@@ -87,7 +87,26 @@ def test_paths_proposed_by_their_own_reward_are_valued_on_the_map_to_the_mission
     assert found.value == pytest.approx(by_map.value(posterior.columns(whole)))
     proposed = search_path(_fresh(situation), space, naive, own).ranking[:16]
     assert found.actions in [a for a, _ in proposed]
-    assert found.value == max(v for _, v in found.ranking[: found.evaluations])
+
+
+def test_the_first_finalist_that_beats_the_incumbent_is_taken(scene):
+    _, space, naive, posterior, grid, situation = scene
+    own, by_map = PathReward(posterior, LevelSet(), "beyond"), MapReward(posterior, LevelSet())
+    surrogate = Surrogate(grid, LevelSet())
+    surrogate.set(by_map)
+
+    def search(**changes):
+        return search_map(_fresh(situation, heuristics=COVERING, **changes), space, naive, by_map, surrogate, own)
+
+    everything = search(to_beat=np.inf)
+    assert everything.evaluations == situation.finalists
+    liked = search_path(_fresh(situation), space, naive, own).actions  # share 0: the order is the path reward's
+    assert search().actions == liked
+    values = dict(everything.ranking[: everything.evaluations])
+    beats = search(to_beat=values[liked] + 1e-9)
+    assert beats.value > values[liked]
+    assert beats.evaluations > 1
+    assert everything.value == max(values.values())  # none beats it: the best, for the record
 
 
 def test_without_naive_paths_only_the_legs_searched_count(scene):

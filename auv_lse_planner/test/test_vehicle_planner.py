@@ -124,7 +124,7 @@ def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
 
 
 def test_the_incumbent_never_lets_jbar_fall_on_unchanged_data():
-    for method in ("augmented", "best"):
+    for method in ("augmented", "best", "bounded"):
         s = settings({"method": method, "iterations": 40, "incumbent": True}, steps=15)
         planner = VehiclePlanner(1, s, np.random.default_rng(2))
         decisions = _fly(planner)  # no data ever arrives
