@@ -30,28 +30,28 @@ def mark_choices(space, heading, north, east, children):
     none = True
     for action in range(children.shape[0]):
         children[action] = FORBIDDEN
-        if is_feasible(*space, heading, north, east, action):
+        if is_feasible(space, heading, north, east, action):
             children[action] = UNTRIED
             none = False
     if none:
-        children[escape_action(*space, heading, north, east)] = UNTRIED
+        children[escape_action(space, heading, north, east)] = UNTRIED
 
 
 @compiled
 def is_choice(space, heading, north, east, action):
     """Whether an action may be taken in a state: feasible, or the escape where nothing is."""
-    if is_feasible(*space, heading, north, east, action):
+    if is_feasible(space, heading, north, east, action):
         return True
-    for other in range(space[7].shape[0]):
-        if is_feasible(*space, heading, north, east, other):
+    for other in range(space.turns.shape[0]):
+        if is_feasible(space, heading, north, east, other):
             return False
-    return action == escape_action(*space, heading, north, east)
+    return action == escape_action(space, heading, north, east)
 
 
 @compiled
 def admissible(space, state, actions):
     """Whether all of `actions` (L,) may be taken one after another from `state` (3,)."""
-    turns, steps = space[7], space[8]
+    turns, steps = space.turns, space.steps
     h, n, e = state[0], state[1], state[2]
     for a in actions:
         if not is_choice(space, h, n, e, a):
@@ -63,7 +63,7 @@ def admissible(space, state, actions):
 @compiled
 def single_changes(space, state, sequence):
     """Admissible sequences (M, L) from `state` (3,) that differ from `sequence` (L,) in one action, in order."""
-    turns, steps = space[7], space[8]
+    turns, steps = space.turns, space.steps
     kinds, length = turns.shape[0], sequence.shape[0]
     found = np.empty((length * kinds, length), dtype=np.int64)
     count = 0
@@ -87,7 +87,7 @@ def single_changes(space, state, sequence):
 @compiled
 def every_sequence(space, state, horizon):
     """All admissible sequences (N, horizon) from `state` (3,), in lexical order."""
-    turns, steps = space[7], space[8]
+    turns, steps = space.turns, space.steps
     kinds = turns.shape[0]
     sequences = np.empty((1, 0), dtype=np.int64)
     states = np.empty((1, 3))
@@ -164,7 +164,7 @@ def grow(space, children, states, visits, valued, totals, count, low, high, expl
         paths: Receives the nodes of each descent after the root, -1 after their end, shape (B, H).
         out: Receives the sequences, shape (B, H).
     """
-    turns, steps = space[7], space[8]
+    turns, steps = space.turns, space.steps
     horizon = out.shape[1]
     paths[:] = -1
     for b in range(out.shape[0]):
@@ -195,7 +195,7 @@ def grow(space, children, states, visits, valued, totals, count, low, high, expl
             depth += 1
         if depth < horizon:
             h, n, e = states[node, 0], states[node, 1], states[node, 2]
-            out[b, depth:] = random_actions(*space, h, n, e, randoms[b, used : used + horizon - depth])
+            out[b, depth:] = random_actions(space, h, n, e, randoms[b, used : used + horizon - depth])
     return count
 
 

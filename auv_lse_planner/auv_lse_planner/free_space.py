@@ -19,7 +19,7 @@ from __future__ import annotations
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,30 @@ class Area(Protocol):
 
     def clearance_m(self, places_m: Array) -> Array:
         """Distance (P,) of places (P, 2) to the nearest border, negative where they must not be."""
+
+
+class Space(NamedTuple):
+    """Free space and motion as the compiled functions take them.
+
+    Attributes:
+        raster: Clearance (m) at the nodes, shape (N, E).
+        north0, east0, cell: North and east of the first node, and distance of nodes (m).
+        tracks: Body-frame tracks of the actions, shape (A, T, 2).
+        spacing: Distance of track places (m).
+        loops: Centre (ahead, starboard) and reach of the turning loops, shape (2, 3).
+        turns: Heading change of each action (rad), shape (A,).
+        steps: Displacement (ahead, starboard) of each action (m), shape (A, 2).
+    """
+
+    raster: Array
+    north0: float
+    east0: float
+    cell: float
+    tracks: Array
+    spacing: float
+    loops: Array
+    turns: Array
+    steps: Array
 
 
 @compiled
@@ -113,8 +137,9 @@ def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):
 
 
 @compiled
-def is_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, action):
+def is_feasible(space, heading, north, east, action):
     """Whether the leg of `action` is free and its end state safe."""
+    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
     h, n, e = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
     if loop_clearance(raster, north0, east0, cell, loops, h, n, e) < 0.5 * spacing:
         return False
@@ -122,8 +147,9 @@ def is_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, step
 
 
 @compiled
-def escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east):
+def escape_action(space, heading, north, east):
     """The action to take where none is feasible; see the module's theory of operation."""
+    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
     best = 0
     best_safe = False
     best_room = -1.0e18
@@ -141,21 +167,20 @@ def escape_action(raster, north0, east0, cell, tracks, spacing, loops, turns, st
 
 
 @compiled
-def _feasible_mask(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east):
-    mask = np.zeros(turns.shape[0], dtype=np.bool_)
-    for action in range(turns.shape[0]):
-        mask[action] = is_feasible(
-            raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, action
-        )
+def _feasible_mask(space, heading, north, east):
+    mask = np.zeros(space.turns.shape[0], dtype=np.bool_)
+    for action in range(mask.shape[0]):
+        mask[action] = is_feasible(space, heading, north, east, action)
     return mask
 
 
 @compiled
-def random_actions(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, randoms):
+def random_actions(space, heading, north, east, randoms):
     """Feasible actions by chance, one for each uniform number of `randoms` (the escape where there is none).
 
     By rejection: most actions are feasible, and to test one is cheaper than to test all.
     """
+    turns, steps = space.turns, space.steps
     kinds = turns.shape[0]
     actions = np.zeros(randoms.shape[0], dtype=np.int64)
     open_ = np.ones(kinds, dtype=np.bool_)
@@ -173,17 +198,13 @@ def random_actions(raster, north0, east0, cell, tracks, spacing, loops, turns, s
                         action = a
                         break
                     pick -= 1
-            if is_feasible(
-                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, action
-            ):
+            if is_feasible(space, heading, north, east, action):
                 break
             open_[action] = False
             remaining -= 1
             action = -1
         if action < 0:
-            action = escape_action(
-                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east
-            )
+            action = escape_action(space, heading, north, east)
         actions[index] = action
         heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
     return actions
@@ -239,10 +260,10 @@ class FreeSpace:
         inside = distance_transform_edt(blocked, sampling=self.cell_m)
         self.raster = np.ascontiguousarray(np.minimum(self.area_raster, outside - inside))
 
-    def arguments(self, static: bool = False) -> tuple[Any, ...]:
-        """The leading arguments of the compiled functions; `static`: of the area alone, which all vehicles share."""
+    def arguments(self, static: bool = False) -> Space:
+        """What the compiled functions need; `static`: of the area alone, which all vehicles share."""
         m = self.motion
-        return (
+        return Space(
             self.area_raster if static else self.raster,
             self.north0_m,
             self.east0_m,
@@ -262,7 +283,7 @@ class FreeSpace:
 
     def feasible(self, state: Array, static: bool = False) -> Ints:
         """Indices of the feasible actions of a state (3,), in ascending order; empty if there is none."""
-        return np.flatnonzero(_feasible_mask(*self.arguments(static), state[0], state[1], state[2])).astype(np.int64)
+        return np.flatnonzero(_feasible_mask(self.arguments(static), state[0], state[1], state[2])).astype(np.int64)
 
     def choices(self, state: Array) -> Ints:
         """The feasible actions of a state, or, where there is none, the escape alone: never empty."""
@@ -271,11 +292,11 @@ class FreeSpace:
 
     def random_actions(self, state: Array, randoms: Array) -> Ints:
         """Feasible actions by chance from a state (3,), one after another, one for each of uniform numbers (L,)."""
-        return np.asarray(random_actions(*self.arguments(), state[0], state[1], state[2], randoms))
+        return np.asarray(random_actions(self.arguments(), state[0], state[1], state[2], randoms))
 
     def escape(self, state: Array) -> int:
         """The action that leads out of a state where nothing is feasible."""
-        return int(escape_action(*self.arguments(), state[0], state[1], state[2]))
+        return int(escape_action(self.arguments(), state[0], state[1], state[2]))
 
     def safe(self, state: Array) -> bool:
         """Whether a turning loop of the state (3,) is free."""
@@ -292,7 +313,7 @@ class FreeSpace:
         """Whether the first `legs` of `actions` from `state` are feasible one after another."""
         a = self.arguments()
         for action in actions[:legs]:
-            if not is_feasible(*a, state[0], state[1], state[2], int(action)):
+            if not is_feasible(a, state[0], state[1], state[2], int(action)):
                 return False
             state = self.motion.end_state(state, int(action))
         return True

@@ -14,10 +14,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_planner.action_tree import FORBIDDEN, UNTRIED, mark_choices
 from auv_lse_planner.compiled import compiled
-from auv_lse_planner.free_space import FreeSpace, escape_action, is_feasible
+from auv_lse_planner.free_space import FreeSpace, random_actions
 from auv_lse_planner.motion import advance
-from auv_lse_planner.naive import NaivePaths
 from auv_lse_planner.search import Actions
 from auv_lse_planner.surrogate import Surrogate, value_of
 
@@ -26,29 +26,6 @@ Ints = NDArray[np.int64]
 
 #: Iterations between two looks at the deadline.
 CHUNK = 100
-
-UNTRIED = -1
-INFEASIBLE = -2
-
-
-@compiled
-def _mark_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, children):
-    """Marks a node's infeasible actions in `children` (A,); where all are, leaves the escape."""
-    kinds = turns.shape[0]
-    count = 0
-    for a in range(kinds):
-        if is_feasible(
-            raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state[0], state[1], state[2], a
-        ):
-            children[a] = UNTRIED
-            count += 1
-        else:
-            children[a] = INFEASIBLE
-    if count == 0:
-        a = escape_action(
-            raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state[0], state[1], state[2]
-        )
-        children[a] = UNTRIED
 
 
 @compiled
@@ -68,7 +45,6 @@ def run_chunk(
     values,
     begin,
     end,
-    base,
 ):
     """Iterations `begin` to `end` of the search.
 
@@ -77,7 +53,7 @@ def run_chunk(
         surrogate: `Surrogate.arguments()`.
         samples: Body-frame measurement places of each action, shape (A, s, 2).
         tree: visits and total of each node, shape (N, 2).
-        children: Number of the child by action, UNTRIED or INFEASIBLE, shape (N, A).
+        children: Number of the child by action, UNTRIED or FORBIDDEN, shape (N, A).
         node_states: State of each node, shape (N, 3).
         limits: Number of nodes, least value, largest value: shape (3,), changed.
         horizon: Length of sequences.
@@ -87,15 +63,12 @@ def run_chunk(
         sequences: Receives each iteration's sequence, shape (iterations, horizon).
         values: Receives each iteration's value, shape (iterations,).
         begin, end: Range of iterations.
-        base: Drop of risk that counts as had already (M,): that of a shared tail, or zeros.
     """
-    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
+    turns, steps = space.turns, space.steps
     kinds = turns.shape[0]
     count = int(limits[0])
     path = np.zeros(horizon + 1, dtype=np.int64)
-    best = np.zeros(base.shape[0], dtype=np.float32)
-    mask = np.zeros(kinds, dtype=np.int64)
-    state = np.zeros(3)
+    best = np.zeros(surrogate[5].shape[0], dtype=np.float32)
     places = np.zeros((horizon * samples.shape[1], 2))
     for iteration in range(begin, end):
         node = 0
@@ -108,7 +81,7 @@ def run_chunk(
             action = -1
             if iteration < seeds.shape[0] and seeds[iteration, depth] >= 0:
                 wanted = seeds[iteration, depth]
-                if children[node, wanted] != INFEASIBLE:
+                if children[node, wanted] != FORBIDDEN:
                     action = wanted
             if action < 0:
                 untried = 0
@@ -142,19 +115,7 @@ def run_chunk(
                 s = node_states[node]
                 h, n, e = advance(s[0], s[1], s[2], turns[action], steps[action, 0], steps[action, 1])
                 node_states[count, 0], node_states[count, 1], node_states[count, 2] = h, n, e
-                _mark_feasible(
-                    raster,
-                    north0,
-                    east0,
-                    cell,
-                    tracks,
-                    spacing,
-                    loops,
-                    turns,
-                    steps,
-                    node_states[count],
-                    children[count],
-                )
+                mark_choices(space, h, n, e, children[count])
                 tree[count, 0] = 0.0
                 tree[count, 1] = 0.0
                 children[node, action] = count
@@ -164,54 +125,12 @@ def run_chunk(
             depth += 1
             path[depth] = node
         tree_depth = depth
-        # ---- random completion
-        state[0], state[1], state[2] = node_states[node, 0], node_states[node, 1], node_states[node, 2]
-        while depth < horizon:
-            # rejection: most actions are feasible, and testing one is cheaper than testing all
-            for a in range(kinds):
-                mask[a] = 1
-            remaining = kinds
-            action = -1
-            r = randoms[iteration, used]
-            used += 1
-            while remaining > 0:
-                pick = min(int(r * remaining), remaining - 1)
-                r = r * remaining - pick
-                for a in range(kinds):
-                    if mask[a] == 1:
-                        if pick == 0:
-                            action = a
-                            break
-                        pick -= 1
-                if is_feasible(
-                    raster,
-                    north0,
-                    east0,
-                    cell,
-                    tracks,
-                    spacing,
-                    loops,
-                    turns,
-                    steps,
-                    state[0],
-                    state[1],
-                    state[2],
-                    action,
-                ):
-                    break
-                mask[action] = 0
-                remaining -= 1
-                action = -1
-            if action < 0:
-                action = escape_action(
-                    raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state[0], state[1], state[2]
-                )
-            sequences[iteration, depth] = action
-            h, n, e = advance(state[0], state[1], state[2], turns[action], steps[action, 0], steps[action, 1])
-            state[0], state[1], state[2] = h, n, e
-            depth += 1
+        if depth < horizon:  # random completion
+            h, n, e = node_states[node, 0], node_states[node, 1], node_states[node, 2]
+            rest = randoms[iteration, used : used + horizon - depth]
+            sequences[iteration, depth:] = random_actions(space, h, n, e, rest)
         # ---- value
-        best[:] = base
+        best[:] = 0.0
         h, n, e = node_states[0, 0], node_states[0, 1], node_states[0, 2]
         count_places = 0
         for i in range(horizon):
@@ -238,9 +157,9 @@ def run_chunk(
 class LatticeSearch:
     """UCT that maximizes the surrogate."""
 
-    def __init__(self, space: FreeSpace, naive: NaivePaths, surrogate: Surrogate, samples_per_leg: int) -> None:
-        """Takes where to go, the naive paths, the surrogate, and the measurement places on a leg."""
-        self._space, self._naive, self._surrogate = space, naive, surrogate
+    def __init__(self, space: FreeSpace, surrogate: Surrogate, samples_per_leg: int) -> None:
+        """Takes where to go, the surrogate, and the measurement places on a leg."""
+        self._space, self._surrogate = space, surrogate
         motion = space.motion
         fractions = np.arange(1, samples_per_leg + 1) / samples_per_leg
         at = np.zeros(3)
@@ -257,7 +176,6 @@ class LatticeSearch:
         rng: np.random.Generator,
         deadline: Callable[[], bool] | None,
         seeds: list[Actions],
-        base: NDArray[np.float32] | None = None,
     ) -> tuple[list[tuple[Actions, float]], int, bool]:
         """Searches from `state` (3,).
 
@@ -265,13 +183,13 @@ class LatticeSearch:
             Sequences with surrogate values, best first, each once; iterations done; whether the deadline hit.
         """
         kinds = self._space.motion.actions
-        nodes = iterations * 1 + horizon * (len(seeds) + 1) + 2
+        nodes = iterations + horizon * (len(seeds) + 1) + 2
         tree = np.zeros((nodes, 2))
         children = np.full((nodes, kinds), UNTRIED, dtype=np.int64)
         states = np.zeros((nodes, 3))
         states[0] = state
         arguments = self._space.arguments()
-        _mark_feasible(*arguments, states[0], children[0])
+        mark_choices(arguments, states[0, 0], states[0, 1], states[0, 2], children[0])
         limits = np.array([1.0, np.inf, -np.inf])
         randoms = rng.random((iterations, 2 * horizon))
         seed_array = np.full((len(seeds), horizon), -1, dtype=np.int64)
@@ -280,8 +198,6 @@ class LatticeSearch:
             seed_array[i, : len(cut)] = cut
         sequences = np.zeros((iterations, horizon), dtype=np.int64)
         values = np.zeros(iterations)
-        if base is None:
-            base = np.zeros(len(self._surrogate.h), dtype=np.float32)
         done, hit = 0, False
         while done < iterations:
             if done and deadline is not None and deadline():
@@ -304,7 +220,6 @@ class LatticeSearch:
                 values,
                 done,
                 end,
-                base,
             )
             done = end
         order = np.argsort(-values[:done], kind="stable")

@@ -82,15 +82,7 @@ def _reach(spacing, loops, tracks):
 
 @compiled
 def lawnmower(
-    raster,
-    north0,
-    east0,
-    cell,
-    tracks,
-    spacing,
-    loops,
-    turns,
-    steps,
+    space,
     state,
     count,
     axis,
@@ -103,7 +95,7 @@ def lawnmower(
     """Actions of a lawnmower.
 
     Args:
-        raster..steps: `FreeSpace.arguments(static=True)`.
+        space: `FreeSpace.arguments(static=True)`.
         state: Heading, north, east, shape (3,).
         count: Number of actions.
         axis: Direction of the lanes (rad, clockwise from north).
@@ -112,6 +104,7 @@ def lawnmower(
         low, high: Range of positions across the axis that lanes can have (m).
         straight: Index of the straight-on action.
     """
+    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
     actions = np.zeros(count, dtype=np.int64)
     kinds = turns.shape[0]
     heading, north, east = state[0], state[1], state[2]
@@ -135,9 +128,7 @@ def lawnmower(
             settled = True
         if settled:
             # The lane ends where a straight leg in its direction is not feasible.
-            free = roomy or is_feasible(
-                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, course, north, east, straight
-            )
+            free = roomy or is_feasible(space, course, north, east, straight)
             if not free:
                 direction = -direction
                 settled = False
@@ -181,16 +172,12 @@ def lawnmower(
             action = -1
             for _ in range(kinds):
                 a = int(np.argmin(costs))
-                if roomy or is_feasible(
-                    raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, a
-                ):
+                if roomy or is_feasible(space, heading, north, east, a):
                     action = a
                     break
                 costs[a] = 1e30
             if action < 0:
-                action = escape_action(
-                    raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east
-                )
+                action = escape_action(space, heading, north, east)
         actions[index] = action
         heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
     return actions
@@ -220,7 +207,7 @@ def lawnmowers(space, states, count, axis, lanes, sides, low, high, straight):
     """Actions (B, count) of a `lawnmower` from each of `states` (B, 3), sweeping to each of `sides` (B,) first."""
     actions = np.empty((states.shape[0], count), dtype=np.int64)
     for b in range(states.shape[0]):
-        actions[b] = lawnmower(*space, states[b], count, axis, lanes, sides[b], low, high, straight)
+        actions[b] = lawnmower(space, states[b], count, axis, lanes, sides[b], low, high, straight)
     return actions
 
 
@@ -234,20 +221,19 @@ def sums_along(states, actions, turns, steps, field, north0_f, east0_f, cell_f):
 
 
 @compiled
-def straight_on(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, state, count, order):
+def straight_on(space, state, count, order):
     """Actions that turn as little as possible; `order` lists the actions by the size of their turn."""
+    turns, steps = space.turns, space.steps
     actions = np.zeros(count, dtype=np.int64)
     heading, north, east = state[0], state[1], state[2]
     for index in range(count):
         action = -1
         for a in order:
-            if is_feasible(raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east, a):
+            if is_feasible(space, heading, north, east, a):
                 action = a
                 break
         if action < 0:
-            action = escape_action(
-                raster, north0, east0, cell, tracks, spacing, loops, turns, steps, heading, north, east
-            )
+            action = escape_action(space, heading, north, east)
         actions[index] = action
         heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
     return actions
@@ -324,14 +310,14 @@ class NaivePaths:
         motion = self._space.motion
         space = self._space.arguments(static=not around_shallows)
         if heuristic in MOWING:
-            return np.asarray(lawnmower(*space, state, steps, *self._lanes(state, heuristic, steps)))
+            return np.asarray(lawnmower(space, state, steps, *self._lanes(state, heuristic, steps)))
         if heuristic == STRAIGHT_ON:
-            return np.asarray(straight_on(*space, state, steps, self._by_size))
+            return np.asarray(straight_on(space, state, steps, self._by_size))
         if heuristic == HOLD:
             loops = motion.loop_actions
             side_first = self._freer_side(state)
             order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
-            return np.asarray(straight_on(*space, state, steps, order))
+            return np.asarray(straight_on(space, state, steps, order))
         raise ValueError(f"heuristic: got {heuristic:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
 
     def actions_from(self, states: Array, heuristic: int, steps: int) -> Ints:
@@ -403,7 +389,7 @@ class NaivePaths:
     def _freer_side(self, state: Array) -> int:
         """0 if the loop to port has more room than the one to starboard, else 1."""
         a = self._arguments
-        rooms = [loop_clearance(*a[:4], np.stack([loop, loop]), state[0], state[1], state[2]) for loop in a[6]]
+        rooms = [loop_clearance(*a[:4], np.stack([loop, loop]), state[0], state[1], state[2]) for loop in a.loops]
         return int(rooms[1] > rooms[0])
 
 

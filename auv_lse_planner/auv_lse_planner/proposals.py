@@ -158,7 +158,7 @@ def search_map(
     """
     s = situation
     if own is None:
-        search = LatticeSearch(space, naive, surrogate, s.samples_per_leg)
+        search = LatticeSearch(space, surrogate, s.samples_per_leg)
         ranking, done, hit = search.run(s.state, s.horizon, s.iterations, s.exploration, s.rng, s.deadline, s.seeds)
         finalists = _diverse(ranking, s.finalists)
     else:

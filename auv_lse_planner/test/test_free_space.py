@@ -88,9 +88,11 @@ def test_compiled_functions_equal_the_plain_ones():
     for _ in range(40):
         state = (rng.uniform(-math.pi, math.pi), rng.uniform(-30, 390), rng.uniform(-30, 490))
         assert clearance_at(*a[:4], *state[1:]) == plain(clearance_at)(*a[:4], *state[1:])
-        assert leg_clearance(*a[:4], *state, a[4][3], a[5]) == plain(leg_clearance)(*a[:4], *state, a[4][3], a[5])
-        assert np.array_equal(_feasible_mask(*a, *state), plain(_feasible_mask)(*a, *state))
-        assert escape_action(*a, *state) == plain(escape_action)(*a, *state)
+        assert leg_clearance(*a[:4], *state, a.tracks[3], a.spacing) == plain(leg_clearance)(
+            *a[:4], *state, a.tracks[3], a.spacing
+        )
+        assert np.array_equal(_feasible_mask(a, *state), plain(_feasible_mask)(a, *state))
+        assert escape_action(a, *state) == plain(escape_action)(a, *state)
 
 
 def test_leg_clearance_agrees_with_dense_sampling():
@@ -109,5 +111,5 @@ def test_leg_clearance_agrees_with_dense_sampling():
         elif dense < -0.5:
             assert not free
             checked += 1
-        assert leg_clearance(*a[:4], *state, a[4][action], a[5]) >= dense - 1e-9
+        assert leg_clearance(*a[:4], *state, a.tracks[action], a.spacing) >= dense - 1e-9
     assert checked > 250

@@ -16,14 +16,14 @@ STATE = np.array([0.4, 150.0, 200.0])
 
 def _search(spacing=40.0, samples=1):
     rng = np.random.default_rng(1)
-    a, _, space, naive = world()
+    a, _, space, _ = world()
     grid = a.grid(spacing)
     posterior = Posterior(GpConfig())
     posterior.watch(grid.places_m)
     posterior.set_centers(centers(rng, 40))
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(MapReward(posterior, LevelSet()))
-    return space, surrogate, LatticeSearch(space, naive, surrogate, samples)
+    return space, surrogate, LatticeSearch(space, surrogate, samples)
 
 
 def _run(search, iterations=300, seed=1, deadline=None, seeds=(), horizon=6):

@@ -52,9 +52,9 @@ def test_compiled_paths_equal_the_plain_ones():
     frame = naive._frames[0]
     order = naive._by_size
     for state in _states(4, seed=3):
-        arguments = (*space.arguments(static=True), state, 25, frame.axis_rad, 60.0, 1.0, frame.low_m, frame.high_m, 5)
+        arguments = (space.arguments(static=True), state, 25, frame.axis_rad, 60.0, 1.0, frame.low_m, frame.high_m, 5)
         assert np.array_equal(lawnmower(*arguments), plain(lawnmower)(*arguments))
-        arguments = (*space.arguments(static=True), state, 25, order)
+        arguments = (space.arguments(static=True), state, 25, order)
         assert np.array_equal(straight_on(*arguments), plain(straight_on)(*arguments))
 
 
