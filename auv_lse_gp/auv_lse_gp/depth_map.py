@@ -227,14 +227,17 @@ class _GridPosterior:
             gp.condition_on_all(self._scaled, self._mean, self._variance)
             return self._mean.copy(), self._variance.copy()
         lower, whitened, centers = gp.cholesky, gp.whitened_residuals, gp.scaled_centers
-        weights = gp.solve_transposed_leading(lower[old:new, :old].T, old)  # (old, m): L11^-T L21^T
+        weights = gp.solve_transposed_leading(lower[old:new, :old].T, old) if old else None  # (old, m): L11^-T L21^T
         own, kept = lower[old:new, old:new], settle - old
         mean, variance = np.empty_like(self._mean), np.empty_like(self._variance)
         for begin in range(0, len(self._scaled), CHUNK):
             part = slice(begin, begin + CHUNK)
-            rows = gp.kernel.of_scaled(centers[old:new], self._scaled[part])
-            gp.kernel.subtract_weighted(centers[:old], weights, self._scaled[part], rows)
-            rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
+            if weights is None:
+                rows = gp.whiten(self._places_m[part])
+            else:
+                rows = gp.kernel.of_scaled(centers[old:new], self._scaled[part])
+                gp.kernel.subtract_weighted(centers[:old], weights, self._scaled[part], rows)
+                rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
             add_whitened(rows[:kept], whitened[old:settle], self._mean[part], self._variance[part])
             mean[part], variance[part] = self._mean[part], self._variance[part]
             add_whitened(rows[kept:], whitened[settle:new], mean[part], variance[part])

@@ -6,7 +6,9 @@ grows by a row per centre, O(n^2). Everything about a place p comes from its whi
     mean(p) = m(p) + w(p)^T b,  b = L^-1 (z - m(S));      cov(p, q) = k(p, q) - w(p)^T w(q).
 
 Merging moves centres. That is put off until an answer is asked for, so that a hundred merged soundings cost one
-refactoring, of the rows from the first moved centre on, which as a rule is one of the last.
+refactoring, of the rows from the first moved centre on, which as a rule is one of the last. New centres wait likewise,
+and are factorized as a block, where it is certain that they can be (`_certain`): which soundings are kept, and where
+the centres are, does not depend on the factor. Otherwise each is factorized at once, so that `add` can refuse it.
 """
 
 from __future__ import annotations
@@ -116,6 +118,8 @@ class OnlineGp:
         self._index = _SpacingIndex(config.min_spacing_m)
         self._groups: list[_Group] = []
         self._moved: set[int] = set()
+        self._least_noise_m2 = config.noise_std_m**2 / (MERGED_AT_MOST if config.merge else 1)  # of any centre
+        self._most_noise_m2 = config.noise_std_m**2  # before merging
 
     def __len__(self) -> int:
         """Number of centres."""
@@ -172,7 +176,6 @@ class OnlineGp:
                 return Outcome.OUTLIER
         near = self._index.too_close(north_m, east_m)
         if near is None:
-            self._sync()
             self._append(place, np.array([depth_m]), np.array([self.config.noise_std_m**2]))
             self._index.add(north_m, east_m)
             if self.config.merge:
@@ -228,6 +231,8 @@ class OnlineGp:
             return
         self._truncate(first)
         self._groups = []
+        self._least_noise_m2 = min(self._least_noise_m2, float(np.min(noise, initial=math.inf)) ** 2)
+        self._most_noise_m2 = max(self._most_noise_m2, float(np.max(noise, initial=0.0)) ** 2)
         self._append(places[first:], depths[first:], noise[first:] ** 2)
         self._index = _SpacingIndex(self.config.min_spacing_m)
         for north, east in places:
@@ -238,8 +243,11 @@ class OnlineGp:
     @property
     def centers(self) -> Centers:
         """A copy of the kernel centres."""
-        self._sync()
         n = self._size
+        if self._certain(n):
+            self._settle()
+        else:
+            self._sync()
         return Centers(self._places_m[:n].copy(), self._depths_m[:n].copy(), np.sqrt(self._noise_m2[:n]))
 
     @property
@@ -383,55 +391,83 @@ class OnlineGp:
             std[members] = np.sqrt(np.maximum(variance, 0.0))
         return mean, std
 
+    def _certain(self, size: int) -> bool:
+        """Whether `size` centres can be factorized wherever they are, so that nothing is lost by doing it later.
+
+        No pivot is less than the least noise variance; their rounding errors are within about size^2 eps times the
+        largest variance (Higham 2002, theorems 10.3 and 10.7). The gate for outliers wants the factor each time anyway.
+        """
+        largest = 4.0 * self.kernel.signal_variance_m2 + self._most_noise_m2  # merging adds at most 4 k(p, p) of noise
+        rounding = 4.0 * (size + 1) ** 2 * float(np.finfo(float).eps) * largest
+        return self.config.outlier_sigmas == 0.0 and self._least_noise_m2 > rounding
+
     def _append(self, places: Array, depths: Array, noise_m2: Array) -> None:
-        """Appends centres (m, 2), (m,), (m,): to the factor first, so that a refusal changes nothing."""
-        if not len(depths):
-            self.revision += 1
-            return
+        """Appends centres (m, 2), (m,), (m,); a refusal changes nothing."""
         n, m = self._size, len(depths)
-        scaled = self.kernel.scale(places)
-        own = self.kernel.of_scaled(scaled, scaled)
-        own[np.diag_indices(m)] += noise_m2
-        self._factor.append(self.kernel.of_scaled(scaled, self._scaled[:n]), own)
+        certain = self._certain(n + m)
+        if not certain:
+            self._sync()
         self._reserve(n + m)
         self._places_m[n : n + m] = places
-        self._scaled[n : n + m] = scaled
+        self._scaled[n : n + m] = self.kernel.scale(places)
         self._depths_m[n : n + m] = depths
         self._noise_m2[n : n + m] = noise_m2
-        lower = self._factor.lower
-        residual = depths - self.prior_mean(places) - lower[n:, :n] @ self._whitened[:n]
-        for row in range(m):  # forward substitution of the new rows
-            i = n + row
-            self._whitened[i] = (residual[row] - lower[i, n:i] @ self._whitened[n:i]) / lower[i, i]
         self._size = n + m
+        if not certain:
+            try:
+                self._factorize()
+            except IllConditionedError:
+                self._size = n
+                raise
         self.revision += 1
+
+    def _factorize(self) -> None:
+        """Appends the centres that are not in the factor yet to it."""
+        n, size = self._factor.size, self._size
+        if n == size:
+            return
+        scaled = self._scaled[n:size]
+        own = self.kernel.of_scaled(scaled, scaled)
+        own[np.diag_indices(size - n)] += self._noise_m2[n:size]
+        self._factor.append(self.kernel.of_scaled(scaled, self._scaled[:n]), own)
+        lower = self._factor.lower
+        prior = self.prior_mean(self._places_m[n:size])
+        residual = self._depths_m[n:size] - prior - lower[n:, :n] @ self._whitened[:n]
+        for i in range(n, size):  # forward substitution of the new rows
+            self._whitened[i] = (residual[i - n] - lower[i, n:i] @ self._whitened[n:i]) / lower[i, i]
 
     def _truncate(self, size: int) -> None:
         self._size = min(self._size, size)
         self._factor.truncate(size)
 
-    def _sync(self) -> None:
-        """Refactors from the first centre on that merging has moved."""
+    def _settle(self) -> None:
+        """Moves the centres that soundings were merged into; the factor forgets them and those after them."""
         if not self._moved:
             return
-        first, last = min(self._moved), self._size
-        held = tuple(x[first:last].copy() for x in (self._places_m, self._depths_m, self._noise_m2))
-        places, depths, noise_m2 = (x.copy() for x in held)
         for i in self._moved:
-            places[i - first], depths[i - first], noise_m2[i - first] = self._groups[i].summary()
+            self._places_m[i], self._depths_m[i], self._noise_m2[i] = self._groups[i].summary()
+            self._scaled[i] = self.kernel.scale(self._places_m[i : i + 1])[0]
+        self._factor.truncate(min(self._moved))
         self._moved.clear()
-        revision = self.revision
-        self._truncate(first)
+
+    def _sync(self) -> None:
+        """Factorizes what waits: the centres from the first one on that merging has moved, and new ones."""
+        if not self._moved and self._factor.size == self._size:
+            return
+        rows = slice(min([*self._moved, self._factor.size]), self._size)
+        arrays = (self._places_m, self._scaled, self._depths_m, self._noise_m2)
+        held = [x[rows].copy() for x in arrays]
+        self._settle()
         try:
-            self._append(places, depths, noise_m2)
+            self._factorize()
         except IllConditionedError:
             # Merging lowers the noise and may bring centres together. What was held before is known to work.
-            self._append(*held)
+            for array, values in zip(arrays, held, strict=True):
+                array[rows] = values
+            self._factorize()
             self.problems.append(
                 "merging made the covariance of the centres ill-conditioned: these soundings are not merged"
             )
-        finally:
-            self.revision = revision
 
     def _reserve(self, size: int) -> None:
         if size <= len(self._depths_m):

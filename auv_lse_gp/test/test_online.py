@@ -123,6 +123,37 @@ def test_one_datum_by_hand():
     assert std[0] == pytest.approx(2.4)
 
 
+@pytest.mark.parametrize("merge", [False, True])
+def test_factorizing_later_is_factorizing_at_once(merge, monkeypatch):
+    later, at_once = OnlineGp(GpConfig(merge=merge)), OnlineGp(GpConfig(merge=merge))
+    blocks = []
+    append = Factor.append
+
+    def counted(self, cross, own):
+        blocks.append(len(own))
+        append(self, cross, own)
+
+    monkeypatch.setattr(Factor, "append", counted)
+    places, depths = soundings(300)
+    for (north, east), depth in zip(places, depths, strict=True):
+        later.add(north, east, depth)
+    assert blocks == []
+    centers = later.centers
+    assert blocks == []  # where they are needs no factor
+    mean, std = later.predict(places + 3.0)
+    assert blocks == [len(later)]
+    monkeypatch.setattr(OnlineGp, "_certain", lambda self, size: False)
+    for (north, east), depth in zip(places, depths, strict=True):
+        at_once.add(north, east, depth)
+    assert later.counts == at_once.counts
+    assert later.revision == at_once.revision
+    for got, wanted in zip(dataclasses.astuple(centers), dataclasses.astuple(at_once.centers), strict=True):
+        assert np.array_equal(got, wanted)
+    wanted_mean, wanted_std = at_once.predict(places + 3.0)
+    assert mean == pytest.approx(wanted_mean, rel=1e-11)  # the same up to the order of the sums
+    assert std == pytest.approx(wanted_std, rel=1e-11)
+
+
 def test_spacing_is_kept_and_what_is_dropped_is_counted():
     gp = OnlineGp(GpConfig(min_spacing_m=10.0, merge=False))
     places, depths = soundings(600, seed=3, size=120.0)
@@ -240,6 +271,7 @@ def test_set_centers_does_only_what_changed(monkeypatch):
     places, depths = soundings(300)
     gp = OnlineGp(GpConfig())
     gp.set_centers(places[:200], depths[:200], 0.3)
+    assert len(gp.cholesky) == 200  # asked for, so that it is made
     rows = []
     append = Factor.append
     monkeypatch.setattr(Factor, "append", lambda self, cross, own: (rows.append(len(own)), append(self, cross, own))[1])
@@ -248,8 +280,10 @@ def test_set_centers_does_only_what_changed(monkeypatch):
     gp.set_centers(places[:200], depths[:200], noise[:200])
     assert (rows, gp.revision) == ([], revision)
     gp.set_centers(places, depths, noise)
+    assert len(gp.cholesky) == 300
     noise[290] = 0.1
     gp.set_centers(places, depths, noise)
+    assert len(gp.cholesky) == 300
     gp.set_centers(places[:250], depths[:250], noise[:250])
     assert [r for r in rows if r] == [100, 10]
     assert len(gp) == 250
