@@ -79,6 +79,21 @@ def running_maximum(values: Array) -> Array:
     return np.where(np.isinf(largest), np.nan, largest)
 
 
+@dataclass(frozen=True, slots=True)
+class _Rolled:
+    """A plan from its anchor to the mission's end: of L legs, of which the first `own` are its actions.
+
+    Attributes:
+        states: States, shape (L + 1, 3): heading (rad), north, east (m).
+        places_m: Places of each leg that count in the reward, shape (L, n, 2); the last one is its end.
+        own: Number of its actions; the naive path follows.
+    """
+
+    states: Array
+    places_m: Array
+    own: int
+
+
 class PlannedPath:
     """Rebuilds the places of a plan as its receivers do: the actions, then the naive path to the mission's end."""
 
@@ -89,51 +104,49 @@ class PlannedPath:
         self._fractions = (np.arange(settings.planner.samples_per_leg) + 1.0) / settings.planner.samples_per_leg
         space = FreeSpace(area, self.motion, settings.area.raster_m)
         self._naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
+        self._rolled: dict[tuple[object, ...], _Rolled] = {}  # by what `_roll` reads of a decision
 
-    def leg_places(self, state: Array, action: int) -> Array:
-        """Places (n, 2) of one leg that count in the reward; the last one is its end."""
-        track = self.motion.tracks_m[action]
-        ahead, starboard = track[np.rint(self._fractions * (len(track) - 1)).astype(int)].T
-        c, s = np.cos(state[0]), np.sin(state[0])
-        return np.column_stack([state[1] + c * ahead - s * starboard, state[2] + s * ahead + c * starboard])
+    def leg_places(self, states: Array, actions: NDArray[np.int64]) -> Array:
+        """Places (L, n, 2) that count in the reward of legs from `states` (L, 3); the last one of each is its end."""
+        tracks = self.motion.tracks_m[actions]
+        ahead, starboard = np.moveaxis(tracks[:, np.rint(self._fractions * (tracks.shape[1] - 1)).astype(int)], 2, 0)
+        c, s = np.cos(states[:, :1]), np.sin(states[:, :1])
+        return np.stack([states[:, 1:2] + c * ahead - s * starboard, states[:, 2:] + s * ahead + c * starboard], axis=2)
 
     def places(self, decision: DecisionRecord) -> tuple[Array, Array]:
         """Places of a plan from the decided leg to the end: of its actions (A, 2), of its naive part (B, 2)."""
-        state, actions, naive = self._ahead(decision)
-        head, state = self._travel(state, actions)
-        return head, self._travel(state, naive)[0]
+        rolled, gone = self._roll(decision), decision.step - decision.anchor_step
+        head, tail = rolled.places_m[gone : rolled.own], rolled.places_m[max(gone, rolled.own) :]
+        return head.reshape(-1, 2), tail.reshape(-1, 2)
 
     def leg(self, decision: DecisionRecord) -> Array:
         """Places (n, 2) of the decided leg, which is of the plan's naive part if its actions are used up."""
-        state, actions, naive = self._ahead(decision)
-        ahead = [*actions, *naive[:1]]
-        return self.leg_places(state, int(ahead[0])) if ahead else np.empty((0, 2))
+        gone = decision.step - decision.anchor_step
+        return self._roll(decision).places_m[gone : gone + 1].reshape(-1, 2)
 
     def state(self, decision: DecisionRecord) -> Array:
-        """State (3,) in which the decided leg begins: heading (rad), north, east (m)."""
-        return self._ahead(decision)[0]
+        """State (3,) in which the decided leg begins, or the path ends: heading (rad), north, east (m)."""
+        states = self._roll(decision).states
+        state: Array = states[min(decision.step - decision.anchor_step, len(states) - 1)]
+        return state
 
-    def _ahead(self, decision: DecisionRecord) -> tuple[Array, list[int], list[int]]:
-        """State at the decision's step, and the plan's actions and naive actions from there to the mission's end."""
-        state = np.array([decision.heading_rad, decision.north_m, decision.east_m])
-        actions = list(decision.actions[: self.steps - decision.anchor_step])
-        after = self._travel(state, actions)[1]
-        left = self.steps - decision.anchor_step - len(actions)
-        naive = [int(a) for a in self._naive.actions(after, decision.heuristic, left)]
-        gone = decision.step - decision.anchor_step
-        state = self._travel(state, [*actions, *naive][:gone])[1]
-        return state, actions[gone:], naive[max(gone - len(actions), 0) :]
+    def _roll(self, decision: DecisionRecord) -> _Rolled:
+        start = (decision.heading_rad, decision.north_m, decision.east_m)
+        key = (decision.anchor_step, *start, decision.actions, decision.heuristic)
+        if key not in self._rolled:
+            steps = self.steps - decision.anchor_step
+            actions = np.array(decision.actions[:steps], dtype=np.int64)
+            after = self.motion.roll(np.array(start), actions)[-1]
+            naive = self._naive.actions(after, decision.heuristic, steps - len(actions))
+            path = np.concatenate([actions, naive])
+            states = self.motion.roll(np.array(start), path)
+            self._rolled[key] = _Rolled(states, self.leg_places(states[:-1], path), len(actions))
+        return self._rolled[key]
 
     def naive(self, state: Array, heuristic: int) -> Array:
         """Places (P, 2) of a naive path from a state over the whole mission."""
-        return self._travel(state, self._naive.actions(state, heuristic, self.steps))[0]
-
-    def _travel(self, state: Array, actions: Sequence[int] | NDArray[np.int64]) -> tuple[Array, Array]:
-        places = [np.empty((0, 2))]
-        for action in actions:
-            places.append(self.leg_places(state, int(action)))
-            state = self.motion.end_states(state, np.asarray(int(action)))
-        return np.concatenate(places), state
+        actions = self._naive.actions(state, heuristic, self.steps)
+        return self.leg_places(self.motion.roll(state, actions)[:-1], actions).reshape(-1, 2)
 
 
 def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
@@ -142,14 +155,14 @@ def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
     A decision is taken shortly before its leg begins, so state i is passed between decisions i and i + 1: when the
     odometry is nearest to it.
     """
-    track = vehicle.odometry
+    track, decisions = vehicle.odometry, vehicle.decisions
     times = []
-    for index, decision in enumerate(vehicle.decisions):
-        following = vehicle.decisions[index + 1].now_s if index + 1 < len(vehicle.decisions) else np.inf
-        window = (track[:, 0] >= decision.now_s) & (track[:, 0] <= following)
-        rows = track[window]
-        if index + 1 == len(vehicle.decisions) and index:
-            rows = rows[rows[:, 0] <= decision.now_s + 2.0 * (decision.now_s - vehicle.decisions[index - 1].now_s)]
+    for index, decision in enumerate(decisions):
+        following = decisions[index + 1].now_s if index + 1 < len(decisions) else np.inf
+        if index + 1 == len(decisions) and index:
+            following = decision.now_s + 2.0 * (decision.now_s - decisions[index - 1].now_s)
+        first = np.searchsorted(track[:, 0], decision.now_s, side="left")
+        rows = track[first : np.searchsorted(track[:, 0], following, side="right")]
         if len(rows) == 0:
             times.append(decision.now_s)
             continue
@@ -175,7 +188,7 @@ def replay(
     paths = [PlannedPath(s, area) for s in settings]
     decisions = [{d.step: d for d in v.decisions} for v in run.vehicles]
     soundings = [_by_leg(v, path, steps) for v, path in zip(run.vehicles, paths, strict=True)]
-    gp = OnlineGp(settings[0].gp)
+    gp, blank = OnlineGp(settings[0].gp), OnlineGp(settings[0].gp)
     noise_m2 = settings[0].gp.noise_std_m ** 2
     visited = np.empty((0, 2))
     prior_visited = np.empty(0)
@@ -195,7 +208,7 @@ def replay(
             heads = np.concatenate([head for head, _ in parts])
             tails = np.concatenate([tail for _, tail in parts])
             before, after = _expected(gp, level_set, noise_m2, np.concatenate([heads, tails]), visited)
-            prior = _risk(OnlineGp(settings[0].gp), level_set, np.concatenate([heads, tails, visited]))
+            prior = _risk(blank, level_set, np.concatenate([heads, tails, visited]))
             if augmented:
                 bound[step] = stepwise[step] + float((before - after)[len(heads) : len(heads) + len(tails)].sum())
             whole_bound[step] = float((prior - after).sum())
@@ -213,7 +226,7 @@ def replay(
         if map_m is not None and step + 1 in averaged:
             risk[step + 1] = _risk(gp, level_set, map_m).mean()
         visited = np.concatenate([visited, here])
-        prior_visited = np.concatenate([prior_visited, _risk(OnlineGp(settings[0].gp), level_set, here)])
+        prior_visited = np.concatenate([prior_visited, _risk(blank, level_set, here)])
         whole[step + 1] = float((prior_visited - _risk(gp, level_set, visited)).sum())
     bound[steps] = stepwise[steps] if augmented else np.nan
     whole_bound[steps] = whole[steps]
