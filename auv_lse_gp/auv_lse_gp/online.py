@@ -518,8 +518,8 @@ class _Group:
         """Place (2,), depth and noise variance of the centre."""
         n = len(self._places_m)
         places = np.array(self._places_m)
-        centroid = places.mean(axis=0)
-        to_centroid = float(self._kernel(centroid[None], places).mean())
+        centroid = places.sum(axis=0) / n
+        to_centroid = float(self._kernel(centroid[None], places).sum()) / n
         curvature = self._pair_sum / n**2 - 2.0 * to_centroid + self._kernel.signal_variance_m2
         return centroid, self._depth_sum_m / n, self._noise_m2 / n + max(curvature, 0.0)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
 #: An ideal vehicle this near to a leg's start is on it (a plan's numbers are rounded to 32 bits).
 RAILS_M = 0.01
-_STATE = (HEADING, NORTH, EAST)
+#: Rows and columns of the covariance that odometry gives.
+_ODOMETRY = np.ix_((HEADING, NORTH, EAST), (HEADING, NORTH, EAST))
 
 
 class LegLike(Protocol):
@@ -367,8 +369,9 @@ class SimVehicle:
         if not (sim.altimeter.ideal or sim.ideal):
             echo = echo + sim.altimeter.noise_m * normals[:, 0]
             wrong = uniforms[:, 0] < sim.altimeter.outlier_share
-            size = -sim.altimeter.outlier_m * np.log1p(-uniforms[:, 1]) * np.where(uniforms[:, 2] < 0.5, -1.0, 1.0)
-            echo = np.where(wrong, np.maximum(echo + size, 0.1), echo)
+            if wrong.any():
+                size = -sim.altimeter.outlier_m * np.log1p(-uniforms[:, 1]) * np.where(uniforms[:, 2] < 0.5, -1.0, 1.0)
+                echo = np.where(wrong, np.maximum(echo + size, 0.1), echo)
         own = depth
         if not (sim.pressure.ideal or sim.ideal):
             own = depth + self._pressure_bias + sim.pressure.noise_m * normals[:, 1]
@@ -380,11 +383,10 @@ class SimVehicle:
         self._in_reach = bool(in_reach[-1])
         self.altitude_m = float(echo[-1])
         self.pressure_depth_m = float(own[-1])
-        heard = np.isfinite(echo)
-        pings = np.stack(
-            [self._stamps, rows[:, mm.O_EST_NORTH], rows[:, mm.O_EST_EAST], own + np.where(heard, echo, 0.0)], axis=1
-        )[heard]
-        return self._soundings(pings)
+        pings = np.empty((n, 4))
+        pings[:, 0], pings[:, 1], pings[:, 2] = self._stamps, rows[:, mm.O_EST_NORTH], rows[:, mm.O_EST_EAST]
+        pings[:, 3] = own + echo
+        return self._soundings(pings[np.isfinite(echo)])
 
     def _soundings(self, pings: Array) -> Array:
         every = self._sim.altimeter.sounding_every_s
@@ -396,8 +398,8 @@ class SimVehicle:
         window = np.ceil(self._pings[:, 0] / every - 1e-6)
         done = math.floor(self._stamps[-1] / every + 1e-6)
         count = int(np.searchsorted(window, done, side="right"))
-        edges = np.flatnonzero(window[1:count] != window[: max(count - 1, 0)]) + 1
-        soundings = [self._sounding(group) for group in np.split(self._pings[:count], edges) if len(group)]
+        edges = [0, *(np.flatnonzero(window[1:count] != window[: count - 1]) + 1).tolist(), count] if count else []
+        soundings = [self._sounding(self._pings[a:b]) for a, b in itertools.pairwise(edges)]
         self._pings = self._pings[count:]
         found = [s for s in soundings if s is not None]
         return np.array(found) if found else np.empty((0, 4))
@@ -424,7 +426,7 @@ class SimVehicle:
             north_m=float(x[NORTH]),
             east_m=float(x[EAST]),
             speed_mps=math.hypot(float(x[SURGE]), float(x[SWAY])) / (1.0 + float(x[DVL_SCALE])),
-            covariance=self._p[np.ix_(_STATE, _STATE)],
+            covariance=self._p[_ODOMETRY],
         )
 
     def truth(self, now_s: float) -> Truth:

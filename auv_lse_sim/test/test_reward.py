@@ -120,6 +120,31 @@ def test_planned_paths_are_those_of_the_packet(synthetic_run):
     assert np.all(area.clearance_m(tail) >= 0.0)
 
 
+def test_places_are_those_of_going_leg_by_leg(synthetic_run):
+    run = synthetic_run(steps=30)
+    for pattern in run.parameters.values():
+        if "planner" in pattern:
+            pattern["planner"] = {**pattern["planner"], "samples_per_leg": 3}
+    settings, area = settings_of(run)
+    path = PlannedPath(settings[0], area)
+    for decision in run.vehicles[0].decisions[::7]:
+        head, tail = path.places(decision)
+        state, places = path.state(decision), []
+        motion, naive = path.motion, path._naive
+        actions = list(decision.actions[: 30 - decision.step])
+        after = motion.roll(state, actions)[-1]
+        for action in [*actions, *naive.actions(after, decision.heuristic, 30 - decision.step - len(actions))]:
+            track = motion.tracks_m[action][np.rint(path._fractions * (motion.tracks_m.shape[1] - 1)).astype(int)]
+            c, s = np.cos(state[0]), np.sin(state[0])
+            places.append(state[1:] + track @ np.array([[c, s], [-s, c]]))
+            state = motion.end_states(state, np.asarray(action))
+        assert np.concatenate([head, tail]) == pytest.approx(np.concatenate(places), abs=1e-9)
+        assert np.array_equal(path.leg(decision), np.concatenate([head, tail])[: len(path._fractions)])
+    assert path.state(run.vehicles[0].decisions[4])[1:] == pytest.approx(
+        [run.vehicles[0].decisions[4].north_m, run.vehicles[0].decisions[4].east_m]
+    )
+
+
 def test_running_maximum_passes_over_unknowns():
     assert running_maximum(np.array([np.nan, 2.0, np.nan, 1.0, 3.0]))[1:].tolist() == [2.0, 2.0, 2.0, 3.0]
     assert np.isnan(running_maximum(np.array([np.nan, 1.0]))[0])
