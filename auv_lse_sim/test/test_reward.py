@@ -127,6 +127,7 @@ def test_places_are_those_of_going_leg_by_leg(synthetic_run):
             pattern["planner"] = {**pattern["planner"], "samples_per_leg": 3}
     settings, area = settings_of(run)
     path = PlannedPath(settings[0], area)
+    assert len(path._fractions) == 3
     for decision in run.vehicles[0].decisions[::7]:
         head, tail = path.places(decision)
         state, places = path.state(decision), []
