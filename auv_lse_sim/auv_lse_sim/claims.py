@@ -223,8 +223,8 @@ def _ours(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Sequence[int],
             found = compare(groups.get((k, ours), ()), groups.get((k, other), ()), f"{k} AUVs, {other}", weak=False)
             evidence += [e for e in found if "reward" not in e.what]
     return Claim(
-        text=f"Our own method ('{ours}': the map's reward chooses among the plain search's finalists) maps better than the "
-        "paper's two and the lawnmower.",
+        text=f"Our own method ('{ours}': the map's reward chooses among the plain search's finalists) maps better than "
+        "the paper's two and the lawnmower.",
         source="not in the paper: this project's claim",
         evidence=tuple(evidence),
         remark=f"Differences are {ours} − the other method.",
