@@ -235,6 +235,7 @@ class FreeSpace:
             area.clearance_m(grid).reshape(counts[0], counts[1]) - area.margin_m, dtype=float
         )
         self.raster: Array = self.area_raster
+        self._blocked: NDArray[np.bool_] = np.zeros(self.area_raster.shape, dtype=bool)
 
     def set_shallow(self, places_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
         """Keeps clear of ground that is known to be too shallow, beside what the area forbids.
@@ -244,9 +245,6 @@ class FreeSpace:
             shallow: Whether the ground there is too shallow, shape (P,).
             spacing_m: Spacing of that grid: a shallow place blocks everything within half of it (per axis).
         """
-        if not shallow.any():
-            self.raster = self.area_raster
-            return
         blocked = np.zeros(self.area_raster.shape, dtype=bool)
         half = max(0, round(0.5 * spacing_m / self.cell_m))
         rows = np.rint((places_m[shallow, 0] - self.north0_m) / self.cell_m).astype(int)
@@ -256,6 +254,12 @@ class FreeSpace:
                 at_row = np.clip(rows + i, 0, len(self._nodes_north) - 1)
                 at_column = np.clip(columns + j, 0, len(self._nodes_east) - 1)
                 blocked[at_row, at_column] = True
+        if np.array_equal(blocked, self._blocked):
+            return  # most decisions: nothing new is known to be shallow
+        self._blocked = blocked
+        if not blocked.any():
+            self.raster = self.area_raster
+            return
         outside = distance_transform_edt(~blocked, sampling=self.cell_m)
         inside = distance_transform_edt(blocked, sampling=self.cell_m)
         self.raster = np.ascontiguousarray(np.minimum(self.area_raster, outside - inside))

@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
 
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.path_reward import kernel_among
+from auv_lse_planner.path_reward import noisy_covariances
 from auv_lse_planner.posterior import Columns, Posterior
 
 Array = NDArray[np.float64]
@@ -76,12 +76,13 @@ class MapReward:
             Values, shape (B,).
         """
         batch = len(columns) // length
-        white = columns.white.reshape(batch, length, -1)
-        matrices = kernel_among(self.posterior, columns.scaled.reshape(batch, length, 2))
-        matrices -= white @ white.transpose(0, 2, 1)
-        np.einsum("bii->bi", matrices)[:] += self._noise
-        cross = self.posterior.covariance(columns, self.places).reshape(batch, length, -1)
-        rows = np.linalg.solve(np.linalg.cholesky(matrices), cross)
+        matrices = noisy_covariances(self.posterior, columns, batch)
+        try:
+            factors = np.linalg.cholesky(matrices)
+        except np.linalg.LinAlgError:
+            raise ValueError(f"covariance of {length} planned places is not positive definite") from None
+        cross = self.posterior.covariance(columns, self.places).reshape(batch, length, len(self.places))
+        rows = np.linalg.inv(factors) @ cross  # small factors: their inverses are exact enough, and products fast
         after = np.maximum(self.places.planned_var_m2 - np.einsum("bpm,bpm->bm", rows, rows), 0.0)
         return np.asarray((self.risk_before - self.expected(after)).sum(axis=1))
 

@@ -119,10 +119,7 @@ class PathReward:
         """
         batch = len(columns) // length
         if length <= SMALL:
-            white = columns.white.reshape(batch, length, -1)
-            matrices = kernel_among(self.posterior, columns.scaled.reshape(batch, length, 2))
-            matrices -= white @ white.transpose(0, 2, 1)
-            np.einsum("bii->bi", matrices)[:] += self._noise
+            matrices = noisy_covariances(self.posterior, columns, batch)
             diagonal = np.empty((batch, length))
             if not small_inverse_diagonals(matrices, diagonal):
                 raise ValueError(f"covariance of {length} planned places is not positive definite")
@@ -158,10 +155,7 @@ class PathReward:
         if tail is None:
             tail = Tail(heads.slice(0, 0), np.empty((0, 0)), np.empty(0))
         cross = self.posterior.covariance(tail.columns, heads)  # (T, B count)
-        white = heads.white.reshape(batch, count, -1)
-        scaled = heads.scaled.reshape(batch, count, 2)
-        own = kernel_among(self.posterior, scaled) - white @ white.transpose(0, 2, 1)
-        own[:, np.arange(count), np.arange(count)] += self._noise
+        own = noisy_covariances(self.posterior, heads, batch)
         # M = [[A, c], [c^T, b]]: Schur complement of the tail's block A, s = b - c^T A^-1 c
         solved = tail.inverse @ cross
         by_path = solved.T.reshape(batch, count, -1)  # (B, count, T)
@@ -207,11 +201,16 @@ def _tiled(heads: Columns, tail: Columns, batch: int, count: int) -> Columns:
     )
 
 
-def kernel_among(posterior: Posterior, scaled: Array) -> Array:
-    """k among the places of each path: (B, c, 2) -> (B, c, c)."""
-    batch, count, _ = scaled.shape
+def noisy_covariances(posterior: Posterior, columns: Columns, batch: int) -> Array:
+    """M = cov + sigma^2 I among the places of each of `batch` paths of equal length c, shape (batch, c, c)."""
+    count = len(columns) // batch
+    white = columns.white.reshape(batch, count, columns.white.shape[1])
+    scaled = columns.scaled.reshape(batch, count, 2)
     apart = scaled[:, :, None, :] - scaled[:, None, :, :]
-    return posterior.kernel.of_scaled(np.zeros((1, 2)), apart.reshape(-1, 2)).reshape(batch, count, count)
+    matrices = posterior.kernel.of_scaled(np.zeros((1, 2)), apart.reshape(-1, 2)).reshape(batch, count, count)
+    matrices -= white @ white.transpose(0, 2, 1)
+    np.einsum("bii->bi", matrices)[:] += posterior.noise_var_m2
+    return matrices
 
 
 def inverse_diagonal_of(matrix: Array) -> Array:
