@@ -16,6 +16,7 @@ import json
 import logging
 import math
 import os
+import signal
 import socket
 import sys
 import tempfile
@@ -249,6 +250,7 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     with contextlib.ExitStack() as stack:
+        stack.enter_context(_ended_in_order())
         stack.enter_context(
             dask.config.set(
                 {"distributed.scheduler.allowed-failures": DEATHS, "distributed.comm.timeouts.connect": "30s"}
@@ -276,6 +278,20 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
             )
             client = stack.enter_context(Client(local))
         yield client
+
+
+@contextlib.contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """Makes of SIGTERM (a batch system's, a service manager's) what Ctrl-C is, so that no worker or scratch folder stays."""
+
+    def stop(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def cores() -> int:

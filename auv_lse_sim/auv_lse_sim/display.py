@@ -30,7 +30,7 @@ class Progress:
         lost: Receptions that the channel lost.
         speed: Simulated seconds per second of wall clock.
         rewards: Reward so far by each planner's account, {vehicle: value}.
-        bounds: Largest lower bound so far of each planner, {vehicle: value}.
+        bounds: Largest lower bound so far of each planner whose method has one, {vehicle: value}.
     """
 
     vehicles: int
@@ -49,10 +49,10 @@ class Progress:
     def line(self) -> str:
         """The essentials in one line."""
         steps = " ".join(str(n) for n in self.steps) or "-"
+        bound = f" bound {sum(self.bounds.values()):.0f}" if self.bounds else ""
         return (
             f"{clock(self.sim_s)}  steps {steps} of {self.steps_total}  packets {self.sent} sent {self.received} "
-            f"received {self.lost} lost  reward {sum(self.rewards.values()):.0f} "
-            f"bound {sum(self.bounds.values()):.0f}  {self.speed:.0f} x real time"
+            f"received {self.lost} lost  reward {sum(self.rewards.values()):.0f}{bound}  {self.speed:.0f} x real time"
         )
 
     def table(self) -> Group:
@@ -73,14 +73,15 @@ class Progress:
                 ProgressBar(total=self.steps_total, completed=done, width=30),
                 f"{done}/{self.steps_total}",
                 f"{self.rewards.get(vehicle, 0.0):.1f}",
-                f"{self.bounds.get(vehicle, 0.0):.1f}",
+                f"{self.bounds[vehicle]:.1f}" if vehicle in self.bounds else "-",
             )
         head = Text.assemble(
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
         )
+        bound = f", lower bound {sum(self.bounds.values()):.1f}" if self.bounds else ""
         foot = Text(
             f"packets: {self.sent} sent, {self.received} received, {self.lost} lost   team reward "
-            f"{sum(self.rewards.values()):.1f}, lower bound {sum(self.bounds.values()):.1f} (drop of Bayes risk)"
+            f"{sum(self.rewards.values()):.1f}{bound} (drop of Bayes risk)"
         )
         return Group(head, table, foot)
 

@@ -63,7 +63,7 @@ def local_environment(root: Path, domain: int) -> dict[str, str]:
     """
     environment = dict(os.environ)
     environment["ROS_DOMAIN_ID"] = str(domain)
-    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
     environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(root / "config" / "fastdds_localhost.xml")
     environment["RCUTILS_COLORIZED_OUTPUT"] = "0"
     environment["PYTHONUNBUFFERED"] = "1"

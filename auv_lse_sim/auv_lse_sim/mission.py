@@ -220,6 +220,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with own_domain() as domain:
             environment = local_environment(root, domain)
+            watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+            console.print(f"to watch from another terminal: export {watch}", highlight=False, soft_wrap=True)
             phases = fly(settings, folder, environment, console, interrupt, options.modem, options.vehicle_link)
     except (MissionError, LaunchError) as error:
         console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)

@@ -66,4 +66,5 @@ class Watcher:
 
     def _on_bound(self, vehicle: int, message: Bound) -> None:
         self._progress.rewards[vehicle] = message.reward_so_far
-        self._progress.bounds[vehicle] = message.lower_bound_max
+        if message.lower_bound > message.reward_so_far:  # a naive path promises more: the method has a bound
+            self._progress.bounds[vehicle] = message.lower_bound_max

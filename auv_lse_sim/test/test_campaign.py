@@ -256,12 +256,15 @@ def test_durations_for_readers(seconds, text):
     assert duration(seconds) == text
 
 
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     spec_file, out = tmp_path / "tiny.yaml", tmp_path / "out"
     spec_file.write_text(yaml.safe_dump({"set": TINY, "seeds": 16, "name": "test"}))
     packages = [str(p) for p in Path(__file__).resolve().parents[2].glob("auv_lse_*") if (p / "setup.py").exists()]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")])}
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    path = os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "TMPDIR": str(scratch)}
     command = [sys.executable, "-m", "auv_lse_sim.campaign", str(spec_file), "--out", str(out), "--workers", "1"]
     process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
     try:
@@ -273,8 +276,9 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
         _, errors = process.communicate(timeout=30)
     finally:
         process.kill()
-    if sign == signal.SIGINT:
+    if sign != signal.SIGKILL:
         assert process.returncode == 130
+        assert not list(scratch.glob("auv_lse_dask_*")), "its workers' folder is gone"
         assert "the same command goes on from here" in errors
     spec = CampaignSpec.load(spec_file)
     rows = Rows(out, columns_of(spec))

@@ -216,12 +216,14 @@ def test_a_node_that_dies_is_named_with_its_last_words(tmp_path: Path) -> None:
             time.sleep(0.2)
             if (folder / "bag" / "bag.mcap").exists() and (folder / "bag" / "bag.mcap").stat().st_size > 20_000:
                 victim = next(iter(_pids(folder, "gp_node")), None)
+        maps = Path(f"/proc/{victim}/maps").read_text()
         os.kill(victim, signal.SIGKILL)
         output, _ = process.communicate(timeout=60)
     assert process.returncode == 1, output
     assert "auv1.gp_node ended by itself" in output
     assert "auv1.gp_node.log" in output
     assert not nodes_of(folder)
+    assert "/dev/shm/fastrtps" not in maps, "shared memory of a node that is killed would stay"
 
 
 def _pids(folder: Path, executable: str) -> list[int]:
