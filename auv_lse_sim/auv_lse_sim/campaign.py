@@ -282,7 +282,7 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _ended_in_order() -> Iterator[None]:
-    """Makes of SIGTERM (a batch system's, a service manager's) what Ctrl-C is, so that no worker or scratch folder stays."""
+    """Makes SIGTERM (of a batch system, a service manager) what Ctrl-C is: no worker and no scratch folder stays."""
 
     def stop(number: int, frame: object) -> None:
         raise KeyboardInterrupt

@@ -23,10 +23,13 @@ from auv_lse_sim.claims import Claim, claims
 from auv_lse_sim.evaluation import Evaluation
 from auv_lse_sim.figures import STYLE, WIDTH_IN, new_figure, save
 from auv_lse_sim.report import embedded, facts, head, table
-from auv_lse_sim.reproduce import METHODS, Plan, sweep_name, trial_name
-from auv_lse_sim.statistics import interval
+from auv_lse_sim.reproduce import METHODS, Plan, Sweep, sweep_name, trial_name
+from auv_lse_sim.statistics import Interval, interval
 
 Row = Mapping[str, Any]
+
+#: Rows at each point of a sensitivity, by method.
+Lines = dict[str, list[tuple[float, Sequence[Row]]]]
 
 #: Columns of the main table: key, heading.
 COLUMNS = (
@@ -53,6 +56,8 @@ def write_page(plan: Plan, folder: Path, shown: Mapping[tuple[int, str], Evaluat
     done = {name: [r for r in found if r["status"] == "ok" and r["id"] in known[name]] for name, found in rows.items()}
     failed = [r for found in rows.values() for r in found if r["status"] == "failed"]
     trials = _by_trial(done.get("trials", []), plan.teams)
+    large = _by_trial(done.get("large", []), (plan.large_team,))
+    swept = _swept(plan, done.get("sensitivity", []))
     found = claims(trials)
     parts = [
         head("The paper, reproduced"),
@@ -64,21 +69,22 @@ def write_page(plan: Plan, folder: Path, shown: Mapping[tuple[int, str], Evaluat
         "<h2>Field trials over seeds</h2>" + _table(trials) + _groups_figure(folder, "trials", trials),
     ]
     if "large" in done:
-        large = _by_trial(done["large"], (plan.large_team,))
         parts.append(
             "<h2>In an area four times as large</h2><p>1400 m × 1200 m: three vehicles cannot saturate it.</p>"
         )
         parts.append(_table(large) + _groups_figure(folder, "large", large))
     if done.get("sensitivity"):
-        parts.append("<h2>Sensitivity</h2>" + _sensitivity(plan, folder, done["sensitivity"]))
+        parts.append("<h2>Sensitivity</h2>" + _sensitivity(folder, swept))
     if failed:
         lines = [[html.escape(str(r["group"])), str(r["seed"]), html.escape(str(r["error"]))] for r in failed]
         parts.append("<h2>Failed missions</h2>" + table(["setting", "seed", "error"], lines))
     parts.append("<h2>How it was made</h2>" + _made(plan, done))
     path = folder / "reproduce.html"
     path.write_text("\n".join(parts) + "\n</body></html>\n")
-    (folder / "results.json").write_text(json.dumps(_results(found, trials), indent=2) + "\n")
-    (folder / "results.md").write_text(markdown(found, trials, _subtitle(plan, done, failed)))
+    (folder / "results.json").write_text(
+        json.dumps(_results(found, {"trials": trials, "large": large}), indent=2) + "\n"
+    )
+    (folder / "results.md").write_text(markdown(found, trials, large, swept, _subtitle(plan, done, failed)))
     return path
 
 
@@ -116,7 +122,7 @@ def _table(groups: Mapping[tuple[int, str], Sequence[Row]]) -> str:
     header = ["setting", "seeds", *(heading for _, heading in COLUMNS)]
     lines = []
     for (vehicles, method), rows in groups.items():
-        cells = [str(interval([value_of(r, column) for r in rows])) for column, _ in COLUMNS]
+        cells = [str(_mean(rows, column)) for column, _ in COLUMNS]
         lines.append([trial_name(vehicles, method), str(len(rows)), *cells])
     return table(header, lines, ["", *["n"] * (len(header) - 1)])
 
@@ -236,17 +242,24 @@ def reward_figure(missions: Mapping[str, Evaluation]) -> Figure:
         return figure
 
 
-def _sensitivity(plan: Plan, folder: Path, rows: Sequence[Row]) -> str:
-    parts = []
+def _swept(plan: Plan, rows: Sequence[Row]) -> list[tuple[Sweep, Lines]]:
+    """What has been flown of each sensitivity."""
+    swept = []
     for sweep in plan.sweeps:
-        lines: dict[str, list[tuple[float, Sequence[Row]]]] = {}
+        lines: Lines = {}
         for method in METHODS:
             for value, _ in sweep.points:
                 found = [r for r in rows if r["group"] == sweep_name(sweep, value, method)]
                 if found:
                     lines.setdefault(method, []).append((value, found))
-        if not lines:
-            continue
+        if lines:
+            swept.append((sweep, lines))
+    return swept
+
+
+def _sensitivity(folder: Path, swept: Sequence[tuple[Sweep, Lines]]) -> str:
+    parts = []
+    for sweep, lines in swept:
         name = f"sensitivity_{sweep.name}.png"
         save(sweep_figure(lines, sweep.label), folder / name)
         seeds = len({r["seed"] for points in lines.values() for _, own in points for r in own})
@@ -273,28 +286,56 @@ def _made(plan: Plan, done: Mapping[str, Sequence[Row]]) -> str:
     return f"<p>{html.escape(text)}</p>"
 
 
-def markdown(found: Sequence[Claim], trials: Mapping[tuple[int, str], Sequence[Row]], subtitle: str) -> str:
-    """Table and claims as text, for a document."""
-    columns = [(key, heading) for key, heading in COLUMNS if key not in ("bound_kept", "isobath_found")]
-    lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", ""]
-    lines.append("| setting | seeds | " + " | ".join(heading for _, heading in columns) + " |")
-    lines.append("|---" * (len(columns) + 2) + "|")
-    for (vehicles, method), rows in trials.items():
-        cells = [str(interval([value_of(r, key) for r in rows])) for key, _ in columns]
-        lines.append(f"| {trial_name(vehicles, method)} | {len(rows)} | " + " | ".join(cells) + " |")
+def markdown(
+    found: Sequence[Claim],
+    trials: Mapping[tuple[int, str], Sequence[Row]],
+    large: Mapping[tuple[int, str], Sequence[Row]],
+    swept: Sequence[tuple[Sweep, Lines]],
+    subtitle: str,
+) -> str:
+    """Tables and claims as text, for a document."""
+    lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", "", *_markdown_table(trials)]
     for claim in found:
         lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark}", ""]
         lines += ["| measured here | result | this claim is |", "|---|---|---|"]
         lines += [f"| {e.what.replace('|', chr(92) + '|')} | {e.value} | {e.verdict} |" for e in claim.evidence]
+    if large:
+        lines += ["", "**In an area four times as large**", "", *_markdown_table(large)]
+    for sweep, by_method in swept:
+        lines += ["", f"**Sensitivity to {sweep.label}**: final risk (cost/place); isobath error (m)", ""]
+        lines.append(f"| {sweep.label} | seeds | " + " | ".join(by_method) + " |")
+        lines.append("|---" * (len(by_method) + 2) + "|")
+        for value, _ in sweep.points:
+            at = [dict(points).get(value, ()) for points in by_method.values()]
+            cells = [f"{_mean(rows, 'risk_after')}; {_mean(rows, 'isobath_error_m')}" for rows in at]
+            lines.append(f"| {value:g} | {max(map(len, at))} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
-def _results(found: Sequence[Claim], trials: Mapping[tuple[int, str], Sequence[Row]]) -> dict[str, Any]:
-    table_rows = []
-    for (vehicles, method), rows in trials.items():
-        entry: dict[str, Any] = {"vehicles": vehicles, "method": method, "seeds": len(rows)}
-        for column, _ in COLUMNS:
-            mean = interval([value_of(r, column) for r in rows])
-            entry[column] = [v if np.isfinite(v) else None for v in (mean.mean, mean.low, mean.high)]
-        table_rows.append(entry)
-    return {"claims": [asdict(claim) for claim in found], "trials": table_rows}
+def _markdown_table(groups: Mapping[tuple[int, str], Sequence[Row]]) -> list[str]:
+    columns = [(key, heading) for key, heading in COLUMNS if key not in ("bound_kept", "isobath_found")]
+    lines = ["| setting | seeds | " + " | ".join(heading for _, heading in columns) + " |"]
+    lines.append("|---" * (len(columns) + 2) + "|")
+    for (vehicles, method), rows in groups.items():
+        cells = [str(_mean(rows, key)) for key, _ in columns]
+        lines.append(f"| {trial_name(vehicles, method)} | {len(rows)} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _mean(rows: Sequence[Row], column: str) -> Interval:
+    return interval([value_of(r, column) for r in rows])
+
+
+def _results(
+    found: Sequence[Claim], campaigns: Mapping[str, Mapping[tuple[int, str], Sequence[Row]]]
+) -> dict[str, Any]:
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for name, groups in campaigns.items():
+        tables[name] = []
+        for (vehicles, method), rows in groups.items():
+            entry: dict[str, Any] = {"vehicles": vehicles, "method": method, "seeds": len(rows)}
+            for column, _ in COLUMNS:
+                mean = _mean(rows, column)
+                entry[column] = [v if np.isfinite(v) else None for v in (mean.mean, mean.low, mean.high)]
+            tables[name].append(entry)
+    return {"claims": [asdict(claim) for claim in found], **tables}

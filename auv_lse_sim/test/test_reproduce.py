@@ -82,6 +82,8 @@ def _reproduced_in_miniature(tmp_path, arguments, capsys):
     assert all(t["seeds"] == 2 for t in results["trials"])
     text = (tmp_path / "r" / "results.md").read_text()
     assert "| 3 AUVs, lawnmower | 2 |" in text
+    assert "| packets lost (share) | seeds | augmented |" in text
+    assert "| 0.5 | 1 | " in text
     assert "11 simulated missions, 2 seeds in the trials, 0 missions failed." in text
     assert (tmp_path / "r" / "examples" / "3_auvs_augmented" / "report.html").exists()
     assert (tmp_path / "r" / "examples" / "3_auvs_augmented" / "bag" / "metadata.yaml").exists()
