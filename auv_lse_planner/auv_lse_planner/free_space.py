@@ -235,34 +235,35 @@ class FreeSpace:
             area.clearance_m(grid).reshape(counts[0], counts[1]) - area.margin_m, dtype=float
         )
         self.raster: Array = self.area_raster
-        self._blocked: NDArray[np.bool_] = np.zeros(self.area_raster.shape, dtype=bool)
 
     def set_shallow(self, places_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
         """Keeps clear of ground that is known to be too shallow, beside what the area forbids.
 
         Args:
-            places_m: Places of a regular grid, shape (P, 2).
+            places_m: Places of a regular grid, shape (P, 2): all that counts; elsewhere the area alone does.
             shallow: Whether the ground there is too shallow, shape (P,).
             spacing_m: Spacing of that grid: a shallow place blocks everything within half of it (per axis).
         """
-        blocked = np.zeros(self.area_raster.shape, dtype=bool)
-        half = max(0, round(0.5 * spacing_m / self.cell_m))
-        rows = np.rint((places_m[shallow, 0] - self.north0_m) / self.cell_m).astype(int)
-        columns = np.rint((places_m[shallow, 1] - self.east0_m) / self.cell_m).astype(int)
-        for i in range(-half, half + 1):
-            for j in range(-half, half + 1):
-                at_row = np.clip(rows + i, 0, len(self._nodes_north) - 1)
-                at_column = np.clip(columns + j, 0, len(self._nodes_east) - 1)
-                blocked[at_row, at_column] = True
-        if np.array_equal(blocked, self._blocked):
-            return  # most decisions: nothing new is known to be shallow
-        self._blocked = blocked
-        if not blocked.any():
+        if not shallow.any():
             self.raster = self.area_raster
             return
+        rows = np.rint((places_m[:, 0] - self.north0_m) / self.cell_m).astype(int)
+        columns = np.rint((places_m[:, 1] - self.east0_m) / self.cell_m).astype(int)
+        half = max(0, round(0.5 * spacing_m / self.cell_m))
+        window = tuple(
+            slice(max(int(at.min()) - half, 0), min(int(at.max()) + half + 1, count))
+            for at, count in zip((rows, columns), self.area_raster.shape, strict=True)
+        )
+        blocked = np.zeros(self.area_raster[window].shape, dtype=bool)
+        for i in range(-half, half + 1):
+            for j in range(-half, half + 1):
+                at_row = np.clip(rows[shallow] + i - window[0].start, 0, blocked.shape[0] - 1)
+                at_column = np.clip(columns[shallow] + j - window[1].start, 0, blocked.shape[1] - 1)
+                blocked[at_row, at_column] = True
         outside = distance_transform_edt(~blocked, sampling=self.cell_m)
         inside = distance_transform_edt(blocked, sampling=self.cell_m)
-        self.raster = np.ascontiguousarray(np.minimum(self.area_raster, outside - inside))
+        self.raster = self.area_raster.copy()
+        self.raster[window] = np.minimum(self.area_raster[window], outside - inside)
 
     def arguments(self, static: bool = False) -> Space:
         """What the compiled functions need; `static`: of the area alone, which all vehicles share."""

@@ -52,6 +52,8 @@ Ints = NDArray[np.int64]
 
 #: Legs of a continued plan that must be feasible on the map, at least.
 LOOK_AHEAD = 3
+#: Shallow ground is looked for so much (m) farther away than the legs of a plan lead: room to turn, and to spare.
+SHALLOWS_BEYOND_M = 100.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,7 +193,7 @@ class VehiclePlanner:
         self._map_problem = ""
         self._new_centers: Centers | None = None
         self._map_s: float | None = None
-        self._shallow_places = self.area.grid(max(10.0, 2.0 * settings.area.raster_m))
+        self._shallow_grid = self.area.grid(max(10.0, 2.0 * settings.area.raster_m))
         self._odometry: _Odometry | None = None
         self._travelled = False  # stays true once the last leg is done, wherever the vehicle circles then
         self._leg: Leg | None = None
@@ -241,10 +243,18 @@ class VehiclePlanner:
             self._map_problem = ""
         except IllConditionedError as error:
             self._map_problem = f"map: {error}"
-        if len(centers):
-            limit = self.settings.vehicle.depth_m + self.settings.vehicle.min_water_m
-            places = self._shallow_places.places_m
-            self.space.set_shallow(places, self.posterior.mean_m(places) < limit, self._shallow_places.resolution_m)
+
+    def _keep_off_shallows(self, state: Array) -> None:
+        """Keeps clear of what the map shows to be too shallow, as far as legs planned from `state` can reach."""
+        if not len(self.posterior.centers):
+            return
+        places = self._shallow_grid.places_m
+        if self.recipe.kind != "naive":  # which looks as far as the mission goes
+            legs = max(self.recipe.horizon, LOOK_AHEAD) + 2
+            reach_m = legs * float(self.motion.lengths_m.max()) + SHALLOWS_BEYOND_M
+            places = places[np.hypot(places[:, 0] - state[1], places[:, 1] - state[2]) <= reach_m]
+        limit = self.settings.vehicle.depth_m + self.settings.vehicle.min_water_m
+        self.space.set_shallow(places, self.posterior.mean_m(places) < limit, self._shallow_grid.resolution_m)
 
     def hear(self, now_s: float, plan: Plan) -> None:
         """Takes a team mate's plan, received at `now_s`; one that cannot be rebuilt is ignored and counted."""
@@ -381,6 +391,7 @@ class VehiclePlanner:
         state, reanchored = self._anchor(step)
         state = np.array([float(np.float32(v)) for v in state])
         self._take_centers()
+        self._keep_off_shallows(state)
         places = self._team_places(now_s, step)
         self.posterior.plan(places)
         try:

@@ -81,6 +81,25 @@ def test_shallow_ground_is_kept_clear_of():
     assert motion.straight_on in space.feasible(state)
 
 
+def test_places_within_reach_are_enough_for_what_is_near():
+    area, _, space, _ = world()
+    grid = area.grid(10.0)
+    places = grid.places_m
+    shoal = np.hypot(places[:, 0] - 180.0, places[:, 1] - 330.0) < 60.0
+    space.set_shallow(places, shoal, 10.0)
+    whole = space.raster
+    here, reach_m = np.array([120.0, 190.0]), 150.0
+    near = np.hypot(*(places - here).T) <= reach_m
+    assert 0 < (shoal & ~near).sum() < shoal.sum(), "the shoal is cut by what is in reach"
+    space.set_shallow(places[near], shoal[near], 10.0)
+    north = space.north0_m + space.cell_m * np.arange(whole.shape[0])
+    east = space.east0_m + space.cell_m * np.arange(whole.shape[1])
+    closer = np.hypot(north[:, None] - here[0], east[None, :] - here[1]) < reach_m - 60.0
+    assert np.array_equal(np.minimum(space.raster, 50.0)[closer] > 0.0, np.minimum(whole, 50.0)[closer] > 0.0)
+    positive = closer & (whole > 0.0)
+    assert np.allclose(np.minimum(space.raster, 50.0)[positive], np.minimum(whole, 50.0)[positive])
+
+
 def test_compiled_functions_equal_the_plain_ones():
     _, _, space, _ = world(no_go=ISLAND)
     a = space.arguments()
