@@ -153,8 +153,9 @@ class ModemBridge:
     def add_soundings(self, soundings: ArrayLike) -> int:
         """Queues the vehicle's own soundings for sending.
 
-        Those outside the limits, which every receiver would refuse with their whole packet, are counted as
-        "samples.outside", those nearer to the last queued than `min_spacing_m` as "samples.thinned".
+        Those with a number that is not finite are dropped and counted as "samples.bad", those outside the limits,
+        which every receiver would refuse with their whole packet, as "samples.outside", those nearer to the last
+        queued than `min_spacing_m` as "samples.thinned".
 
         Args:
             soundings: Stamp (s), north, east (m), water depth (m, positive down), shape (n, 4), in time order.
@@ -163,16 +164,17 @@ class ModemBridge:
             How many were queued.
 
         Raises:
-            ValueError: if the shape is another one or a number is not finite.
+            ValueError: if the shape is another one.
         """
         rows = np.asarray(soundings, dtype=float)
         if rows.size == 0:
             return 0
         if rows.ndim != 2 or rows.shape[1] != 4:
             raise ValueError(f"soundings of shape {rows.shape}: expected (n, 4), stamp, north, east, depth")
-        if not np.isfinite(rows).all():
-            row = rows[~np.isfinite(rows).all(axis=1)][0]
-            raise ValueError(f"sounding {row.tolist()}: expected finite stamp, north, east, depth")
+        finite = np.isfinite(rows).all(axis=1)
+        if not finite.all():
+            self.counts["samples.bad"] += int((~finite).sum())
+            rows = rows[finite]
         limits = self._limits or Limits()
         inside = limits.hold(rows[:, 1:])
         self.counts["samples.outside"] += int((~inside).sum())

@@ -128,8 +128,12 @@ class ModemNode(ConfiguredNode):
     def hear(self, now_s: float) -> None:
         """Takes own soundings and what the modem has received; gives the team's plans and samples."""
         if self._soundings:
+            bad = self._bridge.counts["samples.bad"]
             self._bridge.add_soundings([sounding_row(m) for m in self._soundings])
             self._soundings.clear()
+            if self._bridge.counts["samples.bad"] > bad:
+                text = f"soundings that are not finite: {self._bridge.counts['samples.bad']} so far, none is sent"
+                self.get_logger().warning(text, throttle_duration_sec=_STATUS_PERIOD_S)
         for message in sorted(self._arrivals, key=lambda m: (seconds(m.header.stamp), m.source)):
             received = self._bridge.receive(seconds(message.header.stamp), message.source, bytes(message.payload))
             if received is not None:

@@ -107,10 +107,14 @@ def test_soundings_of_another_shape_are_refused(bad: object) -> None:
         bridge().add_soundings(bad)  # type: ignore[arg-type]
 
 
-def test_soundings_that_are_not_finite_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"sounding \[1.0, 2.0, nan, 3.0\]: expected finite"):
-        bridge().add_soundings([[0, 1, 1, 1], [1.0, 2.0, math.nan, 3.0]])
-    assert bridge().add_soundings([]) == 0
+def test_soundings_that_are_not_finite_are_dropped_and_counted() -> None:
+    b = bridge()
+    rows_ = [[0, 1, 1, 1], [1, 2, math.nan, 3], [math.inf, 2, 2, 3], [3, 2, 2, -math.inf], [4, 2, 2, 3]]
+    assert b.add_soundings(rows_) == 2
+    assert b.counts["samples.bad"] == 3
+    assert b.backlog[:, 0].tolist() == [0, 4]
+    assert b.add_soundings([[5, 2, 2, math.nan]]) == b.add_soundings([]) == 0
+    assert b.unsent == 2
 
 
 def test_a_plan_that_no_packet_can_say_is_refused_and_the_old_one_stays() -> None:
