@@ -24,7 +24,7 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.params import ParameterError
+from auv_lse_common.params import ParameterError, read_parameter_file
 from auv_lse_sim.settings import Patterns, Settings
 
 #: Keys of a campaign file.
@@ -60,7 +60,8 @@ class CampaignSpec:
         settings: Parameters of each setting (dotted names), with its label.
         seeds: Seeds that every setting is flown with.
         varied: Names of the parameters in which settings differ, in order.
-        base: The mission file that all settings start from.
+        base: The mission file that all settings start from, as written: defaults that depend on the number of
+            vehicles are filled in with a setting's own number.
         where: The file it came from, for messages.
     """
 
@@ -122,14 +123,15 @@ class CampaignSpec:
             twice = next(label for label in labels if labels.count(label) > 1)
             raise ParameterError(f"{where}: two settings are called '{twice}'; expected different labels")
         mission = content.get("mission")
-        base = Settings.load(folder / str(mission) if mission else None)
+        file = folder / str(mission) if mission else None
+        Settings.load(file)  # what is wrong in the file itself is said first
         names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
         return cls(
             name=str(content.get("name", name)),
             settings=tuple(settings),
             seeds=_seeds(content.get("seeds", 1), where),
             varied=tuple(names),
-            base=base.to_patterns(),
+            base=read_parameter_file(file) if file is not None else {"/**": {}},
             where=where,
         )
 

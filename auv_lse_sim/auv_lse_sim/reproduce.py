@@ -64,7 +64,7 @@ SMALL: Mapping[str, Any] = {
     "sim.lake.width_m": 450.0,
 }
 
-#: Navigation errors as multiples of the default instruments'.
+#: Navigation errors as multiples of the default bias of the compass, and scale and noise of the DVL.
 NAVIGATION: Mapping[float, Mapping[str, Any]] = {
     0.0: {"sim.navigation.ideal": True},
     1.0: {},
@@ -103,10 +103,10 @@ def _costs(ratio: float) -> Mapping[str, Any]:
 SWEEPS = (
     _one("loss", "packets lost (share)", "sim.channel.packet_loss", [0.0, 0.2, 0.4, 0.6, 0.8, 1.0], 0.0),
     _one("slot", "slot length (s)", "tdma.slot_s", [5.0, 10.0, 20.0, 40.0], 10.0),
-    Sweep(name="navigation", label="navigation error (× default)", points=tuple(NAVIGATION.items()), default=1.0),
+    Sweep(name="navigation", label="compass bias, DVL scale and noise (× default)", points=tuple(NAVIGATION.items()), default=1.0),
     _one("team", "vehicles", "mission.vehicles", [1, 2, 3, 4, 5, 6, 7, 8], 3.0),
     _one("horizon", "horizon m (legs)", "planner.horizon", [1, 3, 6, 10, 15]),
-    _one("iterations", "tree search iterations", "planner.iterations", [50, 150, 500, 2000]),
+    _one("iterations", "tree search iterations", "planner.iterations", [50, 100, 150, 300, 1000]),
     Sweep(
         name="costs",
         label="c1 / c2 (c1 + c2 = 20)",
