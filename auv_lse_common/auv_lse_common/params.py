@@ -13,6 +13,7 @@ import dataclasses
 import difflib
 import fnmatch
 import math
+import re
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -39,6 +40,10 @@ SECTIONS = {
     "sim": "auv_lse_sim",
     "record": "auv_lse_sim",
 }
+
+
+#: A number that YAML 1.1 takes for text, since it wants a point and a sign in it (1.0e-3).
+_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 
 
 class ParameterError(ValueError):
@@ -160,6 +165,8 @@ def _scalar(hint: Any, value: Any, key: str, field: dataclasses.Field[Any], expe
         if not isinstance(value, str) or (field.metadata.get("choices") and value not in field.metadata["choices"]):
             raise problem
         return value
+    if hint is float and isinstance(value, str) and _EXPONENT.fullmatch(value):
+        value = float(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise problem
     if hint is int:
@@ -167,7 +174,7 @@ def _scalar(hint: Any, value: Any, key: str, field: dataclasses.Field[Any], expe
             raise problem
     elif hint is float:
         value = float(value)
-        if math.isnan(value):
+        if not math.isfinite(value):
             raise problem
     low, high, above = (field.metadata.get(k) for k in ("low", "high", "above"))
     if (low is not None and value < low) or (high is not None and value > high):

@@ -29,6 +29,9 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
+#: In lockstep, wall clock (s) without a simulator after which a node says what it waits for.
+_NO_SIMULATOR_S = 30.0
+
 
 def stamp(seconds: float) -> Time:
     """ROS time of seconds since the clock's epoch, to the nearest nanosecond."""
@@ -81,6 +84,18 @@ class ConfiguredNode(Node):
         check_sections(self.parameters, self.where)
         self._tunable: tuple[str, ...] = ()
         self._apply: Callable[[dict[str, Any]], None] | None = None
+        if self.lockstep:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator, clock=steady)
+
+    def _look_for_simulator(self) -> None:
+        """Lockstep: says once that nobody gives the ticks that this node waits for."""
+        if self.count_publishers("/lockstep/tick") == 0:
+            self._lonely.cancel()
+            self.get_logger().warning(
+                f"sim.lockstep is true, but no simulator has been there for {_NO_SIMULATOR_S:g} s: this node does "
+                "nothing until a tick comes; on a vehicle expected sim.lockstep: false (or no section sim)"
+            )
 
     @property
     def lockstep(self) -> bool:
@@ -137,10 +152,12 @@ class ConfiguredNode(Node):
     ) -> None:
         """Declares every parameter of the checked `sections` with its value, and lets the `tunable` ones change.
 
+        A tunable one without a value ("as the method says") is declared as not set, so that it can be set.
+
         Args:
             sections: {section: its configuration}.
             tunable: Full names ("planner.iterations") that may change while the node runs.
-            apply: Called with all parameters, nested, when tunable ones change; raises ParameterError to refuse.
+            apply: Called with all parameters, nested, when tunable ones change; raises ValueError to refuse.
         """
         self._tunable, self._apply = tunable, apply
         for name, config in sections.items():
@@ -148,6 +165,9 @@ class ConfiguredNode(Node):
                 if not self.has_parameter(key):
                     self.declare_parameter(key, value, ParameterDescriptor(read_only=key not in tunable))
             self.parameters = merge(self.parameters, {name: to_mapping(config)})
+        for key in tunable:
+            if not self.has_parameter(key):
+                self.declare_parameter(key, None, ParameterDescriptor(dynamic_typing=True))
         self.add_on_set_parameters_callback(self._on_set)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
@@ -158,11 +178,14 @@ class ConfiguredNode(Node):
                     f"{name} takes effect only at the start of the node; tunable: {', '.join(self._tunable) or 'none'}"
                 )
                 return SetParametersResult(successful=False, reason=reason)
+            if changed[name] is None:
+                reason = f"{name} cannot be unset while the node runs; expected a value"
+                return SetParametersResult(successful=False, reason=reason)
         if changed and self._apply is not None:
             wanted = merge(self.parameters, nest(changed))
             try:
                 self._apply(wanted)
-            except ParameterError as error:
+            except ValueError as error:  # an exception that leaves this callback would end the node
                 return SetParametersResult(successful=False, reason=str(error))
             self.parameters = wanted
         return SetParametersResult(successful=True)
@@ -180,7 +203,7 @@ def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:
     """A node's main: makes it, spins it until SIGINT, SIGTERM or shutdown, and cleans up.
 
     Returns:
-        Exit code: 0 after an ordinary end, 2 if the parameters were refused.
+        Exit code: 0 after an ordinary end, 2 if the node could not be made from its parameters.
     """
     if arguments is None:
         arguments = sys.argv
@@ -192,7 +215,12 @@ def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:
     rclpy.init(args=arguments)
     node: Node | None = None
     try:
-        node = make()
+        try:
+            node = make()
+        except ParameterError:
+            raise
+        except ValueError as error:  # a part that checks its own arguments: here they come from the parameters
+            raise ParameterError(str(error)) from error
         rclpy.spin(node)
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -72,6 +73,11 @@ def test_defaults_and_values() -> None:
         ({"angles": "0.0"}, r"f: s\.angles: got '0\.0'"),
         ({"inner": {"gain": 0.0}}, r"f: s\.inner\.gain: got 0\.0; expected float > 0 m"),
         ({"inner": {"gain": float("nan")}}, r"f: s\.inner\.gain: got nan"),
+        ({"inner": {"gain": float("inf")}}, r"f: s\.inner\.gain: got inf"),
+        ({"inner": {"gain": "1e999"}}, r"f: s\.inner\.gain: got '1e999'"),
+        ({"inner": {"gain": "1.5"}}, r"f: s\.inner\.gain: got '1\.5'"),
+        ({"limit": float("inf")}, r"f: s\.limit: got inf"),
+        ({"count": "1e0"}, r"f: s\.count: got '1e0'"),
         ({"inner": 3}, r"f: s\.inner: expected a mapping of parameters, got 3"),
         ({"zones": [1.0]}, r"f: s\.zones: got \[1\.0\]; expected a mapping"),
         ({"limit": -1.0}, r"f: s\.limit: got -1\.0"),
@@ -80,6 +86,12 @@ def test_defaults_and_values() -> None:
 def test_what_does_not_fit_is_refused_by_name(mapping: dict[str, object], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         section(Outer, {"s": mapping}, "s", "f")
+
+
+@pytest.mark.parametrize(("text", "value"), [("1e-3", 1e-3), ("2E5", 2e5), ("1.5e3", 1.5e3)])
+def test_numbers_that_yaml_1_1_takes_for_text(text: str, value: float) -> None:
+    assert isinstance(yaml.safe_load(text), str)
+    assert from_mapping(Inner, {"gain": yaml.safe_load(text)}, "f").gain == value
 
 
 def test_missing_and_cross_checked() -> None:

@@ -1,0 +1,113 @@
+"""What every node shares, on a real node: parameters that change while it runs, how it ends, lockstep alone."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+import rclpy
+from rclpy.parameter import Parameter
+
+from auv_lse_common import ros_conversions
+from auv_lse_common.params import parameter, section
+from auv_lse_common.ros_conversions import ConfiguredNode, run
+
+pytestmark = pytest.mark.ros
+
+TUNABLE = ("planner.iterations", "planner.naive_paths", "planner.deadline_s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    iterations: int | None = parameter(None, low=1, help="left out: the method's")
+    naive_paths: tuple[int, ...] = parameter((), high=0xFE, help="empty: all")
+    deadline_s: float = parameter(2.0, unit="s", help="has a value")
+    spacing_m: float | None = parameter(None, unit="m", help="not tunable")
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Iterator[Callable[[str], ConfiguredNode]]:
+    """Makes a node that gets the parameters given as YAML."""
+    nodes = []
+
+    def make(parameters: str) -> ConfiguredNode:
+        path = tmp_path / "p.yaml"
+        path.write_text(f"/**:\n  ros__parameters:\n    {parameters}\n")
+        rclpy.init(args=["--ros-args", "--params-file", str(path)])
+        nodes.append(ConfiguredNode("node_under_test"))
+        return nodes[0]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def change(node: ConfiguredNode, name: str, value: object) -> Any:
+    return node.set_parameters([Parameter(name, value=value)])[0]
+
+
+def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[str], ConfiguredNode]) -> None:
+    node = make("planner: {deadline_s: 1.5}")
+    now = section(Config, node.parameters, "planner", "test")
+
+    def apply(parameters: dict[str, Any]) -> None:
+        nonlocal now
+        now = section(Config, parameters, "planner", "test")
+
+    node.show_parameters({"planner": now}, TUNABLE, apply)
+    assert node.get_parameter("planner.iterations").value is None
+    assert change(node, "planner.iterations", 4000).successful
+    assert change(node, "planner.naive_paths", [0xF4, 0xF5]).successful
+    assert now == Config(iterations=4000, naive_paths=(0xF4, 0xF5), deadline_s=1.5)
+    assert node.get_parameter("planner.iterations").value == 4000
+    for value, reason in ((0, "got 0"), ("many", "got 'many'"), (2.5, "got 2.5"), (None, "cannot be unset")):
+        result = change(node, "planner.iterations", value)
+        assert not result.successful
+        assert reason in result.reason
+    assert now.iterations == 4000
+    assert change(node, "planner.iterations", 50).successful, "the refusals left it as it was"
+
+
+def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: Callable[[str], ConfiguredNode]) -> None:
+    def refuse(parameters: dict[str, Any]) -> None:
+        raise ValueError("tdma order (9,): [9] are not among the vehicles")
+
+    node = make("planner: {deadline_s: 1.5}")
+    node.show_parameters({"planner": section(Config, node.parameters, "planner", "test")}, TUNABLE, refuse)
+    result = change(node, "planner.deadline_s", 3.0)
+    assert not result.successful
+    assert "not among the vehicles" in result.reason
+    assert node.get_parameter("planner.deadline_s").value == 1.5
+
+
+def test_a_node_that_cannot_be_made_ends_with_words(capfd: pytest.CaptureFixture[str]) -> None:
+    def make() -> ConfiguredNode:
+        raise ValueError("vehicle: got 4; expected 1 to mission.vehicles = 3")
+
+    assert run(make, []) == 2
+    assert capfd.readouterr().err == "error: vehicle: got 4; expected 1 to mission.vehicles = 3\n"
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_in_lockstep_without_a_simulator_a_node_says_so_once(
+    make: Callable[[str], ConfiguredNode],
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    lockstep: bool,
+) -> None:
+    monkeypatch.setattr(ros_conversions, "_NO_SIMULATOR_S", 0.1)
+    node = make(f"sim: {{lockstep: {str(lockstep).lower()}}}")
+    end = time.monotonic() + 1.0
+    while time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.05)
+    assert capfd.readouterr().err.count("sim.lockstep is true") == int(lockstep)
