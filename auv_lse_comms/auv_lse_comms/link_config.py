@@ -44,6 +44,19 @@ class LinkConfig:
     stale_after_s: float = parameter(
         3.0, unit="s", above=0.0, help="a position or attitude older than this gives no odometry"
     )
+    soundings: bool = parameter(
+        True, help="give `sounding` from odometry and altitude; false if another node gives it, as sim_node does"
+    )
+    sounding_every_s: float = parameter(
+        1.0, unit="s", above=0.0, high=60.0, help="one sounding: the median of the altitudes in this time"
+    )
+    sounding_least_pings: int = parameter(
+        1,
+        low=1,
+        high=1000,
+        help="fewer altitudes than this in that time give no sounding; autopilots send DISTANCE_SENSOR at 0.5 to "
+        "10 Hz: 1 takes every one, 3 rejects single outliers but needs 5 Hz or a longer sounding_every_s",
+    )
     target_period_s: float = parameter(
         1.0, unit="s", above=0.0, help="position_target: time between repetitions of the current target"
     )

@@ -244,6 +244,11 @@ class VehicleLink:
         return tuple(self._targets)
 
     @property
+    def placed(self) -> bool:
+        """Odometry is in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        return self.datum.mission is None or self.datum.autopilot is not None
+
+    @property
     def wire(self) -> Counter[str]:
         """What the wire did: messages, bad bytes, gaps."""
         return self._codec.counts

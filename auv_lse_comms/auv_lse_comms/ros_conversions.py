@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from auv_lse_common.ros_conversions import floats, header, seconds
+from auv_lse_comms import sounder
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.packet import Packet
 from auv_lse_msgs.msg import ModemTx, Plan, SampleArray, Sounding, TdmaStatus
@@ -13,6 +14,13 @@ from auv_lse_msgs.msg import ModemTx, Plan, SampleArray, Sounding, TdmaStatus
 def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
     """Stamp (s), north, east, depth (m) of a Sounding."""
     return (seconds(message.header.stamp), message.north_m, message.east_m, message.depth_m)
+
+
+def sounding_message(sounding: sounder.Sounding) -> Sounding:
+    """A sounding made of a vehicle's odometry and altitudes."""
+    return Sounding(
+        header=header(sounding.stamp_s), north_m=sounding.north_m, east_m=sounding.east_m, depth_m=sounding.depth_m
+    )
 
 
 def packet_of_plan(message: Plan) -> Packet:

@@ -1,4 +1,4 @@
-"""Links the stack to the vehicle's autopilot over MAVLink: odometry, altitude and pressure in, waypoints out."""
+"""Links the stack to the autopilot over MAVLink: odometry, altitude, pressure and soundings in, waypoints out."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ from auv_lse_comms import mavlink_conversion, mavlink_link
 from auv_lse_comms.link_config import LinkConfig
 from auv_lse_comms.mavlink_conversion import Origin, Target
 from auv_lse_comms.mavlink_link import LinkState, VehicleLink
+from auv_lse_comms.ros_conversions import sounding_message
+from auv_lse_comms.sounder import Sounder
 from auv_lse_comms.transport import AddressError, Connection, Transport, Watcher, open_transport, read_address
-from auv_lse_msgs.msg import LockstepDone, LockstepTick, Waypoint
+from auv_lse_msgs.msg import LockstepDone, LockstepTick, Sounding, Waypoint
 
 _POLL_PERIOD_S = 0.05
 _DIAGNOSTICS_PERIOD_S = 5.0
@@ -82,6 +84,8 @@ class VehicleLinkNode(ConfiguredNode):
         except (AddressError, ValueError) as error:
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
+        self._sounder = Sounder(config.sounding_every_s, config.sounding_least_pings) if config.soundings else None
+        self._sounded_from = self._link.datum
         self._mission_mode = config.mode == "mission"
         self._connection = Connection(lambda: open_transport(address), config.backoff_min_s, config.backoff_max_s)
         self._watched: tuple[Transport, Watcher] | None = None
@@ -94,6 +98,7 @@ class VehicleLinkNode(ConfiguredNode):
         self._odometry = self.create_publisher(Odometry, "odometry", EVERY)
         self._altitude = self.create_publisher(Range, "altitude", EVERY)
         self._pressure = self.create_publisher(FluidPressure, "pressure", EVERY)
+        self._sounding = self.create_publisher(Sounding, "sounding", EVERY) if config.soundings else None
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", EVERY)
         self.create_subscription(Waypoint, "waypoint", self._on_waypoint, EVERY)
         self._bytes = self.create_guard_condition(self._on_bytes)
@@ -192,8 +197,11 @@ class VehicleLinkNode(ConfiguredNode):
             case mavlink_conversion.Odometry():
                 self._odometry.publish(odometry_message(event, self.vehicle))
                 self._gate.count("odometries")
+                self._sound(event)
             case mavlink_link.Altitude():
                 self._altitude.publish(altitude_message(event, self.vehicle))
+                if self._sounder is not None:
+                    self._sounder.altitude(event.stamp_s, event.altitude_m)
             case mavlink_link.Pressure():
                 self._pressure.publish(pressure_message(event, self.vehicle))
             case mavlink_link.LinkUp():
@@ -205,6 +213,16 @@ class VehicleLinkNode(ConfiguredNode):
             case mavlink_link.Problem():
                 log.warning(event.text)
 
+    def _sound(self, odometry: mavlink_conversion.Odometry) -> None:
+        """Publishes the soundings that are complete; none before places are in the mission's frame."""
+        if self._sounder is None or self._sounding is None or not self._link.placed:
+            return
+        if self._sounded_from != self._link.datum:  # places have shifted with the origin
+            self._sounded_from = self._link.datum
+            self._sounder.reset()
+        for sounding in self._sounder.odometry(odometry.stamp_s, odometry.north_m, odometry.east_m, odometry.depth_m):
+            self._sounding.publish(sounding_message(sounding))
+
     def _diagnose(self) -> None:
         link = self._link
         up = link.state is LinkState.UP
@@ -212,6 +230,9 @@ class VehicleLinkNode(ConfiguredNode):
         text = ("armed" if link.armed else "not armed") if up else self._connection.problem or "no autopilot heard"
         values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts}
         values |= {f"wire {name}": count for name, count in link.wire.items()}
+        if self._sounder is not None:
+            values |= {f"sounder {name}": count for name, count in self._sounder.counts.items()}
+            values["sounder waits for origin"] = not link.placed
         self._diagnostics.publish(diagnostics(self.now_s(), "vehicle_link", level, text, values))
 
     def destroy_node(self) -> None:

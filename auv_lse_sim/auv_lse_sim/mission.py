@@ -150,6 +150,7 @@ def hardware_of(modem: str, vehicle_link: str, vehicles: int, folder: Path) -> d
                 probe = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
                 probe.bind(("127.0.0.1", 0))
                 wanted[f"auv{k}.link.kind"] = "mavlink"
+                wanted[f"auv{k}.link.soundings"] = False  # sim_node gives them
                 wanted[f"auv{k}.link.endpoint"] = f"udpin://127.0.0.1:{probe.getsockname()[1]}"
     return wanted
 

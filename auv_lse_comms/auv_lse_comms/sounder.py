@@ -1,0 +1,125 @@
+"""Soundings from a vehicle's odometry and altitudes: water depth = vehicle depth + altitude, at the vehicle's place.
+
+Time is cut into periods of `every_s`, counted from 0 s. A ping is an altitude; its place and vehicle depth are
+interpolated between the odometries before and after it. Each period with enough pings gives one sounding: their median
+water depth at their mean place and time, as the simulator makes them (docs/simulation.md). A period is over once
+odometry is `LATE_S` past its end, so that altitudes may come that much later than odometry.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+import statistics
+from collections import Counter, deque
+from dataclasses import dataclass
+
+#: A ping needs odometry before and after it, not farther apart than this (s): 1 Hz with some jitter will do.
+MAX_GAP_S = 1.5
+#: Altitudes may come so much later than odometry of the same time (s).
+LATE_S = 0.25
+#: Pings and odometries kept; more than come in the longest period.
+MAX_KEPT = 10_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sounding:
+    """Depth of water (m, positive down) at north, east (m), mean time of its pings (s)."""
+
+    stamp_s: float
+    north_m: float
+    east_m: float
+    depth_m: float
+
+
+class Sounder:
+    """One vehicle's pings until they are soundings; see the module's text.
+
+    Attributes:
+        counts: "soundings"; "periods_short" had too few pings; "pings_blind" saw no ground, "pings_unplaced" had no
+            odometry about them, "pings_late" came after their period, "pings_dropped" were more than are kept;
+            "bad_odometry", "clock_steps" of odometry back in time.
+    """
+
+    def __init__(self, every_s: float, least_pings: int) -> None:
+        """One sounding per `every_s` (s) in which at least `least_pings` came back."""
+        self.counts: Counter[str] = Counter()
+        self._every_s = every_s
+        self._least_pings = least_pings
+        self._odometry: deque[tuple[float, float, float, float]] = deque(maxlen=MAX_KEPT)  # stamp, north, east, depth
+        self._pings: list[tuple[float, float]] = []  # stamp, altitude, of periods that are not over
+        self._over = -math.inf  # number of the last period that is over
+
+    def reset(self) -> None:
+        """Forgets what is not yet a sounding: places before and after this are not to be mixed."""
+        self._odometry.clear()
+        self._pings.clear()
+        self._over = -math.inf
+
+    def altitude(self, stamp_s: float, altitude_m: float) -> None:
+        """Takes a height over ground (m); one that is not positive and finite saw no ground."""
+        if not (math.isfinite(stamp_s / self._every_s) and math.isfinite(altitude_m) and altitude_m > 0.0):
+            self.counts["pings_blind"] += 1
+        elif self._period(stamp_s) <= self._over:
+            self.counts["pings_late"] += 1
+        elif len(self._pings) >= MAX_KEPT:
+            self.counts["pings_dropped"] += 1
+        else:
+            bisect.insort(self._pings, (stamp_s, altitude_m))
+
+    def odometry(self, stamp_s: float, north_m: float, east_m: float, depth_m: float) -> list[Sounding]:
+        """Takes where the vehicle is (m; depth positive down); gives the soundings of periods that are over now."""
+        if not all(map(math.isfinite, (stamp_s / self._every_s, north_m, east_m, depth_m))):
+            self.counts["bad_odometry"] += 1
+            return []
+        if self._odometry and stamp_s < self._odometry[-1][0]:
+            self.counts["clock_steps"] += 1
+            self.reset()
+        self._odometry.append((stamp_s, north_m, east_m, depth_m))
+        over = self._period(stamp_s - LATE_S) - 1
+        if over <= self._over:
+            return []
+        self._over = over
+        count = bisect.bisect_right(self._pings, over, key=lambda ping: self._period(ping[0]))
+        pings, self._pings = self._pings[:count], self._pings[count:]
+        periods: dict[int, list[tuple[float, float, float, float]]] = {}
+        for ping in pings:
+            placed = self._placed(*ping)
+            if placed is None:
+                self.counts["pings_unplaced"] += 1
+            else:
+                periods.setdefault(self._period(ping[0]), []).append(placed)
+        # the odometry before the end of the last period that is over is the first that is still needed
+        while len(self._odometry) > 1 and self._odometry[1][0] <= over * self._every_s:
+            self._odometry.popleft()
+        return [sounding for period in periods.values() if (sounding := self._sounding(period)) is not None]
+
+    def _period(self, stamp_s: float) -> int:
+        """Number of the period: period n is ((n - 1) every_s, n every_s]."""
+        return math.ceil(stamp_s / self._every_s - 1e-6)
+
+    def _placed(self, stamp_s: float, altitude_m: float) -> tuple[float, float, float, float] | None:
+        """Stamp, north, east, water depth of a ping; None without odometry close before and after it."""
+        after = bisect.bisect_left(self._odometry, stamp_s, key=lambda row: row[0])
+        if after == len(self._odometry):
+            return None
+        b = self._odometry[after]
+        a = b if b[0] == stamp_s else self._odometry[after - 1]
+        if a[0] > stamp_s or b[0] - a[0] > MAX_GAP_S:
+            return None
+        part = (stamp_s - a[0]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
+        north, east, depth = (x + part * (y - x) for x, y in zip(a[1:], b[1:], strict=True))
+        return stamp_s, north, east, depth + altitude_m
+
+    def _sounding(self, pings: list[tuple[float, float, float, float]]) -> Sounding | None:
+        if len(pings) < self._least_pings:
+            self.counts["periods_short"] += 1
+            return None
+        self.counts["soundings"] += 1
+        stamps, norths, easts, depths = zip(*pings, strict=True)
+        return Sounding(
+            stamp_s=sum(stamps) / len(pings),
+            north_m=sum(norths) / len(pings),
+            east_m=sum(easts) / len(pings),
+            depth_m=statistics.median(depths),
+        )

@@ -1,0 +1,122 @@
+"""The nodes of this package in this process, spun by hand."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import math
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+import itertools
+
+import rclpy
+from pymavlink.dialects.v20 import common as mavlink
+from rclpy.executors import SingleThreadedExecutor
+
+from auv_lse_common.ros_conversions import EVERY
+from auv_lse_comms.vehicle_link_node import VehicleLinkNode
+from auv_lse_msgs.msg import Sounding
+
+pytestmark = pytest.mark.ros
+
+
+class Spun:
+    """A node with its parameters, and a second node beside it."""
+
+    def __init__(self, make: Callable[[], Any], file: Path) -> None:
+        rclpy.init(args=["--ros-args", "-r", "__ns:=/auv2", "--params-file", str(file)])
+        self.executor = SingleThreadedExecutor()
+        self.node = make()
+        self.bench = rclpy.create_node("bench", use_global_arguments=False)
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.bench)
+
+    def collect(self, kind: type, topic: str) -> list[Any]:
+        messages: list[Any] = []
+        self.bench.create_subscription(kind, topic, messages.append, EVERY)
+        return messages
+
+    def until(self, condition: Callable[[], Any], each: Callable[[], None] = lambda: None) -> None:
+        end = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < end, "did not happen in time"
+            each()
+            self.executor.spin_once(timeout_sec=0.05)
+
+
+@contextlib.contextmanager
+def spun(make: Callable[[], Any], file: Path, parameters: str) -> Iterator[Spun]:
+    """`make()` in namespace /auv2 with the parameters (YAML, below ros__parameters)."""
+    file.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {line}\n" for line in parameters.splitlines()))
+    found = None
+    try:
+        found = Spun(make, file)
+        yield found
+    finally:
+        if found is not None:
+            found.executor.shutdown()
+            found.node.destroy_node()
+            found.bench.destroy_node()
+        rclpy.try_shutdown()
+
+
+class Autopilot:
+    """Vehicle 2's: 20 Hz, at 30 m north, -40 m east, 4 m deep, over ground 15 m deep."""
+
+    def __init__(self, port: int) -> None:
+        self.mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(("127.0.0.1", port))
+        self.start_s = time.monotonic()
+        self.altitude_cm = 1100
+
+    def speak(self) -> None:
+        boot_ms = round(1000.0 * (time.monotonic() - self.start_s))
+        for message in (
+            mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, mavlink.MAV_STATE_ACTIVE, 3),
+            mavlink.MAVLink_gps_global_origin_message(465000000, 66000000, 0, 0),
+            mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0),
+            mavlink.MAVLink_local_position_ned_message(boot_ms, 30.0, -40.0, 4.0, 0, 0, 0),
+            mavlink.MAVLink_distance_sensor_message(boot_ms, 30, 8000, self.altitude_cm, 2, 0, 25, 255),
+        ):
+            with contextlib.suppress(ConnectionRefusedError):
+                self.socket.send(message.pack(self.mav))
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_vehicle_link_node_gives_soundings(tmp_path: Path, wanted: bool) -> None:
+    port = free_port()
+    autopilot = Autopilot(port)
+    parameters = (
+        "area: {origin_lat_deg: 46.5, origin_lon_deg: 6.6}\n"
+        f"link: {{kind: mavlink, endpoint: 'udpin://127.0.0.1:{port}', sounding_every_s: 0.5, soundings: {wanted}}}"
+    )
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", parameters) as s:
+        if not wanted:
+            assert s.node.count_publishers("/auv2/sounding") == 0
+            return
+        soundings = s.collect(Sounding, "/auv2/sounding")
+        s.until(lambda: len(soundings) >= 3, autopilot.speak)
+        for sounding in soundings:
+            assert sounding.header.frame_id == "map"
+            assert (sounding.north_m, sounding.east_m) == pytest.approx((30.0, -40.0), abs=1e-3)
+            assert sounding.depth_m == pytest.approx(15.0, abs=0.01)
+        stamps = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m in soundings]
+        assert abs(stamps[-1] - time.time()) < 5.0
+        assert all(math.ceil(b / 0.5) > math.ceil(a / 0.5) for a, b in itertools.pairwise(stamps))
+    autopilot.socket.close()
