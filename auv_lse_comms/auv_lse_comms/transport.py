@@ -399,5 +399,7 @@ class Watcher:
             if self._stop_read in readable:
                 return
             self._handled.clear()
+            if self._stopped:  # since select returned: `stop` had set `_handled`, which is now cleared
+                return
             self._wake()
             self._handled.wait()

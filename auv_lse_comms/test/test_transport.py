@@ -211,3 +211,31 @@ def test_watcher_wakes_once_per_arrival_and_stops():
     assert threading.active_count() == threads - 1
     a.close()
     b.close()
+
+
+def test_a_watcher_stopped_between_its_bytes_and_its_wait_ends():
+    a = UdpPort("udpin", "127.0.0.1", 0)
+    b = UdpPort("udpout", "127.0.0.1", a.local_port)
+    stopping = threading.Event()
+
+    class LateClear(threading.Event):
+        def set(self):
+            super().set()
+            stopping.set()
+
+        def clear(self):  # select has returned; `stop` sets the event before it is cleared
+            selected.set()
+            assert stopping.wait(5.0)
+            super().clear()
+
+    selected = threading.Event()
+    watcher = Watcher(a, lambda: None)
+    watcher._handled = LateClear()
+    b.write(b"x")
+    assert selected.wait(5.0)
+    stopper = threading.Thread(target=watcher.stop, daemon=True)
+    stopper.start()
+    stopper.join(5.0)
+    assert not stopper.is_alive()
+    a.close()
+    b.close()
