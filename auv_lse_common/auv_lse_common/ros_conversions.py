@@ -24,6 +24,8 @@ from auv_lse_common.params import ParameterError, check_sections, merge, nest, t
 
 #: Every message counts: reliable, and room for a burst (depth 1 drops bursts).
 EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+#: For a state that is soon replaced: also hears drivers that publish with ROS's sensor QoS (best effort).
+NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: The last message also reaches readers that come later (latched).
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from auv_lse_common.params import parameter, section
+from auv_lse_common.params import merge, parameter, section
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
@@ -26,6 +26,9 @@ METHODS = (
     "straddle",
 )
 
+#: Depths (m) that vehicles without one of their own take in turn (the paper's).
+DEPTHS_M = (3.0, 4.0, 5.0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionConfig:
@@ -40,12 +43,16 @@ class MissionConfig:
 class VehicleConfig:
     """One vehicle: where it starts, how deep and how fast it travels."""
 
-    depth_m: float = parameter(3.0, unit="m", low=0.0, help="depth it keeps below the surface")
+    depth_m: float = parameter(
+        3.0, unit="m", low=0.0, help="depth it keeps below the surface; left out of a file: 3, 4, 5 m in turn"
+    )
     speed_mps: float = parameter(1.5, unit="m/s", above=0.0, help="speed through the water")
     start_north_m: float = parameter(0.0, unit="m", help="north of the start")
     start_east_m: float = parameter(0.0, unit="m", help="east of the start")
     start_heading_rad: float = parameter(0.0, unit="rad", help="heading at the start, clockwise from north")
-    start_delay_s: float = parameter(0.0, unit="s", low=0.0, help="time after the mission's start that it sets out")
+    start_delay_s: float = parameter(
+        0.0, unit="s", low=0.0, help="time it sets out, on the simulator's clock (on a vehicle's UTC clock long past)"
+    )
     min_water_m: float = parameter(
         3.0,
         unit="m",
@@ -167,16 +174,19 @@ class PlannerSettings:
     vehicle: VehicleConfig = field(default_factory=VehicleConfig)
 
     @classmethod
-    def from_parameters(cls, parameters: Mapping[str, Any], where: str) -> PlannerSettings:
+    def from_parameters(cls, parameters: Mapping[str, Any], where: str, vehicle: int | None = None) -> PlannerSettings:
         """The settings in a nested parameter mapping; sections of other packages are left alone.
 
         Args:
             parameters: Nested mapping (section -> parameter -> value).
             where: Where it came from, for messages.
+            vehicle: Number of the vehicle, from 1: it takes its turn of `DEPTHS_M` if no depth is given.
 
         Raises:
             ParameterError: naming the key, the value, what was expected and `where`.
         """
+        if vehicle is not None and "depth_m" not in parameters.get("vehicle", {}):
+            parameters = merge(parameters, {"vehicle": {"depth_m": DEPTHS_M[(vehicle - 1) % len(DEPTHS_M)]}})
         return cls(
             mission=section(MissionConfig, parameters, "mission", where),
             level_set=section(LevelSet, parameters, "level_set", where),

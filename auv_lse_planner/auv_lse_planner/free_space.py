@@ -250,15 +250,14 @@ class FreeSpace:
         rows = np.rint((places_m[:, 0] - self.north0_m) / self.cell_m).astype(int)
         columns = np.rint((places_m[:, 1] - self.east0_m) / self.cell_m).astype(int)
         half = max(0, round(0.5 * spacing_m / self.cell_m))
-        window = tuple(
-            slice(max(int(at.min()) - half, 0), min(int(at.max()) + half + 1, count))
-            for at, count in zip((rows, columns), self.area_raster.shape, strict=True)
-        )
+        top, bottom = max(int(rows.min()) - half, 0), int(rows.max()) + half + 1
+        left, right = max(int(columns.min()) - half, 0), int(columns.max()) + half + 1
+        window = np.s_[top:bottom, left:right]  # of the raster: all that the places speak of
         blocked = np.zeros(self.area_raster[window].shape, dtype=bool)
         for i in range(-half, half + 1):
             for j in range(-half, half + 1):
-                at_row = np.clip(rows[shallow] + i - window[0].start, 0, blocked.shape[0] - 1)
-                at_column = np.clip(columns[shallow] + j - window[1].start, 0, blocked.shape[1] - 1)
+                at_row = np.clip(rows[shallow] + i - top, 0, blocked.shape[0] - 1)
+                at_column = np.clip(columns[shallow] + j - left, 0, blocked.shape[1] - 1)
                 blocked[at_row, at_column] = True
         outside = distance_transform_edt(~blocked, sampling=self.cell_m)
         inside = distance_transform_edt(blocked, sampling=self.cell_m)

@@ -82,7 +82,7 @@ class MapReward:
         except np.linalg.LinAlgError:
             raise ValueError(f"covariance of {length} planned places is not positive definite") from None
         cross = self.posterior.covariance(columns, self.places).reshape(batch, length, len(self.places))
-        rows = np.linalg.inv(factors) @ cross  # small factors: their inverses are exact enough, and products fast
+        rows = np.linalg.solve(factors, np.eye(length)) @ cross  # L^-1 of a small L first: the map has many places
         after = np.maximum(self.places.planned_var_m2 - np.einsum("bpm,bpm->bm", rows, rows), 0.0)
         return np.asarray((self.risk_before - self.expected(after)).sum(axis=1))
 

@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry, Path
 
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import section
-from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, diagnostics, run, seconds
+from auv_lse_common.ros_conversions import EVERY, LATCHED, NEWEST, ConfiguredNode, diagnostics, run, seconds
 from auv_lse_common.seeds import stream
 from auv_lse_gp.ros_conversions import centers_from_message
 from auv_lse_msgs.msg import Bound, KernelCenters, LockstepDone, LockstepTick, Plan, Waypoint
@@ -36,7 +36,7 @@ class PlannerNode(ConfiguredNode):
     def __init__(self) -> None:
         """Builds the planner from the parameters and wires the topics."""
         super().__init__("planner_node")
-        settings = PlannerSettings.from_parameters(self.parameters, self.where)
+        settings = PlannerSettings.from_parameters(self.parameters, self.where, self.vehicle)
         self._settings = settings
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._warm_up(settings)
@@ -59,7 +59,8 @@ class PlannerNode(ConfiguredNode):
         self._waypoint = self.create_publisher(Waypoint, "waypoint", EVERY)
         self._bound = self.create_publisher(Bound, "planner/bound", EVERY)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", EVERY)
-        self.create_subscription(Odometry, "odometry", self._on_odometry, EVERY)
+        every = EVERY if self.lockstep else NEWEST  # lockstep counts messages: none may be missed
+        self.create_subscription(Odometry, "odometry", self._on_odometry, every)
         self.create_subscription(KernelCenters, "kernel_centers", self._on_centers, LATCHED)
         self.create_subscription(Plan, "team/plans", self._on_team_plan, EVERY)
         self._gate = Gate(("odometries", "plans", "centers"))

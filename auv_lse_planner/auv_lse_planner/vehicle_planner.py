@@ -257,11 +257,17 @@ class VehiclePlanner:
         self.space.set_shallow(places, self.posterior.mean_m(places) < limit, self._shallow_grid.resolution_m)
 
     def hear(self, now_s: float, plan: Plan) -> None:
-        """Takes a team mate's plan, received at `now_s`; one that cannot be rebuilt is ignored and counted."""
+        """Takes a team mate's plan, received at `now_s`; one that cannot be rebuilt is ignored and counted.
+
+        One of a step beyond the mission, too: it would keep every true plan of that mate out as older.
+        """
         if plan.heuristic not in (*IDS, NONE) or any(not 0 <= a < self.motion.actions for a in plan.actions):
             self.plans_refused += 1
             return
         if not all(math.isfinite(v) for v in (plan.heading_rad, plan.north_m, plan.east_m)):
+            self.plans_refused += 1
+            return
+        if plan.step > self.settings.mission.steps:
             self.plans_refused += 1
             return
         self.team.hear(now_s, plan)

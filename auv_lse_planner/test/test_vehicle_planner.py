@@ -236,7 +236,8 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     two.hear(0.0, dataclasses.replace(plan, heuristic=0x20))
     two.hear(0.0, dataclasses.replace(plan, actions=(77,)))
     two.hear(0.0, dataclasses.replace(plan, north_m=math.nan))
-    assert any("3 received plans" in p for p in two.problems(0.0))
+    two.hear(0.0, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older
+    assert any("4 received plans" in p for p in two.problems(0.0))
     two.hear(0.0, plan)
     decision = two.decide(0.0)
     assert decision.statistics.team_places == 10
@@ -313,6 +314,13 @@ def test_recipes_are_the_papers_and_can_be_overridden():
 def test_wrong_parameters_are_named(planner, message):
     with pytest.raises(ParameterError, match=message):
         PlannerSettings.from_parameters({"area": {}, "planner": planner}, "file.yaml")
+
+
+def test_the_depth_left_out_follows_from_the_vehicles_number():
+    depths = [PlannerSettings.from_parameters({"area": {}}, "f", k).vehicle.depth_m for k in (1, 2, 3, 4)]
+    assert depths == [3.0, 4.0, 5.0, 3.0]
+    given = {"area": {}, "vehicle": {"depth_m": 7.0, "speed_mps": 1.0}}
+    assert PlannerSettings.from_parameters(given, "f", 2).vehicle.depth_m == 7.0
 
 
 def test_configuration_round_trip():

@@ -32,15 +32,19 @@ from auv_lse_comms.modem_config import ModemConfig
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.config import MissionConfig, MotionConfig, PlannerConfig, PlannerSettings, VehicleConfig
+from auv_lse_planner.config import (
+    DEPTHS_M,
+    MissionConfig,
+    MotionConfig,
+    PlannerConfig,
+    PlannerSettings,
+    VehicleConfig,
+)
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.recorder import RecordConfig
 
 #: Sections in which vehicles may differ.
 PER_VEHICLE = ("vehicle", "planner", "gp", "modem", "link")
-
-#: Depths (m) that vehicles without one of their own take in turn (the paper's).
-DEPTHS_M = (3.0, 4.0, 5.0)
 
 #: What checks each section of a mission file.
 SECTION_CLASSES: dict[str, type] = {

@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 
 from auv_lse_common.ros_conversions import LATCHED, header
@@ -147,7 +148,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
 def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> None:
     with bench(tmp_path) as b:
         b.start("auv_lse_planner", "planner_node", PARAMETERS)
-        odometry = b.publisher(Odometry, "/auv1/odometry")
+        odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)  # as INS drivers publish
         waypoints = b.collect(Waypoint, "/auv1/waypoint")
         bounds = b.collect(Bound, "/auv1/planner/bound")
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
@@ -185,6 +186,7 @@ def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> N
         (PARAMETERS.replace("planner:", "plnner:"), "/auv1", "did you mean 'planner'"),
         (PARAMETERS.replace("iterations: 30", "iterations: 0"), "/auv1", "planner.iterations: got 0"),
         (PARAMETERS, "/scout", "ends in the vehicle's number"),
+        (PARAMETERS, "/auv3", "vehicle: got 3; expected 1 to mission.vehicles = 2"),
     ],
 )
 def test_a_wrong_parameter_ends_the_node_with_words(
