@@ -4,8 +4,9 @@ Whatever the file holds becomes one regular north-east grid of depths on the loc
 nothing is known, interpolated by a bicubic spline (twice continuously differentiable) between its nodes.
 
 Sign of depth: a column or array called `depth_m` is positive down; one called `elevation_m` (or `z_m`) is
-positive up and is negated. Rasters have no names: there, `depth_sign` "auto" takes values that are mostly
-negative as elevations. Depths of 0 or less are land, and as unknown (NaN) as what was never sounded.
+positive up: depth = water_level_m - elevation. Rasters have no names: there, `depth_sign` "auto" takes values that
+are mostly negative as elevations, and refuses those that may be either. Depths of 0 or less are land, and as unknown
+(NaN) as what was never sounded.
 """
 
 from __future__ import annotations
@@ -30,6 +31,11 @@ Array = NDArray[np.float64]
 
 DEEPEST_M = 11_000.0  # deeper than any water on Earth: a depth beyond it is in another unit, or wrong
 
+#: Values all farther than this from 0 are elevations above sea level rather than depths, unless the user says so.
+_ELEVATED_M = 200.0
+#: With more than this share of the values on either side of 0, a raster's sign is not guessed.
+_BOTH_SIGNS = 0.05
+
 _NORTH = ("north_m", "n_m", "y_m")
 _EAST = ("east_m", "e_m", "x_m")
 _LAT = ("lat", "latitude", "lat_deg")
@@ -53,6 +59,14 @@ class BathymetryConfig:
     )
     smoothing_m: float = parameter(5.0, low=0.0, unit="m", help="Gaussian smoothing of gridded soundings, 0 for none")
     depth_sign: str = parameter("auto", choices=("auto", "down", "up"), help="direction in which depth values grow")
+    water_level_m: float | None = parameter(
+        None,
+        low=-1000.0,
+        high=9000.0,
+        unit="m",
+        help="elevation of the water surface in the file's datum: depth = water_level_m - elevation; left out: 0; given, "
+        "a raster is taken as elevations, and depths are refused",
+    )
 
 
 class GridGround:
@@ -219,21 +233,19 @@ def _column(header: list[str], names: tuple[str, ...]) -> int | None:
 
 
 def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
-    columns, lines, up = _soundings_table(path)
-    depth = columns["depth"]
+    columns, lines, column, up = _soundings_table(path)
     name = path.name
-    sign = {"auto": -1.0 if up else 1.0, "down": 1.0, "up": -1.0}[config.depth_sign]
-    depth = sign * depth
+    depth, sign_note = _depths(columns["depth"], path, column, up, config)
     negative = np.flatnonzero(depth < 0.0)
-    if len(negative) > len(depth) / 2:
+    if _upside_down(depth, sign_note, config):
         raise GroundError(
             f"{path}:{lines[negative[0]]}: depth {depth[negative[0]]:g} m, as for {len(negative)} of {len(depth)} "
-            "soundings; expected depth_m positive down: call the column elevation_m, or set depth_sign"
+            f"soundings; expected {column} positive down: {_SIGN_ADVICE}"
         )
     deep = np.flatnonzero(depth > DEEPEST_M)
     if len(deep):
         raise GroundError(f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m; expected metres, below {DEEPEST_M:g}")
-    notes: list[str] = [f"{len(depth)} soundings, depth {'up, negated' if sign < 0 else 'positive down'}"]
+    notes: list[str] = [f"{len(depth)} soundings, {sign_note}"]
     lat, lon = columns.get("lat"), columns.get("lon")
     if "north" in columns:
         north, east = columns["north"], columns["east"]
@@ -251,8 +263,8 @@ def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, f
     return grid_soundings(north, east, depth, config, name=name, origin=origin, notes=tuple(notes))
 
 
-def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], bool]:
-    """Columns by meaning, the line each row stands on, and whether the depth column is an elevation."""
+def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], str, bool]:
+    """Columns by meaning, the line each row stands on, the depth column's name and whether it is an elevation."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     rows = [
         (i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")
@@ -306,7 +318,8 @@ def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], b
                 raise GroundError(f"{path}:{number}: {header[index]} is {value:g}; expected degrees")
             values[key].append(value)
         lines.append(number)
-    return {k: np.array(v) for k, v in values.items()}, np.array(lines, dtype=np.int64), up
+    column = header[int(found["depth"])]
+    return {k: np.array(v) for k, v in values.items()}, np.array(lines, dtype=np.int64), column, up
 
 
 def _origin_of(north: Array, east: Array, lat: Array, lon: Array) -> tuple[float, float] | None:
@@ -384,12 +397,78 @@ def _smoothed(grid: Array, sigma: float) -> Array:
 # -- grids
 
 
-def _raster_sign(values: Array, config: BathymetryConfig) -> tuple[Array, str]:
+_DOWN = "depth positive down"
+_SIGN_ADVICE = "set sim.bathymetry.depth_sign: up for elevations, down for depths with land above them"
+
+
+def _depths(values: Array, path: Path, what: str, up: bool | None, config: BathymetryConfig) -> tuple[Array, str]:
+    """Depths (m, positive down) of a file's values, and in words how they were taken.
+
+    Args:
+        values: What the file holds, any shape, NaN for unknown.
+        path: The file, for messages.
+        what: What the file calls them.
+        up: Whether that name says that they are elevations; None for a raster, which has no names.
+        config: How to read them.
+
+    Raises:
+        GroundError: if they can be taken either way, or are elevations none of which is under water.
+    """
     known = values[np.isfinite(values)]
-    up = config.depth_sign == "up" or (
-        config.depth_sign == "auto" and len(known) > 0 and float((known < 0).mean()) > 0.5
-    )
-    return (-values if up else values), ("elevations, negated" if up else "depths positive down")
+    if not known.size:
+        return values, "nothing known"
+    span = f"{what} from {known.min():g} to {known.max():g} m"
+    level = config.water_level_m
+    if config.depth_sign != "auto":
+        up = config.depth_sign == "up"
+    elif up is None:
+        up = level is not None or _looks_up(known, f"{path}: {span}")
+    if not up:
+        if level is not None:
+            raise GroundError(
+                f"{path}: {span}, taken as depths (positive down), with sim.bathymetry.water_level_m = {level:g} m; "
+                "expected water_level_m for elevations only: leave it out, or set sim.bathymetry.depth_sign: up"
+            )
+        return values, _DOWN
+    surface = 0.0 if level is None else level
+    if known.min() >= surface:
+        raise GroundError(
+            f"{path}: {span}, taken as elevations, none below the water surface at {surface:g} m; expected the "
+            "bottom's elevations: set sim.bathymetry.water_level_m to the elevation of the water surface in the file's "
+            "datum, or sim.bathymetry.depth_sign: down if these are depths"
+        )
+    return surface - values, "elevations, " + ("negated" if surface == 0.0 else f"water surface at {surface:g} m")
+
+
+def _looks_up(known: Array, span: str) -> bool:
+    """Whether a raster's values are elevations, by their signs.
+
+    Raises:
+        GroundError: if signs do not tell.
+    """
+    negative, positive = float((known < 0.0).mean()), float((known > 0.0).mean())
+    if min(negative, positive) > _BOTH_SIGNS:
+        raise GroundError(
+            f"{span}, {100.0 * negative:.0f} % negative, {100.0 * positive:.0f} % positive: water and land, but which "
+            "is which? Expected sim.bathymetry.water_level_m, the elevation of the water surface in the file's datum "
+            "(these are elevations), or sim.bathymetry.depth_sign: down (these are depths, positive down)"
+        )
+    # Zeros often fill what is outside of the survey, and stray values happen: the bulk decides.
+    if positive > 0.5 and float(np.quantile(known[known != 0.0], _BOTH_SIGNS)) > _ELEVATED_M:
+        raise GroundError(
+            f"{span}: elevations above sea level, or depths? Expected sim.bathymetry.water_level_m, the elevation of "
+            "the water surface in the file's datum (these are elevations), or sim.bathymetry.depth_sign: down (these "
+            "are depths, positive down)"
+        )
+    return negative > 0.5
+
+
+def _upside_down(depth: Array, note: str, config: BathymetryConfig) -> bool:
+    """Whether what a name says are depths cannot be: mostly negative, or, where the user insists, nowhere positive."""
+    known = depth[np.isfinite(depth)]
+    if note != _DOWN:
+        return False
+    return bool((known < 0.0).mean() > 0.5 if config.depth_sign == "auto" else (known < 0.0).all())
 
 
 def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
@@ -409,15 +488,13 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
             )
         if arrays[key].dtype.kind not in "fiu":
             raise GroundError(f"{path}: {key} holds {arrays[key].dtype}; expected numbers")
-    depth = arrays[depth_name].astype(float)
-    up = config.depth_sign == "up" or (config.depth_sign == "auto" and depth_name == "elevation_m")
-    depth = -depth if up else depth
-    if (depth < 0).sum() > np.isfinite(depth).sum() / 2:
+    depth, sign_note = _depths(arrays[depth_name].astype(float), path, depth_name, depth_name == "elevation_m", config)
+    if _upside_down(depth, sign_note, config):
         raise GroundError(
-            f"{path}: {depth_name} is mostly negative (median {np.nanmedian(depth):g} m); expected positive down: call "
-            "it elevation_m, or set depth_sign"
+            f"{path}: {depth_name} is mostly negative (median {np.nanmedian(depth):g} m); expected positive down: "
+            f"{_SIGN_ADVICE}"
         )
-    notes = ["elevations, negated" if up else "depth positive down"]
+    notes = [sign_note]
     distance = arrays.get("dist_to_sounding_m")
     if distance is not None:
         if distance.shape != depth.shape:
@@ -530,7 +607,7 @@ def _raster(
     origin: tuple[float, float] | None,
 ) -> GridGround:
     """A raster in any coordinates as local ground: x (nx,) and y (ny,) grow, grid is (ny, nx)."""
-    grid, note = _raster_sign(grid, config)
+    grid, note = _depths(grid, path, "values", None, config)
     degrees = crs is None and x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
         far = max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0
