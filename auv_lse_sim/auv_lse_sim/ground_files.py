@@ -31,6 +31,9 @@ Array = NDArray[np.float64]
 
 DEEPEST_M = 11_000.0  # deeper than any water on Earth: a depth beyond it is in another unit, or wrong
 
+#: What programs write, with either sign, where they know nothing. A depth of just this much is not met with.
+NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
+
 #: Values all farther than this from 0 are elevations above sea level rather than depths, unless the user says so.
 _ELEVATED_M = 200.0
 #: With more than this share of the values on either side of 0, a raster's sign is not guessed.
@@ -64,8 +67,8 @@ class BathymetryConfig:
         low=-1000.0,
         high=9000.0,
         unit="m",
-        help="elevation of the water surface in the file's datum: depth = water_level_m - elevation; left out: 0; given, "
-        "a raster is taken as elevations, and depths are refused",
+        help="elevation of the water surface in the file's datum: depth = water_level_m - elevation; left out: 0; "
+        "given, a raster is taken as elevations, and depths are refused",
     )
 
 
@@ -235,6 +238,12 @@ def _column(header: list[str], names: tuple[str, ...]) -> int | None:
 def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
     columns, lines, column, up = _soundings_table(path)
     name = path.name
+    marks = np.flatnonzero(_no_data(columns["depth"]))
+    if len(marks):
+        raise GroundError(
+            f"{path}:{lines[marks[0]]}: {column} is {columns['depth'][marks[0]]:g}, as on {len(marks)} of {len(lines)} "
+            "lines: a usual mark for no data; expected soundings only: take these lines out"
+        )
     depth, sign_note = _depths(columns["depth"], path, column, up, config)
     negative = np.flatnonzero(depth < 0.0)
     if _upside_down(depth, sign_note, config):
@@ -397,6 +406,25 @@ def _smoothed(grid: Array, sigma: float) -> Array:
 # -- grids
 
 
+def _no_data(values: Array) -> NDArray[np.bool_]:
+    """Which values are usual marks for no data."""
+    return np.isin(np.abs(values), NO_DATA)
+
+
+def _grid_depths(
+    values: Array, path: Path, what: str, up: bool | None, config: BathymetryConfig
+) -> tuple[Array, list[str]]:
+    """As `_depths`, for a grid: marks for no data become NaN, and are said among the notes."""
+    marks = _no_data(values)
+    notes = []
+    if marks.any():
+        found = ", ".join(f"{v:g}" for v in np.unique(values[marks]))
+        notes = [f"{int(marks.sum())} nodes of {found} taken as unknown"]
+        values = np.where(marks, np.nan, values)
+    depth, note = _depths(values, path, what, up, config)
+    return depth, [note, *notes]
+
+
 _DOWN = "depth positive down"
 _SIGN_ADVICE = "set sim.bathymetry.depth_sign: up for elevations, down for depths with land above them"
 
@@ -488,13 +516,12 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
             )
         if arrays[key].dtype.kind not in "fiu":
             raise GroundError(f"{path}: {key} holds {arrays[key].dtype}; expected numbers")
-    depth, sign_note = _depths(arrays[depth_name].astype(float), path, depth_name, depth_name == "elevation_m", config)
-    if _upside_down(depth, sign_note, config):
+    depth, notes = _grid_depths(arrays[depth_name].astype(float), path, depth_name, depth_name == "elevation_m", config)
+    if _upside_down(depth, notes[0], config):
         raise GroundError(
             f"{path}: {depth_name} is mostly negative (median {np.nanmedian(depth):g} m); expected positive down: "
             f"{_SIGN_ADVICE}"
         )
-    notes = [sign_note]
     distance = arrays.get("dist_to_sounding_m")
     if distance is not None:
         if distance.shape != depth.shape:
@@ -552,7 +579,7 @@ def _read_ascii(path: Path, config: BathymetryConfig, origin: tuple[float, float
     if rows != expected or columns < 2 or rows < 2:
         raise GroundError(f"{path}: {rows} rows of values; expected nrows = {expected}, at least 2 x 2")
     grid = np.array(values).reshape(rows, columns)[::-1]  # the file runs from north to south
-    grid = np.where(grid == header.get("nodata_value", -9999.0), np.nan, grid)
+    grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
     step = header["cellsize"]
     if step <= 0.0:
         raise GroundError(f"{path}: cellsize {step:g}; expected > 0")
@@ -607,17 +634,17 @@ def _raster(
     origin: tuple[float, float] | None,
 ) -> GridGround:
     """A raster in any coordinates as local ground: x (nx,) and y (ny,) grow, grid is (ny, nx)."""
-    grid, note = _depths(grid, path, "values", None, config)
+    grid, notes = _grid_depths(grid, path, "values", None, config)
     degrees = crs is None and x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
         far = max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0
         if not far:
             return GridGround(
-                y, x, grid, name=path.name, origin=None, notes=(note, "coordinates taken as local metres")
+                y, x, grid, name=path.name, origin=None, notes=(*notes, "coordinates taken as local metres")
             )
         x0, y0 = float(x[0] + x[-1]) / 2.0, float(y[0] + y[-1]) / 2.0
         shifted = f"no projection given: local origin put at its {x0:.1f}, {y0:.1f}"
-        return GridGround(y - y0, x - x0, grid, name=path.name, origin=None, notes=(note, shifted))
+        return GridGround(y - y0, x - x0, grid, name=path.name, origin=None, notes=(*notes, shifted))
     from pyproj import CRS, Transformer
     from pyproj.exceptions import CRSError
 
@@ -646,5 +673,5 @@ def _raster(
     # Bilinear with NaN outside: a node that mixes in an unknown one is unknown.
     local = ndimage.map_coordinates(grid, [rows, columns], order=1, mode="constant", cval=np.nan)
     return GridGround(
-        north_m, east_m, local, name=path.name, origin=origin, notes=(note, "reprojected to local metres")
+        north_m, east_m, local, name=path.name, origin=origin, notes=(*notes, "reprojected to local metres")
     )

@@ -185,6 +185,31 @@ def test_named_elevations_above_sea_level_need_the_water_level(tmp_path, ending)
     load_ground(shallow, BathymetryConfig(depth_sign="down"))
 
 
+@pytest.mark.parametrize("mark", [-9999.0, 9999.0, -99999.0, -32768.0, 32767.0])
+@pytest.mark.parametrize("ending", ["npz", "asc"])
+def test_marks_for_no_data_are_unknown(tmp_path, ending, mark):
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    depth[:, 20:] = mark
+    path = write_grid(tmp_path / f"g.{ending}", axis, depth, "depth_m")
+    if ending == "asc":  # the header names another value
+        path.write_text(path.read_text().replace("NODATA_value -9999", "NODATA_value -1"))
+    ground = load_ground(path)
+    assert np.isnan(ground.depth_m(200.0, 300.0))
+    assert ground.depth_m(200.0, 100.0) == pytest.approx(bottom(200.0, 100.0), abs=0.01)
+    assert f"; {41 * 21} nodes of {mark:g} taken as unknown" in ground.describe()
+
+
+def test_marks_for_no_data_among_soundings_are_refused(tmp_path):
+    north, east, depth = soundings(100)
+    depth[[40, 60]] = -9999.0
+    path = write_csv(tmp_path / "s.csv", ["north_m", "east_m", "depth_m"], north, east, depth)
+    with pytest.raises(
+        GroundError, match=r"s\.csv:42: depth_m is -9999, as on 2 of 100 lines: a usual mark for no data"
+    ):
+        load_ground(path)
+
+
 def test_the_water_level_left_out_is_not_in_a_mission_file():
     """Campaigns name their missions by their parameters: those of a default mission are what they were."""
     assert set(to_mapping(BathymetryConfig())) == {"file", "resolution_m", "max_gap_m", "smoothing_m", "depth_sign"}
