@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TextIO
 
 from auv_lse_comms.line_log import Entry, LoggedModem, format_entry
-from auv_lse_comms.micromodem import Event, Micromodem
+from auv_lse_comms.micromodem import Event, Micromodem, Problem
 from auv_lse_comms.modem_config import ModemConfig
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
 
@@ -15,7 +16,8 @@ class ModemPort:
     """The driver and the port it speaks on, which is opened again whenever it fails.
 
     `step` carries bytes both ways; `now_s` is the host's clock (UTC or simulated), `steady_s` one that never jumps, for
-    the waits before the port is opened again.
+    the waits before the port is opened again. A line log that can no longer be written is closed, and told of once: the
+    modem goes on without it.
     """
 
     def __init__(self, config: ModemConfig, address: int) -> None:
@@ -29,6 +31,7 @@ class ModemPort:
         self.modem = Micromodem(config, address)
         self.connection = Connection(lambda: open_transport(where), config.backoff_min_s, config.backoff_max_s)
         self._log: TextIO | None = None
+        self._log_problem: Problem | None = None  # not told yet
         self._driver: Micromodem | LoggedModem = self.modem
         if config.log_file:
             path = Path(config.log_file)
@@ -59,19 +62,35 @@ class ModemPort:
         self.connection.write(self._driver.outgoing(), steady_s)
         if self.connection.transport is None and self.modem.is_open:
             self._driver.closed(now_s, self.connection.problem)
-        return self._driver.events()
+        return self._events()
 
     def close(self, now_s: float, steady_s: float) -> list[Event]:
         """Closes port and log for good."""
         self.connection.close(steady_s, "shutting down")
         if self.modem.is_open:
             self._driver.closed(now_s, "shutting down")
+        events = self._events()
+        self._close_log()
+        return events
+
+    def _events(self) -> list[Event]:
         events = self._driver.events()
-        if self._log is not None:
-            self._log.close()
-            self._log = None
+        if self._log_problem is not None:
+            events.append(self._log_problem)
+            self._log_problem = None
         return events
 
     def _record(self, entry: Entry) -> None:
-        if self._log is not None:
+        if self._log is None:
+            return
+        try:
             self._log.write(format_entry(entry) + "\n")
+        except OSError as error:  # a full disk must not stop the modem
+            self._log_problem = Problem(text=f"line log {self._log.name}: closed: it cannot be written: {error}")
+            self._close_log()
+
+    def _close_log(self) -> None:
+        if self._log is not None:
+            with contextlib.suppress(OSError):  # it writes what it could not write before
+                self._log.close()
+            self._log = None

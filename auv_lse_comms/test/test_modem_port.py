@@ -1,0 +1,22 @@
+"""The driver on its port, with its line log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from auv_lse_comms.micromodem import Problem
+from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_comms.modem_port import ModemPort
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_closes_the_line_log_and_is_told_of_once() -> None:
+    port = ModemPort(ModemConfig(kind="micromodem", port="/dev/does-not-exist", log_file="/dev/full"), 2)
+    events = [event for i in range(5) for event in port.step(0.1 * i, 0.1 * i)]
+    port.send(1.0, b"payload", 0)
+    events += port.step(1.0, 1.0) + port.close(2.0, 2.0)
+    (problem,) = [event for event in events if isinstance(event, Problem)]
+    assert problem.text.startswith("line log /dev/full: closed: it cannot be written: ")
+    assert port.modem.counts["asked"] == 1
