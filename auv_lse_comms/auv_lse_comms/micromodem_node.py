@@ -75,7 +75,7 @@ class MicromodemNode(ConfiguredNode):
     def _on_transmit(self, message: ModemTx) -> None:
         self._tick_s = max(self._tick_s, seconds(message.header.stamp))  # it may overtake the tick's announcement
         try:
-            self._port.send(self._now_s(), bytes(message.payload), message.destination)
+            self._port.send(self._now_s(), bytes(message.payload), message.destination or None)
         except ValueError as error:
             self.get_logger().error(f"packet of {len(message.payload)} bytes: {error}")
         self._step(poll=False)

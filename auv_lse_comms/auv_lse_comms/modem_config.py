@@ -26,7 +26,7 @@ class ModemConfig:
     rate: int = parameter(
         4, low=3, high=5, help="Micromodem packet rate; 0 to 2 cannot hold a 252-byte packet (docs/micromodem.md)"
     )
-    destination: int = parameter(0, low=0, high=127, help="modem address sent to; 0: all")
+    destination: int = parameter(0, low=0, high=127, help="modem address that packets to all (0) are sent to; 0: all")
     set_clock: bool = parameter(
         True, help="set the modem's clock when it is further off than clock_tolerance_s; false: only report it"
     )

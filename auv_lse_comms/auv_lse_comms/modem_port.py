@@ -44,8 +44,12 @@ class ModemPort:
         """The open port, to wait on for bytes; None if it is closed."""
         return self.connection.transport
 
-    def send(self, now_s: float, payload: bytes, destination: int) -> int:
-        """Asks for a packet to be transmitted; see `Micromodem.send`. `step` puts it on the wire."""
+    def send(self, now_s: float, payload: bytes, destination: int | None = None) -> int:
+        """Asks for a packet to be transmitted, to `modem.destination` if None; `step` puts it on the wire.
+
+        Raises:
+            ValueError: see `Micromodem.send`.
+        """
         return self._driver.send(now_s, payload, destination)
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:

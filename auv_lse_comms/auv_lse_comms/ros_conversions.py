@@ -63,7 +63,7 @@ def team_samples(received: Received) -> SampleArray:
 
 
 def transmission(now_s: float, source: int, payload: bytes) -> ModemTx:
-    """ModemTx of a payload to all."""
+    """ModemTx of a payload to all, or to `modem.destination` if the driver has one."""
     return ModemTx(header=header(now_s), source=source, destination=0, payload=payload)
 
 

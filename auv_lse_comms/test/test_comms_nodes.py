@@ -23,8 +23,9 @@ from pymavlink.dialects.v20 import common as mavlink
 from rclpy.executors import SingleThreadedExecutor
 
 from auv_lse_common.ros_conversions import EVERY
+from auv_lse_comms.micromodem_node import MicromodemNode
 from auv_lse_comms.vehicle_link_node import VehicleLinkNode
-from auv_lse_msgs.msg import Sounding
+from auv_lse_msgs.msg import ModemTx, Sounding
 
 pytestmark = pytest.mark.ros
 
@@ -120,3 +121,13 @@ def test_vehicle_link_node_gives_soundings(tmp_path: Path, wanted: bool) -> None
         assert abs(stamps[-1] - time.time()) < 5.0
         assert all(math.ceil(b / 0.5) > math.ceil(a / 0.5) for a, b in itertools.pairwise(stamps))
     autopilot.socket.close()
+
+
+@pytest.mark.parametrize(("configured", "asked", "sent"), [(0, 0, 0), (3, 0, 3), (3, 5, 5)])
+def test_micromodem_node_sends_to_the_configured_destination(
+    tmp_path: Path, configured: int, asked: int, sent: int
+) -> None:
+    parameters = f"modem: {{kind: micromodem, port: /dev/does-not-exist, destination: {configured}}}"
+    with spun(MicromodemNode, tmp_path / "p.yaml", parameters) as s:
+        s.node._on_transmit(ModemTx(source=2, destination=asked, payload=bytes(252)))
+        assert s.node._port.modem._waiting.destination == sent
