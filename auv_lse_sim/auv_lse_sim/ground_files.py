@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import csv
 import math
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,7 +88,7 @@ class GridGround:
         notes: Sentences on how it was made, for `describe`.
 
     Raises:
-        GroundError: if shapes do not fit, an axis is uneven, or nothing is known.
+        GroundError: if shapes do not fit, an axis is uneven, nothing is known, or the origin is nowhere on Earth.
     """
 
     def __init__(
@@ -115,7 +117,7 @@ class GridGround:
         if known.sum() < 4:
             raise GroundError(f"{name}: {int(known.sum())} grid nodes hold water; expected at least 4 depths > 0")
         self._name = name
-        self._origin = origin
+        self._origin = None if origin is None else _checked_origin(*origin, where=f"{name}: origin")
         self._notes = notes
         self._land = int((np.isfinite(depth) & (depth <= 0.0)).sum())
         self._known = known
@@ -178,6 +180,29 @@ class GridGround:
         )
 
 
+def _checked_origin(lat: Any, lon: Any, where: str) -> tuple[float, float]:
+    """Latitude and longitude (deg) of an origin as numbers.
+
+    Raises:
+        GroundError: if they are not one number each, or nowhere on Earth.
+    """
+    try:
+        lat_deg, lon_deg = (float(np.asarray(v, dtype=float).item()) for v in (lat, lon))
+    except (TypeError, ValueError):
+        shapes = f"{np.shape(lat)}, {np.shape(lon)}"
+        raise GroundError(f"{where}: of shapes {shapes}; expected one latitude and one longitude in degrees") from None
+    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
+        raise GroundError(
+            f"{where}: {lat_deg:g}, {lon_deg:g}; expected degrees, a latitude of -90 to 90, a longitude of -180 to 180"
+        )
+    return lat_deg, lon_deg
+
+
+def _longitude(lon: float) -> float:
+    """A longitude (deg) of -180 to 360 as one of -180 to 180."""
+    return lon if abs(lon) <= 180.0 else (lon + 180.0) % 360.0 - 180.0
+
+
 def _axis(values: Any, what: str, name: str) -> tuple[Array, float]:
     axis = np.asarray(values, dtype=float)
     if axis.ndim != 1 or len(axis) < 2:
@@ -222,6 +247,8 @@ def load_ground(
     reader = kinds.get(path.suffix.lower())
     if reader is None:
         raise GroundError(f"{path}: ending {path.suffix!r}; expected one of {', '.join(kinds)}")
+    if origin is not None:
+        origin = _checked_origin(*origin, where=f"{path}: area.origin_lat_deg, origin_lon_deg")
     try:
         return reader(path, config, origin)
     except OSError as error:
@@ -266,7 +293,7 @@ def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, f
         assert lat is not None
         assert lon is not None
         if origin is None:
-            origin = (float((lat.min() + lat.max()) / 2.0), float((lon.min() + lon.max()) / 2.0))
+            origin = (float((lat.min() + lat.max()) / 2.0), _longitude(float((lon.min() + lon.max()) / 2.0)))
             notes.append("origin put at the middle of the soundings")
         north, east = local_from_geodetic(lat, lon, *origin)
     return grid_soundings(north, east, depth, config, name=name, origin=origin, notes=tuple(notes))
@@ -337,9 +364,13 @@ def _origin_of(north: Array, east: Array, lat: Array, lon: Array) -> tuple[float
     lat0 = float(np.linalg.lstsq(design, lat, rcond=None)[0][0])
     lon0 = float(np.linalg.lstsq(design, lon, rcond=None)[0][0])
     for _ in range(2):
+        if not (abs(lat0) <= 90.0 and abs(lon0) <= 360.0):
+            return None
         n, e = local_from_geodetic(lat, lon, lat0, lon0)
         new_lat, new_lon = geodetic_from_local(np.median(n - north), np.median(e - east), lat0, lon0)
         lat0, lon0 = float(new_lat), float(new_lon)
+    if not math.isfinite(lat0 + lon0):
+        return None
     n, e = local_from_geodetic(lat, lon, lat0, lon0)
     # 2 m: the rounding of lat and lon to 5 decimals.
     return (lat0, lon0) if float(np.median(np.hypot(n - north, e - east))) < 2.0 else None
@@ -499,14 +530,27 @@ def _upside_down(depth: Array, note: str, config: BathymetryConfig) -> bool:
     return bool((known < 0.0).mean() > 0.5 if config.depth_sign == "auto" else (known < 0.0).all())
 
 
+#: What numpy and zipfile raise on a file that is none, or is cut short or damaged anywhere.
+_BROKEN_NPZ = (
+    ValueError, EOFError, OSError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError,
+    MemoryError, OverflowError, SyntaxError, TypeError,
+)  # fmt: skip
+
+
 def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
     try:
-        data = np.load(path, allow_pickle=False)
-        arrays = {key: np.asarray(data[key]) for key in data.files}
-    except (ValueError, EOFError, OSError, KeyError) as error:
+        with path.open("rb") as file:
+            data = np.load(file, allow_pickle=False)
+            arrays = {key: np.asarray(data[key]) for key in data.files} if hasattr(data, "files") else None
+    except _BROKEN_NPZ as error:
         raise GroundError(
-            f"{path}: not a readable npz file ({error}); expected arrays east_m, north_m, depth_m"
+            f"{path}: not a readable npz file, or a damaged one ({error}); expected arrays east_m, north_m, depth_m"
         ) from error
+    if arrays is None:
+        raise GroundError(
+            f"{path}: a single array of shape {data.shape} (npy); expected an npz file of east_m, north_m, depth_m "
+            "(np.savez)"
+        )
     depth_name = "depth_m" if "depth_m" in arrays else "elevation_m"
     for key in ("north_m", "east_m", depth_name):
         if key not in arrays:
@@ -524,6 +568,8 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
         )
     distance = arrays.get("dist_to_sounding_m")
     if distance is not None:
+        if distance.dtype.kind not in "fiu":
+            raise GroundError(f"{path}: dist_to_sounding_m holds {distance.dtype}; expected numbers")
         if distance.shape != depth.shape:
             raise GroundError(f"{path}: dist_to_sounding_m has shape {distance.shape}; expected {depth.shape}")
         depth = np.where(distance <= config.max_gap_m, depth, np.nan)
@@ -531,7 +577,7 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
     if ("lat0" in arrays) != ("lon0" in arrays):
         raise GroundError(f"{path}: only one of lat0, lon0; expected both or neither")
     if "lat0" in arrays:
-        origin = (float(arrays["lat0"]), float(arrays["lon0"]))
+        origin = _checked_origin(arrays["lat0"], arrays["lon0"], f"{path}: lat0, lon0")
     return GridGround(
         arrays["north_m"].astype(float),
         arrays["east_m"].astype(float),
@@ -553,12 +599,18 @@ def _read_ascii(path: Path, config: BathymetryConfig, origin: tuple[float, float
             if not fields:
                 continue
             if fields[0][0].isalpha() and fields[0].lower() != "nan" and not rows:
+                key = fields[0].lower()
                 try:
-                    header[fields[0].lower()] = float(fields[1])
+                    header[key] = float(fields[1])
                 except (IndexError, ValueError):
                     raise GroundError(
                         f"{path}:{number}: {line.strip()!r}; expected a header line 'name number'"
                     ) from None
+                count = key in ("ncols", "nrows")
+                if count and not (header[key].is_integer() and header[key] >= 2):
+                    raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a whole number of at least 2")
+                if not (math.isfinite(header[key]) or key == "nodata_value"):
+                    raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a finite number")
                 continue
             try:
                 row = [float(f) for f in fields]
@@ -576,8 +628,8 @@ def _read_ascii(path: Path, config: BathymetryConfig, origin: tuple[float, float
         if key not in header:
             raise GroundError(f"{path}: header has {', '.join(header) or 'nothing'}; expected also {key}")
     columns, expected = int(header["ncols"]), int(header["nrows"])
-    if rows != expected or columns < 2 or rows < 2:
-        raise GroundError(f"{path}: {rows} rows of values; expected nrows = {expected}, at least 2 x 2")
+    if rows != expected:
+        raise GroundError(f"{path}: {rows} rows of values; expected nrows = {expected}")
     grid = np.array(values).reshape(rows, columns)[::-1]  # the file runs from north to south
     grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
     step = header["cellsize"]
@@ -657,7 +709,7 @@ def _raster(
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
     lon, lat = to_raster.transform(corners_x, corners_y, direction="INVERSE")
     if origin is None:
-        origin = (float(np.mean(lat)), float(np.mean(lon)))
+        origin = (float(np.mean(lat)), _longitude(float(np.mean(lon))))
     north, east = local_from_geodetic(lat, lon, *origin)
     ny, nx = grid.shape
     step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))

@@ -400,6 +400,10 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
             "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 z4\n",
             r"a\.asc:7: 'z4'; expected a number",
         ),
+        ("a.asc", "ncols inf\n", r"a\.asc:1: 'ncols inf'; expected a whole number of at least 2"),
+        ("a.asc", "ncols 2\nnrows nan\n", r"a\.asc:2: 'nrows nan'; expected a whole number of at least 2"),
+        ("a.asc", "ncols 2.5\n", r"a\.asc:1: 'ncols 2.5'; expected a whole number"),
+        ("a.asc", "ncols 2\ncellsize inf\n", r"a\.asc:2: 'cellsize inf'; expected a finite number"),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path, name, text, match):
@@ -437,12 +441,71 @@ def test_missing_file():
             {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 3.0},
             "only one of lat0, lon0",
         ),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": [3.0, 4.0], "lon0": 5.0},
+            r"lat0, lon0: of shapes \(2,\), \(\); expected one latitude",
+        ),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": "north", "lon0": 5.0},
+            r"lat0, lon0: .*expected one latitude",
+        ),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 500.0, "lon0": 5.0},
+            r"lat0, lon0: 500, 5; expected degrees, a latitude of -90 to 90",
+        ),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3)), "lat0": 5.0, "lon0": np.nan},
+            r"lat0, lon0: 5, nan; expected degrees",
+        ),
     ],
 )
 def test_what_is_wrong_in_an_npz(tmp_path, arrays, match):
     np.savez(tmp_path / "g.npz", **arrays)
     with pytest.raises(GroundError, match=match):
         load_ground(tmp_path / "g.npz")
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_damaged_npz(tmp_path, save):
+    axis = np.arange(0.0, 101.0, 10.0)
+    path = tmp_path / "g.npz"
+    save(path, north_m=axis, east_m=axis, depth_m=np.full((11, 11), 9.5), lat0=1.0, lon0=2.0)
+    good = path.read_bytes()
+    rng = np.random.default_rng(0)
+    said = []
+    for i in range(400):
+        if i < 100:
+            bad = good[: len(good) * i // 100]
+        else:
+            damaged = np.frombuffer(good, np.uint8).copy()
+            damaged[rng.integers(len(good), size=3)] ^= np.uint8(rng.integers(1, 256))
+            bad = damaged.tobytes()
+        path.write_bytes(bad)
+        try:
+            load_ground(path)
+        except GroundError as error:
+            said.append(str(error))
+    assert len(said) > 300
+    assert all("g.npz" in text for text in said)
+    with path.open("wb") as file:
+        np.save(file, np.ones((3, 3)))
+    with pytest.raises(
+        GroundError, match=r"^[^:]*g\.npz: a single array of shape \(3, 3\) \(npy\); expected an npz file"
+    ):
+        load_ground(path)
+
+
+def test_origins_are_on_earth(tmp_path):
+    north, east, depth = soundings(300)
+    lat, lon = geodetic_from_local(north, east, 47.5, -91.5)
+    rows = "\n".join(f"{a:.8f},{o + 360.0:.8f},{d:.3f}" for a, o, d in zip(lat, lon, depth, strict=True))
+    (tmp_path / "s.csv").write_text("lat,lon,depth_m\n" + rows)
+    # Longitudes of 0 to 360 are read, and the origin is what area.origin_lon_deg may be.
+    assert load_ground(tmp_path / "s.csv").origin == pytest.approx((47.5018, -91.4973), abs=2e-4)
+    with pytest.raises(GroundError, match=r"s\.csv: area\.origin_lat_deg, origin_lon_deg: 500, 8; expected degrees"):
+        load_ground(tmp_path / "s.csv", origin=(500.0, 8.0))
+    with pytest.raises(GroundError, match=r"grid: origin: 47, 361; expected"):
+        GridGround([0, 1], [0, 1], np.ones((2, 2)), origin=(47.0, 361.0))
 
 
 @needs_lake
