@@ -17,6 +17,7 @@ from types import FrameType
 from typing import Any
 
 from rich.console import Console
+from rich.text import Text
 
 from auv_lse_common.params import ParameterError
 from auv_lse_sim.display import Display, Progress
@@ -26,6 +27,7 @@ from auv_lse_sim.navigable import fit_to_ground
 from auv_lse_sim.processes import mission_processes
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.summary import Summary
+from auv_lse_sim.vehicle_file import vehicle_file
 from auv_lse_sim.watch_node import Watcher
 
 _START_S = 90.0
@@ -90,6 +92,13 @@ def parser() -> argparse.ArgumentParser:
         help="any parameter, as --set planner.iterations=500; again for more",
     )
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
+    p.add_argument(
+        "--for-vehicles",
+        type=Path,
+        metavar="FILE",
+        help="write the mission file for the vehicles: without the simulator's parameters and the run's folder, "
+        "everything else filled in; flies nothing (docs/operations.md)",
+    )
     p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
     p.add_argument(
         "--parameters", action="store_true", help="print every parameter with unit, range and meaning, and end"
@@ -101,7 +110,7 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     """Flat parameters {name: value} that the command line asks for.
 
     Raises:
-        ParameterError: for a --set that is not NAME=VALUE.
+        ParameterError: for a --set that is not NAME=VALUE, or whose value is not YAML.
     """
     import yaml
 
@@ -125,7 +134,11 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         name, sign, value = text.partition("=")
         if not sign or not name:
             raise ParameterError(f"--set {text!r}: expected NAME=VALUE, as planner.iterations=500")
-        wanted[name] = yaml.safe_load(value)
+        try:
+            wanted[name] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            problem = getattr(error, "problem", None) or str(error)
+            raise ParameterError(f"--set {text!r}: the value is not YAML: {problem}; expected as in a file") from error
     return wanted
 
 
@@ -179,6 +192,32 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
     return folder.resolve()
 
 
+def write_vehicle_file(settings: Settings, path: Path) -> None:
+    """Writes the mission file for the vehicles.
+
+    Raises:
+        ParameterError: if the mission cannot be flown by vehicles as it is.
+        MissionError: if the file exists or cannot be written.
+    """
+    text = vehicle_file(settings)
+    try:
+        with path.open("x") as file:
+            file.write(text)
+    except FileExistsError:
+        raise MissionError(f"--for-vehicles {path}: exists; expected a new file (nothing was changed)") from None
+    except OSError as error:
+        raise MissionError(f"--for-vehicles {path}: cannot be written: {error.strerror or error}") from error
+
+
+def _say(console: Console, text: str) -> None:
+    """Prints words that may hold anything, [brackets] too, as they are."""
+    console.print(Text(text), highlight=False, soft_wrap=True)
+
+
+def _complain(console: Console, error: object) -> None:
+    console.print(Text.assemble(("error:", "red"), f" {error}"), highlight=False, soft_wrap=True)
+
+
 class _Interrupt:
     """Ctrl-C and SIGTERM as a flag, so that every process is ended in order."""
 
@@ -203,14 +242,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         settings = Settings.load(
             options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options)
         )
-        settings, notes = fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
-        folder = run_folder(options.out, root)
+        notes: list[str] = []
+        if options.for_vehicles is None or settings.sim.bathymetry.file:  # a synthetic lake says nothing of a real one
+            settings, notes = fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
+        if options.for_vehicles is not None:
+            write_vehicle_file(settings, options.for_vehicles)
+        else:
+            folder = run_folder(options.out, root)
     except (ParameterError, MissionError, ValueError) as error:
-        console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
+        _complain(console, error)
         return 2
     for note in notes:
-        console.print(note, highlight=False, soft_wrap=True)
-    console.print(f"run folder: {folder}", highlight=False, soft_wrap=True)
+        _say(console, note)
+    if options.for_vehicles is not None:
+        _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/operations.md)")
+        return 0
+    _say(console, f"run folder: {folder}")
     settings = settings.with_overrides({"record.folder": str(folder / "bag")})
     settings = settings.with_overrides(
         hardware_of(options.modem, options.vehicle_link, settings.mission.vehicles, folder)
@@ -222,10 +269,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with own_domain() as domain:
             environment = local_environment(root, domain)
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
-            console.print(f"to watch from another terminal: export {watch}", highlight=False, soft_wrap=True)
+            _say(console, f"to watch from another terminal: export {watch}")
             phases = fly(settings, folder, environment, console, interrupt, options.modem, options.vehicle_link)
     except (MissionError, LaunchError) as error:
-        console.print(f"[red]error:[/] {error}", highlight=False, soft_wrap=True)
+        _complain(console, error)
         return 1
     wall_s = time.monotonic() - started
     code = 130 if interrupt.came else 0
@@ -234,7 +281,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         conclude(folder, settings, wall_s, phases, console, report=not options.no_report)
     except (OSError, ValueError) as error:
-        console.print(f"[red]error:[/] the mission was flown, but its evaluation failed: {error}", soft_wrap=True)
+        _complain(console, f"the mission was flown, but its evaluation failed: {error}")
         return code or 1
     return code
 
@@ -251,7 +298,7 @@ def print_parameters(console: Console) -> None:
         for column in ("parameter", "default", "unit", "allowed", "meaning"):
             table.add_column(column, overflow="fold")
         for row in describe(cls, f"{name}."):
-            table.add_row(*(str(cell) for cell in row))
+            table.add_row(*(Text(str(cell)) for cell in row))
         console.print(table)
 
 
@@ -334,10 +381,10 @@ def conclude(
     times = folder / "logs" / "times.json"
     times.write_text(json.dumps({**json.loads(times.read_text()), "wall_s": phases}, indent=1) + "\n")
     for line in headlines(summary):
-        console.print(line, highlight=False, soft_wrap=True)
+        _say(console, line)
     told = "report.html" if report else "summary.json"
     took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
-    console.print(f"{folder / told}   ({took})", highlight=False, soft_wrap=True)
+    _say(console, f"{folder / told}   ({took})")
 
 
 def headlines(summary: Summary) -> list[str]:

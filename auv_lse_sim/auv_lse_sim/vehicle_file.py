@@ -1,0 +1,52 @@
+"""The mission file for vehicles: what a simulated mission has, less what belongs to the simulator alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.params import ParameterError
+from auv_lse_sim.settings import Settings
+
+#: Where a vehicle's recorder writes, relative to the folder it is started in.
+RECORDING = "bag"
+
+_HEAD = """\
+# The mission file for the vehicles, every default filled in; made by scripts/mission --for-vehicles from
+# {source}. No section sim: nodes without a simulator run on their own clock. docs/operations.md
+"""
+
+
+def vehicle_file(settings: Settings) -> str:
+    """The parameter file that every vehicle of the mission gets.
+
+    There is no section `sim`, `modem.kind` is micromodem, `link.kind` is mavlink, `record.folder` is `RECORDING`;
+    ports and endpoints are those of `settings`.
+
+    Raises:
+        ParameterError: if the addresses of modem or autopilot are a simulated run's, or a modem has none.
+    """
+    wanted: dict[str, Any] = {"record.folder": RECORDING}
+    of_a_run = Path(settings.record.folder).is_absolute()
+    for k, own in enumerate(settings.vehicles, 1):
+        if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):
+            raise ParameterError(
+                f"{settings.where}: auv{k}: modem.kind is {own.modem.kind!r} and link.kind {own.link.kind!r}, at "
+                "addresses of that run's emulated hardware; expected a file written by hand, or by a run with neither --modem "
+                "emulated nor --vehicle-link mavlink"
+            )
+        if not own.modem.port:
+            raise ParameterError(
+                f"{settings.where}: auv{k}: modem.port: missing; expected a serial device or 'tcp://HOST:PORT', as "
+                f"--set modem.port=/dev/ttyUSB0 (one vehicle's: --set auv{k}.modem.port=...)"
+            )
+        wanted[f"auv{k}.modem.kind"] = "micromodem"
+        wanted[f"auv{k}.link.kind"] = "mavlink"
+    text = settings.with_overrides(wanted).to_parameter_file()
+    body = yaml.safe_load(text)
+    del body["/**"]["ros__parameters"]["sim"]
+    # leaves in one line; PyYAML writes floats with the point that YAML 1.1 wants
+    dumped: str = yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=110)
+    return _HEAD.format(source=settings.where) + dumped

@@ -1,0 +1,102 @@
+"""The command line of scripts/mission, without flying: the vehicles' file, and how it says what is wrong."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import yaml
+from rich.console import Console
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from auv_lse_common.params import ParameterError, parameters_for, read_parameter_file
+from auv_lse_sim import mission
+from auv_lse_sim.mission import hardware_of, main
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.vehicle_file import vehicle_file
+
+pytestmark = pytest.mark.ros
+
+PORT = ("--set", "modem.port=/dev/ttyUSB0")
+
+
+def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:
+    """The mission.yaml that a simulated run leaves."""
+    settings = Settings.load(None, {"mission.steps": 40, "auv2.vehicle.depth_m": 6.5, "gp.noise_std_m": 0.25})
+    settings = settings.with_overrides({"record.folder": str(folder / "bag")})
+    settings = settings.with_overrides(hardware_of(modem, link, 3, folder))
+    path = folder / "mission.yaml"
+    path.write_text(settings.to_parameter_file())
+    return path
+
+
+def test_the_vehicles_file_of_a_run_lets_nodes_run_without_a_simulator(tmp_path: Path) -> None:
+    out = tmp_path / "vehicles.yaml"
+    assert main([str(run_file(tmp_path)), "--for-vehicles", str(out), *PORT]) == 0
+    for k in (1, 2, 3):
+        own = parameters_for(read_parameter_file(out), f"/auv{k}/planner_node")
+        assert "sim" not in own
+        assert own["record"]["folder"] == "bag"
+        assert (own["modem"]["kind"], own["modem"]["port"]) == ("micromodem", "/dev/ttyUSB0")
+        assert (own["link"]["kind"], own["link"]["endpoint"]) == ("mavlink", "udpin://127.0.0.1:14550")
+        assert own["link"]["soundings"] is True
+        assert own["vehicle"]["depth_m"] == (3.0, 6.5, 5.0)[k - 1]
+    again = Settings.load(out)
+    assert (again.mission.steps, again.common.gp.noise_std_m) == (40, 0.25)
+    assert str(tmp_path / "bag") not in out.read_text()
+    before = out.read_text()
+    assert main([str(run_file(tmp_path)), "--for-vehicles", str(out), *PORT]) == 2, "it exists"
+    assert out.read_text() == before
+    assert {p.name for p in tmp_path.iterdir()} == {"mission.yaml", "vehicles.yaml"}, "nothing was flown"
+
+
+def test_the_area_asked_for_is_not_fitted_to_the_synthetic_lake(tmp_path: Path) -> None:
+    path, out = tmp_path / "mission.yaml", tmp_path / "vehicles.yaml"
+    corners = [0.0, 0.0, 3000.0, 0.0, 3000.0, 3000.0, 0.0, 3000.0]
+    path.write_text(f"/**:\n  ros__parameters:\n    area: {{polygon_m: {corners}}}\n")
+    assert main([str(path), "--for-vehicles", str(out), *PORT]) == 0
+    assert list(Settings.load(out).area.polygon_m) == corners
+
+
+def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=r"auv1: modem\.port: missing; expected a serial device"):
+        vehicle_file(Settings.load(run_file(tmp_path)))
+    for modem, link in (("emulated", "direct"), ("direct", "mavlink")):
+        with pytest.raises(ParameterError, match="of that run's emulated hardware"):
+            vehicle_file(Settings.load(run_file(tmp_path, modem, link), {"modem.port": "/dev/ttyUSB0"}))
+    by_hand = tmp_path / "by_hand.yaml"
+    link = {"kind": "mavlink", "endpoint": "serial:///dev/ttyS1:57600", "soundings": False}
+    modem = {"kind": "micromodem", "port": "tcp://10.0.0.2:4000"}
+    by_hand.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"modem": modem, "link": link}}}))
+    out = tmp_path / "vehicles.yaml"
+    out.write_text(vehicle_file(Settings.load(by_hand)))
+    own = Settings.load(out).vehicle(2)
+    assert (own.modem.port, own.link.endpoint, own.link.soundings) == (modem["port"], link["endpoint"], False)
+    assert vehicle_file(Settings.load(out)).splitlines()[3:] == out.read_text().splitlines()[3:], "of its own, too"
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("planner.iterations=[1", "error: --set 'planner.iterations=[1': the value is not YAML: "),
+        ("planner.[/x]=1", "planner.[/x]: unknown parameter"),
+        ("planner.iterations", "expected NAME=VALUE"),
+    ],
+)
+def test_a_wrong_set_is_named(
+    argument: str, words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    assert main(["--set", argument, "--out", str(tmp_path / "run")]) == 2
+    printed = capsys.readouterr().out
+    assert words in printed
+
+
+def test_a_nodes_last_words_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    words = "[ERROR] [1.5] [auv1.gp_node]: [/x] [red]"
+    mission._complain(Console(width=200), words)
+    mission._say(Console(width=200), words)
+    assert capsys.readouterr().out == f"error: {words}\n{words}\n"
