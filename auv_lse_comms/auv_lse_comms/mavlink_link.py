@@ -50,6 +50,8 @@ MAX_CLOCK_OFFSET_S = 2.0
 ORIGIN_PERIOD_S = 2.0
 #: The autopilot's origin may lie this far from the mission's before it is reported (m).
 ORIGIN_TOLERANCE_M = 1.0
+#: An origin of the autopilot's farther than this from the mission's is refused (m): garbage, or another place.
+MAX_ORIGIN_OFFSET_M = 10_000.0
 #: Legs' ends kept while the link is down or the vehicle slow; a mission has at most this many ahead.
 MAX_TARGETS = 64
 
@@ -149,7 +151,7 @@ class VehicleLink:
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._origin_asked_s = -math.inf
-        self._origin_set = False
+        self._refused_origin: Origin | None = None  # the last one refused
         self._target_s = -math.inf
         self._now_s = -math.inf
         self._boot_offset_s: float | None = None
@@ -280,7 +282,7 @@ class VehicleLink:
         first = math.isinf(self._origin_asked_s)
         self._origin_asked_s = self._now_s
         mission = self.datum.mission
-        if not first and self._config.set_origin and mission is not None:
+        if not first and self._config.set_origin and mission is not None and self._refused_origin is None:
             # it did not answer: it has none yet
             self.counts["origin_set"] += 1
             self._send(
@@ -436,13 +438,32 @@ class VehicleLink:
         origin = Origin(lat_deg=message.latitude * 1e-7, lon_deg=message.longitude * 1e-7)
         if self.datum.autopilot == origin:
             return
-        self.datum = Datum(self.datum.mission, origin)
-        north_m, east_m = self.datum.from_local_ned(0.0, 0.0)
+        datum = Datum(self.datum.mission, origin)
+        valid = abs(origin.lat_deg) <= 90.0 and abs(origin.lon_deg) <= 180.0
+        north_m, east_m = datum.from_local_ned(0.0, 0.0) if valid else (math.inf, math.inf)
+        if not valid or not math.hypot(north_m, east_m) <= MAX_ORIGIN_OFFSET_M:
+            self._refuse_origin(origin, math.hypot(north_m, east_m))
+            return
+        self.datum = datum
+        self._refused_origin = None
         if self.datum.mission is not None and math.hypot(north_m, east_m) > ORIGIN_TOLERANCE_M:
             text = (
                 f"the autopilot's origin lies {north_m:.1f} m north, {east_m:.1f} m east of the mission's: allowed for"
             )
             self._events.append(Problem(text=text))
+
+    def _refuse_origin(self, origin: Origin, offset_m: float) -> None:
+        """Counts an origin that cannot be right, and tells of it once; the datum stays."""
+        self.counts["origins_refused"] += 1
+        if origin == self._refused_origin:
+            return
+        self._refused_origin = origin
+        where = f", {offset_m / 1000.0:.1f} km from the mission's" if math.isfinite(offset_m) else ""
+        text = (
+            f"the autopilot's origin is refused: latitude {origin.lat_deg:.7f}, longitude {origin.lon_deg:.7f} deg"
+            f"{where}; expected a place within {MAX_ORIGIN_OFFSET_M / 1000.0:g} km of area.origin_lat_deg, origin_lon_deg"
+        )
+        self._events.append(Problem(text=text))
 
     def _on_distance(self, message: Message) -> None:
         altitude = altitude_m(message)

@@ -105,6 +105,40 @@ def test_a_position_east_of_the_vehicle_keeps_its_axes():
     assert odometry.yaw_rate_radps == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize(("lat", "lon"), [(2**31 - 1, 2**31 - 1), (465000000, -(2**31)), (466000000, 66000000)])
+def test_an_origin_that_cannot_be_right_is_refused(lat, lon):
+    pilot = Autopilot().up()
+    known = pilot.link.datum
+    for _ in range(3):
+        pilot.say(mavlink.MAVLink_gps_global_origin_message(lat, lon, 0, 0))
+    assert pilot.link.datum == known
+    assert pilot.link.counts["origins_refused"] == 3
+    (problem,) = pilot.of(ml.Problem)
+    assert "the autopilot's origin is refused: latitude" in problem.text
+    assert ("11.1 km from the mission's" in problem.text) == (lat == 466000000)
+    pilot.at(1.0, 2.0)
+    (odometry,) = pilot.of(Odometry)
+    assert (odometry.north_m, odometry.east_m) == pytest.approx((1.0, 2.0))
+
+
+def test_an_autopilot_whose_origin_is_refused_is_asked_again_and_its_origin_is_not_set():
+    pilot = Autopilot(own_origin=Origin(lat_deg=47.5, lon_deg=6.6)).up()
+    pilot.wait(10.0)
+    asked = pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN")
+    assert {m.get_type() for m in asked} == {"COMMAND_LONG"}
+    assert not pilot.link.placed
+    pilot.own_origin = ORIGIN
+    pilot.say_origin()
+    assert pilot.link.placed
+
+
+@pytest.mark.parametrize("lat", [2**31 - 1, 900000001])
+def test_an_origin_off_the_earth_is_refused_without_a_mission_origin_too(lat):
+    pilot = Autopilot(origin=None, own_origin=None).up()
+    pilot.say(mavlink.MAVLink_gps_global_origin_message(lat, 0, 0, 0))
+    assert pilot.link.datum.autopilot is None
+
+
 def test_another_origin_of_the_autopilot_is_allowed_for_both_ways():
     # 0.001 deg of latitude at 46.5 deg is 111.165 m (WGS84 meridian: 111 132.95 - 559.85 cos 2p + 1.17 cos 4p m/deg)
     per_deg = 111132.954 - 559.822 * math.cos(math.radians(93.0)) + 1.175 * math.cos(math.radians(186.0))
