@@ -34,8 +34,8 @@ def vehicle_file(settings: Settings) -> str:
         if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):
             raise ParameterError(
                 f"{settings.where}: auv{k}: modem.kind is {own.modem.kind!r} and link.kind {own.link.kind!r}, at "
-                "addresses of that run's emulated hardware; expected a file written by hand, or by a run with neither --modem "
-                "emulated nor --vehicle-link mavlink"
+                "addresses of that run's emulated hardware; expected a file written by hand, or by a run with neither "
+                "--modem emulated nor --vehicle-link mavlink"
             )
         if not own.modem.port:
             raise ParameterError(

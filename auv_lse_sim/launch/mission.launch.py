@@ -1,7 +1,7 @@
 """ros2 launch auv_lse_sim mission.launch.py params_file:=MISSION.yaml: the processes of a mission.
 
-The same list that scripts/mission starts (auv_lse_sim.processes). Every node gets the whole file; its defaults, the
-seed and the run folder filled in are in the mission.yaml of any run of scripts/mission.
+The same list that scripts/mission starts (auv_lse_sim.processes). Every node gets the whole file, with every default
+filled in, as mission.yaml in the run folder `out`; the recording goes there too, wherever params_file has it.
 """
 
 from pathlib import Path
@@ -21,9 +21,11 @@ from auv_lse_sim.settings import Settings
 def _nodes(context):
     path = Path(LaunchConfiguration("params_file").perform(context)).resolve()
     folder = Path(LaunchConfiguration("out").perform(context)).resolve()
-    settings = Settings.load(path, {"sim.shutdown_at_end": True})
-    if not settings.record.folder:
-        settings = settings.with_overrides({"record.folder": str(folder / "bag")})
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ValueError(
+            f"out:={folder}: exists and is not empty; expected a new or empty folder (nothing was changed)"
+        )
+    settings = Settings.load(path, {"sim.shutdown_at_end": True, "record.folder": str(folder / "bag")})
     modem = LaunchConfiguration("modem").perform(context)
     link = LaunchConfiguration("vehicle_link").perform(context)
     settings = settings.with_overrides(hardware_of(modem, link, settings.mission.vehicles, folder))
@@ -53,7 +55,7 @@ def generate_launch_description():
                 "params_file", default_value=str(default), description="mission file (ROS 2 parameter file)"
             ),
             DeclareLaunchArgument(
-                "out", default_value="run", description="run folder: the recording and the complete mission file"
+                "out", default_value="run", description="run folder to make: recording and complete mission file"
             ),
             DeclareLaunchArgument("modem", default_value="direct", description="direct or emulated"),
             DeclareLaunchArgument("vehicle_link", default_value="direct", description="direct or mavlink"),
