@@ -461,7 +461,7 @@ class VehicleLink:
         where = f", {offset_m / 1000.0:.1f} km from the mission's" if math.isfinite(offset_m) else ""
         text = (
             f"the autopilot's origin is refused: latitude {origin.lat_deg:.7f}, longitude {origin.lon_deg:.7f} deg"
-            f"{where}; expected a place within {MAX_ORIGIN_OFFSET_M / 1000.0:g} km of area.origin_lat_deg, origin_lon_deg"
+            f"{where}; expected a place within {MAX_ORIGIN_OFFSET_M / 1000.0:g} km of the mission's origin"
         )
         self._events.append(Problem(text=text))
 

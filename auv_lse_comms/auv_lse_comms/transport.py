@@ -9,6 +9,9 @@ Addresses:
     tcp://HOST:PORT                                calls a TCP server
     udpin://BIND:PORT                              waits on a UDP port; answers whoever spoke last
     udpout://HOST:PORT                             sends to a UDP port; takes answers from there
+
+A path in /dev/ may hold colons (/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0): only a number of 3 to 7 digits
+after the last one is a baud rate.
 """
 
 from __future__ import annotations
@@ -29,7 +32,7 @@ CONNECT_TIMEOUT_S = 3.0
 WRITE_TIMEOUT_S = 2.0
 
 _HOST_PORT = re.compile(r"(tcp|udpin|udpout)://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})\Z")
-_SERIAL = re.compile(r"(?:serial://)?(/[^\s:]+)(?::(\d{3,7}))?\Z")
+_SERIAL = re.compile(r"(?:serial://)?(/dev/\S+?|/[^\s:]+)(?::([1-9]\d{2,6}))?\Z")
 
 
 class TransportError(OSError):
@@ -90,8 +93,8 @@ def read_address(text: str, baud: int = 19200) -> Address:
     if match:
         return Address(kind="serial", place=match[1], number=int(match[2] or baud))
     raise AddressError(
-        f"address {text!r}: expected /dev/NAME, serial:///dev/NAME:BAUD, tcp://HOST:PORT, udpin://BIND:PORT or "
-        "udpout://HOST:PORT"
+        f"address {text!r}: expected /dev/NAME or serial:///dev/NAME, with :BAUD (3 to 7 digits) after it or without, "
+        "tcp://HOST:PORT, udpin://BIND:PORT or udpout://HOST:PORT"
     )
 
 
@@ -102,9 +105,15 @@ class SerialPort:
         """Opens `device` at `baud`, 8N1, exclusively.
 
         Raises:
-            TransportError: if it is not there, is no serial device, or another process has it.
+            TransportError: if it is not there, is no serial device, another process has it, or pyserial is missing.
         """
-        import serial  # pyserial; here so that TCP and UDP work without it
+        try:
+            import serial  # here so that TCP and UDP work without it
+        except ImportError as error:
+            raise TransportError(
+                f"{device}: cannot be opened: the Python package pyserial is not installed ({error}); expected "
+                "python3-serial (apt) or pyserial (pip)"
+            ) from error
 
         self._name = device
         self._failures: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)

@@ -2,6 +2,7 @@ import itertools
 import os
 import pty
 import socket
+import sys
 import threading
 import time
 
@@ -18,12 +19,20 @@ from auv_lse_comms.transport import (
     read_address,
 )
 
+BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0"
+
 
 @pytest.mark.parametrize(
     ("text", "address"),
     [
         ("/dev/ttyUSB0", Address(kind="serial", place="/dev/ttyUSB0", number=19200)),
         ("serial:///dev/ttyACM0:115200", Address(kind="serial", place="/dev/ttyACM0", number=115200)),
+        *(
+            (f"{prefix}{BY_PATH}{suffix}", Address(kind="serial", place=BY_PATH, number=number))
+            for prefix in ("", "serial://")
+            for suffix, number in (("", 19200), (":57600", 57600))
+        ),
+        ("/dev/ttyS0:0115200", Address(kind="serial", place="/dev/ttyS0:0115200", number=19200)),
         ("tcp://127.0.0.1:4001", Address(kind="tcp", place="127.0.0.1", number=4001)),
         ("udpin://0.0.0.0:14550", Address(kind="udpin", place="0.0.0.0", number=14550)),
         ("udpout://[::1]:14550", Address(kind="udpout", place="::1", number=14550)),
@@ -33,7 +42,9 @@ def test_addresses(text, address):
     assert read_address(text) == address
 
 
-@pytest.mark.parametrize("text", ["", "ttyUSB0", "tcp://host", "tcp://host:99999", "http://host:80", "/dev/tty USB"])
+@pytest.mark.parametrize(
+    "text", ["", "ttyUSB0", "tcp://host", "tcp://host:99999", "http://host:80", "/dev/tty USB", "/x:y:1200"]
+)
 def test_text_that_is_no_address_is_refused_with_the_forms_known(text):
     with pytest.raises(AddressError, match="expected /dev/NAME"):
         read_address(text)
@@ -84,6 +95,12 @@ def test_serial_port_both_ways_and_its_end():
 def test_what_is_no_serial_device_is_named(place):
     with pytest.raises(TransportError, match=place):
         open_transport(read_address(place))
+
+
+def test_a_missing_pyserial_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)  # makes its import fail
+    with pytest.raises(TransportError, match=r"/dev/ttyUSB0: cannot be opened: .* pyserial is not installed"):
+        open_transport(read_address("/dev/ttyUSB0"))
 
 
 def test_tcp_both_ways_and_its_end():
