@@ -253,16 +253,17 @@ class FreeSpace:
         top, bottom = max(int(rows.min()) - half, 0), int(rows.max()) + half + 1
         left, right = max(int(columns.min()) - half, 0), int(columns.max()) + half + 1
         window = np.s_[top:bottom, left:right]  # of the raster: all that the places speak of
-        blocked = np.zeros(self.area_raster[window].shape, dtype=bool)
+        there = self.area_raster[window]
+        blocked = np.zeros_like(there, dtype=bool)
         for i in range(-half, half + 1):
             for j in range(-half, half + 1):
-                at_row = np.clip(rows[shallow] + i - top, 0, blocked.shape[0] - 1)
-                at_column = np.clip(columns[shallow] + j - left, 0, blocked.shape[1] - 1)
+                at_row = np.clip(rows[shallow] + i - top, 0, len(there) - 1)
+                at_column = np.clip(columns[shallow] + j - left, 0, len(there[0]) - 1)
                 blocked[at_row, at_column] = True
         outside = distance_transform_edt(~blocked, sampling=self.cell_m)
         inside = distance_transform_edt(blocked, sampling=self.cell_m)
         self.raster = self.area_raster.copy()
-        self.raster[window] = np.minimum(self.area_raster[window], outside - inside)
+        self.raster[window] = np.minimum(there, outside - inside)
 
     def arguments(self, static: bool = False) -> Space:
         """What the compiled functions need; `static`: of the area alone, which all vehicles share."""

@@ -12,18 +12,21 @@ import argparse
 import contextlib
 import dataclasses
 import fcntl
+import functools
 import json
 import logging
 import math
 import os
 import signal
 import socket
+import subprocess
 import sys
 import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -117,8 +120,31 @@ def fly(job: Job, bounds: int = BOUNDS) -> dict[str, Any]:
 
 def _head(job: Job) -> dict[str, Any]:
     text = yaml.safe_dump(job.patterns, sort_keys=False)
+    return {**_names(job), "version": version(), "parameters": text}
+
+
+def _names(job: Job) -> dict[str, Any]:
+    """What a mission is called in its campaign: columns that a changed campaign file changes."""
     varied = {name: _cell(value) for name, value in job.varied.items()}
-    return {"id": job.id, "group": job.group, "seed": job.seed, "parameters": text, **varied}
+    return {"id": job.id, "group": job.group, "seed": job.seed, **varied}
+
+
+@functools.cache
+def version() -> str:
+    """The code that flies: the commit it was checked out from ("-dirty": changed since), or the package's version."""
+    here = Path(__file__).resolve().parent
+    command = ["git", "-C", str(here), "describe", "--always", "--dirty"]
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        found = ""
+    return found or metadata.version("auv_lse_sim")
+
+
+def rows_of(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows of a campaign's missions, in its order, under the names that its file gives them now."""
+    by_id = {row["id"]: row for row in rows}
+    return [{**by_id[job.id], **_names(job)} for job in spec.jobs() if job.id in by_id]
 
 
 def _cell(value: Any) -> Any:
@@ -156,7 +182,7 @@ def run_campaign(
 
     Raises:
         ParameterError: if a setting cannot be used; before anything is flown.
-        CampaignError: if another process works on the folder.
+        CampaignError: if another process works on the folder, or the cluster is gone.
     """
     from distributed import as_completed
 
@@ -167,6 +193,7 @@ def run_campaign(
         todo = [job for job in jobs if have.get(job.id) not in (("ok",) if retry_failed else ("ok", "failed"))]
         threads = max(sum(client.nthreads().values()), 1)
         state = Progress(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
+        _say_versions(rows_of(spec, rows.read()) if todo and len(todo) < len(jobs) else [])
         waiting = iter(todo)
         began = time.monotonic()
         busy: dict[str, list[float]] = {}
@@ -181,34 +208,62 @@ def run_campaign(
             flying[future.key] = job
             return future
 
-        first = [f for f in (hand_out() for _ in range(threads + max(1, int(AHEAD * threads)))) if f is not None]
-        in_air = as_completed(first)
-        for future in in_air:
-            job = flying.pop(future.key)
-            row = _landed(future, job)
-            rows.write(row)
-            state.done += 1
-            state.failed += row["status"] == "failed"
-            state.busy_s += row.get("busy_s") or 0.0
-            state.elapsed_s = time.monotonic() - began
-            state.last = row
-            busy.setdefault(job.group, []).append(row.get("busy_s") or 0.0)
-            state.left_s = _left_s(busy, todo, state.done, threads)
-            future.release()
-            following = hand_out()
-            if following is not None:
-                in_air.add(following)
-            if progress is not None:
-                progress(state)
+        with _cluster_at_hand():
+            first = [f for f in (hand_out() for _ in range(threads + max(1, int(AHEAD * threads)))) if f is not None]
+            in_air = as_completed(first)
+            for future in in_air:
+                job = flying.pop(future.key)
+                row = _landed(future, job)
+                rows.write(row)
+                state.done += 1
+                state.failed += row["status"] == "failed"
+                state.busy_s += row.get("busy_s") or 0.0
+                state.elapsed_s = time.monotonic() - began
+                state.last = row
+                busy.setdefault(job.group, []).append(row.get("busy_s") or 0.0)
+                state.left_s = _left_s(busy, todo, state.done, threads)
+                future.release()
+                following = hand_out()
+                if following is not None:
+                    in_air.add(following)
+                if progress is not None:
+                    progress(state)
     return state
 
 
+@contextlib.contextmanager
+def _cluster_at_hand() -> Iterator[None]:
+    """Turns what Dask raises when its scheduler is gone into a CampaignError."""
+    from distributed.client import CancelledError, ClosedClientError, CommClosedError
+
+    try:
+        yield
+    except (CancelledError, ClosedClientError, CommClosedError) as error:
+        raise CampaignError(f"the cluster is gone ({error}); the same command goes on from here") from error
+
+
+def _say_versions(rows: Sequence[Mapping[str, Any]]) -> None:
+    others = sorted({str(row.get("version") or "unknown") for row in rows} - {version()})
+    if others:
+        print(
+            f"{len(rows)} rows are kept, of code {', '.join(others)}; what follows is flown by {version()}", flush=True
+        )
+
+
 def _landed(future: Any, job: Job) -> dict[str, Any]:
-    """The row of a finished future; one that Dask gave up on is a failed mission."""
+    """The row of a finished future; a mission that Dask gave up on has failed.
+
+    Raises:
+        CampaignError: if the future was cancelled: with the cluster gone, nothing is known of the mission.
+    """
     if future.status == "finished":
         row: dict[str, Any] = future.result()
         return row
-    error = future.exception()
+    error = future.exception() if future.status == "error" else None
+    if error is None:
+        raise CampaignError(
+            f"the cluster is gone (mission {job.id} {future.status}); the same command goes on from here"
+        )
     return {
         **_head(job),
         "status": "failed",
@@ -331,14 +386,16 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
     summary = write_outputs(evaluate(run, BOUNDS), to)
     now = {field.name: getattr(summary, field.name) for field in dataclasses.fields(summary)}
     timed = {"wall_s", "planning_median_s", "planning_max_s"}
-    changed = [name for name, value in now.items() if name not in timed and not _same(value, row[name])]
+    changed = [name for name, value in now.items() if name not in timed and not _same(value, row.get(name))]
     return to, changed if row["status"] == "ok" else []
 
 
 def _same(now: Any, then: Any) -> bool:
+    if isinstance(now, tuple):
+        return isinstance(then, list) and len(now) == len(then) and all(map(_same, now, then))
     if isinstance(now, float) and math.isnan(now):
-        return then is None
-    return bool((list(now) if isinstance(now, tuple) else now) == then)
+        return then is None or bool(then != then)
+    return bool(now == then)
 
 
 # Command line ---------------------------------------------------------------------------------------------------------
@@ -355,8 +412,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("spec", nargs="?", type=Path, metavar="SPEC.yaml", help="the campaign (below)")
     p.add_argument("--out", type=Path, metavar="DIR", help="the campaign's folder (default: runs/campaigns/NAME)")
-    p.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster to fly on (default: this machine)")
-    p.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per core)")
+    add_cluster_options(p)
     p.add_argument("--retry-failed", action="store_true", help="fly missions that failed before again")
     p.add_argument("--list", action="store_true", help="print the missions and which of them have a row, and end")
     p.add_argument("--rerun", metavar="ID", help="fly the mission of one row of --out again, with full recording")
@@ -364,24 +420,41 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+def add_cluster_options(p: argparse.ArgumentParser) -> None:
+    """The options that say where missions are flown."""
+    where = p.add_mutually_exclusive_group()
+    where.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster to fly on (default: this machine)"
+    )
+    where.add_argument(
+        "--workers", type=_positive, metavar="N", help="processes on this machine (default: one per core)"
+    )
+
+
+def _positive(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"got {text}; expected 1 or more")
+    return int(text)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies a campaign. Returns 0; 1 if missions failed; 2 if it cannot be done; 130 after Ctrl-C."""
     options = parser().parse_args(arguments)
+    if options.rerun is not None:
+        return _rerun(options)
     try:
-        if options.rerun is not None:
-            return _rerun(options)
         if options.spec is None:
             raise CampaignError("SPEC.yaml: missing; expected a campaign file (or --rerun ID with --out DIR)")
         spec = CampaignSpec.load(options.spec)
         folder = options.out or default_root() / "campaigns" / spec.name
         if options.list:
             return _list(spec, folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "campaign.yaml").write_text(options.spec.read_text())
+        with _locked(folder):  # refused before a cluster is started
+            (folder / "campaign.yaml").write_text(options.spec.read_text())
         with cluster(options.scheduler, options.workers) as client, display() as show:
             state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
         page = finish(spec, folder, state)
-    except (ParameterError, CampaignError, ValueError) as error:
+    except (ParameterError, CampaignError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -400,13 +473,14 @@ def finish(spec: CampaignSpec, folder: Path, state: Progress) -> Path:
     """Merges the rows and writes the page; returns its path."""
     from auv_lse_sim.campaign_page import write_page
 
-    rows = Rows(folder, columns_of(spec)).merge()
+    kept = Rows(folder, columns_of(spec))
+    rows = rows_of(spec, kept.read())
+    kept.write_table(rows)
     if state.done:
         facts = {k: v for k, v in dataclasses.asdict(state).items() if k != "last"}
         facts["efficiency"] = state.efficiency
         (folder / "progress.json").write_text(json.dumps(facts, indent=2) + "\n")
-    ids = {job.id for job in spec.jobs()}
-    page: Path = write_page(spec, [row for row in rows if row["id"] in ids], folder)
+    page: Path = write_page(spec, rows, folder)
     return page
 
 
@@ -418,9 +492,16 @@ def _list(spec: CampaignSpec, folder: Path) -> int:
 
 
 def _rerun(options: argparse.Namespace) -> int:
-    if options.out is None:
-        raise CampaignError("--rerun: expected the campaign's folder in --out DIR")
-    to, changed = rerun(options.out, options.rerun, options.to)
+    """A mission that fails fails here too, with its traceback: that is what it was flown again for."""
+    try:
+        if options.out is None:
+            raise CampaignError("--rerun: expected the campaign's folder in --out DIR")
+        to, changed = rerun(options.out, options.rerun, options.to)
+    except CampaignError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
     print(f"run folder: {to}")
     if changed:
         print(f"came out otherwise than in the row: {', '.join(changed)}", file=sys.stderr)

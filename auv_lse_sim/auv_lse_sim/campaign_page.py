@@ -208,13 +208,15 @@ def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) ->
     return sweep_figure(lines, name.split(".")[-1].replace("_", " "))
 
 
-def sweep_figure(lines: Mapping[str, Sequence[tuple[float, Sequence[Row]]]], label: str) -> Figure:
+def sweep_figure(
+    lines: Mapping[str, Sequence[tuple[float, Sequence[Row]]]], label: str, shown: Sequence[str] = SHOWN
+) -> Figure:
     """The main measures against a number: one line, of points (number, rows), for each name."""
     with matplotlib.rc_context(STYLE):
         figure = new_figure(WIDTH_IN, 2.3 if len(lines) < 2 else 2.6)
-        axes = figure.subplots(1, len(SHOWN))
+        axes = figure.subplots(1, len(shown))
         names = {column: heading for column, heading, _ in MEASURES}
-        for axis, column in zip(axes, SHOWN, strict=True):
+        for axis, column in zip(axes, shown, strict=True):
             for place, points in enumerate(lines.values()):
                 points = sorted(points, key=lambda p: p[0])
                 at = [x for x, _ in points]

@@ -11,7 +11,7 @@ import math
 import os
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ HEADER = (
     ("worker", pyarrow.string()),
     ("finished_utc", pyarrow.string()),
     ("busy_s", pyarrow.float64()),
+    ("version", pyarrow.string()),
     ("parameters", pyarrow.string()),
 )
 
@@ -89,36 +90,36 @@ class Rows:
         return path
 
     def statuses(self) -> dict[str, str]:
-        """Status by id of every row there is ("ok", "failed"); a file that is no row is put aside and named."""
-        found: dict[str, str] = {}
-        for path in sorted(self.folder.glob("*.parquet")):
-            try:
-                head = pyarrow.parquet.read_table(path, columns=["id", "status"])
-            except (pyarrow.ArrowException, OSError):
-                path.rename(path.with_suffix(".broken"))
-                continue
-            found[head["id"][0].as_py()] = head["status"][0].as_py()
-        return found
+        """Status by id of every row there is ("ok", "failed"); a file that is no row is put aside."""
+        return {row["id"]: row["status"] for row in self._tables(["id", "status"])}
 
     def read(self) -> list[dict[str, Any]]:
-        """Every row as a mapping."""
-        rows: list[dict[str, Any]] = []
-        for path in sorted(self.folder.glob("*.parquet")):
-            rows += pyarrow.parquet.read_table(path).to_pylist()
-        return rows
+        """Every row there is as a mapping; a file that is no row is put aside."""
+        return list(self._tables(None))
 
-    def merge(self) -> list[dict[str, Any]]:
-        """Writes `results.parquet` and returns its rows."""
-        rows = self.read()
-        if rows:
-            columns = {
-                name: [_fit(row.get(name), kind) for row in rows]
-                for name, kind in zip(self._columns.names, self._columns.types, strict=True)
-            }
-            part = self.table_file.with_suffix(f".{os.getpid()}.part")
-            pyarrow.parquet.write_table(pyarrow.table(columns, schema=self._columns), part)
-            os.replace(part, self.table_file)
-        return rows
+    def _tables(self, columns: list[str] | None) -> Iterator[dict[str, Any]]:
+        for path in sorted(self.folder.glob("*.parquet")):
+            try:
+                rows = pyarrow.parquet.read_table(path, columns=columns).to_pylist()
+            except (pyarrow.ArrowException, OSError):
+                rows = []
+            if len(rows) == 1:
+                yield rows[0]
+            else:
+                path.rename(path.with_suffix(".broken"))
+
+    def write_table(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Writes `results.parquet` with these rows; none leave none."""
+        if not rows:
+            self.table_file.unlink(missing_ok=True)
+            return
+        columns = {
+            name: [_fit(row.get(name), kind) for row in rows]
+            for name, kind in zip(self._columns.names, self._columns.types, strict=True)
+        }
+        part = self.table_file.with_suffix(f".{os.getpid()}.part")
+        pyarrow.parquet.write_table(pyarrow.table(columns, schema=self._columns), part)
+        os.replace(part, self.table_file)
 
 
 def _fit(value: Any, kind: pyarrow.DataType) -> Any:

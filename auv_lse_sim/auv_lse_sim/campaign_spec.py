@@ -14,6 +14,7 @@ seeds: 50                           # 1 to 50; or a list; or {first: 101, count:
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import itertools
 import json
@@ -36,8 +37,8 @@ class Job:
     """One mission of a campaign.
 
     Attributes:
-        id: Names the mission: a digest of its complete parameters, so that a changed campaign file repeats only
-            what it changed.
+        id: Names the mission: a digest of its complete parameters and of the survey it flies over, so that a changed
+            campaign file repeats only what it changed.
         group: The setting it belongs to, readable: all seeds of one setting share it.
         varied: The parameters in which settings differ, with this mission's values.
         seed: Its seed.
@@ -125,9 +126,12 @@ class CampaignSpec:
         mission = content.get("mission")
         file = folder / str(mission) if mission else None
         Settings.load(file)  # what is wrong in the file itself is said first
+        for label, values in settings:
+            if "mission.seed" in values:
+                raise ParameterError(f"{where}: mission.seed in setting '{label}'; expected under `seeds`")
         names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
         return cls(
-            name=str(content.get("name", name)),
+            name=str(content.get("name") or name),
             settings=tuple(settings),
             seeds=_seeds(content.get("seeds", 1), where),
             varied=tuple(names),
@@ -142,15 +146,17 @@ class CampaignSpec:
             ParameterError: if a setting cannot be used.
         """
         jobs = []
-        by_setting = [
-            (label, values, Settings.from_patterns(self.base, self.where, values).to_patterns())
-            for label, values in self.settings
-        ]
+        by_setting = []
+        for label, values in self.settings:
+            settings = Settings.from_patterns(self.base, self.where, values)
+            survey = _digest(settings.sim.bathymetry.file, f"{self.where}: setting '{label}'")
+            by_setting.append((label, values, settings.to_patterns(), survey))
         for seed in self.seeds:
-            for label, values, settings in by_setting:
-                common = settings["/**"]
-                patterns = {**settings, "/**": {**common, "mission": {**common["mission"], "seed": seed}}}
-                digest = hashlib.sha256(json.dumps(patterns, sort_keys=True).encode()).hexdigest()[:16]
+            for label, values, complete, survey in by_setting:
+                common = complete["/**"]
+                patterns = {**complete, "/**": {**common, "mission": {**common["mission"], "seed": seed}}}
+                text = json.dumps(patterns, sort_keys=True) + survey
+                digest = hashlib.sha256(text.encode()).hexdigest()[:16]
                 varied = {name: values[name] for name in self.varied if name in values}
                 jobs.append(Job(id=digest, group=label, varied=varied, seed=seed, patterns=patterns))
         ids = [job.id for job in jobs]
@@ -160,6 +166,17 @@ class CampaignSpec:
                 f"{self.where}: setting '{twice.group}' with seed {twice.seed} is the same mission as another one"
             )
         return jobs
+
+
+@functools.cache
+def _digest(file: str, where: str) -> str:
+    """What identifies a survey beside its name, so that a file that has changed makes other missions; "" for none."""
+    if not file:
+        return ""
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    except OSError as error:
+        raise ParameterError(f"{where}: sim.bathymetry.file: {file}: {error.strerror or error}") from error
 
 
 def _mapping(value: Any, where: str) -> Mapping[str, Any]:
@@ -174,14 +191,23 @@ def _seeds(value: Any, where: str) -> tuple[int, ...]:
     elif isinstance(value, int) and value >= 1:
         return tuple(range(1, value + 1))
     elif isinstance(value, Mapping) and set(value) == {"first", "count"}:
-        return tuple(range(int(value["first"]), int(value["first"]) + int(value["count"])))
-    elif isinstance(value, Sequence) and _different_seeds(value):
+        first, count = value["first"], value["count"]
+        if _whole(first) and _whole(count) and count >= 1:
+            return tuple(range(first, first + count))
+    elif isinstance(value, Sequence) and not isinstance(value, str) and _different_seeds(value):
         return tuple(value)
-    raise ParameterError(f"{where}: seeds: got {value!r}; expected a number, a list of numbers, or first and count")
+    raise ParameterError(
+        f"{where}: seeds: got {value!r}; expected a number of seeds, a list of different whole numbers from 0, or "
+        "{first: from 0, count: from 1}"
+    )
 
 
 def _different_seeds(values: Sequence[Any]) -> bool:
-    return 0 < len(values) == len(set(values)) and all(isinstance(v, int) and v >= 0 for v in values)
+    return all(map(_whole, values)) and 0 < len(values) == len(set(values))
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
 def _short(name: str, value: Any) -> str:

@@ -11,6 +11,7 @@ import argparse
 import json
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from auv_lse_sim import bag
 from auv_lse_sim.campaign import (
     CampaignError,
     Progress,
+    add_cluster_options,
     cluster,
     columns_of,
     default_root,
@@ -103,7 +105,12 @@ def _costs(ratio: float) -> Mapping[str, Any]:
 SWEEPS = (
     _one("loss", "packets lost (share)", "sim.channel.packet_loss", [0.0, 0.2, 0.4, 0.6, 0.8, 1.0], 0.0),
     _one("slot", "slot length (s)", "tdma.slot_s", [5.0, 10.0, 20.0, 40.0], 10.0),
-    Sweep(name="navigation", label="compass bias, DVL scale and noise (× default)", points=tuple(NAVIGATION.items()), default=1.0),
+    Sweep(
+        name="navigation",
+        label="compass bias, DVL scale and noise (× default)",
+        points=tuple(NAVIGATION.items()),
+        default=1.0,
+    ),
     _one("team", "vehicles", "mission.vehicles", [1, 2, 3, 4, 5, 6, 7, 8], 3.0),
     _one("horizon", "horizon m (legs)", "planner.horizon", [1, 3, 6, 10, 15]),
     _one("iterations", "tree search iterations", "planner.iterations", [50, 100, 150, 300, 1000]),
@@ -138,6 +145,7 @@ class Plan:
         large_team: Team size in the large area.
         shown: Settings of the trials of which one mission is flown for the figures: team size, method.
         budget_s: Time after which no further mission is handed out, over all campaigns.
+        only: Names of the campaigns that are flown now; the page has all of them.
     """
 
     name: str
@@ -147,6 +155,12 @@ class Plan:
     large_team: int
     shown: tuple[tuple[int, str], ...]
     budget_s: float
+    only: tuple[str, ...] = ("trials", "large", "sensitivity")
+
+    @property
+    def flown(self) -> dict[str, CampaignSpec]:
+        """The campaigns that are flown now."""
+        return {name: spec for name, spec in self.campaigns.items() if name in self.only}
 
 
 def base_mission() -> Path:
@@ -164,10 +178,10 @@ def full_plan(seeds: int, sweep_seeds: int, only: Sequence[str]) -> Plan:
         "large": _spec("large", large, LARGE, max(sweep_seeds, min(seeds, 20))),
         "sensitivity": _spec("sensitivity", _swept(SWEEPS, SENSITIVE), {}, sweep_seeds),
     }
-    chosen = {name: spec for name, spec in campaigns.items() if name in only}
     return Plan(
         name="full",
-        campaigns=chosen,
+        campaigns=campaigns,
+        only=tuple(only),
         sweeps=SWEEPS,
         teams=(2, 3),
         large_team=3,
@@ -222,7 +236,7 @@ def estimate_s(plan: Plan, folder: Path, client: Any, threads: int) -> float:
     total = 0.0
     probes: dict[tuple[str, str], list[Any]] = {}
     left: dict[tuple[str, str], int] = {}
-    for name, spec in plan.campaigns.items():
+    for name, spec in plan.flown.items():
         rows = Rows(folder / name, columns_of(spec)).read()
         have = {row["id"] for row in rows}
         for job in spec.jobs():
@@ -256,7 +270,7 @@ def _probe_s(patterns: Mapping[str, Any], factor: float) -> float:
 def examples(plan: Plan, folder: Path, client: Any) -> dict[tuple[int, str], Evaluation]:
     """One mission of each of the plan's `shown` settings, with full recording, for the figures.
 
-    Its seed is the trials' first, chosen before anything was flown.
+    Its seed is the trials' first, chosen before anything was flown. Without a client, those flown before.
     """
     spec = plan.campaigns["trials"]
     wanted = {trial_name(k, m): (k, m) for k, m in plan.shown}
@@ -265,21 +279,27 @@ def examples(plan: Plan, folder: Path, client: Any) -> dict[tuple[int, str], Eva
     flights = {
         key: client.submit(_example, job.patterns, f"example {job.group}", pure=False)
         for key, job in jobs.items()
-        if not (places[key] / "summary.json").exists()
+        if client is not None and not places[key].exists()
     }
     found: dict[tuple[int, str], Evaluation] = {}
-    for key in jobs:
-        place = places[key]
+    for key, place in places.items():
         if key in flights:
-            evaluation = flights[key].result()
-            if not (place / "bag").exists():
-                bag.write_run(evaluation.run, place)
-            _keep_ground(evaluation.run.ground, place / "ground.npz")
-            write_outputs(evaluation, place)
-        else:
-            evaluation = evaluate(bag.read_run(place, ground=_kept_ground(place / "ground.npz")))
-        found[key] = evaluation
+            found[key] = flights[key].result()
+            _keep(found[key], place)
+        elif place.exists():
+            found[key] = evaluate(bag.read_run(place, ground=_kept_ground(place / "ground.npz")))
     return found
+
+
+def _keep(evaluation: Evaluation, place: Path) -> None:
+    """Writes a run folder, which is there whole or not at all."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".part-", dir=place.parent) as part:
+        run = Path(part) / place.name
+        bag.write_run(evaluation.run, run)
+        _keep_ground(evaluation.run.ground, run / "ground.npz")
+        write_outputs(evaluation, run)
+        run.rename(place)
 
 
 def _example(patterns: Mapping[str, Any], where: str) -> Evaluation:
@@ -308,9 +328,9 @@ def fly_plan(plan: Plan, folder: Path, client: Any) -> dict[str, Progress]:
     """Flies all campaigns of a plan; within a budget, each gets its share of the time that is left."""
     began = time.monotonic()
     states = {}
-    for index, (name, spec) in enumerate(plan.campaigns.items()):
+    for index, (name, spec) in enumerate(plan.flown.items()):
         left = plan.budget_s - (time.monotonic() - began)
-        share = left * (0.8 if index == 0 and len(plan.campaigns) > 1 else 1.0)
+        share = left * (0.8 if index == 0 and len(plan.flown) > 1 else 1.0)
         print(f"{name}: {len(spec.settings)} settings, {len(spec.seeds)} seeds", flush=True)
         with display() as show:
             states[name] = run_campaign(spec, folder / name, client, budget_s=share, progress=show)
@@ -340,8 +360,7 @@ def parser() -> argparse.ArgumentParser:
         default=("trials", "large", "sensitivity"),
         help="campaigns to fly (default: all)",
     )
-    p.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster to fly on (default: this machine)")
-    p.add_argument("--workers", type=int, metavar="N", help="processes on this machine (default: one per core)")
+    add_cluster_options(p)
     p.add_argument("--estimate", action="store_true", help="say how long it will take, and end")
     p.add_argument("--page", action="store_true", help="write the page from the missions flown so far, and end")
     return p
@@ -364,19 +383,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder = options.out or default_root() / ("reproduce-quick" if options.quick else "reproduce")
         folder.mkdir(parents=True, exist_ok=True)
         states: dict[str, Progress] = {}
-        with cluster(options.scheduler, options.workers) as client:
-            threads = max(sum(client.nthreads().values()), 1)
-            if not options.quick and not options.page:
-                print("estimating the time", flush=True)
-                left = estimate_s(plan, folder, client, threads)
-                print(f"about {duration(left)} on {threads} cores; Ctrl-C stops, the same command goes on", flush=True)
-                if options.estimate:
-                    return 0
-            if not options.page:
+        if options.page:
+            shown = examples(plan, folder, None)
+        else:
+            with cluster(options.scheduler, options.workers) as client:
+                threads = max(sum(client.nthreads().values()), 1)
+                if not options.quick:
+                    print("estimating the time", flush=True)
+                    left = duration(estimate_s(plan, folder, client, threads))
+                    print(f"about {left} on {threads} cores; Ctrl-C stops, the same command goes on", flush=True)
+                    if options.estimate:
+                        return 0
                 states = fly_plan(plan, folder, client)
-            shown = examples(plan, folder, client) if "trials" in plan.campaigns else {}
+                shown = examples(plan, folder, client if "trials" in plan.only else None)
         page = write_page(plan, folder, shown)
-    except (ParameterError, CampaignError, ValueError) as error:
+    except (ParameterError, CampaignError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from auv_lse_sim import figures
-from auv_lse_sim.campaign import columns_of
+from auv_lse_sim.campaign import columns_of, rows_of
 from auv_lse_sim.campaign_page import comparison, curves, sweep_figure, value_of
 from auv_lse_sim.campaign_rows import Rows
 from auv_lse_sim.claims import Claim, claims
@@ -24,7 +24,7 @@ from auv_lse_sim.evaluation import Evaluation
 from auv_lse_sim.figures import STYLE, WIDTH_IN, new_figure, save
 from auv_lse_sim.report import embedded, facts, head, table
 from auv_lse_sim.reproduce import METHODS, Plan, Sweep, sweep_name, trial_name
-from auv_lse_sim.statistics import Interval, interval
+from auv_lse_sim.statistics import Interval, interval, proportion
 
 Row = Mapping[str, Any]
 
@@ -49,11 +49,21 @@ COLUMNS = (
 )
 
 
+#: What the tables of sensitivities show: column, name with unit.
+SWEPT = {
+    "risk_after": "final risk (cost/place)",
+    "isobath_error_m": "isobath error (m)",
+    "local_risk_error": "local-map risk error (cost/place)",
+}
+
+#: What their figures show.
+DRAWN = ("risk_third", "risk_after", "isobath_error_m", "local_risk_error")
+
+
 def write_page(plan: Plan, folder: Path, shown: Mapping[tuple[int, str], Evaluation]) -> Path:
     """Writes figures, `results.json`, `results.md` and `reproduce.html` from the rows so far; returns its path."""
-    rows = {name: Rows(folder / name, columns_of(spec)).merge() for name, spec in plan.campaigns.items()}
-    known = {name: {job.id for job in spec.jobs()} for name, spec in plan.campaigns.items()}
-    done = {name: [r for r in found if r["status"] == "ok" and r["id"] in known[name]] for name, found in rows.items()}
+    rows = {name: rows_of(spec, Rows(folder / name, columns_of(spec)).read()) for name, spec in plan.campaigns.items()}
+    done = {name: [r for r in found if r["status"] == "ok"] for name, found in rows.items()}
     failed = [r for found in rows.values() for r in found if r["status"] == "failed"]
     trials = _by_trial(done.get("trials", []), plan.teams)
     large = _by_trial(done.get("large", []), (plan.large_team,))
@@ -68,7 +78,7 @@ def write_page(plan: Plan, folder: Path, shown: Mapping[tuple[int, str], Evaluat
         "<h2>The paper's figures</h2>" + _paper_figures(plan, folder, shown),
         "<h2>Field trials over seeds</h2>" + _table(trials) + _groups_figure(folder, "trials", trials),
     ]
-    if "large" in done:
+    if large:
         parts.append(
             "<h2>In an area four times as large</h2><p>1400 m × 1200 m: three vehicles cannot saturate it.</p>"
         )
@@ -122,7 +132,7 @@ def _table(groups: Mapping[tuple[int, str], Sequence[Row]]) -> str:
     header = ["setting", "seeds", *(heading for _, heading in COLUMNS)]
     lines = []
     for (vehicles, method), rows in groups.items():
-        cells = [str(_mean(rows, column)) for column, _ in COLUMNS]
+        cells = [_cell(rows, column) for column, _ in COLUMNS]
         lines.append([trial_name(vehicles, method), str(len(rows)), *cells])
     return table(header, lines, ["", *["n"] * (len(header) - 1)])
 
@@ -261,7 +271,7 @@ def _sensitivity(folder: Path, swept: Sequence[tuple[Sweep, Lines]]) -> str:
     parts = []
     for sweep, lines in swept:
         name = f"sensitivity_{sweep.name}.png"
-        save(sweep_figure(lines, sweep.label), folder / name)
+        save(sweep_figure(lines, sweep.label, DRAWN), folder / name)
         seeds = len({r["seed"] for points in lines.values() for _, own in points for r in own})
         caption = f"Three vehicles: mean and 95 % confidence interval over {seeds} seeds against {sweep.label}."
         if sweep.name == "team":
@@ -302,12 +312,12 @@ def markdown(
     if large:
         lines += ["", "**In an area four times as large**", "", *_markdown_table(large)]
     for sweep, by_method in swept:
-        lines += ["", f"**Sensitivity to {sweep.label}**: final risk (cost/place); isobath error (m)", ""]
+        lines += ["", f"**Sensitivity to {sweep.label}**: " + "; ".join(SWEPT.values()), ""]
         lines.append(f"| {sweep.label} | seeds | " + " | ".join(by_method) + " |")
         lines.append("|---" * (len(by_method) + 2) + "|")
         for value, _ in sweep.points:
             at = [dict(points).get(value, ()) for points in by_method.values()]
-            cells = [f"{_mean(rows, 'risk_after')}; {_mean(rows, 'isobath_error_m')}" for rows in at]
+            cells = ["; ".join(_cell(rows, column) for column in SWEPT) for rows in at]
             lines.append(f"| {value:g} | {max(map(len, at))} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
@@ -317,13 +327,22 @@ def _markdown_table(groups: Mapping[tuple[int, str], Sequence[Row]]) -> list[str
     lines = ["| setting | seeds | " + " | ".join(heading for _, heading in columns) + " |"]
     lines.append("|---" * (len(columns) + 2) + "|")
     for (vehicles, method), rows in groups.items():
-        cells = [str(_mean(rows, key)) for key, _ in columns]
+        cells = [_cell(rows, key) for key, _ in columns]
         lines.append(f"| {trial_name(vehicles, method)} | {len(rows)} | " + " | ".join(cells) + " |")
     return lines
 
 
 def _mean(rows: Sequence[Row], column: str) -> Interval:
     return interval([value_of(r, column) for r in rows])
+
+
+def _cell(rows: Sequence[Row], column: str) -> str:
+    """A column's mean with its interval; of how many missions, if some have no value (no isobath found at all)."""
+    values = [r.get(column) for r in rows]
+    if any(isinstance(v, bool) for v in values):
+        return proportion(values)
+    mean = _mean(rows, column)
+    return f"{mean}" if mean.count == len(rows) else f"{mean} ({mean.count} of {len(rows)})"
 
 
 def _results(

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +39,21 @@ class Interval:
             return f"{self.mean:.4g}"
         places = max(0, min(6, 1 - math.floor(math.log10(self.half))))
         return f"{self.mean:.{places}f} ± {self.half:.{places}f}"
+
+
+def proportion(flags: Sequence[bool | None], confidence: float = 0.95) -> str:
+    """Share of those that hold, with its Wilson interval: `0.31 (0.14 to 0.56)`; an interval that shares really have.
+
+    Student's would give 0 of 16 no width at all, and 1 of 16 a negative limit.
+    """
+    known = [bool(f) for f in flags if f is not None]
+    count = len(known)
+    if not count:
+        return "–"
+    share, z = sum(known) / count, float(ndtri(0.5 + confidence / 2.0))
+    middle = (share + z * z / (2.0 * count)) / (1.0 + z * z / count)
+    half = z / (1.0 + z * z / count) * math.sqrt(share * (1.0 - share) / count + (z / (2.0 * count)) ** 2)
+    return f"{share:.2f} ({max(middle - half, 0.0):.2f} to {min(middle + half, 1.0):.2f})"
 
 
 def interval(values: Sequence[float | None], confidence: float = 0.95) -> Interval:

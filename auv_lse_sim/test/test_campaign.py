@@ -1,4 +1,5 @@
 import json
+import math
 import os
 import re
 import signal
@@ -7,15 +8,29 @@ import sys
 import time
 from pathlib import Path
 
+import pyarrow
 import pyarrow.parquet
 import pytest
 import yaml
 
 from auv_lse_common.params import ParameterError
-from auv_lse_sim import campaign
-from auv_lse_sim.campaign import CampaignError, cluster, columns_of, duration, finish, fly, main, rerun, run_campaign
+from auv_lse_sim import campaign, campaign_spec
+from auv_lse_sim.campaign import (
+    CampaignError,
+    Progress,
+    cluster,
+    columns_of,
+    duration,
+    finish,
+    fly,
+    main,
+    rerun,
+    rows_of,
+    run_campaign,
+)
 from auv_lse_sim.campaign_rows import Rows
 from auv_lse_sim.campaign_spec import CampaignSpec
+from auv_lse_sim.settings import Settings
 
 TINY = {
     "mission.steps": 2,
@@ -86,6 +101,13 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"list": [{"label": "a"}, {"label": "b"}]}, "the same mission as another"),
         ({"list": [{"planner.method": "plain"}], "grid": {"planner.method": ["plain"]}}, "in grid and in list"),
         ({"set": ["x"]}, r"set: got \['x'\]; expected parameters by dotted name"),
+        ({"seeds": {"first": -5, "count": 3}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": {"first": 1, "count": 0}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": {"first": 1.9, "count": 2}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": {"first": "a", "count": 2}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": [True, 2]}, r"seeds: got .*expected a number of seeds"),
+        ({"set": {**TINY, "mission.seed": 9}}, r"mission\.seed in setting 'all'; expected under `seeds`"),
+        ({"set": {**TINY, "sim.bathymetry.file": "nope.csv"}}, r"'all'.*bathymetry\.file: nope\.csv: No such file"),
     ],
 )
 def test_a_wrong_campaign_is_refused_before_anything_flies(tmp_path, content, message):
@@ -93,7 +115,55 @@ def test_a_wrong_campaign_is_refused_before_anything_flies(tmp_path, content, me
         CampaignSpec.from_mapping({"set": TINY, **content}, "test.yaml", tmp_path).jobs()
 
 
+def test_vehicles_of_a_larger_team_have_depths_of_their_own(tmp_path):
+    (job,) = CampaignSpec.from_mapping({"set": {"mission.vehicles": 5}}, "test.yaml", tmp_path).jobs()
+    settings = Settings.from_patterns(job.patterns, "job")
+    assert [own.vehicle.depth_m for own in settings.vehicles] == [3.0, 4.0, 5.0, 3.0, 4.0]
+
+
+def test_another_survey_under_the_same_name_is_another_mission(tmp_path):
+    survey = tmp_path / "survey.csv"
+
+    def ids():
+        campaign_spec._digest.cache_clear()  # a new process
+        return {j.id for j in spec_of(tmp_path, set={**TINY, "sim.bathymetry.file": str(survey)}).jobs()}
+
+    survey.write_text("east_m,north_m,depth_m\n0,0,10\n")
+    before = ids()
+    assert before == ids()
+    survey.write_text("east_m,north_m,depth_m\n0,0,11\n")
+    assert before != ids()
+
+
 # Rows
+
+
+def test_rows_follow_the_campaign_file_as_it_is_now(tmp_path):
+    def spec(**content):
+        return CampaignSpec.from_mapping({"set": TINY, "seeds": 2, **content}, "test.yaml", tmp_path)
+
+    first = spec(list=[{"label": "old name", "planner.method": "plain"}, {"planner.method": "lawnmower"}])
+    rows = Rows(tmp_path, columns_of(first))
+    for job in first.jobs():
+        rows.write({**campaign._head(job), "status": "ok", "f1": 0.5, "risk_after": 1.0})
+    now = spec(list=[{"label": "new name", "planner.method": "plain"}, {"planner.method": "max_variance"}])
+    found = rows_of(now, Rows(tmp_path, columns_of(now)).read())
+    assert [row["group"] for row in found] == ["new name"] * 2
+    assert [row["planner.method"] for row in found] == ["plain"] * 2
+    finish(now, tmp_path, Progress(total=4, before=2))  # writes a page of what there is
+    assert pyarrow.parquet.read_table(tmp_path / "results.parquet")["group"].to_pylist() == ["new name"] * 2
+    assert len(list((tmp_path / "rows").glob("*.parquet"))) == 4, "rows of other missions stay"
+
+
+def test_an_empty_row_file_is_put_aside(tmp_path):
+    spec = spec_of(tmp_path, seeds=2)
+    rows = Rows(tmp_path, columns_of(spec))
+    first, second = spec.jobs()
+    (rows.folder / f"{first.id}.parquet").write_bytes(b"")
+    empty = pyarrow.table({name: [] for name in columns_of(spec).names}, schema=columns_of(spec))
+    pyarrow.parquet.write_table(empty, rows.folder / f"{second.id}.parquet")
+    assert rows.read() == []
+    assert len(list(rows.folder.glob("*.broken"))) == 2
 
 
 def test_rows_are_whole_or_not_there(tmp_path):
@@ -150,14 +220,16 @@ def test_a_campaign_flies_resumes_and_repeats(tmp_path, client):
 
 
 def test_a_mission_that_fails_is_recorded_and_stops_no_other(tmp_path, client):
-    spec = spec_of(tmp_path, list=[{"label": "no ground", "sim.bathymetry.file": "nowhere.csv"}, {"label": "lake"}])
+    survey = tmp_path / "nothing.csv"
+    survey.write_text("east_m,north_m,depth_m\n")
+    spec = spec_of(tmp_path, list=[{"label": "no ground", "sim.bathymetry.file": str(survey)}, {"label": "lake"}])
     state = run_campaign(spec, tmp_path, client)
     assert (state.done, state.failed) == (2, 1)
-    rows = {row["group"]: row for row in Rows(tmp_path, columns_of(spec)).merge()}
+    rows = {row["group"]: row for row in Rows(tmp_path, columns_of(spec)).read()}
     assert rows["lake"]["status"] == "ok"
     failed = rows["no ground"]
     assert failed["status"] == "failed"
-    assert "nowhere.csv" in failed["error"]
+    assert "nothing.csv" in failed["error"]
     assert "Traceback" in failed["traceback"]
     assert failed["seed"] == 1
     assert failed["risk_after"] is None
@@ -165,7 +237,7 @@ def test_a_mission_that_fails_is_recorded_and_stops_no_other(tmp_path, client):
     assert run_campaign(spec, tmp_path, client, retry_failed=True).done == 1  # ... unless asked otherwise
     page = finish(spec, tmp_path, state).read_text()
     assert f"<code>{failed['id']}</code>" in page
-    with pytest.raises(Exception, match=r"nowhere\.csv"):  # it fails alone as it failed in the campaign
+    with pytest.raises(Exception, match=r"nothing\.csv"):  # it fails alone as it failed in the campaign
         rerun(tmp_path, failed["id"], tmp_path / "again")
 
 
@@ -183,14 +255,14 @@ def test_a_killed_worker_costs_its_mission_only(tmp_path, client):
     assert (state.done, state.failed) == (6, 0)
     assert killed
     assert sorted(row["seed"] for row in Rows(tmp_path, columns_of(spec)).read()) == [1, 2, 3, 4, 5, 6]
-    client.wait_for_workers(2, timeout=30)
+    client.wait_for_workers(2, timeout=120)
     assert pids[0] not in client.run(os.getpid).values()
 
 
 def test_a_scheduler_elsewhere_is_used(tmp_path, client):
     file = tmp_path / "tiny.yaml"
     file.write_text(yaml.safe_dump({"set": TINY, "seeds": 2}))
-    client.wait_for_workers(2, timeout=30)
+    client.wait_for_workers(2, timeout=120)
     address = client.scheduler_info()["address"]
     assert main([str(file), "--out", str(tmp_path / "out"), "--scheduler", address]) == 0
     workers = {row["worker"].split(":")[1] for row in Rows(tmp_path / "out", None).read()}
@@ -205,6 +277,35 @@ def test_a_mission_that_kills_its_workers_is_recorded(tmp_path, client, monkeypa
     (row,) = Rows(tmp_path, columns_of(spec)).read()
     assert row["error"].startswith("KilledWorker")
     assert row["seed"] == 1
+
+
+class _Lost:
+    """A future whose cluster is gone."""
+
+    status = "cancelled"
+
+    def exception(self):
+        return None
+
+
+def test_a_lost_cluster_makes_no_row(tmp_path):
+    (job,) = spec_of(tmp_path, seeds=1).jobs()
+    with pytest.raises(CampaignError, match=r"the cluster is gone .*cancelled.*the same command goes on"):
+        campaign._landed(_Lost(), job)
+
+
+@pytest.mark.parametrize("arguments", [["--workers", "0"], ["--workers", "-1"], ["--workers", "2", "--scheduler", "x"]])
+def test_workers_that_make_no_sense_are_refused(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["spec.yaml", *arguments])
+    assert ended.value.code == 2
+    assert "--workers" in capsys.readouterr().err
+
+
+def test_nan_is_the_same_as_nothing():
+    assert campaign._same((math.nan, 1.0), [None, 1.0])
+    assert campaign._same((math.nan, 1.0), [math.nan, 1.0])
+    assert not campaign._same((0.5, 1.0), [math.nan, 1.0])
 
 
 def test_two_campaigns_in_one_folder_are_refused(tmp_path, client):
@@ -285,7 +386,7 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     kept = {p: p.stat().st_mtime_ns for p in rows.folder.glob("*.parquet")}
     assert 1 <= len(kept) < 16
     assert set(rows.statuses().values()) == {"ok"}
-    client.wait_for_workers(2, timeout=30)
+    client.wait_for_workers(2, timeout=120)
     state = run_campaign(spec, out, client)
     assert (state.before, state.done, state.failed) == (len(kept), 16 - len(kept), 0)
     assert all(p.stat().st_mtime_ns == stamp for p, stamp in kept.items())

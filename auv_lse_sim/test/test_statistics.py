@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from auv_lse_sim.statistics import interval, paired
+from auv_lse_sim.statistics import interval, paired, proportion
 
 
 def test_interval_of_known_numbers():
@@ -25,3 +25,10 @@ def test_pairs_cancel_what_the_seeds_share():
     better = {1: 9.0, 2: 19.0, 3: 89.0, 5: 0.0}
     difference = paired(better, lake)
     assert (difference.mean, difference.half, difference.count) == (-1.0, 0.0, 3)
+
+
+def test_shares_have_limits_that_shares_can_have():
+    assert proportion([False] * 16) == "0.00 (0.00 to 0.19)"
+    assert proportion([True] * 16) == "1.00 (0.81 to 1.00)"
+    assert proportion([True] * 5 + [False] * 11 + [None]) == "0.31 (0.14 to 0.56)"  # Wilson 1927
+    assert proportion([None]) == "–"
