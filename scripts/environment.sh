@@ -19,17 +19,29 @@ environment_fingerprint() {
     } 2>/dev/null | sha256sum
 }
 
-# Sets up when needed (quiet when there is nothing to do), then puts the environment into this shell.
+# Sets up when needed (quiet when there is nothing to do), then puts the environment into this shell. Returns what
+# scripts/setup returned if that failed. Leaves the shell's own settings as they were.
 use_environment() {
-    "$ROOT/scripts/setup" --quiet || exit $?
+    local site strict=
+    "$ROOT/scripts/setup" --quiet || return $?
     export PATH="$VENV/bin:$PATH"
     if ! ros_is_sourced; then
         export AMENT_PREFIX_PATH="$VENV" RMW_IMPLEMENTATION=rmw_fastrtps_cpp
         unset PYTHONPATH
     fi
+    case $- in *u*) strict=1 ;; esac
     set +u # colcon's own script reads unset variables
     . "$INSTALL/local_setup.bash"
-    set -u
+    [ -z "$strict" ] || set -u
+    if ros_is_sourced; then
+        # The system's ros2 launch runs on the system's Python: it finds our packages here, after all of its own.
+        for site in "$VENV"/lib/python3.*/site-packages; do
+            case ":${PYTHONPATH:-}:" in
+                *":$site:"*) ;;
+                *) export PYTHONPATH="${PYTHONPATH:+$PYTHONPATH:}$site" ;;
+            esac
+        done
+    fi
     export AUV_LSE_ROOT="$ROOT"
     # One thread per process: a mission is many processes on few cores.
     export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"

@@ -1,0 +1,60 @@
+"""scripts/environment.sh in a person's shell and in a script."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+
+
+def shell(folder: Path, script: str, set_up: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs bash lines in a project whose scripts/setup ends with `set_up`."""
+    (folder / "scripts").mkdir(parents=True)
+    shutil.copy(SCRIPTS / "environment.sh", folder / "scripts")
+    (folder / "scripts" / "setup").write_text(f"#!/bin/sh\nexit {set_up}\n")
+    (folder / "scripts" / "setup").chmod(0o755)
+    (folder / "ros_ws" / "install").mkdir(parents=True)
+    (folder / "ros_ws" / "install" / "local_setup.bash").write_text("export BUILT=yes$A_VARIABLE_THAT_IS_NOT_SET\n")
+    (folder / ".venv" / "lib" / "python3.12" / "site-packages").mkdir(parents=True)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH", "PYTHONPATH")}
+    return subprocess.run(
+        ["bash", "-c", script],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**plain, **environment},
+        timeout=30,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("flag", ["-u", "+u"])
+def test_the_shells_flag_stays_as_it_was(tmp_path: Path, flag: str) -> None:
+    process = shell(tmp_path / "p", f'set {flag}; . scripts/environment.sh && use_environment; echo "$BUILT $-"')
+    built, flags = process.stdout.split()
+    assert built == "yes", process.stderr
+    assert ("u" in flags) == (flag == "-u")
+
+
+def test_a_failed_set_up_leaves_a_persons_shell_open_and_stops_a_script(tmp_path: Path) -> None:
+    process = shell(tmp_path / "p", ". scripts/environment.sh && use_environment; echo still here $?", set_up=3)
+    assert (process.stdout, process.returncode) == ("still here 3\n", 0)
+    calls = {
+        path.name: [line for line in path.read_text().splitlines() if line.startswith("use_environment")]
+        for path in SCRIPTS.iterdir()
+        if path.is_file() and path.name not in ("environment.sh", "setup")
+    }
+    assert set(map(tuple, calls.values())) == {("use_environment || exit $?",)}, calls
+
+
+def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: Path) -> None:
+    script = '. scripts/environment.sh && use_environment && use_environment; echo "$PYTHONPATH"'
+    ros = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/jazzy", "PYTHONPATH": "/opt/ros/jazzy/lib"}
+    process = shell(tmp_path / "p", script, **ros)
+    assert process.stdout.strip() == f"/opt/ros/jazzy/lib:{tmp_path}/p/.venv/lib/python3.12/site-packages"
+    assert shell(tmp_path / "q", script).stdout.strip() == "", "without ROS our own Python has them anyway"
