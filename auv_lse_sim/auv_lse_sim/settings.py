@@ -199,6 +199,7 @@ class Settings:
         shared = ("mission", "level_set", "area", "motion", "tdma", "packet", "sim", "record")
         for_all = {name: to_mapping(getattr(self, name)) for name in shared}
         common = {name: to_mapping(getattr(self.common, name)) for name in PER_VEHICLE}
+        del common["vehicle"]["depth_m"]  # each vehicle's own, so that more vehicles take theirs in turn
         patterns: Patterns = {"/**": {**for_all, **common}}
         for number, own in enumerate(self.vehicles, 1):
             different: dict[str, Any] = {}

@@ -120,3 +120,9 @@ def test_what_is_wrong_is_said(tmp_path, text, match):
 def test_no_such_vehicle():
     with pytest.raises(ValueError, match="vehicle 4: expected 1 to 3"):
         Settings.load().vehicle(4)
+
+
+def test_a_complete_file_flown_by_a_larger_team_gives_the_new_ones_depths_in_turn():
+    complete = Settings.load(None, {"mission.vehicles": 2, "auv2.vehicle.depth_m": 7.5}).to_patterns()
+    larger = Settings.from_patterns(complete, "mission.yaml", {"mission.vehicles": 5})
+    assert [own.vehicle.depth_m for own in larger.vehicles] == [3.0, 7.5, 5.0, 3.0, 4.0]
