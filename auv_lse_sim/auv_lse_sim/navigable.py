@@ -27,6 +27,8 @@ Mask = NDArray[np.bool_]
 
 #: Rasters of the area have at most this many cells; larger areas get larger cells.
 MAX_CELLS = 400_000
+#: The depths of the area are looked at in at most this many cells.
+WARNING_CELLS = 40_000
 #: A part this much smaller than the largest is never chosen, however near the start.
 LEAST_PART = 0.25
 #: Outlines are simplified until they have at most this many corners.
@@ -80,6 +82,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     notes += part_notes
     settings, start_notes = _place_starts(settings)
     notes += start_notes
+    notes += depth_warnings(settings, ground)
     notes += expectations(settings)
     return settings, notes
 
@@ -270,12 +273,52 @@ def _can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, plac
     return False
 
 
+def depth_warnings(settings: Settings, ground: Ground) -> list[str]:
+    """What the depths of the area to be flown make impossible: no isobath in it, or a bottom out of the DVL's reach."""
+    shape = _operating_shape(settings.area)
+    west, south, east, north = shape.bounds
+    step = max(5.0, math.sqrt((north - south) * (east - west) / WARNING_CELLS))
+    n, e = np.meshgrid(
+        np.arange(south + step / 2.0, north, step), np.arange(west + step / 2.0, east, step), indexing="ij"
+    )
+    inside = shapely.contains_xy(shape, e, n)
+    depth = ground.depth_m(n[inside], e[inside])
+    depth = depth[np.isfinite(depth)]
+    if not depth.size:
+        return []
+    notes = []
+    level = settings.level_set.level_m
+    deeper = float((depth > level).mean())
+    if deeper in (0.0, 1.0):
+        notes.append(
+            f"level: no {level:g} m isobath in the area: all of it is {'deeper' if deeper else 'shallower'} "
+            f"({depth.min():.1f} to {depth.max():.1f} m); there is nothing to find (another level_m or area)"
+        )
+    dvl = settings.sim.dvl
+    if not (dvl.ideal or settings.sim.ideal):
+        depths = [own.vehicle.depth_m for own in settings.vehicles]
+        reach = dvl.max_altitude_m + min(depths)
+        beyond = float((depth > reach).mean())
+        if beyond > 0.0:
+            notes.append(
+                f"dvl: {100.0 * beyond:.3g} % of the area is deeper than {reach:g} m, the reach "
+                f"of auv{depths.index(min(depths)) + 1} (depth_m {min(depths):g} m and sim.dvl.max_altitude_m "
+                f"{dvl.max_altitude_m:g} m): no soundings and no bottom track there"
+            )
+    return notes
+
+
+def _operating_shape(area: AreaConfig) -> shapely.Geometry:
+    """The polygon less its no-go areas, in (east, north)."""
+    shape = _polygon(area.polygon_m)
+    for flat in area.no_go.values():
+        shape = shape.difference(_polygon(flat).buffer(0.0))
+    return shape
+
+
 def expectations(settings: Settings) -> list[str]:
     """What the paths' length makes of the area: how far apart the lanes of a lawnmower would be, and the coverage."""
-    shape = _polygon(settings.area.polygon_m)
-    for flat in settings.area.no_go.values():
-        shape = shape.difference(_polygon(flat).buffer(0.0))
-    area_m2 = float(shape.area)
+    area_m2 = float(_operating_shape(settings.area).area)
     motion = MotionTable(settings.motion)
     vehicles = settings.mission.vehicles
     path_m = vehicles * settings.mission.steps * motion.leg_length_m

@@ -90,6 +90,11 @@ class DvlConfig:
             low, high = getattr(self, f"{name}_min_s"), getattr(self, f"{name}_max_s")
             if low > high:
                 raise ValueError(f"dvl: {name}_min_s {low:g} > {name}_max_s {high:g}")
+        if self.max_altitude_m <= self.min_altitude_m:
+            raise ValueError(
+                f"dvl: max_altitude_m {self.max_altitude_m:g} <= min_altitude_m {self.min_altitude_m:g}: never a ping; "
+                "expected a farthest distance to the bottom beyond the nearest"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -137,6 +137,38 @@ def test_nowhere_to_go_is_an_error(function, match):
         fit_to_ground(settings(), ground(function))
 
 
+def test_no_isobath_in_the_area_is_said():
+    def said(function, **overrides):
+        return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("level:")]
+
+    assert said(lambda n, e: 12.0 + 0.01 * e) == []  # 12 to 17 m
+    (note,) = said(lambda n, e: 12.0 + 0.005 * e)
+    assert "no 15 m isobath in the area: all of it is shallower (12.0 to 14.5 m)" in note
+    (note,) = said(lambda n, e: 12.0 + 0.01 * e, **{"level_set.level_m": 11.0})
+    assert "no 11 m isobath in the area: all of it is deeper (12.0 to 17.0 m)" in note
+    # The shallow part is outside of what is flown.
+    (note,) = said(lambda n, e: np.where(e < 100.0, 5.0, 25.0))
+    assert "all of it is deeper (25.0 to 25.0 m)" in note
+
+
+def test_a_bottom_out_of_reach_is_said():
+    def said(function, **overrides):
+        return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("dvl:")]
+
+    def slope(n, e):
+        return 10.0 + 0.16 * e  # 90 m at 500 m east
+
+    (note,) = said(slope)
+    # 63 m at 331 m east: a third of the area lies beyond.
+    assert (
+        "34 % of the area is deeper than 63 m, the reach of auv1 (depth_m 3 m and sim.dvl.max_altitude_m 60 m)" in note
+    )
+    assert said(slope, **{"sim.dvl.max_altitude_m": 90.0}) == []
+    assert said(slope, **{"sim.dvl.ideal": True}) == []
+    (note,) = said(slope, **{"mission.vehicles": 1, "auv1.vehicle.depth_m": 5.0})
+    assert "deeper than 65 m" in note
+
+
 def test_expectations():
     def said(**overrides):
         return expectations(Settings.load(None, overrides))[0]

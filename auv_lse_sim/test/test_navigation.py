@@ -10,6 +10,7 @@ from auv_lse_planner.compiled import HAVE_NUMBA, cache_folder, plain
 from auv_lse_sim import motion_model as mm
 from auv_lse_sim import navigation as nav
 from auv_lse_sim.config import SimConfig
+from auv_lse_sim.navigation_config import DvlConfig
 from benchmarks.navigation_consistency import measure
 
 Q = np.array([1e-6, 4e-4, 1e-12, 1e-10, 1e-6])
@@ -27,6 +28,18 @@ def rates(x, gyro):
     return np.array(
         [(x[3] * c - x[4] * s) / (1 + x[7]), (x[3] * s + x[4] * c) / (1 + x[7]), gyro - x[5], 0, 0, 0, 0, 0]
     )
+
+
+@pytest.mark.parametrize(
+    ("values", "match"),
+    [
+        ({"min_altitude_m": 60.0}, r"max_altitude_m 60 <= min_altitude_m 60: never a ping"),
+        ({"dropout_min_s": 3.0}, r"dropout_min_s 3 > dropout_max_s 2"),
+    ],
+)
+def test_intervals_out_of_order_are_refused(values, match):
+    with pytest.raises(ValueError, match=match):
+        DvlConfig(**values)
 
 
 def test_prediction_by_hand():
