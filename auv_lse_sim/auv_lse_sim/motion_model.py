@@ -64,7 +64,7 @@ LEG_HEADING, LEG_NORTH, LEG_EAST, LEG_TURN, LEG_RADIUS, LEG_STRAIGHT = range(6)
     B_GYRO,  # true biases
     B_COMPASS,
     B_SCALE,
-    SURFACE_AGE,  # seconds since the last surfacing ended
+    SURFACE_AGE,  # seconds since the last surfacing ended, the climb to the next one not counted
     TRAVELLED,  # m over ground
     UNDER_WAY,  # seconds since it set out
     REFUSED,  # DVL pings that the filter refused in a row
@@ -248,7 +248,9 @@ def _keep_depth(m: Array, params: Array, normal: float) -> None:
     dt = params[P_DT]
     wanted = params[P_DEPTH] if m[MODE] != WAITING else 0.0
     if params[P_SURFACE_EVERY] > 0.0 and m[MODE] != WAITING:
-        m[SURFACE_AGE] += dt
+        # Due but still below the depth of fixes, it climbs: the age waits, so that its time up is counted up there.
+        if m[SURFACE_AGE] < params[P_SURFACE_EVERY] or m[T_DEPTH] <= params[P_GPS_DEPTH]:
+            m[SURFACE_AGE] += dt
         if m[SURFACE_AGE] >= params[P_SURFACE_EVERY]:
             wanted = 0.0
             if m[SURFACE_AGE] >= params[P_SURFACE_EVERY] + params[P_SURFACE_TIME]:

@@ -129,6 +129,6 @@ class GpsConfig:
     interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between fixes")
     antenna_m: float = parameter(0.3, low=0.0, unit="m", help="fixes come when the vehicle is shallower than this")
     surface_every_s: float = parameter(
-        0.0, low=0.0, unit="s", help="the vehicle surfaces this often for fixes; 0: never"
+        0.0, low=0.0, unit="s", help="time under way, and after each surfacing, to the next climb for fixes; 0: never"
     )
-    surface_s: float = parameter(30.0, above=0.0, unit="s", help="how long it then stays up")
+    surface_s: float = parameter(30.0, above=0.0, unit="s", help="how long it then stays shallower than antenna_m")

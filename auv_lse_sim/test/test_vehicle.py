@@ -302,6 +302,28 @@ def test_surfacing_brings_fixes():
     assert errors[ends].max() < 1.5
 
 
+@pytest.mark.parametrize("depth_m", [3.0, 12.0])
+def test_time_at_the_surface_is_counted_at_the_surface(depth_m):
+    """A climb of 40 s (12 m at 0.3 m/s) is longer than the 30 s that the vehicle is to stay up."""
+    sim = sim_config(gps={"surface_every_s": 60.0, "surface_s": 30.0}, dynamics={"depth_wobble_m": 0.0})
+    dive = Dive(sim, depth_m=depth_m)
+    dive.command(STRAIGHT)  # then it circles
+    for _ in range(500):
+        dive.tick()
+    depths = np.concatenate(dive.rows)[:, mm.O_DEPTH]
+    up = depths <= sim.gps.antenna_m
+    begins = np.flatnonzero(~up[:-1] & up[1:]) + 1
+    ends = np.flatnonzero(up[:-1] & ~up[1:]) + 1
+    ends = ends[ends > begins[0]]
+    count = min(len(begins), len(ends))
+    assert count >= 3
+    # Sub-steps of 0.1 s: 30 s up, and the second that the way down to the antenna's depth takes.
+    assert (ends[:count] - begins[:count]) == pytest.approx(np.full(count, 310.0), abs=15.0)
+    # From one surfacing to the next: 30 s up, 60 s to the next climb, and the climb.
+    assert np.diff(begins) == pytest.approx(np.full(len(begins) - 1, 900.0 + (depth_m - 0.3) / 0.03), abs=15.0)
+    assert depths.max() == pytest.approx(depth_m, abs=0.1)
+
+
 def test_one_part_made_ideal_does_not_shift_the_chance_of_the_others():
     def biases(**sections) -> np.ndarray:
         dive = Dive(sim_config(**sections))
