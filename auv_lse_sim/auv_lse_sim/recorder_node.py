@@ -9,6 +9,7 @@ from pathlib import Path
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, run
@@ -39,6 +40,7 @@ class RecorderNode(ConfiguredNode):
             raise ParameterError(f"{self.where}: {error}") from error
         self._refused: set[str] = set()
         self._topics: set[str] = set()
+        self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
         for topic, kind in recorded_topics(mission.vehicles).items():
             self._record(topic, kind, latched=topic.rsplit("/", 1)[-1] in LATCHED_TOPICS)
         if self.lockstep:
@@ -51,13 +53,23 @@ class RecorderNode(ConfiguredNode):
         package, _, name = kind.split("/")
         message = getattr(import_module(f"{package}.msg"), name)
         self._bag.add_topic(topic, kind, latched)
+        self._subscribe(topic, message, latched, best_effort)
+        self._topics.add(topic)
+
+    def _subscribe(self, topic: str, message: type, latched: bool, best_effort: bool) -> None:
         qos = QoSProfile(
             depth=5000,
             reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
         )
-        self.create_subscription(message, topic, self._writer_of(topic), qos, raw=True)
-        self._topics.add(topic)
+        subscription = self.create_subscription(message, topic, self._writer_of(topic), qos, raw=True)
+        if not best_effort:
+            self._reliable[topic] = (subscription, message, latched)
+
+    def _has_best_effort_writer(self, topic: str) -> bool:
+        """Whether a reliable subscription would miss one of the topic's writers (a best-effort one hears all)."""
+        writers = self.get_publishers_info_by_topic(topic)
+        return any(w.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for w in writers)
 
     def _writer_of(self, topic: str) -> Callable[[bytes], None]:
         clock = self.get_clock()
@@ -68,6 +80,12 @@ class RecorderNode(ConfiguredNode):
         return write
 
     def _discover(self) -> None:
+        """Records topics that have come up; listens best effort where a vehicle's driver publishes so."""
+        for topic in [] if self.lockstep else list(self._reliable):
+            if self._has_best_effort_writer(topic):
+                subscription, message, latched = self._reliable.pop(topic)
+                self.destroy_subscription(subscription)
+                self._subscribe(topic, message, latched, best_effort=True)
         for topic, kinds in self.get_topic_names_and_types():
             if topic in self._topics or topic in self._refused or topic.startswith("/lockstep/"):
                 continue
@@ -76,9 +94,7 @@ class RecorderNode(ConfiguredNode):
                 if package not in self._share:
                     self._share[package] = Path(get_package_share_directory(package)) / "msg"
                     self._types = message_types(list(self._share.values()))
-                writers = self.get_publishers_info_by_topic(topic)
-                best_effort = any(w.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for w in writers)
-                self._record(topic, kinds[0], best_effort=best_effort)
+                self._record(topic, kinds[0], best_effort=self._has_best_effort_writer(topic))
             except (RecorderError, PackageNotFoundError, ImportError, AttributeError) as error:
                 self._refused.add(topic)
                 self.get_logger().warning(f"{topic} ({', '.join(kinds)}) is not recorded: {error!r}")

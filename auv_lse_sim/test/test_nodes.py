@@ -179,6 +179,21 @@ def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> N
         assert (iterations.integer_value, radius.double_value, seed.integer_value) == (77, 15.0, 7)
 
 
+def test_recorder_node_hears_a_driver_that_publishes_best_effort(tmp_path: Path) -> None:
+    from rosbags.highlevel import AnyReader
+
+    with bench(tmp_path) as b:
+        b.start("auv_lse_sim", "recorder_node", PARAMETERS + f"    record: {{folder: {tmp_path / 'bag'}}}\n", "/")
+        odometry = b.node.create_publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)
+        b.until(odometry.get_subscription_count, "the recorder as a reader")
+        odometry.publish(Odometry(header=header(12.5)))
+        b.spin(0.5)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/auv1/odometry"]
+        stamps = [reader.deserialize(d, c.msgtype).header.stamp.sec for c, _, d in reader.messages(connections)]
+    assert stamps == [12]
+
+
 @pytest.mark.parametrize(
     ("parameters", "namespace", "expected"),
     [
