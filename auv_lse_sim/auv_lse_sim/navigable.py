@@ -75,7 +75,14 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
         GroundError: if no part of the area can be navigated, or nowhere in it a vehicle can turn.
     """
     notes = [ground.describe()]
+    asked = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
     settings, wanted_by = _wanted_area(settings, ground, area_given)
+    origin = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
+    if None not in asked and asked != origin:
+        notes.append(
+            f"origin: area.origin {asked[0]:g}, {asked[1]:g} deg is replaced by that of the ground, "
+            f"{origin[0]:g}, {origin[1]:g} deg"
+        )
     limit = max(own.vehicle.depth_m + own.vehicle.min_water_m for own in settings.vehicles)
     raster = rasterize(settings.area, ground, limit)
     settings, part_notes = _navigable_part(settings, raster, limit, wanted_by)
@@ -99,7 +106,7 @@ def _wanted_area(settings: Settings, ground: Ground, area_given: bool) -> tuple[
         ]  # fmt: skip
         wanted_by = "the file's extent"
     origin = ground.origin
-    if origin is not None and settings.area.origin_lat_deg != origin[0]:
+    if origin is not None and (settings.area.origin_lat_deg, settings.area.origin_lon_deg) != origin:
         overrides["area.origin_lat_deg"], overrides["area.origin_lon_deg"] = origin
     return (settings.with_overrides(overrides) if overrides else settings), wanted_by
 

@@ -7,7 +7,7 @@ import pytest
 
 from auv_lse_gp.area import OperatingArea
 from auv_lse_sim.ground import Extent, FunctionGround
-from auv_lse_sim.ground_files import GroundError
+from auv_lse_sim.ground_files import GridGround, GroundError
 from auv_lse_sim.ground_source import ground_of
 from auv_lse_sim.navigable import expectations, fit_to_ground
 from auv_lse_sim.settings import Settings
@@ -167,6 +167,23 @@ def test_a_bottom_out_of_reach_is_said():
     assert said(slope, **{"sim.dvl.ideal": True}) == []
     (note,) = said(slope, **{"mission.vehicles": 1, "auv1.vehicle.depth_m": 5.0})
     assert "deeper than 65 m" in note
+
+
+def test_the_origin_of_the_ground_holds():
+    axis = np.arange(-50.0, 551.0, 50.0)
+    terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
+    for lat, lon in ((47.0, 9.5), (46.0, 8.0)):
+        s = settings(**{"area.origin_lat_deg": lat, "area.origin_lon_deg": lon})
+        fitted, notes = fit_to_ground(s, terrain)
+        assert (fitted.area.origin_lat_deg, fitted.area.origin_lon_deg) == (47.0, 8.0)
+        said = f"origin: area.origin {lat:g}, {lon:g} deg is replaced by that of the ground, 47, 8 deg"
+        assert said in notes
+    again, notes = fit_to_ground(fitted, terrain)
+    assert again.area.origin_lon_deg == 8.0
+    assert not any(note.startswith("origin:") for note in notes)
+    new, notes = fit_to_ground(settings(), terrain)
+    assert new.area.origin_lon_deg == 8.0
+    assert not any(note.startswith("origin:") for note in notes)
 
 
 def test_expectations():
