@@ -27,9 +27,11 @@ from __future__ import annotations
 import enum
 import math
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
+from auv_lse_common.params import ParameterError
 from auv_lse_comms.link_config import LinkConfig
 from auv_lse_comms.mavlink_conversion import (
     Datum,
@@ -111,6 +113,30 @@ class Problem:
 
 
 Event = Odometry | Altitude | Pressure | LinkUp | LinkLost | TargetSent | Problem
+
+
+def origin_of(parameters: Mapping[str, Any], where: str) -> Origin | None:
+    """The mission's origin, None if it has none.
+
+    Args:
+        parameters: Nested parameters; `area` belongs to another package, which checks the rest of it.
+        where: Where they came from, for messages.
+
+    Raises:
+        ParameterError: if it is no place on Earth, or only half of it is given.
+    """
+    area = parameters.get("area", {})
+    names = ("origin_lat_deg", "origin_lon_deg")
+    place: list[Any] = [area.get(name) if isinstance(area, Mapping) else math.nan for name in names]
+    if place == [None, None]:
+        return None
+    for value, largest in zip(place, (90.0, 180.0), strict=True):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= largest:
+            raise ParameterError(
+                f"{where}: area: got origin_lat_deg, origin_lon_deg = {place[0]!r}, {place[1]!r}; expected both, "
+                "-90 to 90 and -180 to 180 deg, or neither"
+            )
+    return Origin(lat_deg=float(place[0]), lon_deg=float(place[1]))
 
 
 class VehicleLink:

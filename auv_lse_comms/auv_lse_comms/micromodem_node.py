@@ -13,7 +13,7 @@ from auv_lse_comms import micromodem
 from auv_lse_comms.micromodem import State
 from auv_lse_comms.modem_config import ModemConfig
 from auv_lse_comms.modem_port import ModemPort
-from auv_lse_comms.transport import AddressError, Transport, Watcher
+from auv_lse_comms.transport import Transport, Watcher
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx
 
 _POLL_PERIOD_S = 0.05
@@ -31,7 +31,7 @@ class MicromodemNode(ConfiguredNode):
             raise ParameterError(f"{self.where}: modem.kind: got {config.kind!r}; expected 'micromodem'")
         try:
             self._port = ModemPort(config, self.vehicle)
-        except (AddressError, OSError) as error:
+        except (ValueError, OSError) as error:  # an address, of the port or the modem; the line log
             raise ParameterError(f"{self.where}: modem: {error}") from error
         self.show_parameters({"modem": config})
         self._tick_s = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from auv_lse_common.lockstep import Gate
-from auv_lse_common.params import section
+from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, run, seconds
 from auv_lse_comms.bridge import Received
 from auv_lse_comms.config import PacketConfig, TdmaConfig
@@ -67,7 +67,10 @@ class ModemNode(ConfiguredNode):
 
     def _change_tdma(self, parameters: dict[str, Any]) -> None:
         config = section(TdmaConfig, parameters, "tdma", self.where)
-        effective_s = self._bridge.tdma.change(config, self.now_s())
+        try:
+            effective_s = self._bridge.tdma.change(config, self.now_s())
+        except ValueError as error:
+            raise ParameterError(f"{self.where}: {error}") from error
         self.get_logger().info(f"TDMA settings change at {effective_s:.1f} s, the start of a cycle")
 
     def _on_sounding(self, message: Sounding) -> None:

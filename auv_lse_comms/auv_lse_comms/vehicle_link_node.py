@@ -16,11 +16,11 @@ from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, diagnostics, header, run, seconds
 from auv_lse_comms import mavlink_conversion, mavlink_link
 from auv_lse_comms.link_config import LinkConfig
-from auv_lse_comms.mavlink_conversion import Origin, Target
+from auv_lse_comms.mavlink_conversion import Target
 from auv_lse_comms.mavlink_link import LinkState, VehicleLink
 from auv_lse_comms.ros_conversions import sounding_message
 from auv_lse_comms.sounder import Sounder
-from auv_lse_comms.transport import AddressError, Connection, Transport, Watcher, open_transport, read_address
+from auv_lse_comms.transport import Connection, Transport, Watcher, open_transport, read_address
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, Sounding, Waypoint
 
 _POLL_PERIOD_S = 0.05
@@ -75,13 +75,11 @@ class VehicleLinkNode(ConfiguredNode):
         config = section(LinkConfig, self.parameters, "link", self.where)
         if config.kind != "mavlink":
             raise ParameterError(f"{self.where}: link.kind: got {config.kind!r}; expected 'mavlink'")
-        area = self.parameters.get("area", {})
-        lat, lon = area.get("origin_lat_deg"), area.get("origin_lon_deg")
-        origin = None if lat is None or lon is None else Origin(lat_deg=float(lat), lon_deg=float(lon))
+        origin = mavlink_link.origin_of(self.parameters, self.where)
         try:
             address = read_address(config.endpoint, _BAUD)
             self._link = VehicleLink(config, self.vehicle, origin)
-        except (AddressError, ValueError) as error:
+        except ValueError as error:
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
         self._sounder = Sounder(config.sounding_every_s, config.sounding_least_pings) if config.soundings else None

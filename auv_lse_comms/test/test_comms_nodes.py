@@ -21,9 +21,12 @@ import itertools
 import rclpy
 from pymavlink.dialects.v20 import common as mavlink
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 
+from auv_lse_common.params import ParameterError
 from auv_lse_common.ros_conversions import EVERY
 from auv_lse_comms.micromodem_node import MicromodemNode
+from auv_lse_comms.modem_node import ModemNode
 from auv_lse_comms.vehicle_link_node import VehicleLinkNode
 from auv_lse_msgs.msg import ModemTx, Sounding
 
@@ -33,8 +36,8 @@ pytestmark = pytest.mark.ros
 class Spun:
     """A node with its parameters, and a second node beside it."""
 
-    def __init__(self, make: Callable[[], Any], file: Path) -> None:
-        rclpy.init(args=["--ros-args", "-r", "__ns:=/auv2", "--params-file", str(file)])
+    def __init__(self, make: Callable[[], Any], file: Path, namespace: str) -> None:
+        rclpy.init(args=["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(file)])
         self.executor = SingleThreadedExecutor()
         self.node = make()
         self.bench = rclpy.create_node("bench", use_global_arguments=False)
@@ -55,12 +58,12 @@ class Spun:
 
 
 @contextlib.contextmanager
-def spun(make: Callable[[], Any], file: Path, parameters: str) -> Iterator[Spun]:
-    """`make()` in namespace /auv2 with the parameters (YAML, below ros__parameters)."""
+def spun(make: Callable[[], Any], file: Path, parameters: str, namespace: str = "/auv2") -> Iterator[Spun]:
+    """`make()` in its namespace with the parameters (YAML, below ros__parameters)."""
     file.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {line}\n" for line in parameters.splitlines()))
     found = None
     try:
-        found = Spun(make, file)
+        found = Spun(make, file, namespace)
         yield found
     finally:
         if found is not None:
@@ -131,3 +134,32 @@ def test_micromodem_node_sends_to_the_configured_destination(
     with spun(MicromodemNode, tmp_path / "p.yaml", parameters) as s:
         s.node._on_transmit(ModemTx(source=2, destination=asked, payload=bytes(252)))
         assert s.node._port.modem._waiting.destination == sent
+
+
+def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: Path) -> None:
+    with spun(ModemNode, tmp_path / "p.yaml", "mission: {vehicles: 3, steps: 10}\ntdma: {order: [1, 2, 3]}") as s:
+        (result,) = s.node.set_parameters([Parameter("tdma.order", value=[1, 4])])
+        assert not result.successful
+        assert result.reason == (
+            "parameters of /auv2/modem_node: tdma order (1, 4): [4] are not among the vehicles 1..3"
+        )
+        (result,) = s.node.set_parameters([Parameter("tdma.order", value=[3, 2, 1])])
+        assert result.successful
+
+
+@pytest.mark.parametrize(
+    ("make", "namespace", "parameters", "message"),
+    [
+        (ModemNode, "/auv4", "mission: {vehicles: 3, steps: 10}", "address 4: expected a vehicle of the mission, 1..3"),
+        (MicromodemNode, "/auv200", "modem: {kind: micromodem, port: /dev/x}", "modem address: got 200"),
+        (MicromodemNode, "/auv2", "modem: {kind: micromodem, port: x}", "address 'x': expected /dev/NAME"),
+        (VehicleLinkNode, "/auv2", "link: {kind: mavlink, endpoint: x}", "address 'x': expected /dev/NAME"),
+        (VehicleLinkNode, "/auv2", "link: {kind: mavlink}\narea: {origin_lat_deg: 46.5}", "expected both"),
+    ],
+)
+def test_a_node_that_cannot_start_says_which_parameter_is_wrong(
+    tmp_path: Path, make: Callable[[], Any], namespace: str, parameters: str, message: str
+) -> None:
+    named = pytest.raises(ParameterError, match=f"parameters of {namespace}/.*{message}")
+    with named, spun(make, tmp_path / "p.yaml", parameters, namespace):
+        pass

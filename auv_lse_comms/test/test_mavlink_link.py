@@ -496,6 +496,26 @@ def test_reached_ends_are_left_out_of_the_next_mission():
     assert pilot.link.targets == (B,)
 
 
+@pytest.mark.parametrize(
+    "area",
+    [
+        {"origin_lat_deg": 46.5},
+        {"origin_lat_deg": 465.0, "origin_lon_deg": 6.6},
+        {"origin_lat_deg": 46.5, "origin_lon_deg": math.nan},
+        {"origin_lat_deg": "north", "origin_lon_deg": 6.6},
+        7,
+    ],
+)
+def test_a_mission_origin_that_is_no_place_is_named(area):
+    with pytest.raises(ParameterError, match=r"m.yaml: area: got origin_lat_deg, origin_lon_deg = .*; expected both"):
+        ml.origin_of({"area": area}, "m.yaml")
+
+
+def test_the_missions_origin():
+    assert ml.origin_of({"area": {"origin_lat_deg": 46.5, "origin_lon_deg": 6.6}}, "m.yaml") == ORIGIN
+    assert ml.origin_of({"area": {}}, "m.yaml") is ml.origin_of({}, "m.yaml") is None
+
+
 def test_missions_need_an_origin():
     with pytest.raises(ValueError, match=r"area\.origin_lat_deg"):
         VehicleLink(LinkConfig(kind="mavlink", mode="mission"), 2, None)

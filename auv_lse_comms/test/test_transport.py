@@ -121,6 +121,13 @@ def test_tcp_both_ways_and_its_end():
         open_transport(read_address(f"tcp://127.0.0.1:{number}"))
 
 
+@pytest.mark.parametrize("kind", ["tcp", "udpin", "udpout"])
+def test_a_name_that_no_host_can_have_is_named(kind):
+    host = "a" * 64
+    with pytest.raises(TransportError, match=f"{kind}://{host}:1"):
+        open_transport(read_address(f"{kind}://{host}:1"))
+
+
 def test_udp_answers_the_last_speaker():
     a = UdpPort("udpin", "127.0.0.1", 0)
     b = UdpPort("udpout", "127.0.0.1", a.local_port)
