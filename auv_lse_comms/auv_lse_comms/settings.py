@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,24 +14,70 @@ from auv_lse_comms.packet import Limits
 from auv_lse_comms.selection import ReceiversRisk, load_receivers
 from auv_lse_comms.tag import KeyFileError, read_key
 
+#: What the missing number means, by its key in the section `mission`.
+_SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
 
-def limits_of(parameters: Mapping[str, Any], packet: PacketConfig) -> Limits:
+
+def _mapping(parameters: Mapping[str, Any], name: str, where: str) -> Mapping[str, Any]:
+    """A section of another package; a missing one is empty."""
+    found = parameters.get(name, {})
+    if not isinstance(found, Mapping):
+        raise ParameterError(f"{where}: {name}: got {found!r}; expected a mapping of parameters")
+    return found
+
+
+def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
+    """`mission.vehicles` or `mission.steps`, for which there is no default here: all vehicles must have the same.
+
+    Raises:
+        ParameterError: if it is missing or no whole number of at least 1.
+    """
+    mission = _mapping(parameters, "mission", where)
+    if key not in mission:
+        raise ParameterError(
+            f"{where}: mission.{key}: missing; expected {_SHARED[key]}, which all vehicles must share: write it in the "
+            f"mission file, section mission, under '/**:'"
+        )
+    value = mission[key]
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ParameterError(f"{where}: mission.{key}: got {value!r}; expected a whole number of at least 1")
+    return value
+
+
+def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -> Limits:
     """What this mission's packets can hold, from its steps, action set and operating area.
 
     Args:
-        parameters: Nested parameters; `mission`, `motion` and `area` belong to other packages, which check them.
+        parameters: Nested parameters; `mission`, `motion` and `area` belong to other packages, which check them. Only
+            `mission.steps` must be there: without the others packets may hold what the field table can.
         packet: The section `packet`.
+        where: Where the parameters came from, for messages.
+
+    Raises:
+        ParameterError: naming what is missing or cannot be used.
     """
     known: dict[str, Any] = {"depth_m": (packet.depth_min_m, packet.depth_max_m)}
-    if "steps" in parameters.get("mission", {}):
-        known["steps"] = parameters["mission"]["steps"]
-    if "actions_deg" in parameters.get("motion", {}):
-        known["n_actions"] = len(parameters["motion"]["actions_deg"])
-    polygon = parameters.get("area", {}).get("polygon_m")
+    known["steps"] = shared_number(parameters, "steps", where)
+    actions = _mapping(parameters, "motion", where).get("actions_deg")
+    if actions is not None:
+        if isinstance(actions, str) or not isinstance(actions, Sequence):
+            raise ParameterError(
+                f"{where}: motion.actions_deg: got {actions!r}; expected a list of heading changes (deg)"
+            )
+        known["n_actions"] = len(actions)
+    polygon = _mapping(parameters, "area", where).get("polygon_m")
     if packet.check_limits and polygon is not None:
-        corners = np.asarray(polygon, dtype=float).reshape(-1, 2)
-        known["north_m"], known["east_m"] = Limits.box(corners, packet.area_margin_m)
-    return Limits(**known)
+        try:
+            corners = np.asarray(polygon, dtype=float).reshape(-1, 2)
+            known["north_m"], known["east_m"] = Limits.box(corners, packet.area_margin_m)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(
+                f"{where}: area.polygon_m: got {polygon!r}; expected north, east (m) of each corner in turn: {error}"
+            ) from error
+    try:
+        return Limits(**known)
+    except ValueError as error:
+        raise ParameterError(f"{where}: {error}") from error
 
 
 def bridge_of(
@@ -40,7 +86,7 @@ def bridge_of(
     """The bridge of vehicle `address`.
 
     Args:
-        parameters: Nested parameters of its modem_node.
+        parameters: Nested parameters of its modem_node; `mission.vehicles` and `mission.steps` must be among them.
         where: Where they came from, for messages.
         address: Number of the vehicle.
         receivers: What the receivers know, for `packet.selection` "useful"; None: `packet.receivers`.
@@ -50,12 +96,12 @@ def bridge_of(
     """
     tdma = section(TdmaConfig, parameters, "tdma", where)
     packet = section(PacketConfig, parameters, "packet", where)
-    vehicles = int(parameters.get("mission", {}).get("vehicles", max((*tdma.order, address))))
+    vehicles = shared_number(parameters, "vehicles", where)
+    limits = limits_of(parameters, packet, where)
     if packet.selection == "useful" and receivers is None:
         receivers = load_receivers(packet.receivers, parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
-        limits = limits_of(parameters, packet)
         return ModemBridge(tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers)
     except KeyFileError as error:
         raise ParameterError(f"{where}: packet.key_file: {error}") from error

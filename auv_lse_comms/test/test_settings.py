@@ -53,6 +53,37 @@ def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
             bridge_of({**MISSION, **parameters}, "m.yaml", 1)
 
 
+@pytest.mark.parametrize("key", ["vehicles", "steps"])
+@pytest.mark.parametrize("order", [[], [1, 2, 3]])
+def test_what_all_vehicles_must_share_has_no_default(key: str, order: list[int]) -> None:
+    shared = {k: v for k, v in MISSION["mission"].items() if k != key}
+    message = (
+        rf"m.yaml: mission\.{key}: missing; expected the number .*, which all vehicles must share: write it in the "
+        "mission file, section mission"
+    )
+    with pytest.raises(ParameterError, match=message):
+        bridge_of({**MISSION, "mission": shared, "tdma": {"order": order}}, "m.yaml", 1)
+    with pytest.raises(ParameterError, match=r"mission\.vehicles: missing"):
+        bridge_of({}, "m.yaml", 1)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"mission": {"vehicles": 3.0, "steps": 9}}, r"mission.vehicles: got 3.0; expected a whole number"),
+        ({"mission": {"vehicles": 0, "steps": 9}}, r"mission.vehicles: got 0; expected a whole number"),
+        ({"mission": {"vehicles": 3, "steps": 70000}}, r"limits steps = \(0, 70000\)"),
+        ({"motion": {"actions_deg": 30.0}}, r"motion.actions_deg: got 30.0; expected a list"),
+        ({"motion": 7}, r"motion: got 7; expected a mapping"),
+        ({"area": {"polygon_m": [1.0, 2.0, 3.0]}}, r"area.polygon_m: got .*; expected north, east"),
+        ({"area": {"polygon_m": ["a", "b"]}}, r"area.polygon_m: got .*; expected north, east"),
+    ],
+)
+def test_what_other_packages_own_is_refused_by_name(parameters: dict[str, Any], message: str) -> None:
+    with pytest.raises(ParameterError, match="m.yaml: " + message):
+        bridge_of({**MISSION, **parameters}, "m.yaml", 1)
+
+
 def test_useful_selection_is_wired_by_the_mission_alone() -> None:
     pytest.importorskip("auv_lse_gp.receivers_risk")
     bridge = bridge_of({**MISSION, "packet": {"selection": "useful"}}, "m.yaml", 1)
