@@ -38,11 +38,13 @@ NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
 
 #: Values all farther than this from 0 are elevations above sea level rather than depths, unless the user says so.
 _ELEVATED_M = 200.0
+#: Ground all of which lies farther than this from the local origin is not in local coordinates (UTM, a wrong origin).
+FAR_M = 100_000.0
 #: With more than this share of the values on either side of 0, a raster's sign is not guessed.
 _BOTH_SIGNS = 0.05
 
-_NORTH = ("north_m", "n_m", "y_m")
-_EAST = ("east_m", "e_m", "x_m")
+_NORTH = ("north_m", "n_m", "y_m", "northing_m", "northing")
+_EAST = ("east_m", "e_m", "x_m", "easting_m", "easting")
 _LAT = ("lat", "latitude", "lat_deg")
 _LON = ("lon", "lng", "longitude", "lon_deg")
 _DEPTH = ("depth_m", "depth")
@@ -283,8 +285,17 @@ def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, f
         raise GroundError(f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m; expected metres, below {DEEPEST_M:g}")
     notes: list[str] = [f"{len(depth)} soundings, {sign_note}"]
     lat, lon = columns.get("lat"), columns.get("lon")
+    if "north" in columns and lat is not None and _far(columns["north"], columns["east"]):
+        del columns["north"], columns["east"]
+        notes.append("metres far from any local origin (projected?) are not used, but lat, lon")
     if "north" in columns:
         north, east = columns["north"], columns["east"]
+        if _far(north, east):
+            raise GroundError(
+                f"{path}: {_ranges(north, east)}; expected metres about a local origin, within {FAR_M / 1000:g} km, "
+                "not projected ones (UTM): give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
+                f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
+            )
         if lat is not None and lon is not None:
             origin = _origin_of(north, east, lat, lon)
             if origin is None:
@@ -296,7 +307,36 @@ def _read_soundings(path: Path, config: BathymetryConfig, origin: tuple[float, f
             origin = (float((lat.min() + lat.max()) / 2.0), _longitude(float((lon.min() + lon.max()) / 2.0)))
             notes.append("origin put at the middle of the soundings")
         north, east = local_from_geodetic(lat, lon, *origin)
+        _check_near(path, north, east, lat, lon, origin)
     return grid_soundings(north, east, depth, config, name=name, origin=origin, notes=tuple(notes))
+
+
+def _far(north: Array, east: Array) -> bool:
+    """Whether places (m) all lie farther from the local origin than local coordinates can."""
+    away = [max(float(v.min()), -float(v.max())) for v in (north, east)]
+    return not max(away) <= FAR_M
+
+
+def _ranges(north: Array, east: Array) -> str:
+    return f"north from {north.min():.0f} to {north.max():.0f} m, east from {east.min():.0f} to {east.max():.0f} m"
+
+
+def _round_middle(values: Array) -> float:
+    return round(float(values.min() + values.max()) / 2.0, -2)
+
+
+def _check_near(path: Path, north: Array, east: Array, lat: Array, lon: Array, origin: tuple[float, float]) -> None:
+    """Refuses geodetic data that lie nowhere near the mission's origin.
+
+    Raises:
+        GroundError: naming both.
+    """
+    if _far(north, east):
+        raise GroundError(
+            f"{path}: latitude {lat.min():.5f} to {lat.max():.5f}, longitude {lon.min():.5f} to {lon.max():.5f} deg, "
+            f"all farther than {FAR_M / 1000:g} km from the mission's area.origin_lat_deg, origin_lon_deg = "
+            f"{origin[0]:g}, {origin[1]:g}; expected an origin near the data: change it, or leave both out"
+        )
 
 
 def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], str, bool]:
@@ -328,8 +368,8 @@ def _soundings_table(path: Path) -> tuple[dict[str, Array], NDArray[np.int64], s
     geodetic = found["lat"] is not None and found["lon"] is not None
     if found["depth"] is None or not (metric or geodetic):
         raise GroundError(
-            f"{path}:{head_line}: columns are {', '.join(header)}; expected east_m,north_m,depth_m or lat,lon,depth_m "
-            "(elevation_m instead of depth_m for values that are positive up)"
+            f"{path}:{head_line}: columns are {', '.join(header)}; expected east_m,north_m,depth_m (or easting, "
+            "northing) or lat,lon,depth_m (elevation_m instead of depth_m for values that are positive up)"
         )
     wanted = [
         k
@@ -578,9 +618,15 @@ def _read_npz(path: Path, config: BathymetryConfig, origin: tuple[float, float] 
         raise GroundError(f"{path}: only one of lat0, lon0; expected both or neither")
     if "lat0" in arrays:
         origin = _checked_origin(arrays["lat0"], arrays["lon0"], f"{path}: lat0, lon0")
+    north, east = arrays["north_m"].astype(float), arrays["east_m"].astype(float)
+    if north.size and east.size and _far(north, east):
+        raise GroundError(
+            f"{path}: {_ranges(north, east)}; expected metres about a local origin, within {FAR_M / 1000:g} km, "
+            "not projected ones (UTM): subtract an origin, and give its latitude and longitude as lat0, lon0"
+        )
     return GridGround(
-        arrays["north_m"].astype(float),
-        arrays["east_m"].astype(float),
+        north,
+        east,
         depth,
         name=path.name,
         origin=origin,
@@ -709,8 +755,9 @@ def _raster(
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
     lon, lat = to_raster.transform(corners_x, corners_y, direction="INVERSE")
     if origin is None:
-        origin = (float(np.mean(lat)), _longitude(float(np.mean(lon))))
+        origin = _checked_origin(np.mean(lat), _longitude(float(np.mean(lon))), f"{path}: the middle of the raster")
     north, east = local_from_geodetic(lat, lon, *origin)
+    _check_near(path, north, east, lat, lon, origin)
     ny, nx = grid.shape
     step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))
     north_m = north.min() + step * np.arange(int(np.ptp(north) / step) + 1)

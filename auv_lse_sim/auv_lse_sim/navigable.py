@@ -78,10 +78,11 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     asked = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
     settings, wanted_by = _wanted_area(settings, ground, area_given)
     origin = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
-    if None not in asked and asked != origin:
+    # 1e-5 deg, a metre: no more is known of an origin that was found from soundings in both kinds of coordinates.
+    if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
         notes.append(
-            f"origin: area.origin {asked[0]:g}, {asked[1]:g} deg is replaced by that of the ground, "
-            f"{origin[0]:g}, {origin[1]:g} deg"
+            f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by that of the ground, "
+            f"{origin[0]:.5f}, {origin[1]:.5f} deg"
         )
     limit = max(own.vehicle.depth_m + own.vehicle.min_water_m for own in settings.vehicles)
     raster = rasterize(settings.area, ground, limit)

@@ -364,7 +364,11 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
     ("name", "text", "match"),
     [
         ("a.csv", "", r"a\.csv: 0 lines; expected a header"),
-        ("a.csv", "x,y\n1,2\n", r"a\.csv:1: columns are x, y; expected east_m,north_m,depth_m or lat,lon,depth_m"),
+        (
+            "a.csv",
+            "x,y\n1,2\n",
+            r"a\.csv:1: columns are x, y; expected east_m,north_m,depth_m \(or easting, northing\) or lat,lon,depth_m",
+        ),
         ("a.csv", GOOD + "10,20\n", r"a\.csv:42: 2 fields '10,20'; expected 3"),
         ("a.csv", GOOD + "10,abc,3\n", r"a\.csv:42: north_m is 'abc'; expected a finite number"),
         ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'; expected a finite number"),
@@ -504,8 +508,57 @@ def test_origins_are_on_earth(tmp_path):
     assert load_ground(tmp_path / "s.csv").origin == pytest.approx((47.5018, -91.4973), abs=2e-4)
     with pytest.raises(GroundError, match=r"s\.csv: area\.origin_lat_deg, origin_lon_deg: 500, 8; expected degrees"):
         load_ground(tmp_path / "s.csv", origin=(500.0, 8.0))
+    (tmp_path / "g.asc").write_text(ascii_text(np.full((30, 30), 20.0), 1e12, 1e12, 10.0))
+    (tmp_path / "g.prj").write_text("EPSG:32632")
+    with pytest.raises(GroundError, match=r"g\.asc: the middle of the raster: .*; expected degrees"):
+        load_ground(tmp_path / "g.asc")
     with pytest.raises(GroundError, match=r"grid: origin: 47, 361; expected"):
         GridGround([0, 1], [0, 1], np.ones((2, 2)), origin=(47.0, 361.0))
+
+
+@pytest.mark.parametrize("names", [("easting", "northing"), ("Easting_m", "Northing_m"), ("east_m", "north_m")])
+def test_projected_soundings_are_refused_by_name(tmp_path, names):
+    north, east, depth = soundings(300)
+    path = write_csv(tmp_path / "u.csv", [*names, "depth_m"], east + 523_000.0, north + 5_262_000.0, depth)
+    with pytest.raises(
+        GroundError,
+        match=r"u\.csv: north from 526200\d to 526[23]\d\d\d m, east from 52300\d to 523[34]\d\d m; "
+        r"expected metres about a local origin.*lat, lon.*subtract an origin, here perhaps 5262200 and 523200",
+    ):
+        load_ground(path)
+    near = write_csv(tmp_path / "n.csv", [*names, "depth_m"], east, north, depth)
+    assert np.isfinite(load_ground(near).depth_m(200.0, 200.0))
+
+
+@pytest.mark.parametrize("names", [("lat", "lon"), ("Latitude", "Longitude"), ("latitude", "lng")])
+def test_projected_soundings_with_degrees_are_placed_by_these(tmp_path, names):
+    north, east, depth = soundings()
+    lat, lon = geodetic_from_local(north, east, 47.5, 9.3)
+    columns = [east + 523_000.0, north + 5_262_000.0, lat, lon, depth]
+    rows = "\n".join(",".join(f"{v:.8f}" for v in row) for row in zip(*columns, strict=True))
+    (tmp_path / "s.csv").write_text(f"easting,northing,{names[0]},{names[1]},depth_m\n{rows}")
+    ground = load_ground(tmp_path / "s.csv", origin=(47.5, 9.3))
+    assert ground.origin == (47.5, 9.3)
+    assert "metres far from any local origin (projected?) are not used" in ground.describe()
+    check_bottom(ground)
+
+
+def test_data_far_from_the_origin_are_refused_by_name(tmp_path):
+    north, east, depth = soundings(300)
+    lat, lon = geodetic_from_local(north, east, 47.5, 9.3)
+    rows = "\n".join(f"{a:.8f},{o:.8f},{d:.3f}" for a, o, d in zip(lat, lon, depth, strict=True))
+    (tmp_path / "s.csv").write_text("lat,lon,depth_m\n" + rows)
+    (tmp_path / "g.asc").write_text(ascii_text(np.full((30, 30), 20.0), 9.3, 47.5, 1e-4, "xllcenter"))
+    for name in ("s.csv", "g.asc"):
+        for origin in ((47.5, 11.0), (-40.0, -170.0)):
+            with pytest.raises(
+                GroundError, match=rf"{name[0]}\.{name[2:]}: latitude 47\.50.*farther than 100 km from .*"
+            ):
+                load_ground(tmp_path / name, origin=origin)
+    axis = np.arange(0.0, 101.0, 10.0)
+    np.savez(tmp_path / "u.npz", north_m=axis + 5.2e6, east_m=axis + 5e5, depth_m=np.full((11, 11), 20.0))
+    with pytest.raises(GroundError, match=r"u\.npz: north from 5200000 to 5200100 m.*lat0, lon0"):
+        load_ground(tmp_path / "u.npz")
 
 
 @needs_lake
