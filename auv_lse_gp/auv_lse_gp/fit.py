@@ -1,7 +1,8 @@
 """Learns the Gaussian process' parameters from soundings, and writes them as a ROS 2 parameter file.
 
-Takes a CSV with north_m, east_m, depth_m; an npz grid with north_m, east_m, depth_m; or a recorded run (its folder, or
-its bag), of which the soundings of all vehicles are used.
+Takes a table (CSV) with north_m, east_m, depth_m, or with lat, lon, depth_m (elevation_m, positive up, in place of
+depth_m); an npz grid with north_m, east_m, depth_m; or a recorded run (its folder, or its bag), of which the soundings
+of all vehicles are used.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from auv_lse_gp.config import KERNELS
 from auv_lse_gp.likelihood import Fit, fit
-from auv_lse_gp.soundings import read_soundings
+from auv_lse_gp.soundings import read_soundings_anywhere
 
 Array = NDArray[np.float64]
 
@@ -62,14 +63,14 @@ def read_run(path: Path) -> Array:
     return finite
 
 
-def read(path: Path) -> Array:
-    """Soundings (n, 3) of a CSV, a grid, or a recorded run.
+def read(path: Path) -> tuple[Array, tuple[float, float] | None]:
+    """Soundings (n, 3) of a table, a grid, or a recorded run; where they came as lat, lon: their origin (deg).
 
     Raises:
         OSError: if it cannot be read.
         ValueError: naming what was expected.
     """
-    return read_run(path) if path.is_dir() else read_soundings(path)
+    return (read_run(path), None) if path.is_dir() else read_soundings_anywhere(path)
 
 
 def report(result: Fit) -> str:
@@ -96,8 +97,8 @@ def _error(name: str, value: float, error: float) -> str:
     return f"({value * math.exp(-error):.4g} to {value * math.exp(error):.4g})"
 
 
-def parameter_file(result: Fit, source: str) -> str:
-    """A ROS 2 parameter file with the section `gp`, ready for a mission."""
+def parameter_file(result: Fit, source: str, origin: str = "") -> str:
+    """A ROS 2 parameter file with the section `gp`, ready for a mission; `origin`: words on the local origin."""
     defaults = type(result.config)()
     learned = {"kernel", "mean", "signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m"}
     values = {
@@ -108,6 +109,7 @@ def parameter_file(result: Fit, source: str) -> str:
     lines = [
         f"# Learned by scripts/fit from {result.soundings} soundings of {source};",
         f"# log marginal likelihood {result.log_likelihood:.3f}.",
+        *([f"# {origin}"] if origin else []),
         *(f"# Warning: {warning}" for warning in result.warnings),
         "/**:",
         "  ros__parameters:",
@@ -132,7 +134,7 @@ def _plain_exponent(text: str) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Command line of `scripts/fit` and `ros2 run auv_lse_gp fit`. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="fit", description=__doc__)
-    parser.add_argument("source", type=Path, metavar="SOUNDINGS|RUN", help="CSV, npz grid, run folder or bag")
+    parser.add_argument("source", type=Path, metavar="SOUNDINGS|RUN", help="table (CSV), npz grid, run folder or bag")
     parser.add_argument("--kernel", choices=(*KERNELS, "best"), default="matern52",
                         help="covariance function; best: the likeliest of all (default: %(default)s)")  # fmt: skip
     parser.add_argument("--mean", choices=("constant", "plane"), default="constant",
@@ -151,7 +153,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.out is not None and not options.out.resolve().parent.is_dir():
         parser.error(f"--out {options.out}: there is no folder {options.out.parent}")
     try:
-        soundings = read(options.source)
+        soundings, origin = read(options.source)
+        where = ""
+        if origin is not None:
+            where = f"lat, lon taken as metres north and east of their mean, {origin[0]:.6f}, {origin[1]:.6f} deg"
+            if options.mean == "plane":  # mean_depth_m is the plane's depth at the origin
+                where += "; the plane holds for a mission with that area.origin_lat_deg, area.origin_lon_deg"
+            print(where)
         rng = np.random.default_rng(options.seed)
         if len(soundings) > options.points:
             print(f"using {options.points} of {len(soundings)} soundings, drawn at random (--points, --seed)")
@@ -178,7 +186,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(report(result))
     if options.out is not None:
         try:
-            options.out.write_text(parameter_file(result, options.source.name))
+            options.out.write_text(parameter_file(result, options.source.name, where))
         except OSError as error:
             print(f"fit: {options.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
             return 1

@@ -88,7 +88,8 @@ class MarginalLikelihood:
             mean_depth_m: A constant mean that is known; by default it is learned.
 
         Raises:
-            ValueError: for fewer than 10 soundings, or soundings that lie at one place.
+            ValueError: for fewer than 10 soundings, soundings that lie at one place, or depths that the mean explains
+                without a rest.
         """
         if mean not in ("constant", "plane"):
             raise ValueError(f"mean: got {mean!r}; expected constant or plane (a survey has nothing to learn)")
@@ -118,6 +119,12 @@ class MarginalLikelihood:
         self._depths = depths_m - self._fixed
         if not np.ptp(depths_m) > 0.0:
             raise ValueError(f"all soundings have the depth {float(depths_m[0])!r} m; expected depths that vary")
+        if mean == "plane":
+            off = self._depths - self._basis @ np.linalg.lstsq(self._basis, self._depths, rcond=None)[0]
+            if float(np.abs(off).max()) <= 1e-9 * float(np.ptp(depths_m)):  # what rounding leaves
+                raise ValueError(
+                    "all soundings lie on one plane; expected depths that vary about it (or mean constant)"
+                )
 
     @property
     def bounds(self) -> list[tuple[float, float]]:

@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
 
+from auv_lse_common.frames import geodetic_from_local
 from auv_lse_common.params import parameters_for, read_parameter_file, section
 from auv_lse_gp import GpConfig, Kernel, read_soundings
 from auv_lse_gp.config import KERNELS
@@ -15,6 +16,9 @@ from auv_lse_gp.fit import main, read_run
 from auv_lse_gp.likelihood import MarginalLikelihood, fit
 
 LAKE = Path(__file__).parents[2].parent / "shared" / "data" / "tzibana_soundings.csv"
+
+
+SCATTERED = np.random.default_rng(0).uniform(0, 300, (40, 2))
 
 
 def drawn(config, n=250, size=500.0, seed=0):
@@ -102,6 +106,7 @@ def test_says_what_the_data_cannot_tell():
         (np.zeros((5, 2)), np.zeros(5), {}, "got 5 soundings; expected at least 10"),
         (np.zeros((20, 2)), np.arange(20.0), {}, "lie at one place"),
         (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"have the depth 1\.0 m"),
+        (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "lie on one plane; expected depths that vary"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "expected constant or plane"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "plane", "mean_depth_m": 1.0}, "with a constant mean only"),
     ],
@@ -131,16 +136,34 @@ def test_command_writes_a_parameter_file_for_a_mission(tmp_path, capsys):
     assert "wendland_c4" in capsys.readouterr().out
 
 
+def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys):
+    source, out = tmp_path / "lake.csv", tmp_path / "gp.yaml"
+    places, depths = drawn(GpConfig(signal_std_m=5.0, length_scale_m=60.0), n=100)
+    lat, lon = geodetic_from_local(places[:, 0], places[:, 1], 37.2, -80.4)
+    rows = "".join(f"{a:.8f};{b:.8f};{d:.3f}\n" for a, b, d in zip(lat, lon, depths, strict=True))
+    source.write_text("# lake\nlat;lon;depth_m\n" + rows)
+    assert main([str(source), "--restarts", "1", "--mean", "plane", "--out", str(out)]) == 0
+    words = (
+        f"of their mean, {lat.mean():.6f}, {lon.mean():.6f} deg; the plane holds for a mission with that area.origin"
+    )
+    assert words in capsys.readouterr().out
+    assert words in out.read_text()
+    config = section(GpConfig, parameters_for(read_parameter_file(out), "/auv1/gp_node"), "gp", str(out))
+    assert config.length_scale_m == pytest.approx(60.0, rel=0.5)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["absent.csv"], "absent.csv"),
+        (["empty.npz"], "fit: empty.npz: not a readable npz grid"),
         (["."], "holds no recording; expected a run folder"),
         (["few.csv"], "got 3 soundings; expected at least 10"),
     ],
 )
 def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.npz").touch()
     write_csv(tmp_path / "few.csv", np.arange(6.0).reshape(3, 2), np.arange(3.0))
     assert main(arguments) == 1
     assert message in capsys.readouterr().err
