@@ -106,7 +106,7 @@ class MotionConfig:
 class PlannerConfig:
     """How a vehicle plans. What is left out (None) follows from the method; see `methods.py`."""
 
-    method: str = parameter("augmented", choices=METHODS, help="named configuration")
+    method: str = parameter("best", choices=METHODS, help="named configuration")
     objective: str | None = parameter(None, choices=("path", "map"), help="reward: the paper's, or the map's risk")
     credit: str | None = parameter(
         None,
