@@ -337,16 +337,16 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _ended_in_order() -> Iterator[None]:
-    """Makes SIGTERM (of a batch system, a service manager) what Ctrl-C is: no worker and no scratch folder stays."""
+    """Makes SIGTERM (of a batch system, a service manager) what Ctrl-C is: no worker and no scratch folder stays.
 
-    def stop(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
+    A parent that ignores SIGINT (a script in the background) hands that on: it is taken back.
+    """
+    before = {s: signal.signal(s, signal.default_int_handler) for s in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def cores() -> int:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import select
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -78,4 +79,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a script in the background hands it on ignored
     sys.exit(main())
