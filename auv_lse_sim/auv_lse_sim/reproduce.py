@@ -169,14 +169,14 @@ def base_mission() -> Path:
     return root / "config" / "missions" / "default.yaml"
 
 
-def full_plan(seeds: int, sweep_seeds: int, only: Sequence[str]) -> Plan:
-    """Everything: the trials over `seeds` seeds, large area and sensitivities over fewer."""
+def full_plan(seeds: int, sweep_seeds: int, only: Sequence[str], sweep_methods: Sequence[str] = SENSITIVE) -> Plan:
+    """Everything: the trials over `seeds` seeds, large area and sensitivities (of `sweep_methods`) over fewer."""
     trials = [{"label": trial_name(k, m), "mission.vehicles": k, "planner.method": m} for k in (2, 3) for m in METHODS]
     large = [{"label": trial_name(3, m), "mission.vehicles": 3, "planner.method": m} for m in METHODS]
     campaigns = {
         "trials": _spec("trials", trials, {}, seeds),
         "large": _spec("large", large, LARGE, max(sweep_seeds, min(seeds, 20))),
-        "sensitivity": _spec("sensitivity", _swept(SWEEPS, SENSITIVE), {}, sweep_seeds),
+        "sensitivity": _spec("sensitivity", _swept(SWEEPS, sweep_methods), {}, sweep_seeds),
     }
     return Plan(
         name="full",
@@ -354,6 +354,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seeds", type=int, default=50, metavar="N", help="seeds of the field trials (default: 50)")
     p.add_argument("--sweep-seeds", type=int, default=10, metavar="N", help="seeds of the sensitivities (default: 10)")
     p.add_argument(
+        "--sweep-methods",
+        nargs="+",
+        choices=METHODS,
+        default=SENSITIVE,
+        metavar="NAME",
+        help=f"methods of the sensitivities (default: {' '.join(SENSITIVE)})",
+    )
+    p.add_argument(
         "--only",
         nargs="+",
         choices=("trials", "large", "sensitivity"),
@@ -379,7 +387,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if options.seeds < 1 or options.sweep_seeds < 1:
             raise CampaignError(f"--seeds {options.seeds}, --sweep-seeds {options.sweep_seeds}: expected at least 1")
-        plan = quick_plan(QUICK_S) if options.quick else full_plan(options.seeds, options.sweep_seeds, options.only)
+        plan = (
+            quick_plan(QUICK_S)
+            if options.quick
+            else full_plan(options.seeds, options.sweep_seeds, options.only, options.sweep_methods)
+        )
         folder = options.out or default_root() / ("reproduce-quick" if options.quick else "reproduce")
         folder.mkdir(parents=True, exist_ok=True)
         states: dict[str, Progress] = {}

@@ -39,6 +39,13 @@ def test_the_full_plan_is_what_was_asked_for():
     assert costs["cost_false_unsafe"] == pytest.approx(4.0)
 
 
+def test_sensitivities_of_chosen_methods_are_the_same_missions():
+    every = {j.id: j for j in full_plan(1, 2, ("sensitivity",)).campaigns["sensitivity"].jobs()}
+    some = full_plan(1, 2, ("sensitivity",), ("best",)).campaigns["sensitivity"].jobs()
+    assert len(some) * 3 == len(every)
+    assert all(every[j.id].group.endswith(", best") for j in some)
+
+
 def test_points_at_the_default_are_flown_once_for_all_sweeps():
     loss, team = SWEEPS[0], next(s for s in SWEEPS if s.name == "team")
     assert sweep_name(loss, 0.0, "best") == sweep_name(team, 3.0, "best") == "default, best"
