@@ -88,14 +88,6 @@ class PathReward:
         """J of the path with these places."""
         return float(self.contributions(columns).sum())
 
-    def values(self, paths: list[Columns], before: list[Array] | None = None) -> Array:
-        """J of several paths; the risk integrals are done together."""
-        everything = join_scalars(paths)
-        after = np.concatenate([self.var_after_m2(path) for path in paths])
-        gain = (np.concatenate(before) if before else self.before(everything)) - self._expected(everything, after)
-        ends = np.cumsum([0] + [len(p) for p in paths])
-        return np.add.reduceat(gain, ends[:-1]) if len(gain) else np.zeros(len(paths))
-
     def var_after_m2(self, columns: Columns) -> Array:
         """Variance (P,) of the depth at the path's places once all of them are measured."""
         inverse_diagonal = inverse_diagonal_of(self._matrix(columns))
@@ -175,17 +167,6 @@ class PathReward:
             axis=1,
         )
         return np.asarray((before - self._expected(columns, after).reshape(batch, -1)).sum(axis=1))
-
-
-def join_scalars(paths: list[Columns]) -> Columns:
-    """All places of `paths` with an empty `white`: for what needs mean and variances only."""
-    return Columns(
-        np.empty((0, 2)),
-        np.empty((0, 0)),
-        np.concatenate([p.mean_m for p in paths]),
-        np.concatenate([p.data_var_m2 for p in paths]),
-        np.concatenate([p.planned_var_m2 for p in paths]),
-    )
 
 
 def _tiled(heads: Columns, tail: Columns, batch: int, count: int) -> Columns:

@@ -266,7 +266,7 @@ def one_leg(
         scores = 1.96 * std - np.abs(columns.mean_m - level.level_m)
     elif score == "benefit":
         path = PathReward(reward.posterior, level)
-        scores = path.values([columns.take(np.array([i])) for i in range(len(choices))])
+        scores = path.values_of_equal(columns, 1)
     else:
         scores = s.rng.random(len(choices))
     action = int(choices[int(np.argmax(scores))])

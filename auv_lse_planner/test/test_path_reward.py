@@ -49,8 +49,10 @@ def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, lev
 
 def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
     rng, *_, reward = _situation(3, 50, 10)
-    paths = [reward.posterior.columns(rng.uniform(0, 400, (n, 2))) for n in (1, 7, 30, 7)]
-    assert reward.values(paths) == pytest.approx([reward.value(p) for p in paths], abs=1e-10)
+    for length in (1, 7, 30):  # of one place, as the myopic baseline asks; short; long
+        columns = reward.posterior.columns(rng.uniform(0, 400, (4 * length, 2)))
+        one_by_one = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(4)]
+        assert reward.values_of_equal(columns, length) == pytest.approx(one_by_one, abs=1e-10)
 
 
 @pytest.mark.parametrize("credit", ["printed", "beyond"])

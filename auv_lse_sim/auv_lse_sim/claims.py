@@ -103,9 +103,18 @@ def compare(a: Sequence[Row], b: Sequence[Row], team: str, weak: bool) -> list[E
         if difference.count:
             other = interval([value_of(r, column) for r in b]).mean
             judged = not_worse(difference, other, more) if weak else verdict(difference, more)
-            value = f"{difference} ({'more' if more else 'less'} is better; {difference.count} seeds)"
+            won = _better(by_seed(a, column), by_seed(b, column), more)
+            value = (
+                f"{difference} ({'more' if more else 'less'} is better; better with {won} of {difference.count} seeds)"
+            )
             found.append(Evidence(what=f"{team}: difference in {name}", value=value, verdict=judged))
     return found
+
+
+def _better(a: Mapping[int, float | None], b: Mapping[int, float | None], more: bool) -> int:
+    """With how many seeds a is better than b."""
+    pairs = [(value, b.get(seed)) for seed, value in a.items()]
+    return sum((x > y) if more else (x < y) for x, y in pairs if x is not None and y is not None)
 
 
 def share(flags: Sequence[bool | None], what: str) -> Evidence | None:

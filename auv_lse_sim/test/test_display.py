@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import io
+
 from rich.console import Console
 
 from auv_lse_sim.display import Display, Progress, clock
 
 
 def shown(progress: Progress, terminal: bool) -> str:
-    console = Console(force_terminal=terminal, width=120, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console = Console(force_terminal=terminal, width=120, record=True, file=io.StringIO())
     with Display(progress, console) as display:
         display.refresh()
     return console.export_text()
