@@ -18,8 +18,8 @@ setup(
     entry_points={
         "console_scripts": [
             "modem_node = auv_lse_comms.modem_node:main",
-            "micromodem_node = auv_lse_comms.micromodem_node:main",
-            "vehicle_link_node = auv_lse_comms.vehicle_link_node:main",
+            "micromodem_node = auv_lse_comms.micromodem.micromodem_node:main",
+            "vehicle_link_node = auv_lse_comms.mavlink.vehicle_link_node:main",
         ],
     },
 )

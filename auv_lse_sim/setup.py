@@ -20,6 +20,9 @@ setup(
     description="Simulator, recorder, fleet engine and reports of the AUV level-set estimation stack",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["sim_node = auv_lse_sim.sim_node:main", "recorder_node = auv_lse_sim.recorder_node:main"],
+        "console_scripts": [
+            "sim_node = auv_lse_sim.engine.sim_node:main",
+            "recorder_node = auv_lse_sim.record.recorder_node:main",
+        ],
     },
 )

@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from auv_lse_common.seeds import stream
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.packet import Limits, Packet, decode, encode
-from auv_lse_comms.tag import Tagger
+from auv_lse_comms.packet.codec import Limits, Packet, decode, encode
+from auv_lse_comms.packet.tag import Tagger
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.receivers_risk import Knowledge, ReceiversRisk
 from auv_lse_gp.risk import LevelSet
-from auv_lse_sim.channel import Channel, ChannelConfig, Position, loss_at_range, snr_db
-from auv_lse_sim.ground import SyntheticLake
+from auv_lse_sim.world.channel import Channel, ChannelConfig, Position, loss_at_range, snr_db
+from auv_lse_sim.world.ground import SyntheticLake
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

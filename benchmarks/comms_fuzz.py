@@ -16,8 +16,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from auv_lse_comms.fields import HEADER_STRUCT, NO_HEURISTIC, PACKET_BYTES, SAMPLE_BYTES, capacity, samples_start
-from auv_lse_comms.packet import REASONS, Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.packet.fields import HEADER_STRUCT, NO_HEURISTIC, PACKET_BYTES, SAMPLE_BYTES, capacity, samples_start
 
 LIMITS = Limits(
     steps=100,

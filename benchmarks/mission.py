@@ -11,7 +11,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from auv_lse_sim.bag import read_run
+from auv_lse_sim.record.bag import read_run
 
 GOAL_S = 180.0
 
@@ -24,7 +24,7 @@ def run() -> list[dict[str, Any]]:
     """
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        command = [sys.executable, "-m", "auv_lse_sim.mission", "--out", str(folder)]
+        command = [sys.executable, "-m", "auv_lse_sim.engine.mission", "--out", str(folder)]
         process = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ})
         if process.returncode:
             raise RuntimeError(f"the mission ended with {process.returncode}: {process.stdout[-2000:]}")

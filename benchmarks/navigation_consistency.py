@@ -16,11 +16,10 @@ from scipy.stats import chi2
 
 from auv_lse_common.seeds import stream
 from auv_lse_planner.config import MotionConfig, VehicleConfig
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.plan import Leg
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.current import Current
-from auv_lse_sim.vehicle import SimVehicle
+from auv_lse_sim.world.current import Current
+from auv_lse_sim.world.vehicle import SimVehicle
 
 Array = NDArray[np.float64]
 
@@ -89,7 +88,7 @@ def measure(
                     action = (10 if lane % 2 == 0 else 0) if turning else 5
                 else:
                     action = int(rng.integers(0, table.actions))
-                vehicle.command(Leg.of(table, step, state, action))
+                vehicle.command(table.leg(step, state, action))
                 state, step = table.end_state(state, action), step + 1
             column = np.flatnonzero(times == tick)
             if len(column):

@@ -24,9 +24,9 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.online import Centers
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerSettings
-from auv_lse_planner.naive import LAWNMOWERS
-from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.paths.naive import LAWNMOWERS
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 CENTERS = 500

@@ -30,7 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from auv_lse_gp.config import GpConfig
-from auv_lse_sim.ground import LakeConfig, SyntheticLake
+from auv_lse_sim.world.ground import LakeConfig, SyntheticLake
 from benchmarks.planner_loop import fly, settings_for
 
 SPAN_M = (250.0, 300.0)

@@ -1,7 +1,7 @@
 """A light mission loop for measuring planners: true ground, perfect tracking, packets that get lost; no navigation.
 
-The full engine is `auv_lse_sim.fleet`; this one leaves out what does not concern the choice of paths (instruments,
-modem, currents), so that hundreds of missions can be compared.
+The full engine is `auv_lse_sim.engine.fleet`; this one leaves out what does not concern the choice of paths
+(instruments, modem, currents), so that hundreds of missions can be compared.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.vehicle_planner import VehiclePlanner
-from auv_lse_sim.isobath import compare, trace
+from auv_lse_sim.judge.isobath import compare, trace
 
 Array = NDArray[np.float64]
 
@@ -143,7 +143,7 @@ def _send(boats: list[_Boat], index: int, now_s: float, loss: float, channel: np
     for other, receiver in enumerate(boats):
         if other == index or channel.random() < loss:
             continue
-        receiver.planner.hear(now_s, boat.plan)
+        receiver.planner.hear(now_s, index + 1, boat.plan)
         for sample in samples:
             receiver.gp.add(*sample)
 

@@ -26,7 +26,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from auv_lse_sim.ground import LakeConfig, SyntheticLake
+from auv_lse_sim.world.ground import LakeConfig, SyntheticLake
 from benchmarks.planner_loop import fly, settings_for
 
 METHODS = (
@@ -77,7 +77,7 @@ def area(name: str) -> tuple[tuple[float, float, float], dict[str, Any]]:
 
 def windows(path: Path, where: str) -> Iterator[tuple[str, float, float]]:
     """Windows of a real lake whose ground is mostly known, and 20 to 80 % of that at least 15 m deep."""
-    from auv_lse_sim.ground_files import load_ground
+    from auv_lse_sim.world.ground_files import load_ground
 
     ground = load_ground(path)
     (height, width, margin), _ = area(where)
@@ -99,7 +99,7 @@ def lake(name: str, where: str, real: Path | None) -> Any:
     if name.isdigit():
         middle = {"north_m": height / 2.0 - margin, "east_m": width / 2.0 - margin}
         return SyntheticLake(LakeConfig(seed=int(name), height_m=height, width_m=width, **middle))
-    from auv_lse_sim.ground_files import load_ground
+    from auv_lse_sim.world.ground_files import load_ground
 
     assert real is not None
     north, east = (float(x) for x in name.split("@")[1].split(","))

@@ -18,15 +18,15 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.online import Centers
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
-from auv_lse_planner.free_space import FreeSpace
 from auv_lse_planner.methods import RECIPES
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.naive import NaivePaths
-from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.proposals import Situation, search_path
-from auv_lse_planner.search import exhaustive_search
-from auv_lse_planner.sequences import PathSequences
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.posterior import Posterior
+from auv_lse_planner.search.sequences import PathSequences
+from auv_lse_planner.search.uct import exhaustive_search
 
 
 def shares(situations: int, tail: bool, iterations: int | None = None, first: int = 0) -> np.ndarray:

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.fields import capacity
-from auv_lse_comms.packet import Limits, Packet, PacketError, decode, encode
-from auv_lse_comms.selection import ReceiversRisk, every_nth, most_useful
-from auv_lse_comms.tag import Tagger
+from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.packet.fields import capacity
+from auv_lse_comms.packet.selection import ReceiversRisk, every_nth, most_useful
+from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Slot, Tdma
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from auv_lse_common.params import parameter
-from auv_lse_comms.fields import SAMPLE
+from auv_lse_comms.packet.fields import SAMPLE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

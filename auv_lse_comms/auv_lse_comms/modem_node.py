@@ -9,7 +9,7 @@ from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, run, seconds
 from auv_lse_comms.bridge import Received
 from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.packet import PacketError
+from auv_lse_comms.packet.codec import PacketError
 from auv_lse_comms.ros_conversions import (
     packet_of_plan,
     sounding_row,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from auv_lse_common.ros_conversions import floats, header, seconds
-from auv_lse_comms import sounder
 from auv_lse_comms.bridge import ModemBridge, Received
-from auv_lse_comms.packet import Packet
+from auv_lse_comms.mavlink import sounder
+from auv_lse_comms.packet.codec import Packet
 from auv_lse_msgs.msg import ModemTx, Plan, SampleArray, Sounding, TdmaStatus
 
 

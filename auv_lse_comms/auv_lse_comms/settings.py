@@ -10,9 +10,9 @@ import numpy as np
 from auv_lse_common.params import ParameterError, section
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.packet import Limits
-from auv_lse_comms.selection import ReceiversRisk, load_receivers
-from auv_lse_comms.tag import KeyFileError, read_key
+from auv_lse_comms.packet.codec import Limits
+from auv_lse_comms.packet.selection import ReceiversRisk, load_receivers
+from auv_lse_comms.packet.tag import KeyFileError, read_key
 
 #: What the missing number means, by its key in the section `mission`.
 _SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.packet import Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 
 Array = NDArray[np.float64]
 TDMA = TdmaConfig()

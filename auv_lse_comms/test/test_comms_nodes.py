@@ -25,9 +25,9 @@ from rclpy.parameter import Parameter
 
 from auv_lse_common.params import ParameterError
 from auv_lse_common.ros_conversions import EVERY
-from auv_lse_comms.micromodem_node import MicromodemNode
+from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
+from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
 from auv_lse_comms.modem_node import ModemNode
-from auv_lse_comms.vehicle_link_node import VehicleLinkNode
 from auv_lse_msgs.msg import ModemTx, Sounding
 
 pytestmark = pytest.mark.ros

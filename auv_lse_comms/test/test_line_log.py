@@ -4,7 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from auv_lse_comms.line_log import (
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import Micromodem, PacketReceived, TransmitDone, TransmitFailed
+from auv_lse_comms.micromodem.log import (
     Entry,
     LogError,
     LoggedModem,
@@ -15,9 +17,7 @@ from auv_lse_comms.line_log import (
     replay,
     unescape,
 )
-from auv_lse_comms.micromodem import Micromodem, PacketReceived, TransmitDone, TransmitFailed
-from auv_lse_comms.modem_config import ModemConfig
-from auv_lse_comms.sentences import Sentence
+from auv_lse_comms.micromodem.sentences import Sentence
 
 CONFIG = ModemConfig(kind="micromodem", port="/dev/null", clock_period_s=20.0)
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_comms import mavlink_link as ml
-from auv_lse_comms.link_config import LinkConfig
-from auv_lse_comms.mavlink_conversion import (
+from auv_lse_comms.mavlink import link as ml
+from auv_lse_comms.mavlink.config import LinkConfig
+from auv_lse_comms.mavlink.conversion import (
     Datum,
     Odometry,
     Origin,
@@ -23,8 +23,8 @@ from auv_lse_comms.mavlink_conversion import (
     target_of_item,
     target_of_position,
 )
-from auv_lse_comms.mavlink_link import LinkState, VehicleLink
-from auv_lse_comms.mavlink_wire import MavlinkCodec
+from auv_lse_comms.mavlink.link import LinkState, VehicleLink
+from auv_lse_comms.mavlink.wire import MavlinkCodec
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 NOW_S = 1_700_000_000.0

@@ -6,10 +6,10 @@ import math
 import pytest
 
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_comms import micromodem as mm
-from auv_lse_comms import sentences as nmea
-from auv_lse_comms.micromodem import HANDLERS, TRANSITIONS, Cause, Micromodem, State
-from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_comms.micromodem import driver as mm
+from auv_lse_comms.micromodem import sentences as nmea
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import HANDLERS, TRANSITIONS, Cause, Micromodem, State
 
 NOW_S = 1575255779.05  # 2019-12-02T03:02:59.05Z
 PAYLOAD = bytes(range(252))

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from auv_lse_comms import micromodem as mm
-from auv_lse_comms.line_log import LoggedModem, format_entry, read_entries, replay
-from auv_lse_comms.micromodem import TRANSITIONS, Cause, Micromodem, State
-from auv_lse_comms.modem_config import ModemConfig
-from auv_lse_comms.sentences import Sentence
+from auv_lse_comms.micromodem import driver as mm
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import TRANSITIONS, Cause, Micromodem, State
+from auv_lse_comms.micromodem.log import LoggedModem, format_entry, read_entries, replay
+from auv_lse_comms.micromodem.sentences import Sentence
 
 CONFIG = ModemConfig(kind="micromodem", port="x", clock_period_s=20.0)
 ADDRESS = 3

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_comms.micromodem import Problem
-from auv_lse_comms.modem_config import ModemConfig
-from auv_lse_comms.modem_port import ModemPort
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import Problem
+from auv_lse_comms.micromodem.port import ModemPort
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from auv_lse_comms import fields
-from auv_lse_comms.packet import REASONS, Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.packet import fields
+from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
 
 ROOT = Path(__file__).resolve().parents[2]
 

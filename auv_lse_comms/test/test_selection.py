@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.params import ParameterError
 from auv_lse_comms.config import PacketConfig
-from auv_lse_comms.selection import CONSIDERED, every_nth, load_receivers, most_useful
+from auv_lse_comms.packet.selection import CONSIDERED, every_nth, load_receivers, most_useful
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from auv_lse_comms import sentences as nmea
-from auv_lse_comms.sentences import Sentence, SentenceError, SentenceReader, read_message
+from auv_lse_comms.micromodem import sentences as nmea
+from auv_lse_comms.micromodem.sentences import Sentence, SentenceError, SentenceReader, read_message
 
 # Lines as real modems and WHOI's own software write them, with their checksums, typed in by hand.
 REAL = [

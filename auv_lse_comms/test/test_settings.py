@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from auv_lse_common.params import ParameterError
-from auv_lse_comms.packet import Packet
+from auv_lse_comms.packet.codec import Packet
 from auv_lse_comms.settings import bridge_of
 
 MISSION: dict[str, Any] = {

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auv_lse_comms.packet import Packet, PacketError, encode
-from auv_lse_comms.tag import KeyFileError, Tagger, read_key
+from auv_lse_comms.packet.codec import Packet, PacketError, encode
+from auv_lse_comms.packet.tag import KeyFileError, Tagger, read_key
 
 KEY = bytes(range(32))
 

@@ -164,7 +164,7 @@ class Knowledge:
 
 
 class ReceiversRisk:
-    """Has the shape that `auv_lse_comms.selection.ReceiversRisk` asks for."""
+    """Has the shape that `auv_lse_comms.packet.selection.ReceiversRisk` asks for."""
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from auv_lse_planner.config import METHODS, PlannerConfig
-from auv_lse_planner.naive import COVERING, LAWNMOWERS, STRIPS
+from auv_lse_planner.paths.naive import COVERING, LAWNMOWERS, STRIPS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

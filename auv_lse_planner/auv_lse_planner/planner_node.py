@@ -150,7 +150,7 @@ class PlannerNode(ConfiguredNode):
                 self.get_logger().error(str(error))
             self._centers = None
         for message in sorted(self._team, key=lambda m: (seconds(m.header.stamp), m.vehicle)):
-            self._planner.hear(seconds(message.header.stamp), plan_from_message(message))
+            self._planner.hear(seconds(message.header.stamp), message.vehicle, plan_from_message(message))
         self._team.clear()
         if self._odometry is not None:
             self._planner.odometry(seconds(self._odometry.header.stamp), *navigation(self._odometry))
@@ -165,7 +165,7 @@ class PlannerNode(ConfiguredNode):
     def _publish(self, now_s: float, decision: Decision) -> None:
         vehicle, steps = self._settings.vehicle, self._settings.mission.steps
         last = decision.leg.step == steps - 1
-        self._plan.publish(plan_message(now_s, decision.plan))
+        self._plan.publish(plan_message(now_s, self.vehicle, decision.plan))
         self._waypoint.publish(waypoint_message(now_s, decision.leg, vehicle.speed_mps, vehicle.depth_m, last))
         self._bound.publish(bound_message(now_s, decision.bound, self._planning_s))
         path = self._planner.path

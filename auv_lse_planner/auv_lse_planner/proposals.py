@@ -9,16 +9,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.plan import NONE
 from auv_lse_gp.area import Grid
-from auv_lse_planner.action_tree import ActionTree
-from auv_lse_planner.free_space import FreeSpace
-from auv_lse_planner.lattice_search import LatticeSearch
-from auv_lse_planner.map_reward import MapReward
-from auv_lse_planner.naive import NONE, NaivePaths
-from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.search import Actions, run_search
-from auv_lse_planner.sequences import PathSequences
-from auv_lse_planner.surrogate import Surrogate
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.reward.map import MapReward
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.surrogate import Surrogate
+from auv_lse_planner.search.lattice import LatticeSearch
+from auv_lse_planner.search.sequences import PathSequences
+from auv_lse_planner.search.tree import ActionTree
+from auv_lse_planner.search.uct import Actions, run_search
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,11 @@ from nav_msgs.msg import Odometry, Path
 from numpy.typing import NDArray
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
+from auv_lse_common.leg import Leg
+from auv_lse_common.plan import Plan
 from auv_lse_common.ros_conversions import header
 from auv_lse_msgs.msg import Bound, Waypoint
 from auv_lse_msgs.msg import Plan as PlanMessage
-from auv_lse_planner.plan import Leg, Plan
 from auv_lse_planner.vehicle_planner import BoundRecord
 
 
@@ -25,11 +26,11 @@ def navigation(message: Odometry) -> tuple[float, float, float, float]:
     return heading, pose.position.y, pose.position.x, math.hypot(twist.linear.x, twist.linear.y)
 
 
-def plan_message(now_s: float, plan: Plan) -> PlanMessage:
-    """Plan message of a plan."""
+def plan_message(now_s: float, vehicle: int, plan: Plan) -> PlanMessage:
+    """Plan message of a vehicle's plan."""
     return PlanMessage(
         header=header(now_s),
-        vehicle=plan.vehicle,
+        vehicle=vehicle,
         step=plan.step,
         heading_rad=plan.heading_rad,
         north_m=plan.north_m,
@@ -42,7 +43,6 @@ def plan_message(now_s: float, plan: Plan) -> PlanMessage:
 def plan_from_message(message: PlanMessage) -> Plan:
     """The plan of a Plan message."""
     return Plan(
-        vehicle=message.vehicle,
         step=message.step,
         heading_rad=message.heading_rad,
         north_m=message.north_m,

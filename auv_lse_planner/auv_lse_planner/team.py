@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_planner.plan import Plan
+from auv_lse_common.plan import Plan
 
 Array = NDArray[np.float64]
 
@@ -53,14 +53,14 @@ class Team:
         self._leg_s, self._expiry_s, self._rebuild, self._kept = leg_s, expiry_s, rebuild, kept
         self._mates: dict[int, _Mate] = {}
 
-    def hear(self, now_s: float, plan: Plan) -> None:
-        """Takes a received plan; one of the same step and state as the last is only refreshed.
+    def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
+        """Takes the plan received of a vehicle; one of the same step and state as the last is only refreshed.
 
         A plan older than the one known (its step is lower) came late and is ignored.
         """
-        if plan.vehicle == self._vehicle:
+        if vehicle == self._vehicle:
             return
-        known = self._mates.get(plan.vehicle)
+        known = self._mates.get(vehicle)
         if known is not None and known.plan == plan:
             known.last_heard_s = now_s
             return
@@ -76,7 +76,7 @@ class Team:
         earlier = [known, *known.earlier][: self._kept - 1] if known is not None else []
         for mate in earlier:
             mate.earlier = []
-        self._mates[plan.vehicle] = _Mate(plan, now_s, now_s, states, actions, reference_step, reference_s, earlier)
+        self._mates[vehicle] = _Mate(plan, now_s, now_s, states, actions, reference_step, reference_s, earlier)
 
     def _step_of(self, mate: _Mate, now_s: float) -> float:
         return mate.reference_step + (now_s - mate.reference_s) / self._leg_s

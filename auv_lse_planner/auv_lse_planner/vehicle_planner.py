@@ -22,19 +22,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.leg import Leg
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.online import Centers
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
-from auv_lse_planner.dec_mcts import JOINT_DRAWS, KEPT_PLANS, search_dec_mcts
-from auv_lse_planner.free_space import FreeSpace
-from auv_lse_planner.map_reward import MapReward
 from auv_lse_planner.methods import Recipe, recipe
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.naive import IDS, NONE, NaivePaths
-from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.plan import Leg, Plan
-from auv_lse_planner.posterior import Columns, Posterior
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import IDS, NaivePaths
 from auv_lse_planner.proposals import (
     Proposal,
     Situation,
@@ -44,7 +41,11 @@ from auv_lse_planner.proposals import (
     search_map,
     search_path,
 )
-from auv_lse_planner.surrogate import Surrogate
+from auv_lse_planner.reward.map import MapReward
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.posterior import Columns, Posterior
+from auv_lse_planner.reward.surrogate import Surrogate
+from auv_lse_planner.search.dec_mcts import JOINT_DRAWS, KEPT_PLANS, search_dec_mcts
 from auv_lse_planner.team import Team
 
 Array = NDArray[np.float64]
@@ -256,8 +257,8 @@ class VehiclePlanner:
         limit = self.settings.vehicle.depth_m + self.settings.vehicle.min_water_m
         self.space.set_shallow(places, self.posterior.mean_m(places) < limit, self._shallow_grid.resolution_m)
 
-    def hear(self, now_s: float, plan: Plan) -> None:
-        """Takes a team mate's plan, received at `now_s`; one that cannot be rebuilt is ignored and counted.
+    def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
+        """Takes the plan of team mate `vehicle`, received at `now_s`; what cannot be rebuilt is ignored and counted.
 
         One of a step beyond the mission, too: it would keep every true plan of that mate out as older.
         """
@@ -270,7 +271,7 @@ class VehiclePlanner:
         if plan.step > self.settings.mission.steps:
             self.plans_refused += 1
             return
-        self.team.hear(now_s, plan)
+        self.team.hear(now_s, vehicle, plan)
 
     def odometry(self, now_s: float, heading_rad: float, north_m: float, east_m: float, speed_mps: float) -> None:
         """Takes the estimated state of the vehicle at `now_s`; values that are not finite are ignored."""
@@ -492,7 +493,7 @@ class VehiclePlanner:
             found, shown = search_dec_mcts(situation, self.space, self.naive, self.posterior, level_set, draws, step)
         else:
             found = self._propose(how, situation, reward)
-        plan = self._plan(step, state, found.actions, found.heuristic)
+        plan = Plan.at(step, state, found.actions, found.heuristic)
         chosen = _Path(plan, *self.rebuild(plan), len(found.actions))
         value, kept = found.value, False
         if shown is not None:  # valued against draws; from here on against the team mates' last plans
@@ -527,8 +528,8 @@ class VehiclePlanner:
             reanchored=reanchored,
             incumbent_infeasible=infeasible,
         )
-        leg = Leg.of(self.motion, step, states[0], first)
-        told = chosen.plan if shown is None or kept else self._plan(step, state, *shown)
+        leg = self.motion.leg(step, states[0], first)
+        told = chosen.plan if shown is None or kept else Plan.at(step, state, *shown)
         return Decision(plan=told, leg=leg, bound=bound, statistics=statistics)
 
     def _propose(self, how: Recipe, situation: Situation, reward: PathReward | MapReward) -> Proposal:
@@ -562,17 +563,6 @@ class VehiclePlanner:
 
     def _columns(self, states: Array, actions: Ints) -> Columns:
         return self.posterior.columns(self.motion.sample_places(states[:-1], actions, self.planner.samples_per_leg))
-
-    def _plan(self, step: int, state: Array, actions: tuple[int, ...], heuristic: int) -> Plan:
-        return Plan(
-            vehicle=self.vehicle,
-            step=step,
-            heading_rad=float(state[0]),
-            north_m=float(state[1]),
-            east_m=float(state[2]),
-            actions=actions,
-            heuristic=heuristic,
-        )
 
     def _bound(
         self,

@@ -10,9 +10,9 @@ from auv_lse_gp.kernels import Kernel
 from auv_lse_gp.online import Centers
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
-from auv_lse_planner.free_space import FreeSpace
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.naive import NaivePaths
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import NaivePaths
 
 SMALL = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from planner_helpers import world
 
-from auv_lse_planner import action_tree
-from auv_lse_planner.action_tree import ActionTree, every_sequence
-from auv_lse_planner.compiled import plain
-from auv_lse_planner.search import ObjectTree, run_search
+from auv_lse_common.compiled import plain
+from auv_lse_planner.search import tree as action_tree
+from auv_lse_planner.search.tree import ActionTree, every_sequence
+from auv_lse_planner.search.uct import ObjectTree, run_search
 
 # open water, beside the border, in a corner where only the escape is left
 STATES = [np.array([0.3, 150.0, 150.0]), np.array([1.2, 30.0, 440.0]), np.array([-2.4, -15.0, -15.0])]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from planner_helpers import border_distance, world
 
-from auv_lse_planner.compiled import plain
+from auv_lse_common.compiled import plain
 from auv_lse_planner.config import MotionConfig
-from auv_lse_planner.free_space import _feasible_mask, clearance_at, escape_action, leg_clearance
+from auv_lse_planner.paths.free_space import _feasible_mask, clearance_at, escape_action, leg_clearance
 
 ISLAND = {"island": (100.0, 150.0, 180.0, 150.0, 180.0, 250.0, 100.0, 250.0)}
 L_SHAPE = (0.0, 0.0, 300.0, 0.0, 300.0, 70.0, 90.0, 70.0, 90.0, 400.0, 0.0, 400.0)

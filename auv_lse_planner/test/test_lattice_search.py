@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 from planner_helpers import centers, world
 
-import auv_lse_planner.lattice_search as module
+import auv_lse_planner.search.lattice as module
+from auv_lse_common.compiled import plain
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.compiled import plain
-from auv_lse_planner.lattice_search import LatticeSearch
-from auv_lse_planner.map_reward import MapReward
-from auv_lse_planner.posterior import Posterior
-from auv_lse_planner.surrogate import Surrogate
+from auv_lse_planner.reward.map import MapReward
+from auv_lse_planner.reward.posterior import Posterior
+from auv_lse_planner.reward.surrogate import Surrogate
+from auv_lse_planner.search.lattice import LatticeSearch
 
 STATE = np.array([0.4, 150.0, 200.0])
 

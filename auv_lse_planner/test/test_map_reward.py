@@ -5,8 +5,8 @@ from planner_helpers import area, centers, dense_posterior, expected_risk
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.online import Centers
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.map_reward import MapReward
-from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.reward.map import MapReward
+from auv_lse_planner.reward.posterior import Posterior
 
 
 def _situation(seed, data=60, team=0, level=None):
@@ -77,7 +77,7 @@ def test_it_telescopes_in_expectation():
 
 def test_the_paths_own_reward_does_not_telescope():
     """What PROTOTYPE found: legs credited at their own place only, a tail at all of its places at once."""
-    from auv_lse_planner.path_reward import PathReward
+    from auv_lse_planner.reward.path import PathReward
 
     config, level = GpConfig(), LevelSet()
     posterior = Posterior(config)

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
+from auv_lse_common.compiled import plain
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_planner.compiled import plain
 from auv_lse_planner.config import MotionConfig
-from auv_lse_planner.motion import MotionTable, advance, roll_states
+from auv_lse_planner.paths.motion import MotionTable, advance, roll_states
 
 
 @pytest.fixture

@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 from planner_helpers import area, world
 
-from auv_lse_planner.compiled import plain
+from auv_lse_common.compiled import plain
 from auv_lse_planner.config import MotionConfig, PlannerConfig
-from auv_lse_planner.naive import COVERING, HOLD, IDS, LAWNMOWERS, NONE, STRAIGHT_ON, lawnmower, naive_path, straight_on
+from auv_lse_planner.paths.naive import (
+    COVERING,
+    HOLD,
+    IDS,
+    LAWNMOWERS,
+    NONE,
+    STRAIGHT_ON,
+    lawnmower,
+    naive_path,
+    straight_on,
+)
 
 
 def _states(count, seed=1):

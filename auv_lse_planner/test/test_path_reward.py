@@ -4,8 +4,8 @@ from planner_helpers import centers, dense_posterior, expected_risk
 
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.posterior import Posterior, join
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.posterior import Posterior, join
 
 
 def _situation(seed, data=60, team=0, level=None, credit="printed"):

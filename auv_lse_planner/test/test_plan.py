@@ -3,14 +3,13 @@ import math
 import numpy as np
 import pytest
 
+from auv_lse_common.plan import Plan
 from auv_lse_planner.config import MotionConfig
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.plan import Leg, Plan
+from auv_lse_planner.paths.motion import MotionTable
 
 
 def test_a_plan_holds_what_a_packet_can():
     plan = Plan(
-        vehicle=2,
         step=7,
         heading_rad=0.1,
         north_m=123.456789,
@@ -22,7 +21,6 @@ def test_a_plan_holds_what_a_packet_can():
     assert plan.actions == (3, 5)
     assert type(plan.actions[0]) is int
     again = Plan(
-        vehicle=2,
         step=7,
         heading_rad=plan.heading_rad,
         north_m=plan.north_m,
@@ -39,7 +37,7 @@ def test_legs_follow_the_motion_table(straight):
     rng = np.random.default_rng(1)
     for action in range(table.actions):
         state = np.array([rng.uniform(-math.pi, math.pi), *rng.uniform(-300, 300, 2)])
-        leg = Leg.of(table, 3, state, action)
+        leg = table.leg(3, state, action)
         assert leg.step == 3
         assert leg.length_m == pytest.approx(table.lengths_m[action])
         end = table.end_state(state, action)
@@ -53,7 +51,7 @@ def test_progress_is_the_arc_length_of_the_nearest_point():
     table = MotionTable(MotionConfig())
     rng = np.random.default_rng(2)
     for action in range(table.actions):
-        leg = Leg.of(table, 0, np.array([rng.uniform(-3, 3), 50.0, 60.0]), action)
+        leg = table.leg(0, np.array([rng.uniform(-3, 3), 50.0, 60.0]), action)
         for along in np.linspace(0.0, leg.length_m + 20.0, 30):
             at = leg.state_at(along)
             assert leg.progress_m(at[1], at[2]) == pytest.approx(along, abs=1e-6)

@@ -5,7 +5,7 @@ from planner_helpers import centers, dense_posterior
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.online import Centers
-from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.reward.posterior import Posterior
 
 
 @pytest.mark.parametrize("kernel", ["matern52", "wendland_c2", "squared_exponential"])

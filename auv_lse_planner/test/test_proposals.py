@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from planner_helpers import centers, world
 
+from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.map_reward import MapReward
-from auv_lse_planner.naive import COVERING, NONE, STRIPS
-from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.paths.naive import COVERING, STRIPS
 from auv_lse_planner.proposals import Situation, chosen_with_map, search_map, search_path
-from auv_lse_planner.surrogate import Surrogate
+from auv_lse_planner.reward.map import MapReward
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.posterior import Posterior
+from auv_lse_planner.reward.surrogate import Surrogate
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,12 @@ from planner_helpers import centers, world
 
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.naive import LAWNMOWERS
-from auv_lse_planner.path_reward import PathReward
-from auv_lse_planner.posterior import Posterior
+from auv_lse_planner.paths.naive import LAWNMOWERS
 from auv_lse_planner.proposals import Situation, search_path
-from auv_lse_planner.search import TreeSearch, exhaustive_search
-from auv_lse_planner.sequences import PathSequences
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.posterior import Posterior
+from auv_lse_planner.search.sequences import PathSequences
+from auv_lse_planner.search.uct import TreeSearch, exhaustive_search
 
 
 def _toy(horizon=4, kinds=5, seed=3):

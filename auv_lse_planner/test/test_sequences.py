@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from planner_helpers import centers, world
 
+from auv_lse_common.compiled import plain
+from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner import path_reward
-from auv_lse_planner.compiled import plain
-from auv_lse_planner.naive import HOLD, LAWNMOWERS, NONE, STRIPS
-from auv_lse_planner.path_reward import PathReward, small_inverse_diagonals
-from auv_lse_planner.posterior import Posterior
-from auv_lse_planner.prefixes import Prefixes
-from auv_lse_planner.sequences import PathSequences
+from auv_lse_planner.paths.naive import HOLD, LAWNMOWERS, STRIPS
+from auv_lse_planner.reward import path as path_reward
+from auv_lse_planner.reward.path import PathReward, small_inverse_diagonals
+from auv_lse_planner.reward.posterior import Posterior
+from auv_lse_planner.search.prefixes import Prefixes
+from auv_lse_planner.search.sequences import PathSequences
 
 STATE = np.array([0.3, 150.0, 150.0])
 

@@ -3,12 +3,12 @@ import pytest
 from planner_helpers import centers, world
 from scipy.stats import spearmanr
 
+from auv_lse_common.compiled import plain
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.compiled import plain
-from auv_lse_planner.map_reward import MapReward
-from auv_lse_planner.posterior import Posterior
-from auv_lse_planner.surrogate import Surrogate, fill_row, risk_table, table_risk
+from auv_lse_planner.reward.map import MapReward
+from auv_lse_planner.reward.posterior import Posterior
+from auv_lse_planner.reward.surrogate import Surrogate, fill_row, risk_table, table_risk
 
 
 def _situation(seed, data, team=0, level=None, spacing=20.0):

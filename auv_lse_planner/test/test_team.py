@@ -1,11 +1,11 @@
 import numpy as np
 
-from auv_lse_planner.plan import Plan
+from auv_lse_common.plan import Plan
 from auv_lse_planner.team import Team
 
 
-def _plan(vehicle, step, north=0.0):
-    return Plan(vehicle=vehicle, step=step, heading_rad=0.0, north_m=north, east_m=0.0, actions=(5,), heuristic=0xFF)
+def _plan(step, north=0.0):
+    return Plan(step=step, heading_rad=0.0, north_m=north, east_m=0.0, actions=(5,), heuristic=0xFF)
 
 
 def _rebuild(plan):
@@ -31,36 +31,36 @@ def test_orders():
 
 def test_places_already_passed_are_dropped_and_old_plans_expire():
     team = _team()
-    team.hear(100.0, _plan(1, 4))
+    team.hear(100.0, 1, _plan(4))
     assert len(team.legs_ahead(100.0, 1)[1]) == 10
     states, actions = team.legs_ahead(165.0, 1)  # 65 s at 20 s a leg
     assert len(actions) == 7
     assert states[0, 1] == 30.0
     assert len(team.legs_ahead(699.0, 1)[1]) == 0
     assert len(team.legs_ahead(101.0, 2)[1]) == 0
-    assert team.plans(699.0) == {1: _plan(1, 4)}
+    assert team.plans(699.0) == {1: _plan(4)}
     assert team.plans(701.0) == {}
     assert team.age_s(701.0) == {1: 601.0}
 
 
 def test_an_unchanged_plan_keeps_its_clock_but_stays_fresh():
     team = _team()
-    team.hear(100.0, _plan(1, 4))
-    team.hear(160.0, _plan(1, 4))
+    team.hear(100.0, 1, _plan(4))
+    team.hear(160.0, 1, _plan(4))
     assert len(team.legs_ahead(160.0, 1)[1]) == 7
     assert len(team.plans(750.0)) == 1
 
 
 def test_a_newer_plan_replaces_and_an_older_one_that_comes_late_does_not():
     team = _team()
-    team.hear(100.0, _plan(1, 4))
-    team.hear(110.0, _plan(1, 5, north=50.0))
+    team.hear(100.0, 1, _plan(4))
+    team.hear(110.0, 1, _plan(5, north=50.0))
     assert team.legs_ahead(110.0, 1)[0][0, 1] == 50.0
-    team.hear(120.0, _plan(1, 3, north=-99.0))
+    team.hear(120.0, 1, _plan(3, north=-99.0))
     assert team.legs_ahead(120.0, 1)[0][0, 1] == 50.0
 
 
 def test_own_plans_are_ignored():
     team = _team()
-    team.hear(0.0, _plan(3, 0))
+    team.hear(0.0, 3, _plan(0))
     assert team.plans(0.0) == {}

@@ -7,10 +7,10 @@ import pytest
 from planner_helpers import centers, depth, settings
 
 from auv_lse_common.params import ParameterError, from_mapping
+from auv_lse_common.plan import Plan
 from auv_lse_gp.online import Centers, OnlineGp
 from auv_lse_planner.config import METHODS, PlannerConfig, PlannerSettings
 from auv_lse_planner.methods import RECIPES, recipe
-from auv_lse_planner.plan import Plan
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 
@@ -159,7 +159,6 @@ def test_plans_survive_the_packets_float32():
     for d in _fly(planner):
         p = d.plan
         received = Plan(
-            vehicle=p.vehicle,
             step=p.step,
             heading_rad=float(np.float32(p.heading_rad)),
             north_m=float(np.float32(p.north_m)),
@@ -233,12 +232,12 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     one.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
     two.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
     plan = one.decide(0.0).plan
-    two.hear(0.0, dataclasses.replace(plan, heuristic=0x20))
-    two.hear(0.0, dataclasses.replace(plan, actions=(77,)))
-    two.hear(0.0, dataclasses.replace(plan, north_m=math.nan))
-    two.hear(0.0, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older
+    two.hear(0.0, 1, dataclasses.replace(plan, heuristic=0x20))
+    two.hear(0.0, 1, dataclasses.replace(plan, actions=(77,)))
+    two.hear(0.0, 1, dataclasses.replace(plan, north_m=math.nan))
+    two.hear(0.0, 1, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older
     assert any("4 received plans" in p for p in two.problems(0.0))
-    two.hear(0.0, plan)
+    two.hear(0.0, 1, plan)
     decision = two.decide(0.0)
     assert decision.statistics.team_places == 10
     mine, theirs = two.rebuild(decision.plan)[0][:, 1:], one.rebuild(plan)[0][:, 1:]
@@ -341,7 +340,7 @@ def test_dec_mcts_plans_against_what_team_mates_may_do():
             if now > 1:
                 planner.odometry(20.0 * now, *planner.leg.end_state, 1.5)
             decision = planner.decide(20.0 * now)
-            other.hear(20.0 * now, decision.plan)
+            other.hear(20.0 * now, planner.vehicle, decision.plan)
             told.append(decision)
             _, actions = planner.rebuild(decision.plan)
             assert len(actions) == 8 - decision.plan.step
@@ -353,7 +352,7 @@ def test_dec_mcts_plans_against_what_team_mates_may_do():
 
 
 def test_dec_mcts_prefers_better_sequences_and_cools():
-    from auv_lse_planner.dec_mcts import distribution
+    from auv_lse_planner.search.dec_mcts import distribution
 
     values = np.array([100.0, 99.0, 90.0])
     early, late = distribution(values, 0), distribution(values, 99)

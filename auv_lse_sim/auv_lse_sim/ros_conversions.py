@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.frames import quaternion_from_heading
+from auv_lse_common.leg import Leg
 from auv_lse_common.ros_conversions import header
 from auv_lse_msgs.msg import ModemRx, Sounding, Waypoint
-from auv_lse_planner.plan import Leg
-from auv_lse_sim.channel import Arrival
-from auv_lse_sim.vehicle import Odometry as NavigationOdometry
-from auv_lse_sim.vehicle import Truth
+from auv_lse_sim.world.channel import Arrival
+from auv_lse_sim.world.vehicle import Odometry as NavigationOdometry
+from auv_lse_sim.world.vehicle import Truth
 
 
 def sounding_message(row: NDArray[np.float64]) -> Sounding:

@@ -27,8 +27,8 @@ from auv_lse_common.params import (
     to_mapping,
 )
 from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.link_config import LinkConfig
-from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_comms.mavlink.config import LinkConfig
+from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
@@ -41,7 +41,7 @@ from auv_lse_planner.config import (
     VehicleConfig,
 )
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.recorder import RecordConfig
+from auv_lse_sim.record.recorder import RecordConfig
 
 #: Sections in which vehicles may differ.
 PER_VEHICLE = ("vehicle", "planner", "gp", "modem", "link")

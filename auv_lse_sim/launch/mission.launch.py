@@ -1,7 +1,7 @@
 """ros2 launch auv_lse_sim mission.launch.py params_file:=MISSION.yaml: the processes of a mission.
 
-The same list that scripts/mission starts (auv_lse_sim.processes). Every node gets the whole file, with every default
-filled in, as mission.yaml in the run folder `out`; the recording goes there too, wherever params_file has it.
+The same list that scripts/mission starts (auv_lse_sim.engine.processes). Every node gets the whole file, with every
+default filled in, as mission.yaml in the run folder `out`; the recording goes there too, wherever params_file has it.
 """
 
 from pathlib import Path
@@ -13,8 +13,8 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from auv_lse_sim.mission import hardware_of
-from auv_lse_sim.processes import mission_processes
+from auv_lse_sim.engine.mission import hardware_of
+from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.settings import Settings
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from auv_lse_planner.config import MotionConfig
-from auv_lse_planner.motion import MotionTable
-from auv_lse_sim.evaluation import ground_grid, mission_settings
-from auv_lse_sim.run_data import DecisionRecord, PacketReceived, PacketSent, RunData, VehicleRun
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_sim.judge.evaluation import ground_grid, mission_settings
+from auv_lse_sim.record.run_data import DecisionRecord, PacketReceived, PacketSent, RunData, VehicleRun
 
 STRAIGHT, RIGHT, LEFT = 5, 10, 0  # actions 0, +90, -90 degrees
 

@@ -14,8 +14,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from auv_lse_common.ros_conversions import EVERY
-from auv_lse_sim.launcher import ProcessGroup, local_environment, own_domain
-from auv_lse_sim.processes import Process
+from auv_lse_sim.engine.launcher import ProcessGroup, local_environment, own_domain
+from auv_lse_sim.engine.processes import Process
 
 ROOT = Path(__file__).resolve().parents[2]
 

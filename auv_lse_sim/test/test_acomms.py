@@ -10,11 +10,11 @@ import time
 
 import pytest
 
-from auv_lse_comms import micromodem as mm
-from auv_lse_comms.micromodem import State
-from auv_lse_comms.modem_config import ModemConfig
-from auv_lse_comms.modem_port import ModemPort
-from auv_lse_sim.modem_emulator import EmulatorRack, PtyShell, perfect_water
+from auv_lse_comms.micromodem import driver as mm
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import State
+from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_sim.emulated.modem_emulator import EmulatorRack, PtyShell, perfect_water
 
 pytest.importorskip("acomms", reason="acomms (test only) is not installed")
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from auv_lse_sim.bag import BagError, read_bag, read_run, write_run
+from auv_lse_sim.record.bag import BagError, read_bag, read_run, write_run
 
 
 def same(a, b):

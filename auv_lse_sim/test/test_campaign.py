@@ -14,8 +14,9 @@ import pytest
 import yaml
 
 from auv_lse_common.params import ParameterError
-from auv_lse_sim import campaign, campaign_spec
-from auv_lse_sim.campaign import (
+from auv_lse_sim.campaign import campaign
+from auv_lse_sim.campaign import spec as campaign_spec
+from auv_lse_sim.campaign.campaign import (
     CampaignError,
     Progress,
     cluster,
@@ -28,8 +29,8 @@ from auv_lse_sim.campaign import (
     rows_of,
     run_campaign,
 )
-from auv_lse_sim.campaign_rows import Rows
-from auv_lse_sim.campaign_spec import CampaignSpec
+from auv_lse_sim.campaign.rows import Rows
+from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.settings import Settings
 
 TINY = {
@@ -366,7 +367,8 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     scratch.mkdir()
     path = os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "TMPDIR": str(scratch)}
-    command = [sys.executable, "-m", "auv_lse_sim.campaign", str(spec_file), "--out", str(out), "--workers", "1"]
+    module = "auv_lse_sim.campaign.campaign"
+    command = [sys.executable, "-m", module, str(spec_file), "--out", str(out), "--workers", "1"]
     process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
     try:
         until = time.monotonic() + 60.0

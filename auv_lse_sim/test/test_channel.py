@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_sim.channel import (
+from auv_lse_sim.world.channel import (
     RATES,
     Arrival,
     Channel,

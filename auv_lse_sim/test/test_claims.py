@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from auv_lse_sim.claims import CONTRADICTED, SUPPORTED, UNDECIDED, claims, not_worse, share, verdict
-from auv_lse_sim.statistics import interval
+from auv_lse_sim.campaign.claims import CONTRADICTED, SUPPORTED, UNDECIDED, claims, not_worse, share, verdict
+from auv_lse_sim.campaign.statistics import interval
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import io
 
 from rich.console import Console
 
-from auv_lse_sim.display import Display, Progress, clock
+from auv_lse_sim.engine.display import Display, Progress, clock
 
 
 def shown(progress: Progress, terminal: bool) -> str:

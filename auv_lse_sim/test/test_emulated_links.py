@@ -7,17 +7,17 @@ import time
 import pytest
 
 from auv_lse_common.params import ParameterError
-from auv_lse_comms import micromodem as mm
-from auv_lse_comms.mavlink_conversion import Odometry, Target
-from auv_lse_comms.mavlink_link import LinkState, VehicleLink
-from auv_lse_comms.micromodem import State
-from auv_lse_comms.modem_port import ModemPort
+from auv_lse_comms.mavlink.conversion import Odometry, Target
+from auv_lse_comms.mavlink.link import LinkState, VehicleLink
+from auv_lse_comms.micromodem import driver as mm
+from auv_lse_comms.micromodem.driver import State
+from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.transport import UdpPort
-from auv_lse_sim.channel import Arrival
-from auv_lse_sim.emulated_links import EmulatedLinks
-from auv_lse_sim.ground import Extent, FunctionGround
+from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.settings import Settings
-from auv_lse_sim.world import World
+from auv_lse_sim.world.channel import Arrival
+from auv_lse_sim.world.ground import Extent, FunctionGround
+from auv_lse_sim.world.world import World
 
 TEAM = (1, 2, 3)
 EXTENT = Extent(north_min_m=-500.0, north_max_m=1500.0, east_min_m=-500.0, east_max_m=1500.0)

@@ -13,11 +13,11 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
-from auv_lse_comms import micromodem as mm
-from auv_lse_comms.line_log import read_entries, replay
-from auv_lse_comms.modem_config import ModemConfig
-from auv_lse_sim.bag import read_run
-from auv_lse_sim.run_data import RunData
+from auv_lse_comms.micromodem import driver as mm
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.log import read_entries, replay
+from auv_lse_sim.record.bag import read_run
+from auv_lse_sim.record.run_data import RunData
 
 pytestmark = [pytest.mark.ros, pytest.mark.mission]
 
@@ -27,7 +27,8 @@ SHORT = ("--vehicles", "2", "--steps", "6", "--seed", "5", "--packet-loss", "0.1
 
 
 def fly(folder: Path, *options: str) -> RunData:
-    command = [sys.executable, "-m", "auv_lse_sim.mission", *SHORT, "--no-report", "--out", str(folder), *options]
+    module = "auv_lse_sim.engine.mission"
+    command = [sys.executable, "-m", module, *SHORT, "--no-report", "--out", str(folder), *options]
     environment = {**os.environ, "AUV_LSE_ROOT": str(ROOT), "COLUMNS": "200"}
     process = subprocess.run(command, capture_output=True, text=True, timeout=240.0, env=environment, check=False)
     assert process.returncode == 0, process.stdout + process.stderr

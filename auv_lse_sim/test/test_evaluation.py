@@ -7,7 +7,7 @@ import pytest
 
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap, Field
-from auv_lse_sim.evaluation import (
+from auv_lse_sim.judge.evaluation import (
     evaluate,
     judge,
     least_separation,
@@ -16,8 +16,8 @@ from auv_lse_sim.evaluation import (
     navigation_error,
     true_positions,
 )
-from auv_lse_sim.run_data import GroundGrid, RunData, VehicleRun
-from auv_lse_sim.summary import Summary, markdown, table
+from auv_lse_sim.judge.summary import Summary, markdown, table
+from auv_lse_sim.record.run_data import GroundGrid, RunData, VehicleRun
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from auv_lse_comms.packet import decode
-from auv_lse_sim.fleet import Fleet, stamped
-from auv_lse_sim.ground_source import ground_of
+from auv_lse_comms.packet.codec import decode
+from auv_lse_sim.engine.fleet import Fleet, stamped
 from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground_source import ground_of
 
 
 def fleet(**overrides) -> Fleet:

@@ -7,7 +7,7 @@ import pytest
 
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_gp.area import AreaConfig
-from auv_lse_sim.ground import DEFAULT_WINDOW, Extent, FunctionGround, LakeConfig, SyntheticLake, _closed_shoals
+from auv_lse_sim.world.ground import DEFAULT_WINDOW, Extent, FunctionGround, LakeConfig, SyntheticLake, _closed_shoals
 
 WINDOW = LakeConfig().window
 

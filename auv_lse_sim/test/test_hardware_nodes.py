@@ -21,12 +21,12 @@ from ros_bench import Bench, bench
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.ros_conversions import header
-from auv_lse_comms.line_log import read_entries, replay
-from auv_lse_comms.mavlink_conversion import Origin
-from auv_lse_comms.modem_config import ModemConfig
+from auv_lse_comms.mavlink.conversion import Origin
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.log import read_entries, replay
 from auv_lse_msgs.msg import ModemRx, ModemTx, Waypoint
-from auv_lse_sim.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report
-from auv_lse_sim.modem_emulator import Arrival, EmulatorRack, PtyShell
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report
+from auv_lse_sim.emulated.modem_emulator import Arrival, EmulatorRack, PtyShell
 
 pytestmark = pytest.mark.ros
 

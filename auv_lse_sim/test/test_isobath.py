@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from auv_lse_common.frames import local_from_geodetic
-from auv_lse_sim import isobath
+from auv_lse_sim.judge import isobath
 
 
 def line(north_m, east_from, east_to):

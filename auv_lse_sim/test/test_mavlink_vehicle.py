@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from auv_lse_comms.link_config import LinkConfig
-from auv_lse_comms.mavlink_conversion import Odometry, Origin, Target
-from auv_lse_comms.mavlink_link import Altitude, LinkState, Pressure, VehicleLink
+from auv_lse_common.leg import Leg
+from auv_lse_comms.mavlink.config import LinkConfig
+from auv_lse_comms.mavlink.conversion import Odometry, Origin, Target
+from auv_lse_comms.mavlink.link import Altitude, LinkState, Pressure, VehicleLink
 from auv_lse_comms.transport import UdpPort
 from auv_lse_planner.config import MotionConfig
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.plan import Leg
-from auv_lse_sim.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report, TargetLeg, leg_to
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report, TargetLeg, leg_to
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 MOTION = MotionTable(MotionConfig())
@@ -40,7 +40,7 @@ def test_legs_by_hand():
 
 @given(st.floats(-3.1, 3.1), st.integers(0, len(MOTION.turns_rad) - 1))
 def test_the_end_of_a_planners_leg_gives_that_leg_back(heading, action):
-    leg = Leg.of(MOTION, 3, [heading, 100.0, 200.0], action)
+    leg = MOTION.leg(3, [heading, 100.0, 200.0], action)
     back = leg_to(heading, 100.0, 200.0, end_of(leg), leg.radius_m, 3)
     assert back.action_rad == pytest.approx(leg.action_rad, abs=1e-6)
     assert back.straight_m == pytest.approx(leg.straight_m, abs=1e-5)
@@ -117,7 +117,7 @@ def legs_of_a_walk(count, seed=1):
     rng = random.Random(seed)
     legs, state = [], START
     for step in range(count):
-        legs.append(Leg.of(MOTION, step, state, rng.randrange(len(MOTION.turns_rad))))
+        legs.append(MOTION.leg(step, state, rng.randrange(len(MOTION.turns_rad))))
         state = tuple(float(x) for x in legs[-1].state_at(legs[-1].length_m))
     return legs
 

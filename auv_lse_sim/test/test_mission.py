@@ -17,12 +17,12 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
-from auv_lse_comms.packet import decode
+from auv_lse_comms.packet.codec import decode
 from auv_lse_comms.tdma import Tdma
-from auv_lse_sim.bag import read_run
-from auv_lse_sim.fleet import Fleet
-from auv_lse_sim.ground_source import ground_of
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.record.bag import read_run
 from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground_source import ground_of
 
 pytestmark = [pytest.mark.ros, pytest.mark.mission]
 
@@ -32,7 +32,7 @@ STEPS = 12
 
 
 def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "auv_lse_sim.mission", *arguments]
+    return [sys.executable, "-m", "auv_lse_sim.engine.mission", *arguments]
 
 
 def environment() -> dict[str, str]:

@@ -13,10 +13,10 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.params import ParameterError, parameters_for, read_parameter_file
-from auv_lse_sim import mission
-from auv_lse_sim.mission import hardware_of, main
+from auv_lse_sim.engine import mission
+from auv_lse_sim.engine.mission import hardware_of, main
+from auv_lse_sim.engine.vehicle_file import vehicle_file
 from auv_lse_sim.settings import Settings
-from auv_lse_sim.vehicle_file import vehicle_file
 
 pytestmark = pytest.mark.ros
 

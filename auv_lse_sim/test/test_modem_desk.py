@@ -3,15 +3,15 @@ import subprocess
 import sys
 import time
 
-from auv_lse_comms.micromodem import PacketReceived, State
-from auv_lse_comms.modem_config import ModemConfig
-from auv_lse_comms.modem_port import ModemPort
-from auv_lse_sim import modem_desk
-from auv_lse_sim.modem_emulator import PtyShell
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import PacketReceived, State
+from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_sim.emulated import modem_desk
+from auv_lse_sim.emulated.modem_emulator import PtyShell
 
 
 def test_two_drivers_talk_over_the_desk_and_ctrl_c_takes_it_away(tmp_path):
-    command = [sys.executable, "-m", "auv_lse_sim.modem_desk", "--folder", str(tmp_path), "--delay", "0.05"]
+    command = [sys.executable, "-m", "auv_lse_sim.emulated.modem_desk", "--folder", str(tmp_path), "--delay", "0.05"]
     environment = {"PYTHONPATH": ":".join(sys.path)}
     desk = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
@@ -43,7 +43,7 @@ def test_two_drivers_talk_over_the_desk_and_ctrl_c_takes_it_away(tmp_path):
 
 
 def test_a_port_that_cannot_be_offered_is_named(capsys):
-    from auv_lse_sim.modem_emulator import TcpShell
+    from auv_lse_sim.emulated.modem_emulator import TcpShell
 
     taken = TcpShell()
     number = int(taken.port.rsplit(":", 1)[1])

@@ -8,12 +8,12 @@ import time
 
 import pytest
 
-from auv_lse_comms import micromodem as mm
-from auv_lse_comms import sentences as nmea
-from auv_lse_comms.micromodem import Micromodem, State
-from auv_lse_comms.modem_config import ModemConfig
-from auv_lse_comms.modem_port import ModemPort
-from auv_lse_sim.modem_emulator import (
+from auv_lse_comms.micromodem import driver as mm
+from auv_lse_comms.micromodem import sentences as nmea
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import Micromodem, State
+from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_sim.emulated.modem_emulator import (
     MAX_UNREAD_BYTES,
     Arrival,
     EmulatorRack,
@@ -332,7 +332,7 @@ def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
 
 
 def test_a_line_log_of_a_real_port_replays(tmp_path):
-    from auv_lse_comms.line_log import read_entries, replay
+    from auv_lse_comms.micromodem.log import read_entries, replay
 
     log = tmp_path / "logs" / "modem.log"
     rack = EmulatorRack({1: PtyShell()}, lambda v, t: None, NOW_S)

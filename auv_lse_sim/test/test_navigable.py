@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from auv_lse_gp.area import OperatingArea
-from auv_lse_sim.ground import Extent, FunctionGround
-from auv_lse_sim.ground_files import GridGround, GroundError
-from auv_lse_sim.ground_source import ground_of
-from auv_lse_sim.navigable import expectations, fit_to_ground
 from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground import Extent, FunctionGround
+from auv_lse_sim.world.ground_files import GridGround, GroundError
+from auv_lse_sim.world.ground_source import ground_of
+from auv_lse_sim.world.navigable import expectations, fit_to_ground
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 EXTENT = Extent(north_min_m=-200, north_max_m=700, east_min_m=-200, east_max_m=800)

@@ -23,7 +23,7 @@ from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 
 from auv_lse_common.ros_conversions import LATCHED, header
-from auv_lse_comms.packet import Packet, decode, encode
+from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_msgs.msg import Bound, KernelCenters, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus, Waypoint
 
 pytestmark = pytest.mark.ros

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from auv_lse_comms.packet import Packet, decode, encode
+from auv_lse_common.plan import NONE, Plan
+from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
-from auv_lse_planner.free_space import FreeSpace
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.naive import IDS, NONE, NaivePaths
-from auv_lse_planner.plan import Plan
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import IDS, NaivePaths
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 Array = NDArray[np.float64]
@@ -44,7 +44,6 @@ def through_packet(plan: Plan, samples: Array) -> Plan:
     assert len(data) == 252
     got = decode(data)
     return Plan(
-        vehicle=plan.vehicle,
         step=got.step,
         heading_rad=got.heading_rad,
         north_m=got.north_m,
@@ -83,7 +82,6 @@ def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
             count = int(rng.choice([0, 1, 3, 10]))
             actions = tuple(rng.integers(0, sender.motion.actions, count).tolist())
             plan = Plan(
-                vehicle=2,
                 step=step,
                 heading_rad=state[0],
                 north_m=state[1],

@@ -13,7 +13,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from auv_lse_sim.recorder import BagWriter, RecorderError, message_types
+from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_types
 
 MESSAGES = Path(__file__).resolve().parents[2] / "auv_lse_msgs" / "msg"
 

@@ -5,8 +5,8 @@ import struct
 import pytest
 import yaml
 
-from auv_lse_sim.report import number, write_report
-from auv_lse_sim.summary import table
+from auv_lse_sim.judge.report import number, write_report
+from auv_lse_sim.judge.summary import table
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from auv_lse_sim import reproduce
-from auv_lse_sim.campaign import cluster
-from auv_lse_sim.reproduce import METHODS, SWEEPS, full_plan, main, quick_plan, sweep_name
+from auv_lse_sim.campaign import reproduce
+from auv_lse_sim.campaign.campaign import cluster
+from auv_lse_sim.campaign.reproduce import METHODS, SWEEPS, full_plan, main, quick_plan, sweep_name
 
 TINY = {
     "mission.steps": 3,

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
+from auv_lse_common.plan import NONE
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.online import OnlineGp
-from auv_lse_planner.naive import NONE
-from auv_lse_sim.evaluation import mission_settings
-from auv_lse_sim.reward import PlannedPath, leg_times, replay, running_maximum
+from auv_lse_sim.judge.evaluation import mission_settings
+from auv_lse_sim.judge.reward import PlannedPath, leg_times, replay, running_maximum
 
 
 def settings_of(run):
@@ -186,9 +186,9 @@ def test_credited_places_lie_on_the_flown_tracks(method):
     """The replay rebuilds legs from plans alone: kept plans, naive tails and strips come out as they were flown."""
     from scipy.spatial import cKDTree
 
-    from auv_lse_sim.fleet import Fleet
-    from auv_lse_sim.ground_source import ground_of
+    from auv_lse_sim.engine.fleet import Fleet
     from auv_lse_sim.settings import Settings
+    from auv_lse_sim.world.ground_source import ground_of
 
     overrides = {"mission.steps": 12, "mission.vehicles": 3, "planner.method": method, "planner.iterations": 20}
     small = {"area.polygon_m": [-50.0, -50.0, 250.0, -50.0, 250.0, 250.0, -50.0, 250.0], "sim.ideal": True}

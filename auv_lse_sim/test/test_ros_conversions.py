@@ -11,6 +11,7 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
+from auv_lse_common.plan import Plan
 from auv_lse_common.ros_conversions import doubles, floats, header, seconds, stamp
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.depth_map import Field
@@ -18,8 +19,7 @@ from auv_lse_gp.online import Centers
 from auv_lse_gp.ros_conversions import centers_from_message, centers_message, field_message, risk_map_message
 from auv_lse_msgs.msg import Waypoint
 from auv_lse_planner.config import MotionConfig
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.plan import Leg, Plan
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.ros_conversions import (
     navigation,
     path_message,
@@ -28,7 +28,7 @@ from auv_lse_planner.ros_conversions import (
     waypoint_message,
 )
 from auv_lse_sim.ros_conversions import altitude_message, leg_of_waypoint, odometry_message, pressure_message
-from auv_lse_sim.vehicle import Odometry
+from auv_lse_sim.world.vehicle import Odometry
 
 pytestmark = pytest.mark.ros
 
@@ -63,9 +63,9 @@ def test_odometry_becomes_enu_with_its_covariance() -> None:
 
 
 def test_plans_and_legs_come_back() -> None:
-    plan = Plan(vehicle=3, step=7, heading_rad=0.5, north_m=1.25, east_m=-2.5, actions=(1, 10, 0), heuristic=0xF4)
-    assert plan_from_message(plan_message(1.0, plan)) == plan
-    leg = Leg.of(MotionTable(MotionConfig()), 7, plan.state, 3)
+    plan = Plan(step=7, heading_rad=0.5, north_m=1.25, east_m=-2.5, actions=(1, 10, 0), heuristic=0xF4)
+    assert plan_from_message(plan_message(1.0, 3, plan)) == plan
+    leg = MotionTable(MotionConfig()).leg(7, plan.state, 3)
     message = waypoint_message(1.0, leg, 1.5, 4.0, last=True)
     assert leg_of_waypoint(message) == leg
     assert (message.end_heading_rad, message.end_north_m, message.end_east_m) == tuple(leg.end_state)

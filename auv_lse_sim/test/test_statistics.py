@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from auv_lse_sim.statistics import interval, paired, proportion
+from auv_lse_sim.campaign.statistics import interval, paired, proportion
 
 
 def test_interval_of_known_numbers():

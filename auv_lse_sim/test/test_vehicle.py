@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
+from auv_lse_common.compiled import plain
+from auv_lse_common.leg import Leg
 from auv_lse_common.params import from_mapping
 from auv_lse_common.seeds import stream
-from auv_lse_planner.compiled import plain
 from auv_lse_planner.config import MotionConfig, VehicleConfig
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.plan import Leg
-from auv_lse_sim import motion_model as mm
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.current import Current
-from auv_lse_sim.navigation_config import CurrentConfig
-from auv_lse_sim.vehicle import SimVehicle
+from auv_lse_sim.world import motion_model as mm
+from auv_lse_sim.world.current import Current
+from auv_lse_sim.world.navigation_config import CurrentConfig
+from auv_lse_sim.world.vehicle import SimVehicle
 
 TABLE = MotionTable(MotionConfig())
 IDEAL = {"ideal": True}
@@ -41,7 +41,7 @@ class Dive:
         self.soundings, self.rows, self.off = [], [], []
 
     def command(self, action: int) -> Leg:
-        leg = Leg.of(TABLE, self.step, self.state, action)
+        leg = TABLE.leg(self.step, self.state, action)
         self.state, self.step = TABLE.end_state(self.state, action), self.step + 1
         self.vehicle.command(leg)
         return leg

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from auv_lse_common.leg import Leg
 from auv_lse_common.params import from_mapping
 from auv_lse_planner.config import MotionConfig, VehicleConfig
-from auv_lse_planner.motion import MotionTable
-from auv_lse_planner.plan import Leg
+from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.ground import Extent, FunctionGround, SyntheticLake
-from auv_lse_sim.world import World
+from auv_lse_sim.world.ground import Extent, FunctionGround, SyntheticLake
+from auv_lse_sim.world.world import World
 
 TABLE = MotionTable(MotionConfig())
 EXTENT = Extent(north_min_m=-1000, north_max_m=1000, east_min_m=-1000, east_max_m=1000)
@@ -30,7 +30,7 @@ def fly(w: World, ticks: int, tick_s: float = 1.0):
         output = w.tick(i * tick_s)
         for k in w.vehicles:
             if output[k].truth.step == steps[k] - 1:
-                w.command(k, Leg.of(TABLE, steps[k], states[k], 5))
+                w.command(k, TABLE.leg(steps[k], states[k], 5))
                 states[k], steps[k] = TABLE.end_state(states[k], 5), steps[k] + 1
         outputs.append(output)
     return outputs

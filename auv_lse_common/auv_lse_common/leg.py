@@ -1,0 +1,100 @@
+"""A leg as it is travelled: one action, an arc at the turning radius and then a straight (paper, section 4)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """One action as travelled: an arc, then a straight.
+
+    Attributes:
+        step: Mission step it leads from.
+        heading_rad: Heading at its start (rad, clockwise from north).
+        north_m: North of its start.
+        east_m: East of its start.
+        action_rad: Heading change (rad, positive clockwise).
+        radius_m: Turning radius of the arc.
+        straight_m: Length of the straight.
+    """
+
+    step: int
+    heading_rad: float
+    north_m: float
+    east_m: float
+    action_rad: float
+    radius_m: float
+    straight_m: float
+
+    @property
+    def arc_m(self) -> float:
+        """Length of the arc."""
+        return abs(self.action_rad) * self.radius_m
+
+    @property
+    def length_m(self) -> float:
+        """Length of the leg."""
+        return self.arc_m + self.straight_m
+
+    def state_at(self, along_m: float) -> Array:
+        """Heading, north, east after `along_m` metres; beyond the end, straight on."""
+        arc = min(max(along_m, 0.0), self.arc_m)
+        rest = along_m - arc
+        angle = arc / self.radius_m
+        side = math.copysign(1.0, self.action_rad)
+        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        ahead = self.radius_m * math.sin(angle) + rest * math.cos(angle)
+        starboard = side * (self.radius_m * (1.0 - math.cos(angle)) + rest * math.sin(angle))
+        heading = self.heading_rad + side * angle
+        return np.array(
+            [
+                (heading + math.pi) % (2.0 * math.pi) - math.pi,
+                self.north_m + c * ahead - s * starboard,
+                self.east_m + s * ahead + c * starboard,
+            ]
+        )
+
+    @property
+    def end_state(self) -> Array:
+        """Heading, north, east at the end."""
+        return self.state_at(self.length_m)
+
+    def progress_m(self, north_m: float, east_m: float) -> float:
+        """Arc length (m) of the leg's point nearest to a place; beyond the end, the distance gone straight on.
+
+        Less than 0 before the start, more than `length_m` after the end.
+        """
+        c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
+        dn, de = north_m - self.north_m, east_m - self.east_m
+        ahead, starboard = c * dn + s * de, -s * dn + c * de
+        size, side = abs(self.action_rad), math.copysign(1.0, self.action_rad)
+        candidates: list[tuple[float, float]] = []
+        if ahead < 0.0:
+            candidates.append((math.hypot(min(ahead, 0.0) * 0.0, starboard), ahead))
+        if size > 0.0:
+            # angle gone about the centre, which lies `radius` to the side
+            x, y = ahead, self.radius_m - side * starboard
+            angle = math.atan2(x, y)
+            angle = min(max(angle, 0.0), size)
+            on_n, on_s = self.radius_m * math.sin(angle), self.radius_m * (1.0 - math.cos(angle))
+            candidates.append((math.hypot(ahead - on_n, side * starboard - on_s), angle * self.radius_m))
+        arc_n, arc_s = self.radius_m * math.sin(size), self.radius_m * (1.0 - math.cos(size))
+        rn, rs = ahead - arc_n, side * starboard - arc_s
+        along = rn * math.cos(size) + rs * math.sin(size)
+        if along >= 0.0:
+            candidates.append((abs(-rn * math.sin(size) + rs * math.cos(size)), self.arc_m + along))
+        if not candidates:
+            return 0.0
+        return min(candidates)[1]
+
+    def distance_off_m(self, north_m: float, east_m: float) -> float:
+        """Distance (m) of a place from the leg (from its continuation, after its end)."""
+        at = self.state_at(self.progress_m(north_m, east_m))
+        return math.hypot(north_m - at[1], east_m - at[2])

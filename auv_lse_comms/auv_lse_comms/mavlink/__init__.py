@@ -1,0 +1,1 @@
+"""The link to a MAVLink autopilot: messages, frames and units, mission upload, soundings."""

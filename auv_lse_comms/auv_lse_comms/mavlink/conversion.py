@@ -1,0 +1,223 @@
+"""MAVLink's frames, datums and units to the stack's and back: the only place where they meet (docs/frames.md).
+
+| quantity | MAVLink | here |
+|---|---|---|
+| heading | ATTITUDE.yaw: rad, clockwise from north, -pi to pi | the same |
+| place | LOCAL_POSITION_NED.x, y: m north and east of the autopilot's own origin | of the mission's origin |
+| depth | LOCAL_POSITION_NED.z: m down from the autopilot's origin, taken as the surface | depth_m, positive down |
+| geodetic | lat, lon: 1e-7 degrees, WGS84; altitude mm, up | degrees; depth_m |
+| altitude over ground | DISTANCE_SENSOR, orientation 25 (down): cm | m |
+| pressure | SCALED_PRESSURE2.press_abs: hPa | Pa |
+
+The autopilot's origin is that of its estimator (GPS_GLOBAL_ORIGIN); if it is not the mission's, places are shifted by
+the distance between the two. Both planes are taken as parallel: within 1 km that is wrong by less than 0.1 m.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from auv_lse_common.frames import geodetic_from_local, local_from_geodetic, wrap_pi
+from auv_lse_comms.mavlink.wire import Message, mavlink
+
+#: SET_POSITION_TARGET_LOCAL_NED.type_mask: take position and yaw; ignore velocity, acceleration, yaw rate.
+POSITION_AND_YAW = (
+    mavlink.POSITION_TARGET_TYPEMASK_VX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_VZ_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AX_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AY_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_AZ_IGNORE
+    | mavlink.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE
+)
+DOWN = mavlink.MAV_SENSOR_ROTATION_PITCH_270
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """Where the vehicle is to go next: the end of a leg.
+
+    Attributes:
+        north_m: North of the mission's origin.
+        east_m: East of it.
+        depth_m: Below the surface, positive down.
+        heading_rad: Heading there, clockwise from north.
+        step: Mission step of the leg's start, for messages.
+    """
+
+    north_m: float
+    east_m: float
+    depth_m: float
+    heading_rad: float
+    step: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Odometry:
+    """What the autopilot says of itself, in the mission's frame; NaN where it has not said it.
+
+    Attributes:
+        stamp_s: When that was so, s since 1970 (UTC, or simulated).
+        heading_rad: Clockwise from north.
+        north_m: North of the mission's origin.
+        east_m: East of it.
+        depth_m: Below the surface, positive down.
+        speed_mps: Over ground, horizontal.
+        yaw_rate_radps: Positive to starboard.
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float
+    speed_mps: float
+    yaw_rate_radps: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Origin:
+    """A point on the WGS84 ellipsoid from which a local plane is measured."""
+
+    lat_deg: float
+    lon_deg: float
+
+
+def _shift(mission: Origin | None, autopilot: Origin | None) -> tuple[float, float]:
+    """North and east (m) of the autopilot's origin in the mission's plane; 0, 0 unless both are known."""
+    if mission is None or autopilot is None:
+        return 0.0, 0.0
+    north, east = local_from_geodetic(autopilot.lat_deg, autopilot.lon_deg, mission.lat_deg, mission.lon_deg)
+    return float(north), float(east)
+
+
+@dataclass(frozen=True, slots=True)
+class Datum:
+    """The mission's origin and the autopilot's, either None if unknown."""
+
+    mission: Origin | None
+    autopilot: Origin | None = None
+
+    def from_local_ned(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Mission north and east (m) of LOCAL_POSITION_NED's x, y."""
+        north, east = _shift(self.mission, self.autopilot)
+        return x_m + north, y_m + east
+
+    def to_local_ned(self, north_m: float, east_m: float) -> tuple[float, float]:
+        """x, y (m) in the autopilot's local frame of mission north and east."""
+        north, east = _shift(self.mission, self.autopilot)
+        return north_m - north, east_m - east
+
+    def from_geodetic(self, lat_e7: int, lon_e7: int) -> tuple[float, float]:
+        """Mission north and east (m) of a latitude and longitude in 1e-7 degrees.
+
+        Raises:
+            ValueError: if the mission has no origin.
+        """
+        origin = self._origin()
+        north, east = local_from_geodetic(lat_e7 * 1e-7, lon_e7 * 1e-7, origin.lat_deg, origin.lon_deg)
+        return float(north), float(east)
+
+    def to_geodetic(self, north_m: float, east_m: float) -> tuple[int, int]:
+        """Latitude and longitude in 1e-7 degrees (1 cm) of mission north and east (m).
+
+        Raises:
+            ValueError: if the mission has no origin.
+        """
+        origin = self._origin()
+        lat, lon = geodetic_from_local(north_m, east_m, origin.lat_deg, origin.lon_deg)
+        return round(float(lat) * 1e7), round(float(lon) * 1e7)
+
+    def _origin(self) -> Origin:
+        if self.mission is None:
+            raise ValueError("the mission has no origin; expected area.origin_lat_deg and area.origin_lon_deg")
+        return self.mission
+
+
+def position_target(target: Target, datum: Datum, boot_ms: int, system: int, component: int) -> Message:
+    """SET_POSITION_TARGET_LOCAL_NED for a target, to the autopilot `system`, `component`."""
+    x, y = datum.to_local_ned(target.north_m, target.east_m)
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        boot_ms % 2**32,
+        system,
+        component,
+        mavlink.MAV_FRAME_LOCAL_NED,
+        POSITION_AND_YAW,
+        x,
+        y,
+        target.depth_m,
+        *(0.0,) * 6,
+        float(wrap_pi(target.heading_rad)),
+        0.0,
+    )
+
+
+def mission_item(
+    target: Target, datum: Datum, number: int, acceptance_m: float, system: int, component: int
+) -> Message:
+    """MISSION_ITEM_INT number `number` for a target: a waypoint at its latitude and longitude, depth as altitude."""
+    lat_e7, lon_e7 = datum.to_geodetic(target.north_m, target.east_m)
+    return mavlink.MAVLink_mission_item_int_message(
+        system,
+        component,
+        number,
+        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        mavlink.MAV_CMD_NAV_WAYPOINT,
+        int(number == 0),
+        1,
+        0.0,
+        acceptance_m,
+        0.0,
+        math.degrees(float(wrap_pi(target.heading_rad))),
+        lat_e7,
+        lon_e7,
+        -target.depth_m,
+    )
+
+
+def target_of_position(message: Message, datum: Datum) -> Target:
+    """The target that a SET_POSITION_TARGET_LOCAL_NED names.
+
+    Raises:
+        ValueError: if its frame is another, or it names no position.
+    """
+    if message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+        raise ValueError(f"frame {message.coordinate_frame}; expected MAV_FRAME_LOCAL_NED (1)")
+    if message.type_mask & 0b111:
+        raise ValueError(f"type_mask {message.type_mask:#x} ignores the position; expected one with it")
+    if not all(map(math.isfinite, (message.x, message.y, message.z))):
+        raise ValueError(f"position ({message.x}, {message.y}, {message.z}); expected finite numbers")
+    north, east = datum.from_local_ned(message.x, message.y)
+    ignored = message.type_mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
+    heading = math.nan if ignored else float(message.yaw)
+    return Target(north_m=north, east_m=east, depth_m=float(message.z), heading_rad=heading)
+
+
+def target_of_item(message: Message, datum: Datum) -> Target:
+    """The target that a MISSION_ITEM_INT names.
+
+    Raises:
+        ValueError: if it is no waypoint, or its frame is not global with relative altitude.
+    """
+    if message.command != mavlink.MAV_CMD_NAV_WAYPOINT:
+        raise ValueError(f"command {message.command}; expected MAV_CMD_NAV_WAYPOINT (16)")
+    if message.frame not in (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT):
+        raise ValueError(f"frame {message.frame}; expected MAV_FRAME_GLOBAL_RELATIVE_ALT_INT (6)")
+    north, east = datum.from_geodetic(message.x, message.y)
+    heading = math.radians(message.param4) if math.isfinite(message.param4) else math.nan
+    return Target(north_m=north, east_m=east, depth_m=-float(message.z), heading_rad=heading)
+
+
+def altitude_m(message: Message) -> float | None:
+    """Altitude over ground (m) of a DISTANCE_SENSOR that looks down and sees the ground; None of any other."""
+    if message.orientation != DOWN:
+        return None
+    if not message.min_distance <= message.current_distance <= message.max_distance:
+        return math.nan
+    return float(message.current_distance) / 100.0
+
+
+def pressure_pa(message: Message) -> float:
+    """Absolute pressure (Pa) of a SCALED_PRESSURE2, which is the water's on an underwater vehicle."""
+    return float(message.press_abs) * 100.0

@@ -1,0 +1,130 @@
+"""Upload of a mission over MAVLink: a state machine from the autopilot's requests to items (MAVLink mission protocol).
+
+state      what happens                          next
+IDLE       start(items)                          COUNTED    MISSION_COUNT sent
+COUNTED    MISSION_REQUEST_INT 0                 GIVING     item 0 sent
+GIVING     MISSION_REQUEST_INT n                 GIVING     item n sent; a repeated request is answered again
+COUNTED, GIVING
+           MISSION_ACK accepted                  DONE
+           MISSION_ACK other                     FAILED     says which
+           no request for `timeout_s`            the same   the last message sent again, `retries` times
+           no request after that                 FAILED     "no answer"
+DONE, FAILED
+           start(items)                          COUNTED
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Sequence
+
+from auv_lse_comms.mavlink.wire import Message, mavlink
+
+#: MAV_MISSION_RESULT in words.
+RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_MISSION_RESULT"].items()}
+
+
+class UploadState(enum.Enum):
+    """Where an upload is."""
+
+    IDLE = "idle"
+    COUNTED = "counted"
+    GIVING = "giving"
+    DONE = "done"
+    FAILED = "failed"
+
+
+class MissionUpload:
+    """Uploads one mission after another to one autopilot.
+
+    Attributes:
+        state: Where it is.
+        problem: Why it failed.
+        uploads: Missions accepted so far.
+    """
+
+    def __init__(
+        self, send: Callable[[Message], None], system: int, component: int, timeout_s: float, retries: int
+    ) -> None:
+        """Sends with `send` to the autopilot `system`, `component`."""
+        self.state = UploadState.IDLE
+        self.problem = ""
+        self.uploads = 0
+        self._send = send
+        self._to = (system, component)
+        self._timeout_s = timeout_s
+        self._retries = retries
+        self._items: tuple[Message, ...] = ()
+        self._last: Message | None = None
+        self._sent_s = 0.0
+        self._repeats = 0
+
+    @property
+    def busy(self) -> bool:
+        """An upload is under way."""
+        return self.state in (UploadState.COUNTED, UploadState.GIVING)
+
+    def start(self, now_s: float, items: Sequence[Message]) -> None:
+        """Begins to upload `items` (MISSION_ITEM_INT, numbered from 0).
+
+        Raises:
+            ValueError: if there are none.
+            RuntimeError: if an upload is under way.
+        """
+        if not items:
+            raise ValueError("mission: got no items; expected at least one")
+        if self.busy:
+            raise RuntimeError("mission upload: started while one is under way")
+        self._items = tuple(items)
+        self.state = UploadState.COUNTED
+        self.problem = ""
+        self._repeats = 0
+        count = mavlink.MAVLink_mission_count_message(*self._to, len(items), mavlink.MAV_MISSION_TYPE_MISSION)
+        self._say(now_s, count)
+
+    def request(self, now_s: float, number: int) -> None:
+        """The autopilot asks for an item."""
+        if not self.busy:
+            return
+        if not 0 <= number < len(self._items):
+            self._fail(f"the autopilot asks for item {number} of {len(self._items)}")
+            return
+        self.state = UploadState.GIVING
+        self._repeats = 0
+        self._say(now_s, self._items[number])
+
+    def acknowledge(self, result: int) -> None:
+        """The autopilot accepts or refuses."""
+        if not self.busy:
+            return
+        if result == mavlink.MAV_MISSION_ACCEPTED:
+            self.state = UploadState.DONE
+            self.uploads += 1
+        else:
+            self._fail(f"the autopilot refuses the mission: {RESULTS.get(result, result)}")
+
+    def poll(self, now_s: float) -> None:
+        """Lets time pass: repeats what was not answered."""
+        if now_s < self._sent_s:
+            self._sent_s = now_s  # the clock was stepped back
+        if not self.busy or self._last is None or now_s - self._sent_s < self._timeout_s:
+            return
+        if self._repeats >= self._retries:
+            self._fail(f"no answer after {self._repeats} repeats")
+            return
+        self._repeats += 1
+        self._say(now_s, self._last)
+
+    def abandon(self, reason: str) -> None:
+        """Gives up an upload that is under way: the link is lost."""
+        if self.busy:
+            self._fail(reason)
+
+    def _say(self, now_s: float, message: Message) -> None:
+        self._last = message
+        self._sent_s = now_s
+        self._send(message)
+
+    def _fail(self, problem: str) -> None:
+        self.state = UploadState.FAILED
+        self.problem = problem

@@ -1,0 +1,1 @@
+"""A driver for the WHOI Micromodem-2: sentences, state machine, port, line log."""

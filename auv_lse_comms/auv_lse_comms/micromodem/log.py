@@ -1,0 +1,252 @@
+"""Line log of a modem's port: everything said, with its time, as text; and its replay through the driver.
+
+One entry per line, `<time> <kind> <text>`, time in s since 1970 with microseconds:
+
+    <  bytes from the modem, as they came (one line, or a part of one; \\r \\n \\xHH escaped)
+    >  bytes to the modem
+    =  what the shell told the driver: "address N", "opened", "closed REASON", "send DESTINATION HEX", "poll"
+
+Only polls that made the driver do something are kept. Because the driver reads no clock and no port, the same
+entries give the same sentences and events again: a field problem is replayed at the desk, and a log is a test.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import yaml
+
+from auv_lse_common.params import from_mapping
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import Event, Micromodem
+
+FROM_MODEM, TO_MODEM, SHELL = "<", ">", "="
+
+_ESCAPED = re.compile(rb"[^\x20-\x5b\x5d-\x7e]")
+_ENTRY = re.compile(r"(\d{1,12}\.\d{6}) ([<>=]) (.*)\Z")
+
+
+class LogError(ValueError):
+    """A line that is no entry of a line log; says which and why."""
+
+
+class Entry(NamedTuple):
+    """One entry: time (s since 1970), kind (`<`, `>` or `=`), and the bytes or the shell's words (as bytes)."""
+
+    utc_s: float
+    kind: str
+    data: bytes
+
+
+def escape(data: bytes) -> str:
+    """`data` as printable ASCII: CR, LF and backslash as in C, anything else unprintable as backslash xHH."""
+    names = {b"\r": b"\\r", b"\n": b"\\n", b"\\": b"\\\\"}
+    text = _ESCAPED.sub(lambda match: names.get(match[0], b"\\x%02x" % match[0][0]), data)
+    return text.decode("ascii")
+
+
+def unescape(text: str) -> bytes:
+    """The bytes of which `escape` made `text`.
+
+    Raises:
+        LogError: if `text` is not what `escape` makes.
+    """
+    result = bytearray()
+    position = 0
+    for match in re.finditer(r"\\(r|n|\\|x[0-9a-f]{2}|.?)", text):
+        result += text[position : match.start()].encode("ascii", "strict")
+        code = match[1]
+        if code in ("r", "n", "\\"):
+            result += {"r": b"\r", "n": b"\n", "\\": b"\\"}[code]
+        elif len(code) == 3:
+            result.append(int(code[1:], 16))
+        else:
+            raise LogError(f"line log: got escape {match[0]!r}; expected \\r, \\n, \\\\ or \\xHH")
+        position = match.end()
+    return bytes(result + text[position:].encode("ascii"))
+
+
+def format_entry(entry: Entry) -> str:
+    """The line of an entry, without its end."""
+    return f"{entry.utc_s:.6f} {entry.kind} {escape(entry.data)}"
+
+
+def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[Entry]:
+    """The entries of a log's lines; a last line without its end (the machine stopped) is left out.
+
+    Raises:
+        LogError: naming `where`, the line's number and its text, if a line is no entry.
+    """
+    for number, line in enumerate(lines, start=1):
+        if not line.endswith("\n"):
+            return
+        match = _ENTRY.match(line[:-1])
+        if match is None:
+            raise LogError(f"{where}:{number}: got {line[:60]!r}; expected '<seconds>.<microseconds> <kind> <text>'")
+        yield Entry(float(match[1]), match[2], unescape(match[3]))
+
+
+class LoggedModem:
+    """A `Micromodem` whose every input and output is given to `record`, so that it can be replayed.
+
+    Takes the same calls as the driver: `opened`, `closed`, `send`, `receive`, `poll`, `outgoing`, `events`.
+    """
+
+    def __init__(self, modem: Micromodem, record: Callable[[Entry], None]) -> None:
+        """Drives `modem` and tells `record` of it."""
+        self.modem = modem
+        self._record = record
+        self._now_s = 0.0
+        self._first = True
+
+    def opened(self, now_s: float) -> None:
+        """See `Micromodem.opened`."""
+        self._say(now_s, "opened")
+        self.modem.opened(self._now_s)
+
+    def closed(self, now_s: float, reason: str) -> None:
+        """See `Micromodem.closed`."""
+        self._say(now_s, f"closed {reason}")
+        self.modem.closed(self._now_s, reason)
+
+    def send(self, now_s: float, payload: bytes, destination: int | None = None) -> int:
+        """See `Micromodem.send`."""
+        self._say(now_s, f"send {'-' if destination is None else destination} {payload.hex()}")
+        return self.modem.send(self._now_s, payload, destination)
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """See `Micromodem.receive`."""
+        self._at(now_s)
+        for line in data.splitlines(keepends=True):
+            self._record(Entry(self._now_s, FROM_MODEM, line))
+        self.modem.receive(self._now_s, data)
+
+    def poll(self, now_s: float) -> None:
+        """See `Micromodem.poll`."""
+        self._at(now_s)
+        before = self.modem.activity
+        self.modem.poll(self._now_s)
+        if self.modem.activity != before:
+            self._record(Entry(self._now_s, SHELL, b"poll"))
+
+    def outgoing(self) -> bytes:
+        """See `Micromodem.outgoing`."""
+        data = self.modem.outgoing()
+        for line in data.splitlines(keepends=True):
+            self._record(Entry(self._now_s, TO_MODEM, line))
+        return data
+
+    def events(self) -> list[Event]:
+        """See `Micromodem.events`."""
+        return self.modem.events()
+
+    def _at(self, now_s: float) -> None:
+        self._now_s = round(now_s, 6)  # as the log keeps it, so that a replay sees the same times
+        if self._first:
+            self._first = False
+            self._record(Entry(self._now_s, SHELL, f"address {self.modem.address}".encode("ascii")))
+
+    def _say(self, now_s: float, text: str) -> None:
+        self._at(now_s)
+        self._record(Entry(self._now_s, SHELL, text.encode("ascii", "backslashreplace")))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Replay:
+    """What a replay gave.
+
+    Attributes:
+        modem: The driver as it ended.
+        events: (time, event) in order.
+        said: Bytes the driver wrote in the replay, and `logged` those it wrote then: equal if the log is whole and
+            the driver and its settings are the same.
+    """
+
+    modem: Micromodem
+    events: list[tuple[float, Event]]
+    said: bytes
+    logged: bytes
+
+
+def replay(entries: Iterable[Entry], config: ModemConfig, address: int | None = None) -> Replay:
+    """Gives a log's entries to a new driver with `config`; the address is the log's unless given.
+
+    Raises:
+        LogError: if an entry of the shell is unknown, or the log names no address and none is given.
+    """
+    modem = Micromodem(config, address) if address is not None else None
+    events: list[tuple[float, Event]] = []
+    said = bytearray()
+    logged = bytearray()
+    for entry in entries:
+        if entry.kind == TO_MODEM:
+            logged += entry.data
+            continue
+        words = entry.data.decode("latin-1").split(" ", 1) if entry.kind == SHELL else []
+        if words[:1] == ["address"]:
+            modem = modem or Micromodem(config, int(words[1]))
+            continue
+        if modem is None:
+            raise LogError("line log: names no address before its first entry; expected '= address N', or give one")
+        if entry.kind == FROM_MODEM:
+            modem.receive(entry.utc_s, entry.data)
+        elif words == ["opened"]:
+            modem.opened(entry.utc_s)
+        elif words[0] == "closed":
+            modem.closed(entry.utc_s, words[1] if len(words) > 1 else "")
+        elif words[0] == "send":
+            destination, payload = words[1].split(" ")
+            modem.send(entry.utc_s, bytes.fromhex(payload), None if destination == "-" else int(destination))
+        elif words == ["poll"]:
+            modem.poll(entry.utc_s)
+        else:
+            raise LogError(f"line log: got '= {entry.data.decode('latin-1')[:40]}'; expected one of the shell's words")
+        said += modem.outgoing()
+        events += [(entry.utc_s, event) for event in modem.events()]
+    if modem is None:
+        raise LogError("line log: is empty; expected entries")
+    return Replay(modem=modem, events=events, said=bytes(said), logged=bytes(logged))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """`python -m auv_lse_comms.micromodem.log FILE`: replays a log and prints what the driver makes of it.
+
+    Returns:
+        0; 1 if the driver now says something else than it said then; 2 if the log cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m auv_lse_comms.micromodem.log",
+        description="Replays a modem's line log through the driver and prints its events.",
+    )
+    parser.add_argument("file", type=Path, help="the log that modem.log_file named")
+    parser.add_argument("--address", type=int, help="modem address, if the log's beginning is lost")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a modem parameter of that run, as rate=5"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        values = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in options.set)}
+        config = from_mapping(ModemConfig, {"kind": "micromodem", "port": str(options.file), **values}, "--set: modem")
+        with options.file.open(encoding="ascii") as lines:
+            result = replay(read_entries(lines, str(options.file)), config, options.address)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    for utc_s, event in result.events:
+        print(f"{utc_s:.6f} {event}")
+    lines_read = ", ".join(f"{count} {name}" for name, count in sorted(result.modem.reader.counts.items()))
+    print(f"lines: {lines_read}; driver: {dict(sorted(result.modem.counts.items()))}")
+    if result.said != result.logged:
+        print("the driver does not say what it said then: other settings, or another version of it", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,306 @@
+"""Codec of the 252-byte packet: where a vehicle is, the path it will take, and what it measured (section 5).
+
+The bytes are those of `fields.py`. The sender's number is not among them: it is the modem header's source.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_comms.packet.fields import (
+    ACTION,
+    FILL,
+    FIRST_TERMINAL,
+    HEADER,
+    HEADER_STRUCT,
+    MAX_ACTIONS,
+    NO_HEURISTIC,
+    PACKET_BYTES,
+    SAMPLE,
+    SAMPLE_BYTES,
+    TERMINAL,
+    Field,
+    capacity,
+    samples_start,
+)
+
+Array = NDArray[np.float64]
+
+_SAMPLE_LOW = np.array([f.low for f in SAMPLE])
+_SAMPLE_HIGH = np.array([f.high for f in SAMPLE])
+_UNUSED = bytes([FILL]) * SAMPLE_BYTES
+_HEADER_AT = {f.name: f for f in HEADER}
+
+
+class PacketError(ValueError):
+    """A packet that cannot be used.
+
+    Attributes:
+        reason: Short code by which it is counted, one of `REASONS`.
+    """
+
+    def __init__(self, reason: str, message: str) -> None:
+        """Keeps the code beside the message."""
+        super().__init__(f"{reason}: {message}")
+        self.reason = reason
+
+
+#: Codes of `PacketError.reason`, with what each means. The last ones come from the bridge and the tag.
+REASONS = {
+    "length": "not 252 bytes",
+    "step": "step beyond the mission",
+    "not_finite": "a NaN or infinite number",
+    "heading": "heading out of range",
+    "position": "the path's start lies outside the area",
+    "action": "an action that is not in the set",
+    "terminal": "no terminal byte ends the actions, or more actions than the mission uses",
+    "heuristic": "a naive path nobody knows",
+    "sample": "a sample outside the area or the range of depths",
+    "gap": "a used place for a sample after an unused one",
+    "spare": "spare bytes that are not 0xFF",
+    "source": "not from a member of the team, or from the receiver itself",
+    "tag": "the tag does not fit: forged, altered, or another key",
+    "replay": "heard before, or older than the last from this sender",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What a mission's packets can hold, closer than the field table.
+
+    Attributes:
+        steps: Largest mission step.
+        n_actions: Size of the action set.
+        max_length: Most actions in one packet.
+        heuristics: Ids of the known naive paths (0xFF, none, is always allowed).
+        north_m: Smallest and largest north (m) of places.
+        east_m: Smallest and largest east (m) of places.
+        depth_m: Smallest and largest water depth (m) of samples.
+    """
+
+    steps: int = int(HEADER[0].high)
+    n_actions: int = FIRST_TERMINAL
+    max_length: int = MAX_ACTIONS
+    heuristics: tuple[int, ...] = tuple(range(FIRST_TERMINAL, NO_HEURISTIC + 1))
+    north_m: tuple[float, float] = (SAMPLE[0].low, SAMPLE[0].high)
+    east_m: tuple[float, float] = (SAMPLE[1].low, SAMPLE[1].high)
+    depth_m: tuple[float, float] = (SAMPLE[2].low, SAMPLE[2].high)
+    _low: Array = field(init=False, repr=False, compare=False)
+    _high: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Checks that the limits are not wider than the field table.
+
+        Raises:
+            ValueError: naming the limit, its value and the table's.
+        """
+        for name, value, table in (
+            ("steps", (0, self.steps), HEADER[0]),
+            ("n_actions", (0, self.n_actions - 1), ACTION),
+            ("north_m", self.north_m, SAMPLE[0]),
+            ("east_m", self.east_m, SAMPLE[1]),
+            ("depth_m", self.depth_m, SAMPLE[2]),
+        ):
+            if not table.low <= value[0] <= value[1] <= table.high:
+                raise ValueError(f"limits {name} = {value}: expected low <= high within {table.low:g}..{table.high:g}")
+        if not 0 <= self.max_length <= MAX_ACTIONS:
+            raise ValueError(f"limits max_length = {self.max_length}: expected 0..{MAX_ACTIONS}")
+        if any(not FIRST_TERMINAL <= h <= NO_HEURISTIC for h in self.heuristics):
+            raise ValueError(f"limits heuristics = {self.heuristics}: expected ids in 0xF0..0xFF")
+        object.__setattr__(self, "_low", np.array([self.north_m[0], self.east_m[0], self.depth_m[0]]))
+        object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
+
+    def hold(self, samples_m: Array) -> NDArray[np.bool_]:
+        """Which samples (north, east, depth (m), shape (n, 3)) a packet can hold, shape (n,)."""
+        with np.errstate(over="ignore"):
+            small = np.asarray(samples_m).astype("<f4")
+        return np.asarray(((small >= self._low) & (small <= self._high)).all(axis=1))
+
+    @staticmethod
+    def box(polygon_m: Array, margin_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """`north_m` and `east_m` of the box around an operating area, widened on every side.
+
+        Args:
+            polygon_m: Corners, north and east (m), shape (P, 2).
+            margin_m: How far the box is widened (m).
+        """
+        low, high = np.min(polygon_m, axis=0) - margin_m, np.max(polygon_m, axis=0) + margin_m
+        return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Packet:
+    """What one packet says.
+
+    Attributes:
+        step: Mission step of the initial state.
+        heading_rad: Heading there (rad, clockwise from north), -2 pi to 2 pi.
+        north_m: North there (m).
+        east_m: East there (m).
+        actions: Indices in the action set, of the actions from there on.
+        heuristic: Terminal byte: id (0xF0 to 0xFE) of the naive path that continues, 0xFF for none.
+        samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
+    """
+
+    step: int
+    heading_rad: float
+    north_m: float
+    east_m: float
+    actions: tuple[int, ...]
+    heuristic: int = NO_HEURISTIC
+    samples: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __eq__(self, other: object) -> bool:
+        """Equal in every field and sample."""
+        if not isinstance(other, Packet):
+            return NotImplemented
+        return (
+            (self.step, self.heading_rad, self.north_m, self.east_m, tuple(self.actions), self.heuristic)
+            == (other.step, other.heading_rad, other.north_m, other.east_m, tuple(other.actions), other.heuristic)
+        ) and np.array_equal(self.samples, other.samples)
+
+    __hash__ = None  # type: ignore[assignment]  # holds an array
+
+
+def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> bytes:
+    """The packet's 252 bytes.
+
+    Args:
+        packet: What to say. Numbers are rounded to float32, nothing else is changed.
+        limits: Closer limits than the field table's.
+        reserve: Bytes at the end left (0xFF) for a tag.
+
+    Raises:
+        PacketError: (a ValueError) naming the field, its value and what was expected. Nothing is clamped, wrapped
+            or left out.
+        TypeError: if the step, an action or the heuristic is not an integer.
+    """
+    step = operator.index(packet.step)
+    heuristic = operator.index(packet.heuristic)
+    actions = [operator.index(action) for action in packet.actions]
+    _check("step", step, HEADER[0])
+    _check("heuristic", heuristic, TERMINAL)
+    if any(not ACTION.low <= action <= ACTION.high for action in actions):
+        raise PacketError("action", f"actions {actions}: expected indices 0..{ACTION.high:g}")
+    if len(actions) > MAX_ACTIONS - reserve:
+        raise PacketError("terminal", f"{len(actions)} actions: expected at most {MAX_ACTIONS - reserve}")
+    samples = np.asarray(packet.samples, dtype=float)
+    if samples.ndim != 2 or samples.shape[1] != len(SAMPLE):
+        raise PacketError("sample", f"samples of shape {samples.shape}: expected (n, {len(SAMPLE)})")
+    if len(samples) > (room := capacity(len(actions), reserve)):
+        raise PacketError("sample", f"{len(samples)} samples: expected at most {room} with {len(actions)} actions")
+    numbers = (packet.heading_rad, packet.north_m, packet.east_m)
+    with np.errstate(over="ignore"):
+        small = np.array(numbers, dtype=float).astype("<f4")
+        small_samples = samples.astype("<f4")
+    start: list[float] = small.tolist()
+    _check_start(step, start[0], start[1], start[2], limits)
+    _check_path(actions, heuristic, limits)
+    _check_samples(small_samples, limits)
+    head = HEADER_STRUCT.pack(step, *start) + bytes(actions) + bytes([heuristic]) + small_samples.tobytes()
+    return head.ljust(PACKET_BYTES, bytes([FILL]))
+
+
+def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, reserve: int = 0) -> Packet:
+    """The packet that 252 bytes say.
+
+    Args:
+        data: Bytes from the water, of any length and content.
+        limits: Closer limits than the field table's.
+        reserve: Bytes at the end that hold a tag, and are not looked at here.
+
+    Raises:
+        PacketError: if the bytes are not a packet within the limits.
+    """
+    data = bytes(data)
+    if len(data) != PACKET_BYTES:
+        raise PacketError("length", f"{len(data)} bytes: expected {PACKET_BYTES}")
+    step, heading, north, east = HEADER_STRUCT.unpack_from(data)
+    _check_start(step, heading, north, east, limits)
+    end = HEADER_STRUCT.size
+    last = PACKET_BYTES - reserve
+    while end < last and data[end] < FIRST_TERMINAL:
+        end += 1
+    if end == last:
+        raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
+    actions = tuple(data[HEADER_STRUCT.size : end])
+    heuristic = data[end]
+    _check_path(actions, heuristic, limits)
+    start = samples_start(len(actions))
+    places = capacity(len(actions), reserve)
+    stop = start + places * SAMPLE_BYTES
+    n = places
+    while n and data[start + (n - 1) * SAMPLE_BYTES : start + n * SAMPLE_BYTES] == _UNUSED:
+        n -= 1
+    if data[stop:last].count(FILL) != last - stop:
+        raise PacketError("spare", f"bytes {stop} to {last - 1} are {data[stop:last].hex()}: expected all 0xFF")
+    samples = np.frombuffer(data, "<f4", n * len(SAMPLE), start).reshape(n, len(SAMPLE))
+    try:
+        _check_samples(samples, limits)
+    except PacketError:
+        place = start + int(np.argmin(np.isfinite(samples).all(axis=1))) * SAMPLE_BYTES
+        if data[place : place + SAMPLE_BYTES] == _UNUSED:
+            raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
+        raise
+    return Packet(
+        step=step,
+        heading_rad=heading,
+        north_m=north,
+        east_m=east,
+        actions=actions,
+        heuristic=heuristic,
+        samples=samples.astype(float),
+    )
+
+
+def _check(reason: str, value: float, table: Field) -> None:
+    if not table.low <= value <= table.high:
+        expected = f"{table.low:g}..{table.high:g} {table.unit}".rstrip()
+        raise PacketError(reason, f"{table.name} = {value}: expected {expected}")
+
+
+def _check_start(step: int, heading: float, north: float, east: float, limits: Limits | None) -> None:
+    for name, value in (("heading_rad", heading), ("north_m", north), ("east_m", east)):
+        if not math.isfinite(value):
+            raise PacketError("not_finite", f"{name} = {value}: expected a finite float32")
+    _check("heading", heading, HEADER[1])
+    _check("position", north, HEADER[2])
+    _check("position", east, HEADER[3])
+    if limits is None:
+        return
+    if step > limits.steps:
+        raise PacketError("step", f"step = {step}: expected at most {limits.steps}")
+    for name, value, (low, high) in (("north_m", north, limits.north_m), ("east_m", east, limits.east_m)):
+        if not low <= value <= high:
+            raise PacketError("position", f"{name} = {value:.2f}: expected {low:g}..{high:g} m, the area's limits")
+
+
+def _check_path(actions: Sequence[int], heuristic: int, limits: Limits | None) -> None:
+    if limits is None:
+        return
+    if actions and max(actions) >= limits.n_actions:
+        raise PacketError("action", f"action {max(actions)}: the set has {limits.n_actions}")
+    if len(actions) > limits.max_length:
+        raise PacketError("terminal", f"{len(actions)} actions: expected at most {limits.max_length}")
+    if heuristic != NO_HEURISTIC and heuristic not in limits.heuristics:
+        known = ", ".join(f"0x{h:02X}" for h in limits.heuristics)
+        raise PacketError("heuristic", f"naive path 0x{heuristic:02X}: expected 0xFF or one of {known}")
+
+
+def _check_samples(samples: NDArray[np.float32], limits: Limits | None) -> None:
+    if not len(samples):
+        return
+    low, high = (_SAMPLE_LOW, _SAMPLE_HIGH) if limits is None else (limits._low, limits._high)
+    inside = (samples >= low) & (samples <= high)  # a NaN is not inside
+    if inside.all():
+        return
+    row, column = (int(i) for i in np.argwhere(~inside)[0])
+    value = float(samples[row, column])
+    what = f"samples[{row}].{SAMPLE[column].name} = {value}: expected {low[column]:g}..{high[column]:g} m"
+    raise PacketError("sample" if math.isfinite(value) else "not_finite", what)

@@ -1,0 +1,1 @@
+"""Where a vehicle can go: motion primitives, free space, naive paths."""

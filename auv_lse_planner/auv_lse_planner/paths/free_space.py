@@ -1,0 +1,324 @@
+"""Where a vehicle may go: the operating area, and ground that the map shows to be too shallow.
+
+The clearance (distance to the nearest place that may not be entered, negative inside of such places) is kept on a
+raster and read by bilinear interpolation. Theory of operation:
+
+- A leg is *free* if the clearance along its sampled track is at least half a sample spacing.
+- A state is *safe* if a closed turning loop (`MotionTable.loops_m`) to one of its sides is free: repeating one turn
+  the vehicle can then stay there for ever, so it is never in a pocket without a way out. By default the loop is the
+  circle of the 90 degree turns.
+- An action is *feasible* if its leg is free and its end state safe. From a safe state the turn of the free loop is
+  feasible (the next state has the same loop), so that a vehicle that takes feasible actions always has one.
+- Where nothing is feasible (a start in a corner, a current, ground that has just turned out to be shallow):
+  the *escape* is the action whose end is safe and whose track has the largest least clearance; if no end is safe,
+  the one whose end state comes nearest to being safe. It is deterministic and always exists.
+"""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import math
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from auv_lse_common.compiled import compiled
+from auv_lse_planner.paths.motion import MotionTable, advance
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Clearance of places off the raster (m).
+OUTSIDE_M = -1.0e4
+
+
+class Area(Protocol):
+    """The part of `auv_lse_gp.area.OperatingArea` that planning needs."""
+
+    @property
+    def polygon(self) -> Any:
+        """Corners of the operating area, shape (V, 2): north, east (m)."""
+
+    @property
+    def margin_m(self) -> float:
+        """Distance that vehicles keep from the border."""
+
+    def clearance_m(self, places_m: Array) -> Array:
+        """Distance (P,) of places (P, 2) to the nearest border, negative where they must not be."""
+
+
+class Space(NamedTuple):
+    """Free space and motion as the compiled functions take them.
+
+    Attributes:
+        raster: Clearance (m) at the nodes, shape (N, E).
+        north0, east0, cell: North and east of the first node, and distance of nodes (m).
+        tracks: Body-frame tracks of the actions, shape (A, T, 2).
+        spacing: Distance of track places (m).
+        loops: Centre (ahead, starboard) and reach of the turning loops, shape (2, 3).
+        turns: Heading change of each action (rad), shape (A,).
+        steps: Displacement (ahead, starboard) of each action (m), shape (A, 2).
+    """
+
+    raster: Array
+    north0: float
+    east0: float
+    cell: float
+    tracks: Array
+    spacing: float
+    loops: Array
+    turns: Array
+    steps: Array
+
+
+@compiled
+def clearance_at(raster, north0, east0, cell, north, east):
+    """Bilinear clearance (m) at a place."""
+    x = (north - north0) / cell
+    y = (east - east0) / cell
+    rows, columns = raster.shape
+    if not (x >= 0.0 and y >= 0.0 and x <= rows - 1 and y <= columns - 1):
+        return OUTSIDE_M
+    i = min(int(x), rows - 2)
+    j = min(int(y), columns - 2)
+    u = x - i
+    v = y - j
+    low = raster[i, j] * (1.0 - v) + raster[i, j + 1] * v
+    high = raster[i + 1, j] * (1.0 - v) + raster[i + 1, j + 1] * v
+    return low * (1.0 - u) + high * u
+
+
+@compiled
+def leg_clearance(raster, north0, east0, cell, heading, north, east, track, spacing):
+    """Least clearance (m) along a body-frame track (T, 2); skips ahead where the clearance allows it.
+
+    Exact up to half the spacing wherever it is small enough to matter (clearance is 1-Lipschitz).
+    """
+    c = math.cos(heading)
+    s = math.sin(heading)
+    least = 1.0e9
+    i = 0
+    count = track.shape[0]
+    while i < count:
+        ahead = track[i, 0]
+        starboard = track[i, 1]
+        here = clearance_at(
+            raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard
+        )
+        least = min(least, here)
+        if here < 0.5 * spacing:
+            # the least of a blocked track is only needed roughly: its sign decides
+            i += 1
+        else:
+            i += max(1, int(here / spacing))
+    return least
+
+
+@compiled
+def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):
+    """Clearance (m) of the freer turning loop of a state: the state is safe where it is at least half a spacing."""
+    c = math.cos(heading)
+    s = math.sin(heading)
+    best = -1.0e9
+    for side in range(2):
+        ahead = loops[side, 0]
+        starboard = loops[side, 1]
+        room = (
+            clearance_at(
+                raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard
+            )
+            - loops[side, 2]
+        )
+        best = max(best, room)
+    return best
+
+
+@compiled
+def is_feasible(space, heading, north, east, action):
+    """Whether the leg of `action` is free and its end state safe."""
+    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
+    h, n, e = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+    if loop_clearance(raster, north0, east0, cell, loops, h, n, e) < 0.5 * spacing:
+        return False
+    return leg_clearance(raster, north0, east0, cell, heading, north, east, tracks[action], spacing) >= 0.5 * spacing
+
+
+@compiled
+def escape_action(space, heading, north, east):
+    """The action to take where none is feasible; see the module's theory of operation."""
+    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
+    best = 0
+    best_safe = False
+    best_room = -1.0e18
+    for action in range(turns.shape[0]):
+        h, n, e = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+        room = loop_clearance(raster, north0, east0, cell, loops, h, n, e)
+        safe = room >= 0.5 * spacing
+        if safe:
+            room = leg_clearance(raster, north0, east0, cell, heading, north, east, tracks[action], spacing)
+        if (safe and not best_safe) or (safe == best_safe and room > best_room):
+            best = action
+            best_safe = safe
+            best_room = room
+    return best
+
+
+@compiled
+def _feasible_mask(space, heading, north, east):
+    mask = np.zeros(space.turns.shape[0], dtype=np.bool_)
+    for action in range(mask.shape[0]):
+        mask[action] = is_feasible(space, heading, north, east, action)
+    return mask
+
+
+@compiled
+def random_actions(space, heading, north, east, randoms):
+    """Feasible actions by chance, one for each uniform number of `randoms` (the escape where there is none).
+
+    By rejection: most actions are feasible, and to test one is cheaper than to test all.
+    """
+    turns, steps = space.turns, space.steps
+    kinds = turns.shape[0]
+    actions = np.zeros(randoms.shape[0], dtype=np.int64)
+    open_ = np.ones(kinds, dtype=np.bool_)
+    for index in range(randoms.shape[0]):
+        open_[:] = True
+        remaining = kinds
+        action = -1
+        r = randoms[index]
+        while remaining > 0:
+            pick = min(int(r * remaining), remaining - 1)
+            r = r * remaining - pick
+            for a in range(kinds):
+                if open_[a]:
+                    if pick == 0:
+                        action = a
+                        break
+                    pick -= 1
+            if is_feasible(space, heading, north, east, action):
+                break
+            open_[action] = False
+            remaining -= 1
+            action = -1
+        if action < 0:
+            action = escape_action(space, heading, north, east)
+        actions[index] = action
+        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+    return actions
+
+
+class FreeSpace:
+    """Clearance of the operating area and of known shallow ground, and what is feasible in it.
+
+    Attributes:
+        raster: Clearance (m) at the nodes, shape (N, E).
+        north0_m: North of the first row.
+        east0_m: East of the first column.
+        cell_m: Spacing of the nodes.
+    """
+
+    def __init__(self, area: Area, motion: MotionTable, cell_m: float = 2.0) -> None:
+        """Samples the clearance of `area` at every `cell_m` metres."""
+        corners = np.asarray(area.polygon, dtype=float).reshape(-1, 2)
+        low, high = corners.min(axis=0) - 2.0 * cell_m, corners.max(axis=0) + 2.0 * cell_m
+        counts = np.ceil((high - low) / cell_m).astype(int) + 1
+        self.motion = motion
+        self.north0_m, self.east0_m, self.cell_m = float(low[0]), float(low[1]), cell_m
+        north = self.north0_m + cell_m * np.arange(counts[0])
+        east = self.east0_m + cell_m * np.arange(counts[1])
+        self._nodes_north, self._nodes_east = north, east
+        grid = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
+        self.area_raster: Array = np.ascontiguousarray(
+            area.clearance_m(grid).reshape(counts[0], counts[1]) - area.margin_m, dtype=float
+        )
+        self.raster: Array = self.area_raster
+
+    def set_shallow(self, places_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
+        """Keeps clear of ground that is known to be too shallow, beside what the area forbids.
+
+        Args:
+            places_m: Places of a regular grid, shape (P, 2): all that counts; elsewhere the area alone does.
+            shallow: Whether the ground there is too shallow, shape (P,).
+            spacing_m: Spacing of that grid: a shallow place blocks everything within half of it (per axis).
+        """
+        if not shallow.any():
+            self.raster = self.area_raster
+            return
+        rows = np.rint((places_m[:, 0] - self.north0_m) / self.cell_m).astype(int)
+        columns = np.rint((places_m[:, 1] - self.east0_m) / self.cell_m).astype(int)
+        half = max(0, round(0.5 * spacing_m / self.cell_m))
+        top, bottom = max(int(rows.min()) - half, 0), int(rows.max()) + half + 1
+        left, right = max(int(columns.min()) - half, 0), int(columns.max()) + half + 1
+        window = np.s_[top:bottom, left:right]  # of the raster: all that the places speak of
+        there = self.area_raster[window]
+        blocked = np.zeros_like(there, dtype=bool)
+        for i in range(-half, half + 1):
+            for j in range(-half, half + 1):
+                at_row = np.clip(rows[shallow] + i - top, 0, len(there) - 1)
+                at_column = np.clip(columns[shallow] + j - left, 0, len(there[0]) - 1)
+                blocked[at_row, at_column] = True
+        outside = distance_transform_edt(~blocked, sampling=self.cell_m)
+        inside = distance_transform_edt(blocked, sampling=self.cell_m)
+        self.raster = self.area_raster.copy()
+        self.raster[window] = np.minimum(there, outside - inside)
+
+    def arguments(self, static: bool = False) -> Space:
+        """What the compiled functions need; `static`: of the area alone, which all vehicles share."""
+        m = self.motion
+        return Space(
+            self.area_raster if static else self.raster,
+            self.north0_m,
+            self.east0_m,
+            self.cell_m,
+            m.tracks_m,
+            m.spacing_m,
+            m.loops_m,
+            m.turns_rad,
+            m.steps_m,
+        )
+
+    def clearance_m(self, places_m: Array) -> Array:
+        """Clearance (P,) of places (P, 2) as planning sees it (m)."""
+        return np.array(
+            [clearance_at(self.raster, self.north0_m, self.east0_m, self.cell_m, p[0], p[1]) for p in places_m]
+        )
+
+    def feasible(self, state: Array, static: bool = False) -> Ints:
+        """Indices of the feasible actions of a state (3,), in ascending order; empty if there is none."""
+        return np.flatnonzero(_feasible_mask(self.arguments(static), state[0], state[1], state[2])).astype(np.int64)
+
+    def choices(self, state: Array) -> Ints:
+        """The feasible actions of a state, or, where there is none, the escape alone: never empty."""
+        actions = self.feasible(state)
+        return actions if actions.size else np.array([self.escape(state)], dtype=np.int64)
+
+    def random_actions(self, state: Array, randoms: Array) -> Ints:
+        """Feasible actions by chance from a state (3,), one after another, one for each of uniform numbers (L,)."""
+        return np.asarray(random_actions(self.arguments(), state[0], state[1], state[2], randoms))
+
+    def escape(self, state: Array) -> int:
+        """The action that leads out of a state where nothing is feasible."""
+        return int(escape_action(self.arguments(), state[0], state[1], state[2]))
+
+    def safe(self, state: Array) -> bool:
+        """Whether a turning loop of the state (3,) is free."""
+        a = self.arguments()
+        return bool(loop_clearance(*a[:4], self.motion.loops_m, *state) >= 0.5 * self.motion.spacing_m)
+
+    def leg_free(self, state: Array, action: int) -> bool:
+        """Whether the leg of `action` from `state` stays clear."""
+        a = self.arguments()
+        spacing = self.motion.spacing_m
+        return bool(leg_clearance(*a[:4], *state, self.motion.tracks_m[action], spacing) >= 0.5 * spacing)
+
+    def path_feasible(self, state: Array, actions: Ints | tuple[int, ...], legs: int) -> bool:
+        """Whether the first `legs` of `actions` from `state` are feasible one after another."""
+        a = self.arguments()
+        for action in actions[:legs]:
+            if not is_feasible(a, state[0], state[1], state[2], int(action)):
+                return False
+            state = self.motion.end_state(state, int(action))
+        return True

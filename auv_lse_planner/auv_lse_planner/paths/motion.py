@@ -1,0 +1,231 @@
+"""Motion primitives (PAPER.md section 4): an action is an arc of |a| at the turning radius, then a straight.
+
+A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). The print's slips are read as
+PAPER.md says: dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one plus the
+rotated step. `MotionTable` computes the step of every action once.
+"""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.compiled import compiled
+from auv_lse_common.leg import Leg
+from auv_lse_planner.config import MotionConfig
+
+Array = NDArray[np.float64]
+TWO_PI = 2.0 * math.pi
+
+
+@compiled
+def advance(heading: float, north: float, east: float, turn: float, ahead: float, starboard: float):
+    """The state after a step given in the body's frame: heading wrapped to [-pi, pi), north, east."""
+    c = math.cos(heading)
+    s = math.sin(heading)
+    new = heading + turn
+    if new >= math.pi:
+        new -= 2.0 * math.pi
+    elif new < -math.pi:
+        new += 2.0 * math.pi
+    return new, north + c * ahead - s * starboard, east + s * ahead + c * starboard
+
+
+@compiled
+def roll_states(state, actions, turns, steps):
+    """States (L + 1, 3) along actions (L,) from a state (3,)."""
+    states = np.empty((actions.shape[0] + 1, 3))
+    heading, north, east = state[0], state[1], state[2]
+    states[0, 0], states[0, 1], states[0, 2] = heading, north, east
+    for i in range(actions.shape[0]):
+        a = actions[i]
+        heading, north, east = advance(heading, north, east, turns[a], steps[a, 0], steps[a, 1])
+        states[i + 1, 0], states[i + 1, 1], states[i + 1, 2] = heading, north, east
+    return states
+
+
+@compiled
+def roll_many(states, actions, turns, steps):
+    """States (B, L + 1, 3) along actions (B, L) from states (B, 3)."""
+    rolled = np.empty((actions.shape[0], actions.shape[1] + 1, 3))
+    for b in range(actions.shape[0]):
+        rolled[b] = roll_states(states[b], actions[b], turns, steps)
+    return rolled
+
+
+class MotionTable:
+    """The action set with, for every action, its step, its sampled track and its turning loop.
+
+    Attributes:
+        turns_rad: Heading change of each action, shape (A,).
+        steps_m: Step of each action in the body's frame (ahead, starboard), shape (A, 2).
+        straights_m: Length of each action's straight, shape (A,).
+        lengths_m: Arc plus straight of each action, shape (A,).
+        tracks_m: Track of each action in the body's frame, shape (A, T, 2): ahead, starboard, from the start to
+            the end at equal steps of arc length of at most `track_spacing_m`.
+        loops_m: For the tightest loop to port and to starboard: centre ahead, centre starboard, radius, shape (2, 3).
+            Repeating `loop_actions` keeps the vehicle within that radius of that centre, so where the circle is
+            free, a vehicle can go on forever.
+        loop_actions: The actions of the loops, shape (2,).
+        straight_on: Index of the action that turns least.
+    """
+
+    def __init__(self, config: MotionConfig) -> None:
+        """Computes the table of `config`."""
+        self.config = config
+        radius = config.turn_radius_m
+        theta = math.radians(config.theta_max_deg)
+        turns = np.radians(np.asarray(config.actions_deg, dtype=float))
+        size = np.abs(turns)
+        # PAPER.md "Slips": d = r (theta_max - |a|) is the default reading, '+' the printed one.
+        self.straights_m: Array = radius * (theta - size if config.straight == "constant" else theta + size)
+        self.turns_rad: Array = turns
+        self.radius_m = radius
+        self.lengths_m: Array = radius * size + self.straights_m
+        # PAPER.md section 4: Delta_x = sign(a) [r - r cos|a| + d sin|a|], Delta_y = r sin|a| + d cos|a|
+        starboard = np.sign(turns) * (radius - radius * np.cos(size) + self.straights_m * np.sin(size))
+        ahead = radius * np.sin(size) + self.straights_m * np.cos(size)
+        self.steps_m: Array = np.stack([ahead, starboard], axis=1)
+        count = math.ceil(float(self.lengths_m.max()) / config.track_spacing_m) + 1
+        fractions = np.linspace(0.0, 1.0, count)
+        self.tracks_m: Array = np.stack(
+            [self._body_points(a, fractions * self.lengths_m[a]) for a in range(turns.size)]
+        )
+        self.spacing_m = float(self.lengths_m.max()) / (count - 1)
+        self.straight_on = int(np.argmin(size))
+        self.loops_m, self.loop_actions = self._loops()
+
+    @property
+    def actions(self) -> int:
+        """Number of actions."""
+        return int(self.turns_rad.size)
+
+    @property
+    def leg_length_m(self) -> float:
+        """Length of the straight-on leg: of every leg, in the constant reading."""
+        return float(self.lengths_m[self.straight_on])
+
+    def _body_points(self, action: int, arc_m: Array) -> Array:
+        """Points (P, 2) ahead, starboard at arc lengths along an action's leg, in the body's frame at its start."""
+        turn, radius = float(self.turns_rad[action]), self.radius_m
+        side, size = math.copysign(1.0, turn), abs(float(turn))
+        on_arc = np.minimum(arc_m, radius * size)
+        rest = arc_m - on_arc
+        angle = on_arc / radius
+        ahead = radius * np.sin(angle) + rest * math.cos(size)
+        starboard = side * (radius - radius * np.cos(angle) + rest * math.sin(size))
+        return np.stack([ahead, starboard], axis=1)
+
+    def _loops(self) -> tuple[Array, NDArray[np.int64]]:
+        """Tightest closed loop to each side: a turn repeated orbits the fixed point of its rigid displacement."""
+        best: dict[int, tuple[float, Array, int]] = {}
+        for action, turn in enumerate(self.turns_rad):
+            if turn == 0.0:
+                continue
+            c, s = math.cos(turn), math.sin(turn)
+            rotation = np.array([[c, -s], [s, c]])  # ahead, starboard: a turn is clockwise
+            centre = np.linalg.solve(np.eye(2) - rotation, self.steps_m[action])
+            reach = float(np.linalg.norm(self.tracks_m[action] - centre, axis=1).max())
+            side = 1 if turn > 0.0 else 0
+            if side not in best or reach < best[side][0]:
+                best[side] = (reach, centre, action)
+        for side in (0, 1):  # an action set may turn to one side only
+            best.setdefault(side, best.get(1 - side, (math.inf, np.zeros(2), 0)))
+        loops = np.array([[*best[side][1], best[side][0]] for side in (0, 1)])
+        return loops, np.array([best[0][2], best[1][2]])
+
+    def end_states(self, states: Array, actions: NDArray[np.integer]) -> Array:
+        """States after one action each.
+
+        Args:
+            states: Shape (..., 3): heading, north, east.
+            actions: Indices of actions, of a shape that broadcasts against states[..., 0].
+
+        Returns:
+            States, shape (..., 3), headings in [-pi, pi).
+        """
+        states = np.asarray(states, dtype=float)
+        actions = np.asarray(actions)
+        heading, north, east = states[..., 0], states[..., 1], states[..., 2]
+        step = self.steps_m[actions]
+        c, s = np.cos(heading), np.sin(heading)
+        turned = heading + self.turns_rad[actions]
+        turned = np.where(turned >= math.pi, turned - TWO_PI, np.where(turned < -math.pi, turned + TWO_PI, turned))
+        return np.stack(
+            np.broadcast_arrays(
+                turned, north + c * step[..., 0] - s * step[..., 1], east + s * step[..., 0] + c * step[..., 1]
+            ),
+            axis=-1,
+        )
+
+    def leg(self, step: int, state: Array, action: int) -> Leg:
+        """The leg of an action from a state (3,) at mission step `step`, as it is travelled."""
+        return Leg(
+            step=step,
+            heading_rad=float(state[0]),
+            north_m=float(state[1]),
+            east_m=float(state[2]),
+            action_rad=float(self.turns_rad[action]),
+            radius_m=self.radius_m,
+            straight_m=float(self.straights_m[action]),
+        )
+
+    def end_state(self, state: Array, action: int) -> Array:
+        """The state after one action, by the same scalar arithmetic that `roll` uses."""
+        return np.array(advance(state[0], state[1], state[2], self.turns_rad[action], *self.steps_m[action]))
+
+    def roll(self, state: Array, actions: NDArray[np.integer] | list[int] | tuple[int, ...]) -> Array:
+        """States along a sequence of actions, shape (len(actions) + 1, 3), the first one `state`."""
+        return np.asarray(
+            roll_states(
+                np.asarray(state, dtype=float), np.asarray(actions, dtype=np.int64), self.turns_rad, self.steps_m
+            )
+        )
+
+    def track(self, state: Array, action: int, spacing_m: float) -> Array:
+        """Places along the leg of `action` from `state`, both ends among them.
+
+        Args:
+            state: Shape (3,): heading, north, east.
+            action: Index of the action.
+            spacing_m: Largest distance along the track between neighbours (m).
+
+        Returns:
+            Places, shape (P, 2): north, east.
+        """
+        if not spacing_m > 0.0:
+            raise ValueError(f"track spacing: got {spacing_m!r}; expected a length > 0 m")
+        length = float(self.lengths_m[action])
+        count = max(1, math.ceil(length / spacing_m))
+        return self.along(state, action, np.linspace(0.0, length, count + 1))
+
+    def along(self, state: Array, action: int, arc_m: Array) -> Array:
+        """Places (P, 2) at arc lengths `arc_m` (m) along the leg of `action` from `state`."""
+        points = self._body_points(action, np.asarray(arc_m, dtype=float))
+        c, s = math.cos(state[0]), math.sin(state[0])
+        return np.stack(
+            [state[1] + c * points[:, 0] - s * points[:, 1], state[2] + s * points[:, 0] + c * points[:, 1]], axis=1
+        )
+
+    def sample_places(self, states: Array, actions: NDArray[np.integer], samples_per_leg: int) -> Array:
+        """Measurement places of legs: `samples_per_leg` at equal distances along each, the last at its end.
+
+        Args:
+            states: States the legs start from, shape (L, 3).
+            actions: Their actions, shape (L,).
+            samples_per_leg: Places on each leg.
+
+        Returns:
+            Places, shape (L * samples_per_leg, 2), in the order travelled.
+        """
+        if samples_per_leg == 1:
+            return self.end_states(states, np.asarray(actions))[:, 1:]
+        fractions = np.arange(1, samples_per_leg + 1) / samples_per_leg
+        return np.concatenate(
+            [self.along(s, int(a), fractions * self.lengths_m[int(a)]) for s, a in zip(states, actions, strict=True)]
+            or [np.empty((0, 2))]
+        )

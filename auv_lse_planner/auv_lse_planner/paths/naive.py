@@ -1,0 +1,411 @@
+"""Naive paths: deterministic continuations of a plan to the mission's end, named by an id in the packet.
+
+| id | path |
+|---|---|
+| 0xF0, 0xF1 | lawnmower, lanes along the main axis at `lane_spacing_m`, sweeping to the one side, to the other |
+| 0xF2, 0xF3 | the same with lanes across the main axis |
+| 0xF4 .. 0xF7 | as 0xF0 .. 0xF3, but lanes as far apart as the remaining steps need to cover the area |
+| 0xF8 | straight on, turning as little as needed at the boundary |
+| 0xF9 | hold: the tightest loop |
+| 0xFA .. 0xFE | as 0xF4, over strip 1 to 5 of as many strips of the area as there are vehicles (at most 5) |
+| 0xFF | none |
+
+A lawnmower is built from feasible primitives from any state. It follows the lane through its start, in the direction
+nearer to its heading, makes a U-turn to the sweep's side where the lane ends, and so on until the sweep's side of the
+area is done; it then goes back to the lane next to its first one and sweeps the other side; when that is done too it
+returns over the area on the lanes in between. At each leg it takes the feasible action that, with the best
+next one, comes nearest to the lane (distance + `HEADING_WEIGHT_M` x heading error). Only the area counts, not the map,
+and all arithmetic is scalar, so an id and a state give every receiver of a packet the same path to the last bit.
+"""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.compiled import compiled
+from auv_lse_common.plan import NONE
+from auv_lse_gp.area import Grid
+from auv_lse_planner.config import PlannerConfig
+from auv_lse_planner.paths.free_space import Area, FreeSpace, clearance_at, escape_action, is_feasible, loop_clearance
+from auv_lse_planner.paths.motion import MotionTable, advance, roll_many
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Lawnmowers at the configured spacing, and at a spacing that covers the area.
+LAWNMOWERS = (0xF0, 0xF1, 0xF2, 0xF3)
+COVERING = (0xF4, 0xF5, 0xF6, 0xF7)
+STRAIGHT_ON = 0xF8
+HOLD = 0xF9
+STRIPS = (0xFA, 0xFB, 0xFC, 0xFD, 0xFE)
+MOWING = (*LAWNMOWERS, *COVERING, *STRIPS)
+IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD, *STRIPS)
+
+#: Metres off the lane that weigh as much as one radian off its direction.
+HEADING_WEIGHT_M = 20.0
+
+
+@compiled
+def _wrap(angle):
+    while angle >= math.pi:
+        angle -= 2.0 * math.pi
+    while angle < -math.pi:
+        angle += 2.0 * math.pi
+    return angle
+
+
+@compiled
+def _lane_cost(offset, error):
+    return abs(offset) + HEADING_WEIGHT_M * abs(error)
+
+
+@compiled
+def _reach(spacing, loops, tracks):
+    """Clearance (m) of a place from which every action is feasible: more than its leg and its end's loops reach to.
+
+    Clearances are 1-Lipschitz, and read bilinearly off a raster sqrt(2)-Lipschitz.
+    """
+    leg = spacing * (tracks.shape[1] - 1)  # the longest
+    reach = 1.5 * leg + 0.5 * spacing
+    for side in range(loops.shape[0]):
+        centre = math.hypot(loops[side, 0], loops[side, 1])
+        reach = max(reach, 1.5 * (leg + centre) + loops[side, 2] + 0.5 * spacing)
+    return reach
+
+
+@compiled
+def lawnmower(
+    space,
+    state,
+    count,
+    axis,
+    lanes,
+    side,
+    low,
+    high,
+    straight,
+):
+    """Actions of a lawnmower.
+
+    Args:
+        space: `FreeSpace.arguments(static=True)`.
+        state: Heading, north, east, shape (3,).
+        count: Number of actions.
+        axis: Direction of the lanes (rad, clockwise from north).
+        lanes: Distance between lanes (m).
+        side: Side to sweep to first: +1 to starboard of the axis, -1 to port.
+        low, high: Range of positions across the axis that lanes can have (m).
+        straight: Index of the straight-on action.
+    """
+    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
+    actions = np.zeros(count, dtype=np.int64)
+    kinds = turns.shape[0]
+    heading, north, east = state[0], state[1], state[2]
+    axis_c, axis_s = math.cos(axis), math.sin(axis)
+    cos_t = np.cos(turns)
+    sin_t = np.sin(turns)
+    costs = np.empty(kinds)
+    o1, e1, c1, s1 = np.empty(kinds), np.empty(kinds), np.empty(kinds), np.empty(kinds)
+    lane = min(max(-north * axis_s + east * axis_c, low), high)
+    first = lane
+    direction = 1.0 if math.cos(heading - axis) >= 0.0 else -1.0
+    reach = _reach(spacing, loops, tracks)
+    sweeps = 0  # 0: the sweep's side, 1: the other side, 2 and more: back over the area between the lanes
+    settled = False
+    for index in range(count):
+        course = axis if direction > 0.0 else _wrap(axis + math.pi)
+        across = -north * axis_s + east * axis_c
+        error = _wrap(heading - course)
+        roomy = clearance_at(raster, north0, east0, cell, north, east) >= reach
+        if not settled and abs(across - lane) < 0.5 * lanes and abs(error) < 0.8:
+            settled = True
+        if settled:
+            # The lane ends where a straight leg in its direction is not feasible.
+            free = roomy or is_feasible(space, course, north, east, straight)
+            if not free:
+                direction = -direction
+                settled = False
+                course = axis if direction > 0.0 else _wrap(axis + math.pi)
+                error = _wrap(heading - course)
+                lane += side * lanes
+                if lane > high + 0.25 * lanes or lane < low - 0.25 * lanes:
+                    sweeps += 1
+                    if sweeps == 1:
+                        side = -side
+                        lane = first + side * lanes
+                        if lane > high + 0.25 * lanes or lane < low - 0.25 * lanes:
+                            sweeps = 2
+                            lane = (high if side < 0 else low) + 0.5 * side * lanes
+                    else:
+                        lane -= 0.5 * side * lanes
+                        side = -side
+                lane = min(max(lane, low), high)
+        if settled and abs(across - lane) < 1.5 and abs(error) < 0.009:
+            action = straight  # on the lane, and found free above
+        else:
+            # Two legs of look-ahead; cos and sin of the lane's frame, turned by each action.
+            rel_c, rel_s = math.cos(error), math.sin(error)
+            offset = (across - lane) * direction  # to starboard of the course
+            for a in range(kinds):
+                o1[a] = offset + rel_s * steps[a, 0] + rel_c * steps[a, 1]
+                c1[a] = rel_c * cos_t[a] - rel_s * sin_t[a]
+                s1[a] = rel_s * cos_t[a] + rel_c * sin_t[a]
+                e1[a] = _wrap(error + turns[a])
+                costs[a] = 1e18
+            for b in range(kinds):
+                ahead, starboard, turn = steps[b, 0], steps[b, 1], turns[b]
+                for a in range(kinds):  # no branch: this loop runs in vectors
+                    o2 = o1[a] + s1[a] * ahead + c1[a] * starboard
+                    e2 = e1[a] + turn
+                    e2 = e2 - 2.0 * math.pi if e2 >= math.pi else (e2 + 2.0 * math.pi if e2 < -math.pi else e2)
+                    cost = abs(o2) + HEADING_WEIGHT_M * abs(e2)
+                    costs[a] = cost if cost < costs[a] else costs[a]
+            for a in range(kinds):
+                costs[a] += 0.25 * _lane_cost(o1[a], e1[a])
+            action = -1
+            for _ in range(kinds):
+                a = int(np.argmin(costs))
+                if roomy or is_feasible(space, heading, north, east, a):
+                    action = a
+                    break
+                costs[a] = 1e30
+            if action < 0:
+                action = escape_action(space, heading, north, east)
+        actions[index] = action
+        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+    return actions
+
+
+@compiled
+def sum_along(state, actions, turns, steps, field, north0_f, east0_f, cell_f):
+    """Sum of a gridded field, bilinear and clamped at its border, over the ends of legs from a state (3,)."""
+    heading, north, east = state[0], state[1], state[2]
+    total = 0.0
+    for index in range(actions.shape[0]):
+        a = actions[index]
+        heading, north, east = advance(heading, north, east, turns[a], steps[a, 0], steps[a, 1])
+        x = min(max((north - north0_f) / cell_f, 0.0), field.shape[0] - 1.001)
+        y = min(max((east - east0_f) / cell_f, 0.0), field.shape[1] - 1.001)
+        i = int(x)
+        j = int(y)
+        u = x - i
+        v = y - j
+        total += (field[i, j] * (1.0 - v) + field[i, j + 1] * v) * (1.0 - u)
+        total += (field[i + 1, j] * (1.0 - v) + field[i + 1, j + 1] * v) * u
+    return total
+
+
+@compiled
+def lawnmowers(space, states, count, axis, lanes, sides, low, high, straight):
+    """Actions (B, count) of a `lawnmower` from each of `states` (B, 3), sweeping to each of `sides` (B,) first."""
+    actions = np.empty((states.shape[0], count), dtype=np.int64)
+    for b in range(states.shape[0]):
+        actions[b] = lawnmower(space, states[b], count, axis, lanes, sides[b], low, high, straight)
+    return actions
+
+
+@compiled
+def sums_along(states, actions, turns, steps, field, north0_f, east0_f, cell_f):
+    """`sum_along` actions (B, L) from each of `states` (B, 3): sums (B,)."""
+    sums = np.empty(states.shape[0])
+    for b in range(states.shape[0]):
+        sums[b] = sum_along(states[b], actions[b], turns, steps, field, north0_f, east0_f, cell_f)
+    return sums
+
+
+@compiled
+def straight_on(space, state, count, order):
+    """Actions that turn as little as possible; `order` lists the actions by the size of their turn."""
+    turns, steps = space.turns, space.steps
+    actions = np.zeros(count, dtype=np.int64)
+    heading, north, east = state[0], state[1], state[2]
+    for index in range(count):
+        action = -1
+        for a in order:
+            if is_feasible(space, heading, north, east, a):
+                action = a
+                break
+        if action < 0:
+            action = escape_action(space, heading, north, east)
+        actions[index] = action
+        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+    return actions
+
+
+@dataclass(frozen=True, slots=True)
+class LaneFrame:
+    """Direction of lanes and the range they can lie in.
+
+    Attributes:
+        axis_rad: Direction of the lanes (rad, clockwise from north).
+        low_m: Least position across them, to starboard of the axis.
+        high_m: Largest.
+        area_m2: Free area to cover.
+    """
+
+    axis_rad: float
+    low_m: float
+    high_m: float
+    area_m2: float
+
+
+class NaivePaths:
+    """The naive paths of one operating area."""
+
+    def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array, vehicles: int = 1) -> None:
+        """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for so many `vehicles`.
+
+        The main axis is `lane_heading_deg`, or the direction of the polygon's longest side.
+        """
+        self._space = space
+        self._spacing_m = config.lane_spacing_m
+        self._arguments = space.arguments(static=True)
+        if config.lane_heading_deg is not None:
+            axis = math.radians(config.lane_heading_deg)
+        else:
+            sides = np.roll(polygon_m, -1, axis=0) - polygon_m
+            longest = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
+            axis = math.atan2(longest[1], longest[0])
+        self._frames = [self._frame(_wrap_float(axis)), self._frame(_wrap_float(axis + math.pi / 2.0))]
+        self._strips = min(vehicles, len(STRIPS))
+        size = np.abs(space.motion.turns_rad)
+        self._by_size = np.argsort(size, kind="stable").astype(np.int64)
+
+    def _frame(self, axis: float) -> LaneFrame:
+        space = self._space
+        reach = space.motion.loops_m[:, 2].min()
+        north, east = np.meshgrid(space._nodes_north, space._nodes_east, indexing="ij")
+        across = -north * math.sin(axis) + east * math.cos(axis)
+        roomy = space.area_raster >= 0.5 * space.motion.spacing_m
+        area = float(np.count_nonzero(roomy)) * space.cell_m**2
+        usable = across[roomy] if roomy.any() else across.ravel()
+        low, high = float(usable.min()) + 0.25 * reach, float(usable.max()) - 0.25 * reach
+        if low > high:
+            low = high = 0.5 * (low + high)
+        return LaneFrame(axis, low, high, area)
+
+    def actions(self, state: Array, heuristic: int, steps: int, around_shallows: bool = False) -> Ints:
+        """Actions of naive path `heuristic` over `steps` legs from a state (3,).
+
+        Args:
+            state: Heading, north, east.
+            heuristic: Id.
+            steps: Number of legs.
+            around_shallows: Whether ground that this vehicle's map shows to be too shallow is avoided too; other
+                vehicles cannot rebuild the path then.
+
+        Raises:
+            ValueError: for an id that names no path.
+        """
+        if steps <= 0 or heuristic == NONE:
+            return np.empty(0, dtype=np.int64)
+        state = np.asarray(state, dtype=float)
+        motion = self._space.motion
+        space = self._space.arguments(static=not around_shallows)
+        if heuristic in MOWING:
+            return np.asarray(lawnmower(space, state, steps, *self._lanes(state, heuristic, steps)))
+        if heuristic == STRAIGHT_ON:
+            return np.asarray(straight_on(space, state, steps, self._by_size))
+        if heuristic == HOLD:
+            loops = motion.loop_actions
+            side_first = self._freer_side(state)
+            order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
+            return np.asarray(straight_on(space, state, steps, order))
+        raise ValueError(f"heuristic: got {heuristic:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
+
+    def actions_from(self, states: Array, heuristic: int, steps: int) -> Ints:
+        """Actions (B, steps) of naive path `heuristic` from each of many states (B, 3): `actions`, all at once."""
+        states = np.ascontiguousarray(states, dtype=float)
+        if heuristic not in MOWING or steps <= 0:
+            rows = [self.actions(state, heuristic, steps) for state in states]
+            return np.array(rows, dtype=np.int64).reshape(len(states), -1)
+        lanes = [self._lanes(state, heuristic, steps) for state in states] if heuristic in STRIPS else []
+        axis, spacing, side, low, high, straight = lanes[0] if lanes else self._lanes(states[0], heuristic, steps)
+        sides = np.array([own[2] for own in lanes]) if lanes else np.full(len(states), side)
+        return np.asarray(lawnmowers(self._arguments, states, steps, axis, spacing, sides, low, high, straight))
+
+    def _lanes(self, state: Array, heuristic: int, steps: int) -> tuple[float, float, float, float, float, int]:
+        """Axis, spacing, side, range, straight-on action of a lawnmower; only a strip's side depends on the state."""
+        motion = self._space.motion
+        kind = (heuristic - LAWNMOWERS[0]) % 4 if heuristic not in STRIPS else 0
+        frame = self._frames[kind // 2]
+        side = 1.0 if kind % 2 == 0 else -1.0
+        spacing, low, high = self._spacing_m, frame.low_m, frame.high_m
+        if heuristic not in LAWNMOWERS:
+            spacing = frame.area_m2 / (steps * motion.leg_length_m)
+        if heuristic in STRIPS and self._strips > 1:
+            spacing /= self._strips
+            width = (high - low) / self._strips
+            number = (heuristic - STRIPS[0]) % self._strips
+            inset = min(0.5 * spacing, 0.5 * width)
+            low, high = low + number * width + inset, low + (number + 1) * width - inset
+            across = -state[1] * math.sin(frame.axis_rad) + state[2] * math.cos(frame.axis_rad)
+            side = 1.0 if across < 0.5 * (low + high) else -1.0  # from the near side to the far one
+        spacing = max(spacing, 2.0 * motion.radius_m)
+        return frame.axis_rad, spacing, side, low, high, motion.straight_on
+
+    def sums_along(self, states: Array, heuristic: int, steps: int, field: Array, grid: Grid) -> Array:
+        """Sum of a gridded field over the leg ends of a naive path from each of many states (B, 3).
+
+        Args:
+            states: Heading, north, east.
+            heuristic: Id.
+            steps: Number of legs.
+            field: Values at the nodes of `grid`, shape (N, E); read by bilinear interpolation.
+            grid: The nodes.
+        """
+        north0, east0, cell = float(grid.north_m[0]), float(grid.east_m[0]), float(grid.resolution_m)
+        motion = self._space.motion
+        actions = self.actions_from(states, heuristic, steps)
+        return np.asarray(sums_along(states, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell))
+
+    def different(self, heuristics: tuple[int, ...]) -> tuple[int, ...]:
+        """`heuristics` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
+        named = STRIPS[: self._strips] if self._strips > 1 else STRIPS[:0]
+        return tuple(h for h in heuristics if h not in STRIPS or h in named) or heuristics[:1]
+
+    def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
+        """Measurement places (P, 2) of naive path `heuristic` over `steps` legs from a state (3,)."""
+        places: Array = self.places_from(np.asarray(state, dtype=float)[None], heuristic, steps, samples_per_leg)[0]
+        return places
+
+    def places_from(self, states: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
+        """Measurement places (B, P, 2) of naive path `heuristic` over `steps` legs from each of many states (B, 3)."""
+        motion = self._space.motion
+        actions = self.actions_from(states, heuristic, steps)
+        rolled = roll_many(states, actions, motion.turns_rad, motion.steps_m)
+        if samples_per_leg == 1:
+            return np.asarray(rolled[:, 1:, 1:])
+        places = motion.sample_places(rolled[:, :-1].reshape(-1, 3), actions.ravel(), samples_per_leg)
+        return places.reshape(len(states), -1, 2)
+
+    def _freer_side(self, state: Array) -> int:
+        """0 if the loop to port has more room than the one to starboard, else 1."""
+        a = self._arguments
+        rooms = [loop_clearance(*a[:4], np.stack([loop, loop]), state[0], state[1], state[2]) for loop in a.loops]
+        return int(rooms[1] > rooms[0])
+
+
+def _wrap_float(angle: float) -> float:
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def naive_path(
+    state: Array,
+    heuristic: int,
+    steps: int,
+    area: Area,
+    motion: MotionTable,
+    config: PlannerConfig,
+    vehicles: int = 1,
+) -> Ints:
+    """Actions of naive path `heuristic` over `steps` legs from `state`: `NaivePaths` for a single use."""
+    space = FreeSpace(area, motion)
+    polygon = np.asarray(area.polygon, dtype=float).reshape(-1, 2)
+    return NaivePaths(space, config, polygon, vehicles).actions(state, heuristic, steps)

@@ -1,0 +1,86 @@
+"""Beginnings of action sequences, numbered: what sequences share is looked up once."""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.compiled import compiled
+from auv_lse_planner.paths.motion import MotionTable, advance
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled
+def enter(children, states, origins, count, turns, steps, sequences, numbers):
+    """Numbers all beginnings of `sequences` (B, L) into `numbers` (B, L); returns how many numbers are given then.
+
+    Args:
+        children: Number of the beginning that an action makes of one, -1 if none yet, shape (N, A).
+        states: State after each, shape (N, 3).
+        origins: Number of the beginning that is one shorter, and the action, shape (N, 2).
+        count: How many numbers are given.
+        turns, steps: Of the actions: `MotionTable`.
+    """
+    for b in range(sequences.shape[0]):
+        at = 0
+        for i in range(sequences.shape[1]):
+            a = sequences[b, i]
+            if children[at, a] < 0:
+                h, n, e = states[at, 0], states[at, 1], states[at, 2]
+                h, n, e = advance(h, n, e, turns[a], steps[a, 0], steps[a, 1])
+                states[count, 0], states[count, 1], states[count, 2] = h, n, e
+                origins[count, 0], origins[count, 1] = at, a
+                children[at, a] = count
+                count += 1
+            at = children[at, a]
+            numbers[b, i] = at
+    return count
+
+
+class Prefixes:
+    """Numbers of the beginnings of sequences from one state: 0 is the empty one.
+
+    Attributes:
+        count: How many numbers are given.
+    """
+
+    def __init__(self, motion: MotionTable, state: Array) -> None:
+        """Starts with the empty beginning, after which the state is `state` (3,)."""
+        self._motion = motion
+        self._children = np.full((64, motion.actions), -1, dtype=np.int64)
+        self._states = np.zeros((64, 3))
+        self._states[0] = state
+        self._origins = np.zeros((64, 2), dtype=np.int64)
+        self.count = 1
+
+    def enter(self, sequences: Ints) -> Ints:
+        """Numbers (B, L) of all beginnings of sequences (B, L), new ones in the order of their first appearance."""
+        self._reserve(self.count + sequences.size)
+        numbers = np.empty(sequences.shape, dtype=np.int64)
+        turns, steps = self._motion.turns_rad, self._motion.steps_m
+        self.count = enter(self._children, self._states, self._origins, self.count, turns, steps, sequences, numbers)
+        return numbers
+
+    def states(self, numbers: Ints) -> Array:
+        """States (..., 3) after the beginnings of these numbers."""
+        return self._states[numbers]
+
+    def leg_places(self, first: int, samples_per_leg: int) -> Array:
+        """Measurement places of the last legs of all beginnings from number `first` on, in order, shape (P, 2)."""
+        if samples_per_leg == 1:
+            return self._states[first : self.count, 1:]
+        origins = self._origins[first : self.count]
+        return self._motion.sample_places(self._states[origins[:, 0]], origins[:, 1], samples_per_leg)
+
+    def _reserve(self, size: int) -> None:
+        old = len(self._states)
+        if size <= old:
+            return
+        more = max(size, 2 * old) - old
+        self._children = np.concatenate([self._children, np.full((more, self._children.shape[1]), -1)])
+        self._states = np.concatenate([self._states, np.zeros((more, 3))])
+        self._origins = np.concatenate([self._origins, np.zeros((more, 2), dtype=np.int64)])

@@ -1,0 +1,1 @@
+"""Many missions, and the claims that they support."""

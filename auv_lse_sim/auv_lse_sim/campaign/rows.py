@@ -1,0 +1,132 @@
+"""Result rows of a campaign: one Parquet file per mission, written when it ends and never changed.
+
+A row file is written under another name and moved into place, so it is there whole or not at all; a campaign that is
+killed loses only the missions in the air. `results.parquet` is all rows in one table, written anew when asked.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow
+import pyarrow.parquet
+
+from auv_lse_sim.judge.summary import Summary
+
+#: Columns that say which mission a row is of and how it went, before the columns of its summary.
+HEADER = (
+    ("id", pyarrow.string()),
+    ("group", pyarrow.string()),
+    ("status", pyarrow.string()),
+    ("error", pyarrow.string()),
+    ("traceback", pyarrow.string()),
+    ("worker", pyarrow.string()),
+    ("finished_utc", pyarrow.string()),
+    ("busy_s", pyarrow.float64()),
+    ("version", pyarrow.string()),
+    ("parameters", pyarrow.string()),
+)
+
+#: Columns that hold a curve over steps.
+CURVES = ("stepwise", "bound", "whole", "whole_bound", "risk")
+
+
+def schema(varied: Mapping[str, Sequence[Any]]) -> pyarrow.Schema:
+    """Columns of a campaign: header, varied parameters (named as in the mission file), summary, curves."""
+    columns = list(HEADER)
+    columns += [(name, _type_of(values)) for name, values in varied.items()]
+    hints = typing.get_type_hints(Summary)
+    columns += [(field.name, _summary_type(hints[field.name])) for field in dataclasses.fields(Summary)]
+    columns += [(name, pyarrow.list_(pyarrow.float32())) for name in CURVES]
+    return pyarrow.schema(columns)
+
+
+def _type_of(values: Sequence[Any]) -> pyarrow.DataType:
+    kinds = {type(v) for v in values}
+    if kinds <= {bool}:
+        return pyarrow.bool_()
+    if kinds <= {int}:
+        return pyarrow.int64()
+    if kinds <= {int, float}:
+        return pyarrow.float64()
+    return pyarrow.string()
+
+
+def _summary_type(hint: Any) -> pyarrow.DataType:
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        hint = next(a for a in typing.get_args(hint) if a is not type(None))
+    if typing.get_origin(hint) is tuple:
+        return pyarrow.list_(pyarrow.float64())
+    return {int: pyarrow.int64(), float: pyarrow.float64(), bool: pyarrow.bool_(), str: pyarrow.string()}[hint]
+
+
+class Rows:
+    """The rows of one campaign's folder."""
+
+    def __init__(self, folder: Path, columns: pyarrow.Schema) -> None:
+        """Opens (or makes) the folder."""
+        self.folder = folder / "rows"
+        self.table_file = folder / "results.parquet"
+        self._columns = columns
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def write(self, row: Mapping[str, Any]) -> Path:
+        """Writes one row; columns that it lacks are null."""
+        values = {
+            name: [_fit(row.get(name), kind)]
+            for name, kind in zip(self._columns.names, self._columns.types, strict=True)
+        }
+        path = self.folder / f"{row['id']}.parquet"
+        part = path.with_suffix(f".{os.getpid()}.part")
+        pyarrow.parquet.write_table(pyarrow.table(values, schema=self._columns), part)
+        os.replace(part, path)
+        return path
+
+    def statuses(self) -> dict[str, str]:
+        """Status by id of every row there is ("ok", "failed"); a file that is no row is put aside."""
+        return {row["id"]: row["status"] for row in self._tables(["id", "status"])}
+
+    def read(self) -> list[dict[str, Any]]:
+        """Every row there is as a mapping; a file that is no row is put aside."""
+        return list(self._tables(None))
+
+    def _tables(self, columns: list[str] | None) -> Iterator[dict[str, Any]]:
+        for path in sorted(self.folder.glob("*.parquet")):
+            try:
+                rows = pyarrow.parquet.read_table(path, columns=columns).to_pylist()
+            except (pyarrow.ArrowException, OSError):
+                rows = []
+            if len(rows) == 1:
+                yield rows[0]
+            else:
+                path.rename(path.with_suffix(".broken"))
+
+    def write_table(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Writes `results.parquet` with these rows; none leave none."""
+        if not rows:
+            self.table_file.unlink(missing_ok=True)
+            return
+        columns = {
+            name: [_fit(row.get(name), kind) for row in rows]
+            for name, kind in zip(self._columns.names, self._columns.types, strict=True)
+        }
+        part = self.table_file.with_suffix(f".{os.getpid()}.part")
+        pyarrow.parquet.write_table(pyarrow.table(columns, schema=self._columns), part)
+        os.replace(part, self.table_file)
+
+
+def _fit(value: Any, kind: pyarrow.DataType) -> Any:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return None
+    if pyarrow.types.is_string(kind):
+        return str(value)
+    if pyarrow.types.is_list(kind):
+        return [float(v) for v in value]
+    return value

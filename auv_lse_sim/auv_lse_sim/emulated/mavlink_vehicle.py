@@ -1,0 +1,526 @@
+"""A simulated vehicle's autopilot as seen over MAVLink: telemetry out, position targets and missions in, on UDP.
+
+`MavlinkVehicle` is pure: the simulation reports the vehicle's state once a tick (`report`) and is told of each leg to
+fly (`fly`). `MavlinkDock` holds one per vehicle with its UDP port. It behaves as an AUV's autopilot does towards a
+companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, DISTANCE_SENSOR,
+SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE, TIMESYNC.
+
+A new target or mission item is flown after the one before it (the sender sends it when the vehicle is about to reach
+that one), by the shortest arc and straight of the vehicle's turn radius: for the ends of the planner's legs, which
+are arcs and straights of that radius, that is the leg itself, to the rounding of the message (float32: 0.03 mm at
+500 m; mission items: 1 cm).
+"""
+
+from __future__ import annotations
+
+import math
+import select
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from auv_lse_comms.mavlink.conversion import DOWN, Datum, Origin, Target, target_of_item, target_of_position
+from auv_lse_comms.mavlink.wire import MavlinkCodec, mavlink
+from auv_lse_comms.transport import UdpPort, read_address
+
+Message = Any
+
+#: A target nearer than this to one already flown to, or under way, is that one again (m): a mission item's rounding.
+SAME_M = 0.05
+#: A target's heading is taken for the leg's end if it is within this of the leg's own (rad).
+SAME_RAD = 0.1
+#: An end that lies inside the turning circle by less than this is taken to lie on it (m).
+ON_CIRCLE_M = 0.05
+#: Targets remembered to recognize their repetition.
+REMEMBERED = 8
+#: A mission has at most this many items.
+MAX_ITEMS = 512
+#: The uploader is asked again for an item after so long without it (s), so often.
+ITEM_TIMEOUT_S = 1.0
+ITEM_REPEATS = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetLeg:
+    """A leg made of a target: an arc, then a straight, from where the leg before it ends.
+
+    Attributes:
+        step: Number of the leg, from 0.
+        heading_rad: Heading where it begins (clockwise from north).
+        north_m: North where it begins.
+        east_m: East where it begins.
+        action_rad: Change of heading along the arc, positive to starboard.
+        radius_m: Radius of the arc.
+        straight_m: Length of the straight after it.
+        depth_m: Depth to travel at, positive down.
+    """
+
+    step: int
+    heading_rad: float
+    north_m: float
+    east_m: float
+    action_rad: float
+    radius_m: float
+    straight_m: float
+    depth_m: float
+
+    @property
+    def end(self) -> tuple[float, float, float]:
+        """Heading (rad), north, east (m) where it ends."""
+        side = math.copysign(1.0, self.action_rad)
+        heading = self.heading_rad + self.action_rad
+        north = self.north_m + side * self.radius_m * (math.sin(heading) - math.sin(self.heading_rad))
+        east = self.east_m - side * self.radius_m * (math.cos(heading) - math.cos(self.heading_rad))
+        return (
+            heading,
+            north + self.straight_m * math.cos(heading),
+            east + self.straight_m * math.sin(heading),
+        )
+
+
+def leg_to(
+    heading_rad: float, north_m: float, east_m: float, target: Target, radius_m: float, step: int = 0
+) -> TargetLeg:
+    """The shortest leg (one arc, then a straight) from a state to a target.
+
+    There always is one: the two turning circles touch at the state, so no target lies inside both.
+    """
+    d_north, d_east = target.north_m - north_m, target.east_m - east_m
+    forward = d_north * math.cos(heading_rad) + d_east * math.sin(heading_rad)
+    starboard = d_east * math.cos(heading_rad) - d_north * math.sin(heading_rad)
+    best: tuple[float, float, float] | None = None  # length, turn, straight
+    for side in (1.0, -1.0):
+        across = side * starboard - radius_m  # from the circle's centre, in its own sense of turn
+        distance = math.hypot(forward, across)
+        if distance < radius_m - ON_CIRCLE_M:
+            continue
+        straight = math.sqrt(max(0.0, distance**2 - radius_m**2))
+        turn = (math.atan2(across, forward) + math.atan2(radius_m, straight)) % (2.0 * math.pi)
+        if 2.0 * math.pi - turn < 1e-3:
+            turn -= 2.0 * math.pi  # straight ahead, to rounding
+        length = abs(turn) * radius_m + straight
+        if best is None or length < best[0]:
+            best = (length, side * turn, straight)
+    assert best is not None
+    return TargetLeg(
+        step=step,
+        heading_rad=heading_rad,
+        north_m=north_m,
+        east_m=east_m,
+        action_rad=best[1],
+        radius_m=radius_m,
+        straight_m=best[2],
+        depth_m=target.depth_m,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What the autopilot believes of its vehicle: its estimate, not the truth.
+
+    Attributes:
+        heading_rad: Clockwise from north.
+        north_m: North of the mission's origin.
+        east_m: East of it.
+        depth_m: Below the surface, positive down.
+        speed_mps: Over ground, along the heading.
+        yaw_rate_radps: Positive to starboard.
+        altitude_m: Height over ground; NaN: no ground seen.
+        pressure_pa: Absolute pressure of the water.
+    """
+
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float
+    speed_mps: float = 0.0
+    yaw_rate_radps: float = 0.0
+    altitude_m: float = math.nan
+    pressure_pa: float = 101325.0
+
+
+class MavlinkVehicle:
+    """One vehicle's autopilot.
+
+    Attributes:
+        counts: "targets" (position targets heard, repeated ones too), "missions" (accepted), "legs" (given to fly),
+            "refused".
+        datum: The mission's origin and this autopilot's own.
+        mission: Items of the mission accepted last.
+    """
+
+    def __init__(
+        self,
+        system_id: int,
+        start: tuple[float, float, float],
+        radius_m: float,
+        origin: Origin | None,
+        fly: Callable[[TargetLeg], None],
+        *,
+        own_origin: Origin | None = None,
+    ) -> None:
+        """Starts armed, in guided flight, hearing nobody.
+
+        Args:
+            system_id: MAVLink system id (the vehicle's number).
+            start: Heading (rad), north, east (m) where the first leg begins.
+            radius_m: Turn radius.
+            origin: The mission's origin; None: no geodetic positions.
+            fly: Takes each leg, to be flown after those before it.
+            own_origin: The estimator's origin, if it is another than the mission's.
+        """
+        self.counts: Counter[str] = Counter()
+        self.datum = Datum(origin, own_origin or origin)
+        self.mission: tuple[Message, ...] = ()
+        self._system_id = system_id
+        self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        self._state = start
+        self._radius_m = radius_m
+        self._fly = fly
+        self._recent: deque[Target] = deque(maxlen=REMEMBERED)
+        self._out: list[bytes] = []
+        self._now_s = 0.0
+        self._beat_s = -math.inf
+        self._incoming: list[Message] = []
+        self._wanted = 0
+        self._uploader = (0, 0)
+        self._asked_s = 0.0
+        self._repeats = 0
+
+    def receive(self, now_s: float, data: bytes) -> None:
+        """Takes bytes from a companion or ground station."""
+        self._now_s = now_s
+        for message in self._codec.decode(data):
+            handler = HANDLERS.get(message.get_type())
+            if handler is not None and self._is_for_us(message):
+                handler(self, message)
+
+    def report(self, now_s: float, report: Report) -> None:
+        """Sends the telemetry of one tick."""
+        self._now_s = now_s
+        if now_s - self._beat_s >= 1.0 or now_s < self._beat_s:
+            self._beat_s = now_s
+            self._heartbeat()
+        self._send(mavlink.MAVLink_system_time_message(round(now_s * 1e6), self._boot_ms))
+        self._telemetry(report)
+        if self._wanted and now_s - self._asked_s >= ITEM_TIMEOUT_S:
+            self._ask_again()
+
+    def greet(self, now_s: float) -> None:
+        """Sends a heartbeat now, so that the other side knows where to speak to."""
+        self._now_s = now_s
+        self._heartbeat()
+
+    def outgoing(self) -> list[bytes]:
+        """The datagrams to send now; they are handed out once."""
+        data, self._out = self._out, []
+        return data
+
+    # ------------------------------------------------------------------ saying
+
+    @property
+    def _boot_ms(self) -> int:
+        return round(self._now_s * 1000.0) % 2**32
+
+    def _send(self, message: Message) -> None:
+        self._out.append(self._codec.encode(message))
+
+    def _is_for_us(self, message: Message) -> bool:
+        system = getattr(message, "target_system", 0)
+        return message.get_srcSystem() != self._system_id and system in (0, self._system_id)
+
+    def _heartbeat(self) -> None:
+        flags = (
+            mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+            | mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+            | mavlink.MAV_MODE_FLAG_AUTO_ENABLED
+            | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+            | mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        )
+        self._send(
+            mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_SUBMARINE, mavlink.MAV_AUTOPILOT_GENERIC, flags, 4, mavlink.MAV_STATE_ACTIVE, 3
+            )
+        )
+
+    def _telemetry(self, report: Report) -> None:
+        yaw = math.remainder(report.heading_rad, 2.0 * math.pi)
+        v_north, v_east = report.speed_mps * math.cos(yaw), report.speed_mps * math.sin(yaw)
+        self._send(mavlink.MAVLink_attitude_message(self._boot_ms, 0.0, 0.0, yaw, 0.0, 0.0, report.yaw_rate_radps))
+        x, y = self.datum.to_local_ned(report.north_m, report.east_m)
+        self._send(
+            mavlink.MAVLink_local_position_ned_message(self._boot_ms, x, y, report.depth_m, v_north, v_east, 0.0)
+        )
+        if self.datum.mission is not None:
+            lat, lon = self.datum.to_geodetic(report.north_m, report.east_m)
+            height_mm = round(-1000.0 * report.depth_m)
+            heading_cdeg = round(math.degrees(yaw) * 100.0) % 36000
+            velocity_cmps = (round(100.0 * v_north), round(100.0 * v_east), 0)
+            self._send(
+                mavlink.MAVLink_global_position_int_message(
+                    self._boot_ms, lat, lon, height_mm, height_mm, *velocity_cmps, heading_cdeg
+                )
+            )
+        # what it does not see, it says as one more than its range
+        limits_cm = (50, 10000)
+        blind = math.isnan(report.altitude_m)
+        range_cm = limits_cm[1] + 1 if blind else min(limits_cm[1] + 1, round(100.0 * report.altitude_m))
+        self._send(
+            mavlink.MAVLink_distance_sensor_message(
+                self._boot_ms, *limits_cm, max(0, range_cm), mavlink.MAV_DISTANCE_SENSOR_ULTRASOUND, 0, DOWN, 255
+            )
+        )
+        self._send(mavlink.MAVLink_scaled_pressure2_message(self._boot_ms, report.pressure_pa / 100.0, 0.0, 1000))
+
+    # ------------------------------------------------------------------ flying
+
+    def _go(self, target: Target) -> None:
+        if any(
+            math.hypot(target.north_m - known.north_m, target.east_m - known.east_m) <= SAME_M for known in self._recent
+        ):
+            return
+        leg = leg_to(*self._state, target, self._radius_m, self.counts["legs"])
+        self._recent.append(target)
+        # The next leg begins at the target as it was meant, not as it comes out of the geometry: from leg to leg a
+        # heading that is a little off would be off by more and more.
+        heading = leg.end[0]
+        if abs(math.remainder(target.heading_rad - heading, 2.0 * math.pi)) <= SAME_RAD:
+            heading = target.heading_rad
+        self._state = (heading, target.north_m, target.east_m)
+        self.counts["legs"] += 1
+        self._fly(leg)
+
+    def _say_text(self, severity: int, text: str) -> None:
+        self._send(mavlink.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))
+
+    def _on_position_target(self, message: Message) -> None:
+        self.counts["targets"] += 1
+        try:
+            target = target_of_position(message, self.datum)
+        except ValueError as error:
+            self.counts["refused"] += 1
+            self._say_text(mavlink.MAV_SEVERITY_WARNING, f"position target: {error}")
+            return
+        self._go(target)
+
+    # ------------------------------------------------------------------ mission protocol, as the vehicle
+
+    def _on_mission_count(self, message: Message) -> None:
+        self._uploader = (message.get_srcSystem(), message.get_srcComponent())
+        if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
+            self._acknowledge(mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type)
+            return
+        if message.count > MAX_ITEMS:
+            self._acknowledge(mavlink.MAV_MISSION_NO_SPACE)
+            return
+        self._incoming = []
+        self._wanted = message.count
+        self._repeats = 0
+        if self._wanted == 0:
+            self._accept()
+        else:
+            self._ask()
+
+    def _ask(self) -> None:
+        self._asked_s = self._now_s
+        self._send(
+            mavlink.MAVLink_mission_request_int_message(
+                *self._uploader, len(self._incoming), mavlink.MAV_MISSION_TYPE_MISSION
+            )
+        )
+
+    def _ask_again(self) -> None:
+        self._repeats += 1
+        if self._repeats > ITEM_REPEATS:
+            self._wanted = 0
+            self._acknowledge(mavlink.MAV_MISSION_OPERATION_CANCELLED)
+        else:
+            self._ask()
+
+    def _on_mission_item(self, message: Message) -> None:
+        if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
+            return
+        if not self._wanted:
+            if self.mission and message.seq == len(self.mission) - 1:
+                self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)  # sent again: our acknowledgement was lost
+            return
+        if message.seq != len(self._incoming):
+            self._ask()  # repeated or out of order: that is not the one asked for
+            return
+        self._incoming.append(message)
+        self._repeats = 0
+        if len(self._incoming) < self._wanted:
+            self._ask()
+        else:
+            self._accept()
+
+    def _accept(self) -> None:
+        items, self._incoming, self._wanted = tuple(self._incoming), [], 0
+        targets: list[Target] = []
+        for item in items:
+            if item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
+                continue  # a camera's or gimbal's business (ground stations mix them in): there is none here
+            try:
+                targets.append(target_of_item(item, self.datum))
+            except ValueError as error:
+                self.counts["refused"] += 1
+                self._say_text(mavlink.MAV_SEVERITY_WARNING, f"item {item.seq}: {error}")
+                self._acknowledge(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
+                return
+        self.mission = items
+        self.counts["missions"] += 1
+        self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)
+        for target in targets:
+            self._go(target)
+
+    def _acknowledge(self, result: int, mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION) -> None:
+        self._send(mavlink.MAVLink_mission_ack_message(*self._uploader, result, mission_type))
+
+    def _on_mission_list(self, message: Message) -> None:
+        asker = (message.get_srcSystem(), message.get_srcComponent())
+        count = len(self.mission) if message.mission_type == mavlink.MAV_MISSION_TYPE_MISSION else 0
+        self._send(mavlink.MAVLink_mission_count_message(*asker, count, message.mission_type))
+
+    def _on_mission_request(self, message: Message) -> None:
+        if not 0 <= message.seq < len(self.mission):
+            return
+        item = self.mission[message.seq]
+        fields = {name: getattr(item, name) for name in item.fieldnames}
+        fields["target_system"], fields["target_component"] = message.get_srcSystem(), message.get_srcComponent()
+        self._send(mavlink.MAVLink_mission_item_int_message(**fields))
+
+    def _on_mission_clear(self, message: Message) -> None:
+        self.mission = ()
+        self._uploader = (message.get_srcSystem(), message.get_srcComponent())
+        self._acknowledge(mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
+
+    # ------------------------------------------------------------------ commands, origin, time
+
+    def _on_command(self, message: Message) -> None:
+        handler = MESSAGES_ON_REQUEST.get(int(message.param1))
+        if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE and handler is not None:
+            known = handler(self)
+        else:
+            known = message.command in (
+                mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+                mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+                mavlink.MAV_CMD_MISSION_START,
+            )
+        result = mavlink.MAV_RESULT_ACCEPTED if known else mavlink.MAV_RESULT_UNSUPPORTED
+        asker = (message.get_srcSystem(), message.get_srcComponent())
+        self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *asker))
+
+    def _say_version(self) -> bool:
+        able = (
+            mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
+            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+            | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+        )
+        none = bytes(8)
+        self._send(mavlink.MAVLink_autopilot_version_message(able, 1, 0, 0, 0, none, none, none, 0, 0, self._system_id))
+        return True
+
+    def _say_origin(self) -> bool:
+        origin = self.datum.autopilot
+        if origin is None:
+            return False
+        lat, lon = round(origin.lat_deg * 1e7), round(origin.lon_deg * 1e7)
+        self._send(mavlink.MAVLink_gps_global_origin_message(lat, lon, 0, round(self._now_s * 1e6)))
+        return True
+
+    def _on_set_origin(self, message: Message) -> None:
+        if self.datum.autopilot is None:
+            own = Origin(lat_deg=message.latitude * 1e-7, lon_deg=message.longitude * 1e-7)
+            self.datum = Datum(self.datum.mission, own)
+        self._say_origin()
+
+    def _on_timesync(self, message: Message) -> None:
+        if message.tc1 == 0:
+            self._send(mavlink.MAVLink_timesync_message(round(self._now_s * 1e9), message.ts1))
+
+
+#: What `MAV_CMD_REQUEST_MESSAGE` can ask for.
+MESSAGES_ON_REQUEST: dict[int, Callable[[MavlinkVehicle], bool]] = {
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: MavlinkVehicle._say_version,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MavlinkVehicle._say_origin,
+}
+
+#: What is done with each message heard; others are ignored.
+HANDLERS: dict[str, Callable[[MavlinkVehicle, Message], None]] = {
+    "SET_POSITION_TARGET_LOCAL_NED": MavlinkVehicle._on_position_target,
+    "MISSION_COUNT": MavlinkVehicle._on_mission_count,
+    "MISSION_ITEM_INT": MavlinkVehicle._on_mission_item,
+    "MISSION_REQUEST_LIST": MavlinkVehicle._on_mission_list,
+    "MISSION_REQUEST_INT": MavlinkVehicle._on_mission_request,
+    "MISSION_CLEAR_ALL": MavlinkVehicle._on_mission_clear,
+    "COMMAND_LONG": MavlinkVehicle._on_command,
+    "SET_GPS_GLOBAL_ORIGIN": MavlinkVehicle._on_set_origin,
+    "TIMESYNC": MavlinkVehicle._on_timesync,
+}
+
+
+class MavlinkDock:
+    """One simulated autopilot per vehicle, each on its UDP port; has no thread and no clock.
+
+    The owner calls `serve` whenever `fileno` is readable, and `report` once a tick, both with the simulation's time.
+    """
+
+    def __init__(self, vehicles: Mapping[int, MavlinkVehicle], endpoints: Mapping[int, str]) -> None:
+        """Opens the ports.
+
+        Args:
+            vehicles: Autopilots by vehicle.
+            endpoints: Their ports: "udpin://127.0.0.1:PORT" waits there (0: a free one), "udpout://127.0.0.1:PORT"
+                calls there.
+
+        Raises:
+            TransportError: if a port is taken.
+        """
+        self.vehicles = dict(vehicles)
+        self._ports: dict[int, UdpPort] = {}
+        self._epoll = select.epoll()
+        for vehicle in self.vehicles:
+            address = read_address(endpoints[vehicle])
+            self._ports[vehicle] = UdpPort(address.kind, address.place, address.number)
+            self._epoll.register(self._ports[vehicle].fileno(), select.EPOLLIN)
+
+    @property
+    def local_ports(self) -> dict[int, int]:
+        """UDP port number of each vehicle on this side."""
+        return {vehicle: port.local_port for vehicle, port in self._ports.items()}
+
+    def fileno(self) -> int:
+        """A file descriptor that is readable when `serve` has something to do."""
+        return self._epoll.fileno()
+
+    def serve(self, now_s: float) -> int:
+        """Reads every port and answers; returns the number of bytes read. Never waits."""
+        total = 0
+        for vehicle, port in self._ports.items():
+            data = port.read()
+            if data:
+                total += len(data)
+                self.vehicles[vehicle].receive(now_s, data)
+            self._flush(vehicle)
+        return total
+
+    def greet(self, vehicle: int, now_s: float) -> None:
+        """Sends a vehicle's heartbeat."""
+        self.vehicles[vehicle].greet(now_s)
+        self._flush(vehicle)
+
+    def report(self, vehicle: int, now_s: float, report: Report) -> None:
+        """Sends a vehicle's telemetry of one tick."""
+        self.vehicles[vehicle].report(now_s, report)
+        self._flush(vehicle)
+
+    def close(self) -> None:
+        """Closes the ports."""
+        for port in self._ports.values():
+            port.close()
+        self._epoll.close()
+
+    def _flush(self, vehicle: int) -> None:
+        for datagram in self.vehicles[vehicle].outgoing():
+            self._ports[vehicle].write(datagram)

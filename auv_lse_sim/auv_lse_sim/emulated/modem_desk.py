@@ -1,0 +1,83 @@
+"""`python -m auv_lse_sim.emulated.modem_desk`: emulated modems in real time, for trying drivers without hardware.
+
+Each stands in water in which everybody hears everybody after a second. Nothing of a mission runs here: connect
+`micromodem_node`, WHOI's `acomms`, or a terminal to the ports it prints. Ctrl-C takes them away.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import select
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from auv_lse_sim.emulated.modem_emulator import EmulatorRack, PtyShell, Shell, TcpShell, perfect_water
+
+_TICK_S = 0.05
+
+
+def host_clock_s() -> float:
+    """Seconds since 1970, UTC, of this machine."""
+    return datetime.now(UTC).timestamp()
+
+
+def run(
+    shells: dict[int, Shell], delay_s: float, clock_s: Callable[[], float], going: Callable[[], bool]
+) -> EmulatorRack:
+    """Serves the modems until `going` says no; closes the ports.
+
+    Args:
+        shells: Ports by modem number.
+        delay_s: Travel time of every packet (s).
+        clock_s: Gives the time (s since 1970, UTC).
+        going: Whether to go on.
+
+    Returns:
+        The rack, closed, for its counts.
+    """
+    transmit, water = perfect_water(lambda: rack, delay_s)
+    rack = EmulatorRack(shells, transmit, clock_s())
+    with contextlib.suppress(KeyboardInterrupt), contextlib.closing(rack):
+        while going():
+            select.select([rack], [], [], _TICK_S)
+            now_s = clock_s()
+            rack.serve(now_s)
+            rack.poll(now_s)
+            water(now_s)
+    return rack
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Offers the modems until Ctrl-C. Returns 0, or 2 if a port cannot be offered."""
+    parser = argparse.ArgumentParser(
+        prog="python -m auv_lse_sim.emulated.modem_desk", description=(__doc__ or "").split("\n\n")[1]
+    )
+    parser.add_argument("--modems", type=int, default=2, metavar="K", help="how many (default: 2)")
+    parser.add_argument("--folder", type=Path, metavar="DIR", help="make links DIR/modem1, ... to the ptys")
+    parser.add_argument("--tcp", type=int, metavar="PORT", help="TCP on PORT, PORT+1, ... of 127.0.0.1 instead of ptys")
+    parser.add_argument("--delay", type=float, default=1.0, metavar="S", help="travel time (default: 1 s)")
+    options = parser.parse_args(arguments)
+    shells: dict[int, Shell] = {}
+    try:
+        for number in range(1, options.modems + 1):
+            if options.tcp is not None:
+                shells[number] = TcpShell(options.tcp + number - 1)
+            else:
+                shells[number] = PtyShell(options.folder / f"modem{number}" if options.folder is not None else None)
+    except OSError as error:
+        print(f"error: port {len(shells) + 1} cannot be offered: {error}", file=sys.stderr)
+        return 2
+    for number, shell in shells.items():
+        print(f"modem {number}: {shell.port}", flush=True)
+    rack = run(shells, options.delay, host_clock_s, lambda: True)
+    print(f"packets sent {sum(rack.transmitted.values())}, heard {sum(rack.delivered.values())}")
+    return 0
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a script in the background hands it on ignored
+    sys.exit(main())

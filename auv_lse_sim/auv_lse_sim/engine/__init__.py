@@ -1,0 +1,1 @@
+"""Flies missions: in one process (fleet) or as ROS 2 processes (mission)."""

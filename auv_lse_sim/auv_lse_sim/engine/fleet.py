@@ -1,0 +1,282 @@
+"""A whole mission in one process, without ROS: the same cores, called in the order that docs/architecture.md fixes.
+
+The nodes of the ROS wiring make the same calls with the same numbers, so that a mission of one seed goes alike in
+both. Where a message rounds (a stamp to nanoseconds, a heading to a quaternion and back), the fleet rounds too.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
+from auv_lse_common.params import parameters_for
+from auv_lse_common.plan import Plan
+from auv_lse_common.seeds import stream
+from auv_lse_comms.bridge import ModemBridge, Received
+from auv_lse_comms.packet.codec import PacketError
+from auv_lse_comms.settings import bridge_of
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.depth_map import DepthMap
+from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner
+from auv_lse_sim.record.run_data import DecisionRecord, GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground import Ground
+from auv_lse_sim.world.world import VehicleOutput, World
+
+Array = NDArray[np.float64]
+
+
+def stamped(time_s: float) -> float:
+    """A time as a ROS stamp holds it: to the nanosecond."""
+    nanoseconds = round(time_s * 1e9)
+    return float(nanoseconds // 10**9) + (nanoseconds % 10**9) * 1e-9
+
+
+@dataclass(slots=True)
+class _Log:
+    """What is kept of one vehicle, in lists that grow by the tick."""
+
+    truth: list[tuple[float, float, float, float]] = field(default_factory=list)
+    odometry: list[tuple[float, float, float, float]] = field(default_factory=list)
+    soundings: list[Array] = field(default_factory=list)
+    received: list[Array] = field(default_factory=list)
+    decisions: list[DecisionRecord] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Crew:
+    """The cores of one vehicle, wired by direct calls.
+
+    Attributes:
+        vehicle: Its number.
+        bridge: Its modem bridge.
+        map: Its map.
+        planner: Its planner.
+    """
+
+    vehicle: int
+    bridge: ModemBridge
+    map: DepthMap
+    planner: VehiclePlanner
+    revision: int = -1
+    log: _Log = field(default_factory=_Log)
+
+    def hear(self, output: VehicleOutput) -> list[Received]:
+        """Bridge: own soundings, then arrivals (gp_node and modem_node sort them by stamp and source)."""
+        self.bridge.add_soundings(output.soundings)
+        heard = []
+        for arrival in sorted(output.arrivals, key=lambda a: (stamped(a.arrival_s), a.source)):
+            received = self.bridge.receive(stamped(arrival.arrival_s), arrival.source, arrival.payload)
+            if received is not None:
+                heard.append(received)
+        return heard
+
+    def chart(self, output: VehicleOutput, heard: list[Received]) -> None:
+        """Map: own soundings by stamp, then the team's samples by arrival."""
+        if len(output.soundings):
+            self.map.add_soundings(output.soundings)
+        for received in heard:
+            if len(received.packet.samples):
+                self.map.add_samples(np.asarray(received.packet.samples, dtype=np.float32).astype(float))
+
+    def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
+        """Planner: centres if the map changed, team plans, odometry; if due, a decision and its wall-clock time."""
+        if self.map.revision != self.revision:
+            self.revision = self.map.revision
+            self.planner.set_centers(self.map.centers, now_s)
+        for received in heard:
+            packet = received.packet
+            plan = Plan(
+                step=packet.step,
+                heading_rad=packet.heading_rad,
+                north_m=packet.north_m,
+                east_m=packet.east_m,
+                actions=packet.actions,
+                heuristic=packet.heuristic,
+            )
+            self.planner.hear(received.stamp_s, received.source, plan)
+        o = output.odometry
+        heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
+        self.planner.odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m, o.speed_mps)
+        if not self.planner.due(now_s):
+            return None
+        began = time.perf_counter()
+        decision = self.planner.decide(now_s)
+        return decision, time.perf_counter() - began
+
+    def say(self, now_s: float, decision: Decision | None) -> bytes | None:
+        """Bridge: the plan, and in its own slot a packet."""
+        if decision is not None:
+            try:
+                self.bridge.set_plan(decision.plan)
+            except PacketError:
+                self.bridge.counts["plans.unsendable"] += 1
+        return self.bridge.poll(now_s)
+
+
+class Fleet:
+    """A team, its world and the mission's clock.
+
+    Args:
+        settings: The whole mission.
+        ground: What the vehicles sound.
+    """
+
+    def __init__(self, settings: Settings, ground: Ground) -> None:
+        """Builds the world and the crews; nothing moves yet."""
+        self.settings = settings
+        self.ground = ground
+        self.world = World.of(settings, ground)
+        self.area = OperatingArea(settings.area)
+        self.crews = [self._crew(number) for number in range(1, settings.mission.vehicles + 1)]
+        self.now_s = 0.0
+        self.sent: list[PacketSent] = []
+        self.received: list[PacketReceived] = []
+        self.notes: list[str] = []
+        self._wall_s = 0.0
+        self._ticks = 0
+
+    def _crew(self, number: int) -> Crew:
+        parameters = parameters_for(self.settings.to_patterns(), f"/auv{number}/modem_node")
+        own = self.settings.planner_settings(number)
+        return Crew(
+            vehicle=number,
+            bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number),
+            map=DepthMap(own.gp, self.settings.level_set, self.area),
+            planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
+        )
+
+    @property
+    def finished(self) -> bool:
+        """Whether every vehicle has travelled all its legs."""
+        return all(crew.planner.finished for crew in self.crews)
+
+    def tick(self) -> None:
+        """One tick of the mission."""
+        began = time.perf_counter()
+        self._ticks += 1
+        now_s = stamped(self._ticks * self.settings.sim.tick_s)
+        outputs = self.world.tick(now_s)
+        self.now_s = now_s
+        payloads: list[tuple[int, bytes]] = []
+        decisions: list[tuple[int, Decision]] = []
+        for crew in self.crews:
+            output = outputs[crew.vehicle]
+            heard = crew.hear(output)
+            crew.chart(output, heard)
+            decided = crew.decide(now_s, output, heard)
+            payload = crew.say(now_s, decided[0] if decided else None)
+            if decided:
+                decisions.append((crew.vehicle, decided[0]))
+            if payload is not None:
+                payloads.append((crew.vehicle, payload))
+            self._record(crew, now_s, output, heard, decided)
+        for vehicle, decision in decisions:
+            self.world.command(vehicle, decision.leg)
+        for vehicle, payload in payloads:
+            self.world.transmit(vehicle, now_s, payload)
+            self.sent.append(PacketSent(stamp_s=now_s, source=vehicle, payload=payload))
+        self._wall_s += time.perf_counter() - began
+
+    def _record(
+        self,
+        crew: Crew,
+        now_s: float,
+        output: VehicleOutput,
+        heard: list[Received],
+        decided: tuple[Decision, float] | None,
+    ) -> None:
+        log, truth, odometry = crew.log, output.truth, output.odometry
+        log.truth.append((now_s, truth.north_m, truth.east_m, truth.heading_rad))
+        log.odometry.append((now_s, odometry.north_m, odometry.east_m, odometry.heading_rad))
+        if len(output.soundings):
+            log.soundings.append(output.soundings)
+        for received in heard:
+            samples = np.asarray(received.packet.samples, dtype=np.float32).astype(float).reshape(-1, 3)
+            rows = np.empty((len(samples), 5))
+            rows[:, 0], rows[:, 1], rows[:, 2:] = received.stamp_s, received.source, samples
+            log.received.append(rows)
+        for arrival in output.arrivals:
+            self.received.append(
+                PacketReceived(
+                    stamp_s=stamped(arrival.arrival_s),
+                    receiver=crew.vehicle,
+                    source=arrival.source,
+                    snr_db=arrival.snr_db,
+                    payload=arrival.payload,
+                )
+            )
+        if decided is not None:
+            decision, wall_s = decided
+            bound, plan = decision.bound, decision.plan
+            log.decisions.append(
+                DecisionRecord(
+                    now_s=now_s,
+                    step=bound.step,
+                    plan_step=plan.step,
+                    heading_rad=plan.heading_rad,
+                    north_m=plan.north_m,
+                    east_m=plan.east_m,
+                    actions=plan.actions,
+                    heuristic=plan.heuristic,
+                    jbar=bound.jbar,
+                    reward_so_far=bound.reward_so_far,
+                    lower_bound=bound.lower_bound,
+                    lower_bound_max=bound.lower_bound_max,
+                    wall_s=wall_s,
+                    method=bound.method,
+                )
+            )
+
+    def run(self, progress: Callable[[Fleet], None] | None = None) -> RunData:
+        """Flies the mission to its end.
+
+        Args:
+            progress: Called after every tick.
+
+        Returns:
+            What the mission leaves; a mission given up after `Settings.longest_s` says so in its notes.
+        """
+        while not self.finished:
+            if self.now_s >= self.settings.longest_s:
+                late = [f"auv{crew.vehicle}" for crew in self.crews if not crew.planner.finished]
+                self.notes.append(f"stopped at {self.now_s:.0f} s: {', '.join(late)} had not finished")
+                break
+            self.tick()
+            if progress is not None:
+                progress(self)
+        return self.run_data()
+
+    def run_data(self) -> RunData:
+        """What there is so far."""
+        grid = self.crews[0].map.grid
+        notes = list(self.notes)
+        for number, vehicle in self.world.vehicles.items():
+            if vehicle.groundings:
+                notes.append(f"auv{number} touched the ground in {vehicle.groundings} ticks")
+        return RunData(
+            parameters=self.settings.to_patterns(),
+            vehicles=[
+                VehicleRun(
+                    vehicle=crew.vehicle,
+                    truth=np.array(crew.log.truth).reshape(-1, 4),
+                    odometry=np.array(crew.log.odometry).reshape(-1, 4),
+                    soundings=np.concatenate([np.empty((0, 4)), *crew.log.soundings]),
+                    received=np.concatenate([np.empty((0, 5)), *crew.log.received]),
+                    decisions=crew.log.decisions,
+                )
+                for crew in self.crews
+            ],
+            sent=list(self.sent),
+            received=sorted(self.received, key=lambda r: (r.stamp_s, r.receiver, r.source)),
+            ground=GroundGrid.sample(self.ground, grid.north_m, grid.east_m, grid.inside),
+            sim_s=self.now_s,
+            wall_s=self._wall_s,
+            origin=self.ground.origin,
+            notes=notes,
+        )

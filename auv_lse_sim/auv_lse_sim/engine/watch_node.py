@@ -1,0 +1,70 @@
+"""Follows a running mission from outside: what the live display shows."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import TracebackType
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from auv_lse_common.ros_conversions import EVERY, LATCHED, seconds
+from auv_lse_msgs.msg import Bound, SimStatus
+from auv_lse_sim.engine.display import Progress
+
+_STATES = {
+    SimStatus.WAITING: "waiting",
+    SimStatus.RUNNING: "running",
+    SimStatus.FINISHED: "finished",
+    SimStatus.FAILED: "failed",
+}
+
+
+class Watcher:
+    """A node that reads /sim/status and every planner's bound into a Progress; a context manager."""
+
+    def __init__(self, progress: Progress) -> None:
+        """Joins nothing yet."""
+        self._progress = progress
+        self._state, self._message = "waiting", "the simulator has not spoken yet"
+
+    def __enter__(self) -> Watcher:
+        """Joins the mission's ROS domain; Ctrl-C stays the caller's."""
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("mission_display")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
+        for vehicle in range(1, self._progress.vehicles + 1):
+            topic = f"/auv{vehicle}/planner/bound"
+            self._node.create_subscription(Bound, topic, partial(self._on_bound, vehicle), EVERY)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leaves."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def wait(self, seconds_: float) -> tuple[str, str]:
+        """Handles messages for about `seconds_`; returns the state ("waiting", "running", ...) and the words to it."""
+        until = self._node.get_clock().now().nanoseconds + int(seconds_ * 1e9)
+        while (left := until - self._node.get_clock().now().nanoseconds) > 0:
+            self._executor.spin_once(timeout_sec=left * 1e-9)
+        return self._state, self._message
+
+    def _on_status(self, message: SimStatus) -> None:
+        self._state, self._message = _STATES[message.state], message.message
+        p = self._progress
+        p.sim_s = seconds(message.header.stamp)
+        p.steps = list(message.steps)
+        p.sent, p.received, p.lost = message.packets_sent, message.packets_received, message.packets_lost
+        p.speed = message.speed
+
+    def _on_bound(self, vehicle: int, message: Bound) -> None:
+        self._progress.rewards[vehicle] = message.reward_so_far
+        if message.lower_bound > message.reward_so_far:  # a naive path promises more: the method has a bound
+            self._progress.bounds[vehicle] = message.lower_bound_max

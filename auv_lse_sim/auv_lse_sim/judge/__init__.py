@@ -1,0 +1,1 @@
+"""How good a mission was: figures of merit, curves, pictures, the report."""

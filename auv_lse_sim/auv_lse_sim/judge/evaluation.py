@@ -1,0 +1,338 @@
+"""Judges a mission: maps from what was measured, compared with each other and with the true ground.
+
+Everything is rebuilt from `RunData` with the same map core that flew, so a `Fleet` run, a recording of the ROS wiring
+and a recording from a boat are judged alike. Means over the map are over the cells inside the operating area whose
+true depth is known (all cells inside, where there is no truth).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.params import parameters_for
+from auv_lse_gp.area import Grid, OperatingArea
+from auv_lse_gp.depth_map import DepthMap, Field
+from auv_lse_planner.config import PlannerSettings
+from auv_lse_sim.judge import isobath
+from auv_lse_sim.judge.reward import Curves, replay
+from auv_lse_sim.judge.summary import Summary
+from auv_lse_sim.record.run_data import DepthSource, GroundGrid, RunData, VehicleRun
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Separation of vehicles is not judged before this time (s): they all start at one place, at their own depths.
+SEPARATION_FROM_S = 60.0
+
+#: Number of places over which the risk is averaged at steps under way (at the end: over all).
+RISK_PLACES = 1500
+
+
+@dataclass(slots=True, kw_only=True)
+class Evaluation:
+    """A judged mission: the summary, and the maps and curves that the figures show.
+
+    Attributes:
+        run: The mission.
+        settings: Settings of each vehicle, in order.
+        area: The operating area.
+        prior: Map before the mission.
+        team: Map from all soundings of all vehicles, in order of time.
+        local: Each vehicle's own final map.
+        curves: Reward and bounds over steps.
+        estimate: Lines of the estimated isobath.
+        truth: Lines of the true isobath (empty without truth).
+        scored: Cells judged, shape of the map.
+        summary: The figures of merit.
+        seconds: Wall-clock time by part of the evaluation, for the impatient; filled in by the caller.
+    """
+
+    run: RunData
+    settings: list[PlannerSettings]
+    area: OperatingArea
+    prior: Field
+    team: Field
+    local: list[Field]
+    curves: Curves
+    estimate: list[Array]
+    truth: list[Array]
+    scored: Mask
+    summary: Summary
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def mission_settings(parameters: Mapping[str, Mapping[str, Any]], vehicles: int) -> list[PlannerSettings]:
+    """Planner settings of vehicles 1..K from a mission file's parameters.
+
+    Raises:
+        ParameterError: naming the parameter that cannot be used.
+    """
+    return [
+        PlannerSettings.from_parameters(parameters_for(parameters, f"/auv{k}/planner_node"), f"mission file, auv{k}")
+        for k in range(1, vehicles + 1)
+    ]
+
+
+def ground_grid(settings: PlannerSettings, ground: DepthSource) -> GroundGrid:
+    """The true ground on the grid that missions with these settings are judged on."""
+    grid = OperatingArea(settings.area).grid(settings.gp.map_resolution_m)
+    return GroundGrid.sample(ground, grid.north_m, grid.east_m, grid.inside)
+
+
+def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
+    """Judges a mission.
+
+    Args:
+        run: The mission.
+        bounds: Number of steps at which the reward's bounds are recomputed (0 is raised to 2: start and end).
+
+    Raises:
+        ValueError: if there is no vehicle, or the true ground is not on the map's grid.
+        ParameterError: if the parameters cannot be used.
+    """
+    if not run.vehicles:
+        raise ValueError("run: has no vehicle; expected at least one")
+    settings = mission_settings(run.parameters, max(v.vehicle for v in run.vehicles))
+    settings = [settings[v.vehicle - 1] for v in run.vehicles]
+    first = settings[0]
+    area = OperatingArea(first.area)
+    blank = DepthMap(first.gp, first.level_set, area)
+    prior = blank.field()
+    scored = prior.grid.inside.copy()
+    if run.ground is not None:
+        if run.ground.depth_m.shape != scored.shape:
+            raise ValueError(
+                f"run.ground: shape {run.ground.depth_m.shape}; expected the map's {scored.shape} (see ground_grid)"
+            )
+        scored &= np.isfinite(run.ground.depth_m)
+    everything = np.concatenate([v.soundings for v in run.vehicles])
+    team_map = _map(first, area, everything)
+    local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
+    curves = replay(run, settings, area, bounds, _thinned(prior.grid, scored))
+    evaluation = Evaluation(
+        run=run,
+        settings=settings,
+        area=area,
+        prior=prior,
+        team=team_map.field(),
+        local=local,
+        curves=curves,
+        estimate=team_map.isobath().lines,
+        truth=_true_isobath(run, first, scored),
+        scored=scored,
+        summary=None,  # type: ignore[arg-type]  # filled in below, from the rest
+    )
+    evaluation.summary = _summary(evaluation)
+    return evaluation
+
+
+def _thinned(grid: Grid, scored: Mask) -> Array:
+    """Every k-th of the places judged, about `RISK_PLACES` of them, for the risk over steps."""
+    rows, columns = np.nonzero(scored)
+    apart = max(1, round(len(rows) / RISK_PLACES))
+    return np.column_stack([grid.north_m[rows], grid.east_m[columns]])[::apart]
+
+
+def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingArea, tick_s: float) -> DepthMap:
+    """A vehicle's own map: in each tick its own soundings by stamp, then the team's samples by arrival."""
+    depth_map = DepthMap(settings.gp, settings.level_set, area)
+    own, heard = vehicle.soundings, vehicle.received
+    ticks_own, ticks_heard = np.ceil(own[:, 0] / tick_s - 1e-9), np.ceil(heard[:, 0] / tick_s - 1e-9)
+    done = 0
+    for tick in np.unique(ticks_heard):
+        count = int(np.searchsorted(ticks_own, tick, side="right"))
+        depth_map.add_soundings(own[done:count])
+        depth_map.add_samples(heard[ticks_heard == tick, 2:5])
+        done = count
+    depth_map.add_soundings(own[done:])
+    return depth_map
+
+
+def _tick_s(run: RunData) -> float:
+    return float(parameters_for(run.parameters, "/sim_node").get("sim", {}).get("tick_s", 1.0))
+
+
+def _map(settings: PlannerSettings, area: OperatingArea, soundings: Array) -> DepthMap:
+    depth_map = DepthMap(settings.gp, settings.level_set, area)
+    depth_map.add_soundings(soundings)
+    return depth_map
+
+
+def _true_isobath(run: RunData, settings: PlannerSettings, scored: Mask) -> list[Array]:
+    if run.ground is None:
+        return []
+    depth = np.where(scored, run.ground.depth_m, np.nan)
+    return isobath.trace(run.ground.north_m, run.ground.east_m, depth, settings.level_set.level_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """A map against the true ground (areas in m2, distances in m)."""
+
+    f1: float
+    loss: float
+    false_safe_m2: float
+    false_unsafe_m2: float
+    depth_rmse_m: float
+    error: isobath.IsobathError
+
+
+def judge(field_: Field, settings: PlannerSettings, ground: GroundGrid, scored: Mask, truth: list[Array]) -> Verdict:
+    """Compares a map with the true ground on the cells `scored`; `truth` is the true isobath."""
+    level = settings.level_set
+    mean, std, depth = field_.mean_m[scored], field_.std_m[scored], ground.depth_m[scored]
+    called, deep = level.safe(mean, std), depth >= level.level_m
+    cell = field_.grid.resolution_m**2
+    false_safe, false_unsafe = np.count_nonzero(called & ~deep), np.count_nonzero(~called & deep)
+    hits = np.count_nonzero(called & deep)
+    both = 2 * hits + false_safe + false_unsafe
+    estimate = isobath.trace(
+        field_.grid.north_m, field_.grid.east_m, np.where(scored, field_.mean_m, np.nan), level.level_m
+    )
+    return Verdict(
+        f1=2 * hits / both if both else math.nan,
+        loss=(level.cost_false_safe * false_safe + level.cost_false_unsafe * false_unsafe) / max(len(mean), 1),
+        false_safe_m2=false_safe * cell,
+        false_unsafe_m2=false_unsafe * cell,
+        depth_rmse_m=float(np.sqrt(np.mean((mean - depth) ** 2))) if len(mean) else math.nan,
+        error=isobath.compare(estimate, truth),
+    )
+
+
+def _summary(e: Evaluation) -> Summary:
+    run, first, scored, curves = e.run, e.settings[0], e.scored, e.curves
+    fleet = len(run.vehicles)
+    truth = run.ground
+    verdict = judge(e.team, first, truth, scored, e.truth) if truth is not None else None
+    ideal = _without_navigation_error(e)
+    walls = np.array([d.wall_s for v in run.vehicles for d in v.decisions])
+    walls = walls[np.isfinite(walls)]
+    bound = _last(curves.bound_max[:-1])
+    risk_team = e.team.risk[scored]
+
+    def mean(values: Array) -> float:
+        return float(values[scored].mean())
+
+    def known(value: float) -> float | None:
+        return float(value) if math.isfinite(value) else None
+
+    def of(verdict: Verdict | None, value: Callable[[Verdict], float]) -> float | None:
+        return None if verdict is None else known(value(verdict))
+
+    navigation = [navigation_error(v) for v in run.vehicles]
+    tracked = all(len(n) for n in navigation)
+    separation = least_separation(run.vehicles)
+    return Summary(
+        vehicles=fleet,
+        steps=run.steps,
+        method=first.planner.method,
+        seed=first.mission.seed,
+        team_reward=float(curves.stepwise[-1]),
+        lower_bound=bound,
+        bound_kept=None if bound is None else bool(curves.stepwise[-1] >= bound),
+        path_reward=float(curves.whole[-1]),
+        path_bound_start=known(curves.whole_bound[0]),
+        path_bound_max=_last(curves.whole_bound_max[:-1]),
+        lawnmower_value=curves.naive_value,
+        path_bound_kept=bool(curves.whole[-1] >= curves.naive_value) if run.steps else None,
+        risk_before=mean(e.prior.risk),
+        risk_third=_at_third(curves.risk),
+        risk_after=mean(e.team.risk),
+        loss_after=of(verdict, lambda v: v.loss),
+        f1=of(verdict, lambda v: v.f1),
+        misclassified_m2=of(verdict, lambda v: v.false_safe_m2 + v.false_unsafe_m2),
+        false_safe_m2=of(verdict, lambda v: v.false_safe_m2),
+        false_unsafe_m2=of(verdict, lambda v: v.false_unsafe_m2),
+        isobath_error_m=of(verdict, lambda v: v.error.mean_m),
+        isobath_error_p95_m=of(verdict, lambda v: v.error.percentile_95_m),
+        isobath_found=of(verdict, lambda v: v.error.found),
+        isobath_made_up=of(verdict, lambda v: v.error.made_up),
+        isobath_length_m=isobath.length_m(e.estimate),
+        depth_rmse_m=of(verdict, lambda v: v.depth_rmse_m),
+        area_m2=float(np.count_nonzero(scored)) * e.team.grid.resolution_m**2,
+        local_risk=tuple(mean(own.risk) for own in e.local),
+        local_risk_error=tuple(float(np.abs(own.risk[scored] - risk_team).mean()) for own in e.local),
+        local_f1=None if truth is None else tuple(judge(own, first, truth, scored, e.truth).f1 for own in e.local),
+        navigation_error_m=tuple(float(np.sqrt(np.mean(n**2))) for n in navigation) if tracked else None,
+        navigation_error_end_m=tuple(float(n[-1]) for n in navigation) if tracked else None,
+        f1_true_positions=of(ideal, lambda v: v.f1),
+        misclassified_true_positions_m2=of(ideal, lambda v: v.false_safe_m2 + v.false_unsafe_m2),
+        isobath_error_true_positions_m=of(ideal, lambda v: v.error.mean_m),
+        distance_m=tuple(path_length_m(v) for v in run.vehicles),
+        min_separation_m=separation,
+        soundings=sum(len(v.soundings) for v in run.vehicles),
+        samples_received=sum(len(v.received) for v in run.vehicles),
+        packets_sent=len(run.sent),
+        packets_received=len(run.received),
+        delivery=len(run.received) / (len(run.sent) * (fleet - 1)) if fleet > 1 and run.sent else None,
+        planning_median_s=float(np.median(walls)) if len(walls) else None,
+        planning_max_s=float(walls.max()) if len(walls) else None,
+        sim_s=run.sim_s,
+        wall_s=known(run.wall_s),
+    )
+
+
+def _at_third(risk: Array) -> float | None:
+    """Value of a curve over steps after a third of them; None if there is no such step."""
+    third = round((len(risk) - 1) / 3.0)
+    return float(risk[third]) if third > 0 and math.isfinite(risk[third]) else None
+
+
+def _last(values: Array) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite[-1]) if len(finite) else None
+
+
+def true_positions(vehicle: VehicleRun) -> Array:
+    """A vehicle's soundings (n, 4) with the positions where they were really made."""
+    stamps = vehicle.soundings[:, 0]
+    moved = vehicle.soundings.copy()
+    for column in (1, 2):
+        moved[:, column] = np.interp(stamps, vehicle.truth[:, 0], vehicle.truth[:, column])
+    return moved
+
+
+def _without_navigation_error(e: Evaluation) -> Verdict | None:
+    """The verdict on the map from the soundings at their true positions; None without truth."""
+    if e.run.ground is None or any(len(v.truth) == 0 for v in e.run.vehicles):
+        return None
+    soundings = np.concatenate([true_positions(v) for v in e.run.vehicles])
+    return judge(_map(e.settings[0], e.area, soundings).field(), e.settings[0], e.run.ground, e.scored, e.truth)
+
+
+def navigation_error(vehicle: VehicleRun) -> Array:
+    """Horizontal error (m) of each odometry message, (n,); empty without truth."""
+    if len(vehicle.truth) == 0 or len(vehicle.odometry) == 0:
+        return np.empty(0)
+    north, east = (np.interp(vehicle.odometry[:, 0], vehicle.truth[:, 0], vehicle.truth[:, c]) for c in (1, 2))
+    return np.asarray(np.hypot(vehicle.odometry[:, 1] - north, vehicle.odometry[:, 2] - east))
+
+
+def track(vehicle: VehicleRun) -> Array:
+    """The best known track (n, 4): the true one where there is one, else odometry."""
+    return vehicle.truth if len(vehicle.truth) else vehicle.odometry
+
+
+def path_length_m(vehicle: VehicleRun) -> float:
+    """Distance (m) along the best known track."""
+    return float(np.hypot(*np.diff(track(vehicle)[:, 1:3], axis=0).T).sum())
+
+
+def least_separation(vehicles: list[VehicleRun]) -> float | None:
+    """Least horizontal distance (m) between two vehicles after `SEPARATION_FROM_S`; None for a lone one."""
+    tracks = [track(v) for v in vehicles if len(track(v))]
+    if len(tracks) < 2:
+        return None
+    end = min(t[-1, 0] for t in tracks)
+    times = np.arange(SEPARATION_FROM_S, end, 1.0)
+    if len(times) == 0:
+        return None
+    at = [np.column_stack([np.interp(times, t[:, 0], t[:, c]) for c in (1, 2)]) for t in tracks]
+    pairs = [(i, j) for i in range(len(at)) for j in range(i)]
+    return min(float(np.hypot(*(at[i] - at[j]).T).min()) for i, j in pairs)

@@ -1,0 +1,407 @@
+"""The figures of a mission, as the paper shows them, with axes, units and colours that everybody can tell apart.
+
+Maps have north up and east to the right, to scale, and leave out what is not judged. Vehicles have the colours of
+Okabe and Ito (2008) and, beyond eight, other dashes too; risk runs along a colour map of even lightness steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
+from numpy.typing import NDArray
+
+from auv_lse_sim.judge.evaluation import Evaluation, navigation_error, track
+
+Array = NDArray[np.float64]
+
+#: Colours for categories (Okabe and Ito 2008), told apart under every common colour blindness.
+COLORS = ("#D55E00", "#56B4E9", "#009E73", "#CC79A7", "#E69F00", "#0072B2", "#F0E442", "#000000")
+DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
+RISK_COLORS = "cividis"
+DIFFERENCE_COLORS = "PuOr_r"
+STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 8.5,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.linewidth": 0.7,
+    "axes.grid": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "figure.facecolor": "white",
+    "axes.titlelocation": "left",
+}
+WIDTH_IN = 7.3
+DPI = 200
+LEGEND_COLUMNS = 7
+
+
+def vehicle_style(index: int) -> dict[str, Any]:
+    """Colour and dashes of vehicle number `index` + 1."""
+    return {"color": COLORS[index % len(COLORS)], "linestyle": DASHES[index // len(COLORS) % len(DASHES)]}
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Writes a figure as PNG."""
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=DPI, metadata={"Software": None})
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """An empty figure whose parts make room for each other."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def risk_maps(e: Evaluation) -> Figure:
+    """Prior and posterior Bayes risk with the paths, and the true and the estimated isobath."""
+    with matplotlib.rc_context(STYLE):
+        extent, aspect = _extent(e)
+        panel_in, side_by_side = _panel(aspect, 2)
+        columns = 2 if side_by_side else 1
+        figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + _legend_in(e, 5))
+        axes = figure.subplots(2 // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        top = max(float(np.nanmax(e.prior.risk)), 1e-9)
+        titles = (r"$\bf{a}$  Bayes risk before the mission", r"$\bf{b}$  Bayes risk given all soundings")
+        image: Any = None
+        for axis, title, shown in zip(axes, titles, (e.prior, e.team), strict=True):
+            image = axis.imshow(
+                _shown(shown.risk, e),
+                origin="lower",
+                extent=extent,
+                cmap=RISK_COLORS,
+                vmin=0.0,
+                vmax=top,
+                aspect="equal",
+            )
+            _map_axes(axis, extent, title)
+            _tracks(axis, e)
+        _isobath(axes[0], e.truth, "true")
+        _isobath(axes[1], e.truth, "true")
+        _isobath(axes[1], e.estimate, "estimate")
+        _outer_labels(axes, columns)
+        bar = figure.colorbar(image, ax=axes.tolist(), shrink=0.9, pad=0.015, aspect=28)
+        bar.set_label("Bayes risk per place (units of cost)")
+        bar.outline.set_linewidth(0.5)
+        _legend(figure, e, truth=bool(e.truth), estimate=True)
+        return figure
+
+
+def reward(e: Evaluation) -> Figure:
+    """Team reward over steps with the time-varying lower bound and its running maximum, in both readings."""
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(WIDTH_IN, 3.2)
+        left, right = figure.subplots(1, 2)
+        c = e.curves
+        steps = np.arange(len(c.stepwise))
+        blue, red, black = "#0072B2", "#D55E00", "#000000"
+        left.plot(steps, c.stepwise, color=blue, lw=1.8, label="team reward so far")
+        bound = c.bound.copy()
+        bound[-1] = np.nan
+        known = np.isfinite(bound)
+        if known.any():
+            left.plot(
+                steps[known], bound[known], color=red, lw=1.2, ls=(0, (4, 1.5)), label="lower bound, time-varying"
+            )
+            left.plot(steps[known], c.bound_max[known], color=black, lw=1.2, label="its running maximum")
+        else:
+            left.plot([], [], " ", label="no naive part, so no lower bound")
+        left.set_title(r"$\bf{a}$  Stepwise, as printed")
+        known = np.isfinite(c.whole_bound)
+        right.plot(steps, c.whole, color=blue, lw=1.8, label="path reward so far")
+        right.plot(
+            steps[known],
+            c.whole_bound[known],
+            color=red,
+            lw=1.2,
+            ls=(0, (4, 1.5)),
+            label="expected at the end, plans in hand",
+        )
+        right.plot(steps[known], c.whole_bound_max[known], color=black, lw=1.2, label="its running maximum")
+        right.axhline(c.naive_value, color="#777777", lw=1.0, ls=(0, (1, 1.5)), label="expected of mowing the lawn")
+        right.set_title(r"$\bf{b}$  Whole path")
+        for axis in (left, right):
+            axis.set_xlabel("step")
+            axis.set_ylabel("reward (drop of Bayes risk, units of cost)")
+            axis.set_xlim(0, max(len(c.stepwise) - 1, 1))
+            top = axis.get_ylim()[1]
+            axis.set_ylim(min(0.0, float(np.nanmin(c.stepwise))), top * 1.32)
+            axis.grid(True, color="#e4e4e4", lw=0.5)
+            axis.set_axisbelow(True)
+            axis.legend(loc="upper left", handlelength=2.4, labelspacing=0.25, borderaxespad=0.2)
+        return figure
+
+
+def risk_over_steps(e: Evaluation) -> Figure | None:
+    """Mean Bayes risk over the map against steps; None if it was not computed."""
+    known = np.flatnonzero(np.isfinite(e.curves.risk))
+    if len(known) < 2:
+        return None
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(WIDTH_IN, 2.4)
+        axis = figure.subplots()
+        axis.plot(known, e.curves.risk[known], "o-", ms=3.5, lw=1.5, color="#0072B2")
+        axis.set_xlabel("step")
+        axis.set_ylabel("mean Bayes risk (cost/place)")
+        axis.set_xlim(0, len(e.curves.risk) - 1)
+        axis.set_ylim(bottom=0.0)
+        axis.grid(True, color="#e4e4e4", lw=0.5)
+        axis.set_axisbelow(True)
+        return figure
+
+
+def local_risk_error(e: Evaluation) -> Figure:
+    """Per vehicle: posterior risk of its own final map less the risk given all soundings."""
+    with matplotlib.rc_context(STYLE):
+        extent, aspect = _extent(e)
+        count = len(e.local)
+        columns = min(count, 3 if aspect >= 0.5 else 2)
+        rows = math.ceil(count / columns)
+        width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
+        panel_in = (width - 1.3) / columns * aspect + 0.3
+        figure = new_figure(width, rows * panel_in + 0.7 + _legend_in(e, 2))
+        axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        differences = [own.risk - e.team.risk for own in e.local]
+        largest = max((float(np.nanmax(np.abs(d[e.scored]))) for d in differences), default=0.0) or 1.0
+        image: Any = None
+        for index, (axis, difference) in enumerate(zip(axes, differences, strict=False)):
+            image = axis.imshow(
+                _shown(difference, e),
+                origin="lower",
+                extent=extent,
+                cmap=DIFFERENCE_COLORS,
+                vmin=-largest,
+                vmax=largest,
+                aspect="equal",
+            )
+            mean = e.summary.local_risk_error[index]
+            _map_axes(axis, extent, f"auv{e.run.vehicles[index].vehicle}   mean |error| {mean:.3f}")
+            _tracks(axis, e, only=index)
+        for axis in axes[count:]:
+            axis.set_visible(False)
+        _outer_labels(axes[:count], columns)
+        bar = figure.colorbar(image, ax=axes[:count].tolist(), shrink=0.9, pad=0.015, aspect=26 * rows)
+        bar.set_label("own risk − risk given all\n(units of cost per place)")
+        bar.outline.set_linewidth(0.5)
+        _legend(figure, e, truth=False, estimate=False)
+        return figure
+
+
+def depth_map(e: Evaluation) -> Figure:
+    """The estimated depth, its standard deviation, and its error where the truth is known."""
+    with matplotlib.rc_context(STYLE):
+        extent, aspect = _extent(e)
+        panels = 3 if e.run.ground is not None else 2
+        panel_in = (WIDTH_IN - 2.2) / panels * aspect + 1.05
+        figure = new_figure(WIDTH_IN, panel_in + 0.45)
+        axes = figure.subplots(1, panels, sharex=True, sharey=True)
+        level = e.settings[0].level_set.level_m
+        shown: list[tuple[str, str, Array, dict[str, Any]]] = [
+            (r"$\bf{a}$  Estimated depth", "depth (m)", e.team.mean_m, {"cmap": "viridis_r"}),
+            (
+                r"$\bf{b}$  Its standard deviation",
+                "standard deviation (m)",
+                e.team.std_m,
+                {"cmap": RISK_COLORS, "vmin": 0.0},
+            ),
+        ]
+        if e.run.ground is not None:
+            error = e.team.mean_m - e.run.ground.depth_m
+            limit = float(np.nanpercentile(np.abs(error[e.scored]), 99.0)) or 1.0
+            scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
+            shown.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
+        for axis, (title, label, values, scale) in zip(axes, shown, strict=True):
+            image = axis.imshow(_shown(values, e), origin="lower", extent=extent, aspect="equal", **scale)
+            _map_axes(axis, extent, title)
+            _isobath(axis, e.truth, "true")
+            _isobath(axis, e.estimate, "estimate")
+            bar = figure.colorbar(image, ax=axis, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
+            bar.set_label(label)
+            bar.outline.set_linewidth(0.5)
+        _outer_labels(axes, panels)
+        lines = [_proxy("estimate", f"estimated {level:g} m isobath")]
+        lines += [_proxy("true", "true one")] if e.truth else []
+        figure.legend(handles=lines, loc="outside lower center", ncols=2, handlelength=2.6)
+        return figure
+
+
+def navigation(e: Evaluation) -> Figure | None:
+    """Horizontal error of each vehicle's odometry over time; None without truth."""
+    errors = [navigation_error(v) for v in e.run.vehicles]
+    if not all(len(error) for error in errors):
+        return None
+    with matplotlib.rc_context(STYLE):
+        figure = new_figure(WIDTH_IN, 2.4)
+        axis = figure.subplots()
+        for index, (vehicle, error) in enumerate(zip(e.run.vehicles, errors, strict=True)):
+            axis.plot(
+                vehicle.odometry[:, 0] / 60.0, error, lw=1.3, label=f"auv{vehicle.vehicle}", **vehicle_style(index)
+            )
+        axis.set_xlabel("mission time (min)")
+        axis.set_ylabel("horizontal error (m)")
+        axis.set_xlim(left=0.0)
+        axis.set_ylim(bottom=0.0)
+        axis.grid(True, color="#e4e4e4", lw=0.5)
+        axis.legend(loc="upper left", ncols=min(len(errors), 6), handlelength=2.0)
+        return figure
+
+
+def _extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]:
+    """Extent (left, right, bottom, top) in m of the map's image, and its height / width."""
+    grid = e.team.grid
+    half = 0.5 * grid.resolution_m
+    extent = (
+        float(grid.east_m[0] - half),
+        float(grid.east_m[-1] + half),
+        float(grid.north_m[0] - half),
+        float(grid.north_m[-1] + half),
+    )
+    return extent, (extent[3] - extent[2]) / (extent[1] - extent[0])
+
+
+def _panel(aspect: float, columns: int) -> tuple[float, bool]:
+    """Height (in) of one map panel, and whether `columns` of them go side by side."""
+    side_by_side = aspect >= 0.5
+    width = (WIDTH_IN - 1.4) / (columns if side_by_side else 1)
+    return min(width * aspect, 7.5) + 0.25, side_by_side
+
+
+def _shown(values: Array, e: Evaluation) -> Any:
+    return np.ma.masked_where(~e.scored, values)
+
+
+def _map_axes(axis: Any, extent: Sequence[float], title: str) -> None:
+    axis.set_title(title)
+    axis.set_facecolor("#ececec")
+    axis.set_xlim(extent[0], extent[1])
+    axis.set_ylim(extent[2], extent[3])
+    for spine in axis.spines.values():
+        spine.set_visible(True)
+
+
+def _outer_labels(axes: Any, columns: int) -> None:
+    for index, axis in enumerate(axes):
+        if index % columns == 0:
+            axis.set_ylabel("north (m)")
+        if index >= len(axes) - columns:
+            axis.set_xlabel("east (m)")
+            axis.tick_params(labelbottom=True)
+
+
+def _tracks(axis: Any, e: Evaluation, only: int | None = None) -> None:
+    thin = 1.25 if len(e.run.vehicles) <= 6 else 0.8
+    for index, vehicle in enumerate(e.run.vehicles):
+        if only is not None and index != only:
+            continue
+        rows = track(vehicle)
+        if len(rows) == 0:
+            continue
+        style = vehicle_style(index)
+        casing = [Stroke(linewidth=thin + 1.1, foreground="white", alpha=0.9), Normal()]
+        axis.plot(rows[:, 2], rows[:, 1], lw=thin, path_effects=casing, solid_capstyle="round", **style)
+        axis.plot(*rows[0, [2, 1]], "o", ms=4.5, mfc="white", mec="black", mew=0.9, zorder=5)
+        axis.plot(*rows[-1, [2, 1]], "s", ms=4.5, mfc=style["color"], mec="black", mew=0.7, zorder=5)
+
+
+_ISOBATHS: dict[str, dict[str, Any]] = {
+    "true": {"color": "white", "linestyle": (0, (3.5, 1.6)), "linewidth": 1.3},
+    "estimate": {"color": "black", "linestyle": "-", "linewidth": 1.5},
+}
+
+
+def _isobath(axis: Any, lines: Sequence[Array], kind: str) -> None:
+    other = "black" if kind == "true" else "white"
+    style = _ISOBATHS[kind]
+    for line in lines:
+        effects = [Stroke(linewidth=style["linewidth"] + 0.9, foreground=other, alpha=0.85), Normal()]
+        axis.plot(line[:, 1], line[:, 0], zorder=4, path_effects=effects, **style)
+
+
+def _proxy(kind: str, label: str) -> Line2D:
+    style = _ISOBATHS[kind]
+    other = "black" if kind == "true" else "white"
+    effects = [Stroke(linewidth=style["linewidth"] + 1.2, foreground=other), Normal()]
+    return Line2D([], [], label=label, path_effects=effects, **style)
+
+
+def _legend_in(e: Evaluation, others: int) -> float:
+    """Height (in) of the legend's lines after the first, with `others` entries beside the vehicles."""
+    return 0.17 * ((len(e.run.vehicles) + others - 1) // LEGEND_COLUMNS)
+
+
+def _legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) -> None:
+    level = e.settings[0].level_set.level_m
+    handles: list[Any] = [
+        Line2D([], [], lw=1.6, label=f"auv{v.vehicle}", **vehicle_style(i)) for i, v in enumerate(e.run.vehicles)
+    ]
+    handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="black", label="start"))
+    handles.append(Line2D([], [], ls="", marker="s", mfc="#999999", mec="black", label="end"))
+    if truth:
+        handles.append(_proxy("true", f"true {level:g} m isobath"))
+    if estimate:
+        handles.append(_proxy("estimate", f"estimated {level:g} m isobath"))
+    if not e.scored.all():
+        handles.append(Patch(facecolor="#ececec", edgecolor="#888888", linewidth=0.5, label="not judged"))
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=min(len(handles), LEGEND_COLUMNS),
+        handlelength=2.2,
+        columnspacing=1.4,
+    )
+
+
+#: Figures of the report: file name, what it shows, and the function that draws it.
+FIGURES: tuple[tuple[str, str, Any], ...] = (
+    (
+        "risk_maps.png",
+        "Bayes risk before the mission and given the soundings of all vehicles, with the vehicles' paths, the true "
+        "isobath (dashed) and the estimated one (solid).",
+        risk_maps,
+    ),
+    (
+        "reward.png",
+        "Team reward over steps. (a) As printed in the paper: each leg's drop of risk at its own place; the lower "
+        "bound is that sum plus the naive part of the augmented value. The two do not telescope, so the sum can end "
+        "below it. (b) The whole path as one: drop of risk since the start at all places visited, its expectation at "
+        "the mission's end if the plans in hand are carried out, and the value of mowing the lawn.",
+        reward,
+    ),
+    (
+        "risk_over_steps.png",
+        "Mean Bayes risk over the map, given the soundings of all vehicles so far.",
+        risk_over_steps,
+    ),
+    (
+        "local_risk_error.png",
+        "Posterior Bayes risk of each vehicle's own map less the risk given all soundings: what lost, late and thinned "
+        "samples cost.",
+        local_risk_error,
+    ),
+    ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),
+    ("navigation.png", "Horizontal error of the vehicles' position estimates.", navigation),
+)
+
+
+def draw_all(e: Evaluation, folder: Path) -> list[tuple[str, str]]:
+    """Draws every figure into `folder`; file name and caption of each one drawn."""
+    drawn = []
+    for name, caption, draw in FIGURES:
+        figure = draw(e)
+        if figure is not None:
+            save(figure, folder / name)
+            drawn.append((name, caption))
+    return drawn

@@ -1,0 +1,308 @@
+"""The team's reward and its lower bound, replayed from what was measured (PAPER.md sections 2 and 6).
+
+Joint step i is leg i of every vehicle; D_{i-1} is what all vehicles measured on their legs before it. The replay knows
+all of it at once, which no vehicle did. Two readings of the paper's reward are computed, because only one of them can
+be compared with the value of a path planned as a whole:
+
+- *Stepwise*, the literal sum: each leg is credited with the drop of Bayes risk at its own place by its own
+  measurements, J(gamma_1(s_i)) = sum_k r(p_i^k | D_{i-1}) - r(p_i^k | D_i). The time-varying lower bound is the sum so
+  far plus the naive part of Jbar (the caption of the paper's figure). A tail is credited against the data of today at
+  all of its places, a leg only against what was left when it was travelled, so the two do not telescope: the
+  bound starts at the value of the whole lawnmower and the sum can end below it, however good the mission was.
+- *Whole path*: J(gamma_l(s_0)) = sum over all places of the path of r(p | no data) - r(p | all data), the definition of
+  the reward with n = l, i = 0. The matching bound at step i is the expectation of that final value if the plans in
+  hand are carried out. It does telescope: in expectation it stays where it is while plans are kept, and grows only by
+  better plans.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from auv_lse_common.plan import NONE
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.online import IllConditionedError, OnlineGp, SoundingError
+from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.config import PlannerSettings
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import COVERING, LAWNMOWERS, NaivePaths
+from auv_lse_sim.record.run_data import DecisionRecord, RunData, VehicleRun
+
+Array = NDArray[np.float64]
+
+#: Parts of the mission after each of which the map's risk is averaged.
+RISK_EVERY = 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curves:
+    """Reward and bounds over joint steps 0..n (n + 1 values; value i is before leg i); unit: that of the costs.
+
+    Attributes:
+        stepwise: Realized stepwise reward so far, shape (n + 1,).
+        bound: Stepwise reward so far + naive part of Jbar; NaN without naive part or where not computed, (n + 1,).
+        whole: Whole-path reward of the places visited so far, given the data so far, shape (n + 1,).
+        whole_bound: Expected whole-path reward if the plans in hand are carried out; NaN where not computed, (n + 1,).
+        naive_value: Expected whole-path reward, before the first leg, of every vehicle mowing the lawn from its start.
+        per_vehicle: Stepwise reward of each vehicle's legs, shape (K, n).
+        risk: Mean Bayes risk over the map given the data so far (cost/place), NaN where not computed, shape (n + 1,).
+    """
+
+    stepwise: Array
+    bound: Array
+    whole: Array
+    whole_bound: Array
+    naive_value: float
+    per_vehicle: Array
+    risk: Array
+
+    @property
+    def bound_max(self) -> Array:
+        """Running maximum of `bound` (NaN before its first value)."""
+        return running_maximum(self.bound)
+
+    @property
+    def whole_bound_max(self) -> Array:
+        """Running maximum of `whole_bound`."""
+        return running_maximum(self.whole_bound)
+
+
+def running_maximum(values: Array) -> Array:
+    """Largest value so far, passing over NaN; NaN before the first value."""
+    filled = np.where(np.isnan(values), -np.inf, values)
+    largest = np.maximum.accumulate(filled)
+    return np.where(np.isinf(largest), np.nan, largest)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rolled:
+    """A plan from its anchor to the mission's end: of L legs, of which the first `own` are its actions.
+
+    Attributes:
+        states: States, shape (L + 1, 3): heading (rad), north, east (m).
+        places_m: Places of each leg that count in the reward, shape (L, n, 2); the last one is its end.
+        own: Number of its actions; the naive path follows.
+    """
+
+    states: Array
+    places_m: Array
+    own: int
+
+
+class PlannedPath:
+    """Rebuilds the places of a plan as its receivers do: the actions, then the naive path to the mission's end."""
+
+    def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
+        """Prepares motion table and naive paths."""
+        self.motion = MotionTable(settings.motion)
+        self.steps = settings.mission.steps
+        self._fractions = (np.arange(settings.planner.samples_per_leg) + 1.0) / settings.planner.samples_per_leg
+        space = FreeSpace(area, self.motion, settings.area.raster_m)
+        self._naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
+        self._rolled: dict[tuple[object, ...], _Rolled] = {}  # by what `_roll` reads of a decision
+
+    def leg_places(self, states: Array, actions: NDArray[np.int64]) -> Array:
+        """Places (L, n, 2) that count in the reward of legs from `states` (L, 3); the last one of each is its end."""
+        tracks = self.motion.tracks_m[actions]
+        ahead, starboard = np.moveaxis(tracks[:, np.rint(self._fractions * (tracks.shape[1] - 1)).astype(int)], 2, 0)
+        c, s = np.cos(states[:, :1]), np.sin(states[:, :1])
+        return np.stack([states[:, 1:2] + c * ahead - s * starboard, states[:, 2:] + s * ahead + c * starboard], axis=2)
+
+    def places(self, decision: DecisionRecord) -> tuple[Array, Array]:
+        """Places of a plan from the decided leg to the end: of its actions (A, 2), of its naive part (B, 2)."""
+        rolled, gone = self._roll(decision), decision.step - decision.anchor_step
+        head, tail = rolled.places_m[gone : rolled.own], rolled.places_m[max(gone, rolled.own) :]
+        return head.reshape(-1, 2), tail.reshape(-1, 2)
+
+    def leg(self, decision: DecisionRecord) -> Array:
+        """Places (n, 2) of the decided leg, which is of the plan's naive part if its actions are used up."""
+        gone = decision.step - decision.anchor_step
+        return self._roll(decision).places_m[gone : gone + 1].reshape(-1, 2)
+
+    def state(self, decision: DecisionRecord) -> Array:
+        """State (3,) in which the decided leg begins, or the path ends: heading (rad), north, east (m)."""
+        states = self._roll(decision).states
+        state: Array = states[min(decision.step - decision.anchor_step, len(states) - 1)]
+        return state
+
+    def _roll(self, decision: DecisionRecord) -> _Rolled:
+        start = (decision.heading_rad, decision.north_m, decision.east_m)
+        key = (decision.anchor_step, *start, decision.actions, decision.heuristic)
+        if key not in self._rolled:
+            steps = self.steps - decision.anchor_step
+            actions = np.array(decision.actions[:steps], dtype=np.int64)
+            after = self.motion.roll(np.array(start), actions)[-1]
+            naive = self._naive.actions(after, decision.heuristic, steps - len(actions))
+            path = np.concatenate([actions, naive])
+            states = self.motion.roll(np.array(start), path)
+            self._rolled[key] = _Rolled(states, self.leg_places(states[:-1], path), len(actions))
+        return self._rolled[key]
+
+    def naive(self, state: Array, heuristic: int) -> Array:
+        """Places (P, 2) of a naive path from a state over the whole mission."""
+        actions = self._naive.actions(state, heuristic, self.steps)
+        return self.leg_places(self.motion.roll(state, actions)[:-1], actions).reshape(-1, 2)
+
+
+def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
+    """Times (s) at which a vehicle began the legs it decided, and infinity, (n + 1,).
+
+    A decision is taken shortly before its leg begins, so state i is passed between decisions i and i + 1: when the
+    odometry is nearest to it.
+    """
+    track, decisions = vehicle.odometry, vehicle.decisions
+    times = []
+    for index, decision in enumerate(decisions):
+        following = decisions[index + 1].now_s if index + 1 < len(decisions) else np.inf
+        if index + 1 == len(decisions) and index:
+            following = decision.now_s + 2.0 * (decision.now_s - decisions[index - 1].now_s)
+        first = np.searchsorted(track[:, 0], decision.now_s, side="left")
+        rows = track[first : np.searchsorted(track[:, 0], following, side="right")]
+        if len(rows) == 0:
+            times.append(decision.now_s)
+            continue
+        _, north, east = path.state(decision)
+        distance = np.hypot(rows[:, 1] - north, rows[:, 2] - east)
+        times.append(float(rows[np.argmin(distance), 0]))
+    return np.array([*times, np.inf])
+
+
+def replay(
+    run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, bounds: int = 34, map_m: Array | None = None
+) -> Curves:
+    """Replays a mission's reward and bounds from its soundings.
+
+    Args:
+        run: The mission.
+        settings: The planner's settings of each vehicle, in order.
+        area: The operating area.
+        bounds: At most about this many steps get their bounds computed (each takes some 20 ms for 300 places).
+        map_m: Places (P, 2) over which the map's risk is averaged, at start, end and each `RISK_EVERY` of the steps.
+    """
+    steps, level_set = run.steps, settings[0].level_set
+    paths = [PlannedPath(s, area) for s in settings]
+    decisions = [{d.step: d for d in v.decisions} for v in run.vehicles]
+    soundings = [_by_leg(v, path, steps) for v, path in zip(run.vehicles, paths, strict=True)]
+    gp, blank = OnlineGp(settings[0].gp), OnlineGp(settings[0].gp)
+    noise_m2 = settings[0].gp.noise_std_m ** 2
+    visited = np.empty((0, 2))
+    prior_visited = np.empty(0)
+    stepwise, whole = np.zeros(steps + 1), np.zeros(steps + 1)
+    bound, whole_bound = np.full(steps + 1, np.nan), np.full(steps + 1, np.nan)
+    per_vehicle = np.zeros((len(run.vehicles), steps))
+    risk = np.full(steps + 1, np.nan)
+    if map_m is not None:
+        risk[0] = _risk(gp, level_set, map_m).mean()
+    averaged = {round(steps * i / RISK_EVERY) for i in range(RISK_EVERY + 1)}
+    augmented = any(d.heuristic != NONE for v in run.vehicles for d in v.decisions)
+    chosen = set(np.linspace(0, steps - 1, min(max(bounds, 2), steps)).round().astype(int).tolist()) if steps else set()
+    for step in range(steps):
+        plans = [own.get(step) for own in decisions]
+        if step in chosen and all(plan is not None for plan in plans):
+            parts = [path.places(plan) for path, plan in zip(paths, plans, strict=True) if plan is not None]
+            heads = np.concatenate([head for head, _ in parts])
+            tails = np.concatenate([tail for _, tail in parts])
+            before, after = _expected(gp, level_set, noise_m2, np.concatenate([heads, tails]), visited)
+            prior = _risk(blank, level_set, np.concatenate([heads, tails, visited]))
+            if augmented:
+                bound[step] = stepwise[step] + float((before - after)[len(heads) : len(heads) + len(tails)].sum())
+            whole_bound[step] = float((prior - after).sum())
+        places = [
+            path.leg(plan) if plan is not None else np.empty((0, 2)) for path, plan in zip(paths, plans, strict=True)
+        ]
+        owner = np.repeat(np.arange(len(places)), [len(p) for p in places])
+        here = np.concatenate(places)
+        before_leg = _risk(gp, level_set, here)
+        for own in soundings:
+            _add(gp, own[step])
+        drop = before_leg - _risk(gp, level_set, here)
+        per_vehicle[:, step] = np.bincount(owner, drop, minlength=len(places))
+        stepwise[step + 1] = stepwise[step] + drop.sum()
+        if map_m is not None and step + 1 in averaged:
+            risk[step + 1] = _risk(gp, level_set, map_m).mean()
+        visited = np.concatenate([visited, here])
+        prior_visited = np.concatenate([prior_visited, _risk(blank, level_set, here)])
+        whole[step + 1] = float((prior_visited - _risk(gp, level_set, visited)).sum())
+    bound[steps] = stepwise[steps] if augmented else np.nan
+    whole_bound[steps] = whole[steps]
+    return Curves(
+        stepwise=stepwise,
+        bound=bound,
+        whole=whole,
+        whole_bound=whole_bound,
+        naive_value=_naive_value(run, settings, paths, noise_m2),
+        per_vehicle=per_vehicle,
+        risk=risk,
+    )
+
+
+def _naive_value(
+    run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPath], noise_m2: float
+) -> float:
+    """Expected whole-path reward of everybody mowing the lawn: each takes the lawnmower that adds most, in order."""
+    gp, level_set = OnlineGp(settings[0].gp), settings[0].level_set
+    team = np.empty((0, 2))
+    value = 0.0
+    for vehicle, path in zip(run.vehicles, paths, strict=True):
+        if not vehicle.decisions:
+            continue
+        first = vehicle.decisions[0]
+        state = np.array([first.heading_rad, first.north_m, first.east_m])
+        ids = [first.heuristic] if first.heuristic != NONE else [*LAWNMOWERS, *COVERING]
+        best: tuple[float, Array] | None = None
+        for heuristic in ids:
+            joint = np.concatenate([team, path.naive(state, heuristic)])
+            before, after = _expected(gp, level_set, noise_m2, joint, np.empty((0, 2)))
+            worth = float((before - after).sum())
+            if best is None or worth > best[0]:
+                best = (worth, joint)
+        if best is not None:
+            value, team = best
+    return value
+
+
+def _by_leg(vehicle: VehicleRun, path: PlannedPath, steps: int) -> list[Array]:
+    """A vehicle's soundings (n, 4) by the leg they were made on; those before the first leg count to it."""
+    times = leg_times(vehicle, path)
+    legs: list[Array] = [np.empty((0, 4))] * steps
+    if len(vehicle.decisions) == 0:
+        return legs
+    index = np.clip(np.searchsorted(times[:-1], vehicle.soundings[:, 0], side="right") - 1, 0, None)
+    for number, decision in enumerate(vehicle.decisions):
+        legs[decision.step] = np.concatenate([legs[decision.step], vehicle.soundings[index == number]])
+    return legs
+
+
+def _add(gp: OnlineGp, soundings: Array) -> None:
+    for _, north, east, depth in soundings:
+        try:
+            gp.add(float(north), float(east), float(depth))
+        except (SoundingError, IllConditionedError):
+            continue  # a vehicle's own map refuses the same ones, and counts them
+
+
+def _risk(gp: OnlineGp, level_set: LevelSet, places: Array) -> Array:
+    if len(places) == 0:
+        return np.empty(0)
+    return level_set.risk(*gp.predict(places))
+
+
+def _expected(gp: OnlineGp, level_set: LevelSet, noise_m2: float, planned: Array, others: Array) -> tuple[Array, Array]:
+    """Risk now and once `planned` (V, 2) is measured too, at `planned` then `others` (O, 2); (V + O,) each."""
+    places = np.concatenate([planned, others])
+    if len(places) == 0:
+        return np.empty(0), np.empty(0)
+    count = len(planned)
+    mean, covariance = gp.posterior(places)
+    variance = np.maximum(np.diag(covariance), 0.0)
+    matrix = covariance[:count, :count] + noise_m2 * np.eye(count)
+    gain = solve_triangular(np.linalg.cholesky(matrix), covariance[:count], lower=True)
+    left = np.clip(variance - np.einsum("vp,vp->p", gain, gain), 0.0, variance)
+    before = level_set.risk(mean, np.sqrt(variance))
+    return before, level_set.expected_risk(mean, np.sqrt(variance - left), np.sqrt(left))

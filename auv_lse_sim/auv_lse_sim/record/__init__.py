@@ -1,0 +1,1 @@
+"""What a mission leaves behind: recorded, written and read back."""

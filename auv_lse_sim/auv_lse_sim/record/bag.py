@@ -1,0 +1,356 @@
+"""A run's recording (rosbag2 directory with MCAP) to `RunData` and back, without ROS.
+
+Reading goes by the message definitions kept in the recording, so a bag made elsewhere, or by an older version of the
+messages, is read as long as the fields used here are there. Writing serves missions flown by the fleet engine: their
+recordings play with `ros2 bag play` as those of the ROS wiring do. Positions become ENU at this boundary, as in every
+other message (see docs/frames.md).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
+from auv_lse_common.params import parameters_for, read_parameter_file
+from auv_lse_sim.record.run_data import (
+    DecisionRecord,
+    GroundGrid,
+    PacketReceived,
+    PacketSent,
+    RunData,
+    VehicleRun,
+)
+
+#: Messages of this project that a recording holds and this module writes.
+OWN_MESSAGES = ("Bound", "ModemRx", "ModemTx", "Plan", "SampleArray", "Sounding")
+
+
+class BagError(ValueError):
+    """A recording that cannot be read: missing, broken, or without what a mission records."""
+
+
+def read_run(folder: Path, *, ground: GroundGrid | None = None, wall_s: float = math.nan) -> RunData:
+    """Reads a run folder (`mission.yaml` and `bag/`).
+
+    Args:
+        folder: The run folder.
+        ground: True ground on the evaluation grid, None if there is none.
+        wall_s: Wall-clock time the mission took (s); NaN: as the recording's own clock says.
+
+    Raises:
+        BagError: naming the folder and what is missing or broken in it.
+        ParameterError: if `mission.yaml` is not a parameter file.
+    """
+    return read_bag(folder / "bag", read_parameter_file(folder / "mission.yaml"), ground=ground, wall_s=wall_s)
+
+
+def read_bag(
+    bag: Path,
+    parameters: Mapping[str, Mapping[str, Any]],
+    *,
+    ground: GroundGrid | None = None,
+    wall_s: float = math.nan,
+) -> RunData:
+    """Reads a rosbag2 directory.
+
+    Args:
+        bag: The directory with `metadata.yaml`.
+        parameters: The mission file, as `read_parameter_file` gives it.
+        ground: True ground on the evaluation grid, None if there is none.
+        wall_s: Wall-clock time the mission took (s), NaN if not known.
+
+    Raises:
+        BagError: naming the bag and what is wrong.
+    """
+    logs: dict[int, _VehicleLog] = {}
+    sent: list[PacketSent] = []
+    received: list[PacketReceived] = []
+    last_s = 0.0
+    for topic, message in _messages(bag):
+        match = re.fullmatch(r"(/truth)?/auv(\d+)/(.+)", topic)
+        if match is None:
+            continue
+        vehicle, name = int(match[2]), ("truth/" if match[1] else "") + match[3]
+        log = logs.setdefault(vehicle, _VehicleLog())
+        stamp_s = _seconds(message.header.stamp)
+        last_s = max(last_s, stamp_s)
+        if name == "modem/tx":
+            sent.append(PacketSent(stamp_s=stamp_s, source=int(message.source), payload=bytes(message.payload)))
+        elif name == "modem/rx":
+            received.append(
+                PacketReceived(
+                    stamp_s=stamp_s,
+                    receiver=vehicle,
+                    source=int(message.source),
+                    snr_db=float(message.snr_db),
+                    payload=bytes(message.payload),
+                )
+            )
+        else:
+            log.take(name, stamp_s, message)
+    if not logs:
+        raise BagError(f"{bag}: holds no topic /auvN/...; expected the recording of a mission")
+    vehicles = []
+    for number in sorted(logs):
+        method = str(parameters_for(parameters, f"/auv{number}/planner_node").get("planner", {}).get("method", ""))
+        vehicles.append(logs[number].vehicle_run(number, method))
+    return RunData(
+        parameters=parameters,
+        vehicles=vehicles,
+        sent=sorted(sent, key=lambda p: (p.stamp_s, p.source)),
+        received=sorted(received, key=lambda p: (p.stamp_s, p.receiver)),
+        ground=ground,
+        sim_s=last_s,
+        wall_s=wall_s,
+        origin=_origin(parameters),
+    )
+
+
+def _origin(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, float] | None:
+    area = parameters_for(parameters, "/auv1/planner_node").get("area", {})
+    latitude, longitude = area.get("origin_lat_deg"), area.get("origin_lon_deg")
+    return None if latitude is None or longitude is None else (float(latitude), float(longitude))
+
+
+class _VehicleLog:
+    """Collects one vehicle's messages, topic by topic."""
+
+    def __init__(self) -> None:
+        self.truth: list[tuple[float, ...]] = []
+        self.odometry: list[tuple[float, ...]] = []
+        self.soundings: list[tuple[float, ...]] = []
+        self.samples: list[tuple[float, ...]] = []
+        self.plans: dict[float, Any] = {}
+        self.bounds: dict[float, Any] = {}
+
+    def take(self, name: str, stamp_s: float, message: Any) -> None:
+        """Takes a message of the vehicle's topic `name`; topics not needed are passed over."""
+        if name == "sounding":
+            self.soundings.append((stamp_s, message.north_m, message.east_m, message.depth_m))
+        elif name in ("odometry", "truth/odometry"):
+            position, q = message.pose.pose.position, message.pose.pose.orientation
+            heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
+            (self.odometry if name == "odometry" else self.truth).append((stamp_s, position.y, position.x, heading))
+        elif name == "plan":
+            self.plans[stamp_s] = message
+        elif name == "planner/bound":
+            self.bounds[stamp_s] = message
+        elif name == "team/samples":
+            for north, east, depth in zip(message.north_m, message.east_m, message.depth_m, strict=True):
+                self.samples.append((stamp_s, float(message.source), float(north), float(east), float(depth)))
+
+    def vehicle_run(self, number: int, method: str) -> VehicleRun:
+        """The collected messages as arrays, in order of time; a plan without its bound gets NaN values."""
+        decisions = []
+        # A decision publishes both with one stamp. The plan's own step is not the decision's: a plan that is kept
+        # stays anchored where it began.
+        for now_s in sorted(self.plans):
+            plan, bound = self.plans[now_s], self.bounds.get(now_s)
+            decisions.append(
+                DecisionRecord(
+                    now_s=now_s,
+                    step=int(bound.step) if bound else int(plan.step),
+                    plan_step=int(plan.step),
+                    heading_rad=float(plan.heading_rad),
+                    north_m=float(plan.north_m),
+                    east_m=float(plan.east_m),
+                    actions=tuple(int(a) for a in plan.actions),
+                    heuristic=int(plan.heuristic),
+                    jbar=float(bound.jbar) if bound else math.nan,
+                    reward_so_far=float(bound.reward_so_far) if bound else math.nan,
+                    lower_bound=float(bound.lower_bound) if bound else math.nan,
+                    lower_bound_max=float(bound.lower_bound_max) if bound else math.nan,
+                    wall_s=float(bound.planning_s) if bound else math.nan,
+                    method=method,
+                )
+            )
+
+        def rows(values: list[tuple[float, ...]], columns: int) -> Any:
+            return np.array(sorted(values, key=lambda row: row[0]), dtype=float).reshape(-1, columns)
+
+        return VehicleRun(
+            vehicle=number,
+            truth=rows(self.truth, 4),
+            odometry=rows(self.odometry, 4),
+            soundings=rows(self.soundings, 4),
+            received=rows(self.samples, 5),
+            decisions=decisions,
+        )
+
+
+_NEEDED = re.compile(r"(/truth)?/auv\d+/(sounding|odometry|plan|planner/bound|modem/tx|modem/rx|team/samples)")
+
+
+def _messages(bag: Path) -> Iterator[tuple[str, Any]]:
+    """The messages needed, in order of recording: (topic, message)."""
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.rosbag2 import ReaderError
+    from rosbags.typesys import Stores, get_typestore
+
+    if not (bag / "metadata.yaml").is_file():
+        raise BagError(f"{bag}: has no metadata.yaml; expected a rosbag2 directory (was the recorder killed?)")
+    try:
+        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            connections = [c for c in reader.connections if _NEEDED.fullmatch(c.topic)]
+            for connection, _, raw in reader.messages(connections=connections) if connections else ():
+                yield connection.topic, reader.deserialize(raw, connection.msgtype)
+    except (AnyReaderError, ReaderError) as error:
+        raise BagError(f"{bag}: cannot be read as a rosbag2 recording: {error}") from error
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+# Writing ------------------------------------------------------------------------------------------------------------
+
+
+def write_mission_file(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+    """Writes a mission's parameters as the ROS 2 parameter file they were read from."""
+    body = {pattern: {"ros__parameters": dict(values)} for pattern, values in parameters.items()}
+    path.write_text(yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=110))
+
+
+def write_run(run: RunData, folder: Path) -> None:
+    """Writes `mission.yaml` and `bag/` of a run flown by the fleet engine, readable by `read_run` and ROS.
+
+    Args:
+        run: The mission.
+        folder: Run folder; made if needed. It must hold no `bag` yet.
+
+    Raises:
+        BagError: if there is a recording already, or this project's message definitions are not found.
+    """
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    folder.mkdir(parents=True, exist_ok=True)
+    if (folder / "bag").exists():
+        raise BagError(f"{folder / 'bag'}: exists; expected a folder without a recording")
+    write_mission_file(folder / "mission.yaml", run.parameters)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in OWN_MESSAGES:
+        file = _definition(name)
+        store.register(get_types_from_msg(file.read_text(), f"auv_lse_msgs/msg/{name}"))
+    records = sorted(_records(run, store.types), key=lambda record: record[0])
+    with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections: dict[str, Any] = {}
+        for stamp_s, topic, kind, message in records:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], round(stamp_s * 1e9), store.serialize_cdr(message, kind))
+
+
+def _definition(name: str) -> Path:
+    """The `.msg` file of a message: in the source tree, else in an installed ROS workspace."""
+    places: Sequence[Path] = [
+        Path(__file__).resolve().parents[3] / "auv_lse_msgs",
+        *(Path(p) / "share" / "auv_lse_msgs" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p),
+    ]
+    for place in places:
+        if (file := place / "msg" / f"{name}.msg").is_file():
+            return file
+    raise BagError(f"{name}.msg: not found in {', '.join(map(str, places))}; expected the package auv_lse_msgs there")
+
+
+def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[tuple[float, str, str, Any]]:
+    """Every message of a run: (stamp s, topic, message type, message)."""
+
+    def header(stamp_s: float) -> Any:
+        total = round(stamp_s * 1e9)
+        stamp = types["builtin_interfaces/msg/Time"](sec=total // 10**9, nanosec=total % 10**9)
+        return types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
+
+    def odometry(row: Any, child: str) -> Any:
+        x, y, z, w = quaternion_from_heading(float(row[3]))
+        point, quaternion = types["geometry_msgs/msg/Point"], types["geometry_msgs/msg/Quaternion"]
+        vector = types["geometry_msgs/msg/Vector3"]
+        pose = types["geometry_msgs/msg/Pose"](
+            position=point(x=float(row[2]), y=float(row[1]), z=0.0), orientation=quaternion(x=x, y=y, z=z, w=w)
+        )
+        zero = vector(x=0.0, y=0.0, z=0.0)
+        return types["nav_msgs/msg/Odometry"](
+            header=header(row[0]),
+            child_frame_id=child,
+            pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
+            twist=types["geometry_msgs/msg/TwistWithCovariance"](
+                twist=types["geometry_msgs/msg/Twist"](linear=zero, angular=zero), covariance=np.zeros(36)
+            ),
+        )
+
+    own = "auv_lse_msgs/msg/"
+    for vehicle in run.vehicles:
+        ns = f"/auv{vehicle.vehicle}"
+        for name, rows in ((ns + "/odometry", vehicle.odometry), (f"/truth{ns}/odometry", vehicle.truth)):
+            for row in rows:
+                yield float(row[0]), name, "nav_msgs/msg/Odometry", odometry(row, f"auv{vehicle.vehicle}/base_link")
+        for t, north, east, depth in vehicle.soundings:
+            message = types[own + "Sounding"](header=header(t), north_m=north, east_m=east, depth_m=depth)
+            yield float(t), ns + "/sounding", own + "Sounding", message
+        for start, stop in _runs(vehicle.received[:, :2]):
+            block = vehicle.received[start:stop]
+            message = types[own + "SampleArray"](
+                header=header(block[0, 0]),
+                source=int(block[0, 1]),
+                **{f"{k}_m": block[:, i].astype(np.float32) for i, k in ((2, "north"), (3, "east"), (4, "depth"))},
+            )
+            yield float(block[0, 0]), ns + "/team/samples", own + "SampleArray", message
+        for d in vehicle.decisions:
+            plan = types[own + "Plan"](
+                header=header(d.now_s),
+                vehicle=vehicle.vehicle,
+                step=d.anchor_step,
+                heading_rad=d.heading_rad,
+                north_m=d.north_m,
+                east_m=d.east_m,
+                actions=np.array(d.actions, dtype=np.uint8),
+                heuristic=d.heuristic,
+            )
+            yield d.now_s, ns + "/plan", own + "Plan", plan
+            bound = types[own + "Bound"](
+                header=header(d.now_s),
+                step=d.step,
+                jbar=d.jbar,
+                reward_so_far=d.reward_so_far,
+                lower_bound=d.lower_bound,
+                lower_bound_max=d.lower_bound_max,
+                incumbent_value=math.nan,
+                incumbent_kept=False,
+                iterations=0,
+                planning_s=d.wall_s,
+                deadline_hit=False,
+            )
+            yield d.now_s, ns + "/planner/bound", own + "Bound", bound
+    for sent in run.sent:
+        payload = np.frombuffer(sent.payload, dtype=np.uint8)
+        message = types[own + "ModemTx"](
+            header=header(sent.stamp_s), source=sent.source, destination=0, payload=payload
+        )
+        yield sent.stamp_s, f"/auv{sent.source}/modem/tx", own + "ModemTx", message
+    for heard in run.received:
+        message = types[own + "ModemRx"](
+            header=header(heard.stamp_s),
+            source=heard.source,
+            destination=0,
+            snr_db=heard.snr_db,
+            travel_s=math.nan,
+            payload=np.frombuffer(heard.payload, dtype=np.uint8),
+        )
+        yield heard.stamp_s, f"/auv{heard.receiver}/modem/rx", own + "ModemRx", message
+
+
+def _runs(keys: Any) -> Iterator[tuple[int, int]]:
+    """Ranges (start, stop) of rows with equal keys: the samples of one packet."""
+    if len(keys) == 0:
+        return
+    edges = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0.0, axis=1)) + 1
+    starts = [0, *edges.tolist()]
+    yield from zip(starts, [*edges.tolist(), len(keys)], strict=True)

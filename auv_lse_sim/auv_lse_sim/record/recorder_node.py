@@ -1,0 +1,113 @@
+"""Records every topic of a mission, raw, into one rosbag2 directory (MCAP)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import yaml
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from auv_lse_common.params import ParameterError, section
+from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, run
+from auv_lse_msgs.msg import LockstepDone, LockstepTick
+from auv_lse_planner.config import MissionConfig
+from auv_lse_sim.engine.processes import LATCHED_TOPICS, recorded_topics
+from auv_lse_sim.record.recorder import BagWriter, RecordConfig, RecorderError, message_types
+
+_DISCOVERY_PERIOD_S = 2.0
+
+
+class RecorderNode(ConfiguredNode):
+    """recorder_node: writes every topic of the mission, and any other it discovers, to `record.folder`."""
+
+    def __init__(self) -> None:
+        """Opens the recording and subscribes to every topic a mission has."""
+        super().__init__("recorder_node")
+        config = section(RecordConfig, self.parameters, "record", self.where)
+        mission = section(MissionConfig, self.parameters, "mission", self.where)
+        if not config.folder:
+            raise ParameterError(f"{self.where}: record.folder: missing; expected the rosbag2 directory to make")
+        self._share = {"auv_lse_msgs": Path(get_package_share_directory("auv_lse_msgs")) / "msg"}
+        self._types = message_types(list(self._share.values()))
+        snapshot = {"parameters": yaml.safe_dump(self.parameters), "seed": str(mission.seed)}
+        try:
+            self._bag = BagWriter(Path(config.folder), self._types, snapshot, config.flush_s)
+        except RecorderError as error:
+            raise ParameterError(f"{self.where}: {error}") from error
+        self._refused: set[str] = set()
+        self._topics: set[str] = set()
+        self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
+        for topic, kind in recorded_topics(mission.vehicles).items():
+            self._record(topic, kind, latched=topic.rsplit("/", 1)[-1] in LATCHED_TOPICS)
+        if self.lockstep:
+            self._done = self.create_publisher(LockstepDone, "/lockstep/done", EVERY)
+            self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
+        self.create_timer(_DISCOVERY_PERIOD_S, self._discover)
+        self.get_logger().info(f"recording to {config.folder}")
+
+    def _record(self, topic: str, kind: str, latched: bool = False, best_effort: bool = False) -> None:
+        package, _, name = kind.split("/")
+        message = getattr(import_module(f"{package}.msg"), name)
+        self._bag.add_topic(topic, kind, latched)
+        self._subscribe(topic, message, latched, best_effort)
+        self._topics.add(topic)
+
+    def _subscribe(self, topic: str, message: type, latched: bool, best_effort: bool) -> None:
+        qos = QoSProfile(
+            depth=5000,
+            reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        subscription = self.create_subscription(message, topic, self._writer_of(topic), qos, raw=True)
+        if not best_effort:
+            self._reliable[topic] = (subscription, message, latched)
+
+    def _has_best_effort_writer(self, topic: str) -> bool:
+        """Whether a reliable subscription would miss one of the topic's writers (a best-effort one hears all)."""
+        writers = self.get_publishers_info_by_topic(topic)
+        return any(w.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for w in writers)
+
+    def _writer_of(self, topic: str) -> Callable[[bytes], None]:
+        clock = self.get_clock()
+
+        def write(data: bytes) -> None:
+            self._bag.write(topic, clock.now().nanoseconds, data)
+
+        return write
+
+    def _discover(self) -> None:
+        """Records topics that have come up; listens best effort where a vehicle's driver publishes so."""
+        for topic in [] if self.lockstep else list(self._reliable):
+            if self._has_best_effort_writer(topic):
+                subscription, message, latched = self._reliable.pop(topic)
+                self.destroy_subscription(subscription)
+                self._subscribe(topic, message, latched, best_effort=True)
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic in self._topics or topic in self._refused or topic.startswith("/lockstep/"):
+                continue
+            try:
+                package = kinds[0].split("/")[0]
+                if package not in self._share:
+                    self._share[package] = Path(get_package_share_directory(package)) / "msg"
+                    self._types = message_types(list(self._share.values()))
+                self._record(topic, kinds[0], best_effort=self._has_best_effort_writer(topic))
+            except (RecorderError, PackageNotFoundError, ImportError, AttributeError) as error:
+                self._refused.add(topic)
+                self.get_logger().warning(f"{topic} ({', '.join(kinds)}) is not recorded: {error!r}")
+
+    def _on_tick(self, message: LockstepTick) -> None:
+        self._done.publish(LockstepDone(node="recorder", tick=message.tick))
+
+    def destroy_node(self) -> None:
+        """Ends the recording, so that it can be played, then the node."""
+        self._bag.close()
+        super().destroy_node()
+
+
+def main() -> int:
+    """Entry point of `ros2 run auv_lse_sim recorder_node`."""
+    return run(RecorderNode)

@@ -1,0 +1,1 @@
+"""What the real world does: ground, currents, vehicles, their instruments, and sound in the water."""

@@ -1,0 +1,403 @@
+"""A vehicle's motion along a leg, one sub-step after the other, with its instruments and its filter in the loop.
+
+Ideal vehicles run on rails: they are exactly where the leg says. Others are steered:
+
+    path following   the place `s` along the leg moves on with the vehicle: s' = V cos(course - path) + k_s * ahead
+    line of sight    course wanted = path - atan(off / lookahead), heading wanted = that minus the crab angle
+    yaw rate wanted  curvature * s' + gain * (heading wanted - heading), limited to the vehicle's largest
+    vehicle          rate' = (wanted - rate) / yaw_time, speed' = (wanted - speed) / speed_time,
+                     place' = speed (cos h, sin h) + current
+
+(Fossen 2011, section 10.3: line-of-sight path following with a moving path reference; off = cross-track distance,
+positive to starboard.) Steering knows the estimated state only; truth is what the equations move.
+
+Written for numba like `navigation.py`: scalars and flat arrays, all chance drawn beforehand.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.compiled import compiled
+from auv_lse_sim.world.navigation import (
+    COMPASS_BIAS,
+    DVL_SCALE,
+    EAST,
+    GATE,
+    GYRO_BIAS,
+    HEADING,
+    NORTH,
+    SURGE,
+    SWAY,
+    predict,
+    update_compass,
+    update_dvl,
+    update_gps,
+    wrap,
+)
+
+Array = NDArray[np.float64]
+
+# -- a leg as a flat array
+LEG_HEADING, LEG_NORTH, LEG_EAST, LEG_TURN, LEG_RADIUS, LEG_STRAIGHT = range(6)
+
+# -- the vehicle's true state and what it keeps, as a flat array
+(
+    T_NORTH,
+    T_EAST,
+    T_HEADING,
+    T_RATE,  # rad/s
+    T_SPEED,  # through the water, m/s
+    T_DEPTH,  # m
+    T_SURGE,  # over ground, body frame, m/s
+    T_SWAY,
+    ALONG,  # m along the leg
+    MODE,
+    WOBBLE,  # depth keeping error, m
+    DROPOUT,  # seconds left without pings
+    LOCK_LOSS,  # seconds left without bottom lock
+    COMPASS_AGE,  # seconds since the last compass reading
+    GPS_AGE,
+    B_GYRO,  # true biases
+    B_COMPASS,
+    B_SCALE,
+    SURFACE_AGE,  # seconds since the last surfacing ended, the climb to the next one not counted
+    TRAVELLED,  # m over ground
+    UNDER_WAY,  # seconds since it set out
+    REFUSED,  # DVL pings that the filter refused in a row
+) = range(22)
+MEMORY = 22
+
+#: Under way for less than this many time constants of its speed, a vehicle's velocity changes fast.
+SETTING_OUT = 5.0
+#: Variance per second of the velocity while it does (m^2/s^3).
+SETTING_OUT_RATE = 0.3**2
+#: After this many refused DVL pings in a row it is the filter that is wrong.
+PATIENCE = 8.0
+
+# -- modes
+WAITING, ON_RAILS, STEERED = 0.0, 1.0, 2.0
+
+# -- parameters as a flat array
+(
+    P_DT,
+    P_SPEED,  # true speed through the water when commanded
+    P_RATE_MAX,
+    P_YAW_TIME,
+    P_SPEED_TIME,
+    P_LOOKAHEAD,
+    P_GAIN,
+    P_IDEAL_MOTION,
+    P_IDEAL_NAVIGATION,
+    P_DEPTH,
+    P_CLIMB,
+    P_WOBBLE,
+    P_WOBBLE_TIME,
+    P_GYRO_NOISE,  # rad/sqrt(s)
+    P_GYRO_WALK,  # rad/s/sqrt(s)
+    P_COMPASS_NOISE,
+    P_COMPASS_WALK,
+    P_COMPASS_INTERVAL,
+    P_DVL_NOISE,
+    P_DVL_OUTLIER_SHARE,
+    P_DVL_OUTLIER,
+    P_DROPOUT_RATE,  # 1/s
+    P_DROPOUT_MIN,
+    P_DROPOUT_MAX,
+    P_LOSS_RATE,
+    P_LOSS_MIN,
+    P_LOSS_MAX,
+    P_GPS_NOISE,
+    P_GPS_INTERVAL,
+    P_GPS_DEPTH,
+    P_SURFACE_EVERY,
+    P_SURFACE_TIME,
+    P_GYRO_IDEAL,
+    P_COMPASS_IDEAL,
+    P_DVL_IDEAL,
+    P_GPS_IDEAL,
+) = range(36)
+PARAMETERS = 36
+
+# -- columns of the chance drawn for a sub-step
+NORMALS = 11
+(
+    N_GYRO,
+    N_COMPASS,
+    N_DVL_SURGE,
+    N_DVL_SWAY,
+    N_GPS_NORTH,
+    N_GPS_EAST,
+    N_WOBBLE,
+    N_GYRO_WALK,
+    N_COMPASS_WALK,
+    N_OUT_A,
+    N_OUT_B,
+) = range(NORMALS)
+UNIFORMS = 5
+U_DROPOUT, U_DROPOUT_LENGTH, U_LOSS, U_LOSS_LENGTH, U_OUTLIER = range(UNIFORMS)
+
+# -- columns of what a sub-step leaves
+OUT = 11
+(
+    O_NORTH,
+    O_EAST,
+    O_HEADING,
+    O_DEPTH,
+    O_EST_NORTH,
+    O_EST_EAST,
+    O_EST_HEADING,
+    O_EST_SPEED,
+    O_PING,  # 1 if the DVL is able to ping
+    O_TRAVELLED,
+    O_ALONG,
+) = range(OUT)
+
+
+@compiled
+def on_leg(leg: Array, along: float) -> tuple[float, float, float, float]:
+    """Heading (rad), north, east (m) and curvature (1/m, clockwise) `along` metres along a leg; then straight on."""
+    size = abs(leg[LEG_TURN])
+    side = 1.0 if leg[LEG_TURN] >= 0.0 else -1.0
+    radius = leg[LEG_RADIUS]
+    arc = min(max(along, 0.0), radius * size)
+    rest = along - arc
+    angle = arc / radius
+    ahead = radius * math.sin(angle) + rest * math.cos(angle)
+    starboard = side * (radius * (1.0 - math.cos(angle)) + rest * math.sin(angle))
+    c, s = math.cos(leg[LEG_HEADING]), math.sin(leg[LEG_HEADING])
+    curvature = side / radius if 0.0 <= along < radius * size else 0.0
+    return (
+        wrap(leg[LEG_HEADING] + side * angle),
+        leg[LEG_NORTH] + c * ahead - s * starboard,
+        leg[LEG_EAST] + s * ahead + c * starboard,
+        curvature,
+    )
+
+
+@compiled
+def leg_length(leg: Array) -> float:
+    """Length (m) of a leg."""
+    length: float = abs(leg[LEG_TURN]) * leg[LEG_RADIUS] + leg[LEG_STRAIGHT]
+    return length
+
+
+@compiled
+def _rails(m: Array, leg: Array, params: Array, current_north: float, current_east: float) -> None:
+    """One sub-step of an ideal vehicle: on the leg, the current compensated by crabbing."""
+    dt, speed = params[P_DT], params[P_SPEED]
+    path, _, _, _ = on_leg(leg, m[ALONG])
+    with_it = current_north * math.cos(path) + current_east * math.sin(path)
+    across = -current_north * math.sin(path) + current_east * math.cos(path)
+    over_ground = with_it + math.sqrt(max(speed * speed - across * across, 0.0))
+    over_ground = max(over_ground, 0.0)
+    before = m[T_HEADING]
+    m[ALONG] += over_ground * dt
+    heading, north, east, _ = on_leg(leg, m[ALONG])
+    m[T_NORTH], m[T_EAST], m[T_HEADING] = north, east, heading
+    m[T_RATE] = wrap(heading - before) / dt
+    m[T_SPEED], m[T_SURGE], m[T_SWAY] = speed, over_ground, 0.0
+    m[TRAVELLED] += over_ground * dt
+
+
+@compiled
+def _steer(m: Array, x: Array, leg: Array, params: Array, current_north: float, current_east: float) -> None:
+    """One sub-step of a vehicle that is steered by its estimated state `x`."""
+    dt = params[P_DT]
+    path, north, east, curvature = on_leg(leg, m[ALONG])
+    c, s = math.cos(path), math.sin(path)
+    dn, de = x[NORTH] - north, x[EAST] - east
+    ahead, off = c * dn + s * de, -s * dn + c * de
+    over_ground = math.hypot(x[SURGE], x[SWAY])
+    crab = math.atan2(x[SWAY], x[SURGE]) if x[SURGE] > 0.3 else 0.0
+    course = x[HEADING] + crab
+    along_rate = max(over_ground * math.cos(wrap(course - path)) + 0.5 * ahead, 0.0)
+    wanted = wrap(path - math.atan(off / params[P_LOOKAHEAD]) - crab - x[HEADING])
+    rate = curvature * along_rate + params[P_GAIN] * wanted
+    rate = min(max(rate, -params[P_RATE_MAX]), params[P_RATE_MAX])
+    if params[P_IDEAL_MOTION] > 0.0:
+        m[T_RATE], m[T_SPEED] = rate, params[P_SPEED]
+    else:
+        m[T_RATE] += (rate - m[T_RATE]) * (1.0 - math.exp(-dt / params[P_YAW_TIME]))
+        m[T_SPEED] += (params[P_SPEED] - m[T_SPEED]) * (1.0 - math.exp(-dt / params[P_SPEED_TIME]))
+    m[ALONG] += along_rate * dt
+    _float(m, current_north, current_east, dt)
+
+
+@compiled
+def _float(m: Array, current_north: float, current_east: float, dt: float) -> None:
+    """Moves the true vehicle by its speed through the water, its yaw rate and the current."""
+    middle = m[T_HEADING] + 0.5 * m[T_RATE] * dt
+    vn = m[T_SPEED] * math.cos(middle) + current_north
+    ve = m[T_SPEED] * math.sin(middle) + current_east
+    m[T_NORTH] += vn * dt
+    m[T_EAST] += ve * dt
+    m[T_HEADING] = wrap(m[T_HEADING] + m[T_RATE] * dt)
+    c, s = math.cos(m[T_HEADING]), math.sin(m[T_HEADING])
+    m[T_SURGE] = m[T_SPEED] + c * current_north + s * current_east
+    m[T_SWAY] = -s * current_north + c * current_east
+    m[TRAVELLED] += math.hypot(vn, ve) * dt
+
+
+@compiled
+def _keep_depth(m: Array, params: Array, normal: float) -> None:
+    """One sub-step of depth keeping: the vehicle dives when it moves, and surfaces when it is due."""
+    dt = params[P_DT]
+    wanted = params[P_DEPTH] if m[MODE] != WAITING else 0.0
+    if params[P_SURFACE_EVERY] > 0.0 and m[MODE] != WAITING:
+        # Due but still below the depth of fixes, it climbs: the age waits, so that its time up is counted up there.
+        if m[SURFACE_AGE] < params[P_SURFACE_EVERY] or m[T_DEPTH] <= params[P_GPS_DEPTH]:
+            m[SURFACE_AGE] += dt
+        if m[SURFACE_AGE] >= params[P_SURFACE_EVERY]:
+            wanted = 0.0
+            if m[SURFACE_AGE] >= params[P_SURFACE_EVERY] + params[P_SURFACE_TIME]:
+                m[SURFACE_AGE] = 0.0
+    decay = math.exp(-dt / params[P_WOBBLE_TIME])
+    before = m[WOBBLE]
+    m[WOBBLE] = decay * before + math.sqrt(1.0 - decay * decay) * params[P_WOBBLE] * normal
+    keel = m[T_DEPTH] - (before if m[T_DEPTH] > 0.0 else 0.0)
+    step = params[P_CLIMB] * dt
+    keel = wanted if params[P_IDEAL_MOTION] > 0.0 else keel + min(max(wanted - keel, -step), step)
+    m[T_DEPTH] = max(keel + m[WOBBLE], 0.0) if keel > 0.0 else 0.0
+
+
+@compiled
+def _navigate(
+    m: Array, x: Array, p: Array, params: Array, q: Array, normals: Array, uniforms: Array, ping: bool
+) -> bool:
+    """One sub-step of the instruments and the filter. Returns whether the DVL pings."""
+    dt = params[P_DT]
+    gyro = m[T_RATE]
+    if params[P_GYRO_IDEAL] == 0.0:
+        m[B_GYRO] += params[P_GYRO_WALK] * math.sqrt(dt) * normals[N_GYRO_WALK]
+        gyro += m[B_GYRO] + params[P_GYRO_NOISE] / math.sqrt(dt) * normals[N_GYRO]
+    predict(x, p, gyro, dt, q)
+    if m[MODE] != WAITING:
+        m[UNDER_WAY] += dt
+        if m[UNDER_WAY] < SETTING_OUT * params[P_SPEED_TIME]:
+            p[SURGE, SURGE] += SETTING_OUT_RATE * dt
+            p[SWAY, SWAY] += SETTING_OUT_RATE * dt
+    m[COMPASS_AGE] += dt
+    if params[P_COMPASS_IDEAL] == 0.0:
+        m[B_COMPASS] += params[P_COMPASS_WALK] * math.sqrt(dt) * normals[N_COMPASS_WALK]
+    if m[COMPASS_AGE] >= params[P_COMPASS_INTERVAL] - 1e-9:
+        m[COMPASS_AGE] = 0.0
+        noise = params[P_COMPASS_NOISE]
+        reading = m[T_HEADING]
+        if params[P_COMPASS_IDEAL] == 0.0:
+            reading += m[B_COMPASS] + noise * normals[N_COMPASS]
+        # An ideal compass is trusted to 0.01 deg, an ideal DVL to 0.1 mm/s, ideal GPS to 1 cm.
+        update_compass(x, p, reading, noise * noise if params[P_COMPASS_IDEAL] == 0.0 else 3e-8, GATE)
+    if params[P_DVL_IDEAL] > 0.0:
+        ping = True
+        update_dvl(x, p, m[T_SURGE], m[T_SWAY], 1e-8, 1e9)
+    elif ping:
+        noise = params[P_DVL_NOISE]
+        surge = (1.0 + m[B_SCALE]) * m[T_SURGE] + noise * normals[N_DVL_SURGE]
+        sway = (1.0 + m[B_SCALE]) * m[T_SWAY] + noise * normals[N_DVL_SWAY]
+        if uniforms[U_OUTLIER] < params[P_DVL_OUTLIER_SHARE]:
+            surge += params[P_DVL_OUTLIER] * normals[N_OUT_A]
+            sway += params[P_DVL_OUTLIER] * normals[N_OUT_B]
+        gate = GATE
+        if m[REFUSED] >= PATIENCE:
+            # Outliers do not come in rows: the velocity has changed as the filter did not expect.
+            gate = 1e9
+            p[SURGE, SURGE] += 1.0
+            p[SWAY, SWAY] += 1.0
+        m[REFUSED] = 0.0 if update_dvl(x, p, surge, sway, noise * noise, gate) == 2 else m[REFUSED] + 1.0
+    m[GPS_AGE] += dt
+    if m[T_DEPTH] <= params[P_GPS_DEPTH] and m[GPS_AGE] >= params[P_GPS_INTERVAL] - 1e-9:
+        m[GPS_AGE] = 0.0
+        noise = params[P_GPS_NOISE] if params[P_GPS_IDEAL] == 0.0 else 0.0
+        variance = noise * noise if params[P_GPS_IDEAL] == 0.0 else 1e-4
+        update_gps(x, p, m[T_NORTH] + noise * normals[N_GPS_NORTH], m[T_EAST] + noise * normals[N_GPS_EAST], variance)
+    return ping
+
+
+@compiled
+def _pings(m: Array, params: Array, uniforms: Array) -> bool:
+    """One sub-step of the DVL's gaps: whether it pings."""
+    if params[P_DVL_IDEAL] > 0.0:
+        return True
+    dt = params[P_DT]
+    m[DROPOUT] -= dt
+    m[LOCK_LOSS] -= dt
+    if m[DROPOUT] <= 0.0 and uniforms[U_DROPOUT] < params[P_DROPOUT_RATE] * dt:
+        m[DROPOUT] = params[P_DROPOUT_MIN] + uniforms[U_DROPOUT_LENGTH] * (
+            params[P_DROPOUT_MAX] - params[P_DROPOUT_MIN]
+        )
+    if m[LOCK_LOSS] <= 0.0 and uniforms[U_LOSS] < params[P_LOSS_RATE] * dt:
+        m[LOCK_LOSS] = params[P_LOSS_MIN] + uniforms[U_LOSS_LENGTH] * (params[P_LOSS_MAX] - params[P_LOSS_MIN])
+    able: bool = m[DROPOUT] <= 0.0 and m[LOCK_LOSS] <= 0.0
+    return able
+
+
+@compiled
+def advance(
+    m: Array,
+    x: Array,
+    p: Array,
+    leg: Array,
+    params: Array,
+    q: Array,
+    normals: Array,
+    uniforms: Array,
+    currents: Array,
+    in_reach: bool,
+    limit: float,
+    out: Array,
+    first: int,
+    last: int,
+) -> int:
+    """Sub-steps `first` to `last` of a tick, or until the leg is done.
+
+    Args:
+        m: The vehicle's memory (MEMORY,), changed in place.
+        x: Filter state (8,), changed in place.
+        p: Filter covariance (8, 8), changed in place.
+        leg: The leg it is on (6,); not looked at while waiting.
+        params: Parameters (PARAMETERS,).
+        q: The filter's process noise (5,).
+        normals: Standard normals (n, NORMALS).
+        uniforms: Uniforms in [0, 1) (n, UNIFORMS).
+        currents: Current north, east (n, 2), m/s.
+        in_reach: Whether the bottom is within the DVL's reach.
+        limit: Metres along the leg at which to stop.
+        out: What each sub-step leaves (n, OUT), changed in place.
+        first: First sub-step.
+        last: One after the last.
+
+    Returns:
+        Number of the sub-step to go on with.
+    """
+    for i in range(first, last):
+        if m[MODE] == ON_RAILS:
+            _rails(m, leg, params, currents[i, 0], currents[i, 1])
+        elif m[MODE] == STEERED:
+            _steer(m, x, leg, params, currents[i, 0], currents[i, 1])
+        else:  # held at the surface until it sets out
+            m[T_RATE], m[T_SPEED], m[T_SURGE], m[T_SWAY] = 0.0, 0.0, 0.0, 0.0
+        _keep_depth(m, params, normals[i, N_WOBBLE])
+        ping = _pings(m, params, uniforms[i]) and in_reach
+        if params[P_IDEAL_NAVIGATION] > 0.0:
+            x[NORTH], x[EAST], x[HEADING] = m[T_NORTH], m[T_EAST], m[T_HEADING]
+            x[SURGE], x[SWAY] = m[T_SURGE], m[T_SWAY]
+        else:
+            ping = _navigate(m, x, p, params, q, normals[i], uniforms[i], ping)
+        row = out[i]
+        row[O_NORTH], row[O_EAST], row[O_HEADING], row[O_DEPTH] = m[T_NORTH], m[T_EAST], m[T_HEADING], m[T_DEPTH]
+        row[O_EST_NORTH], row[O_EST_EAST], row[O_EST_HEADING] = x[NORTH], x[EAST], x[HEADING]
+        row[O_EST_SPEED] = math.hypot(x[SURGE], x[SWAY]) / (1.0 + x[DVL_SCALE])
+        row[O_PING] = 1.0 if ping else 0.0
+        row[O_TRAVELLED], row[O_ALONG] = m[TRAVELLED], m[ALONG]
+        if m[MODE] != WAITING and m[ALONG] >= limit - 1e-9:
+            return i + 1
+    return last
+
+
+#: Filter states that hold true biases, in the order (gyro, compass, scale), for consistency tests.
+BIASES = (GYRO_BIAS, COMPASS_BIAS, DVL_SCALE)
+TRUE_BIASES = (B_GYRO, B_COMPASS, B_SCALE)

@@ -1,0 +1,458 @@
+"""One simulated vehicle: it follows the legs it is given, pings the ground and navigates by its instruments."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_planner.config import VehicleConfig
+from auv_lse_sim.config import SimConfig
+from auv_lse_sim.world import motion_model as mm
+from auv_lse_sim.world.navigation import (
+    COMPASS_BIAS,
+    DVL_SCALE,
+    EAST,
+    GYRO_BIAS,
+    HEADING,
+    NORTH,
+    STATES,
+    SURGE,
+    SWAY,
+    wrap,
+)
+
+Array = NDArray[np.float64]
+
+DEG = math.pi / 180.0
+#: A leg that starts this near to where the last one ends goes on from it.
+SEAM_M = 0.5
+SEAM_RAD = 5.0 * DEG
+#: An ideal vehicle this near to a leg's start is on it (a plan's numbers are rounded to 32 bits).
+RAILS_M = 0.01
+#: Rows and columns of the covariance that odometry gives.
+_ODOMETRY = np.ix_((HEADING, NORTH, EAST), (HEADING, NORTH, EAST))
+
+
+class LegLike(Protocol):
+    """A leg as `auv_lse_common.leg.Leg` gives it: an arc, then a straight."""
+
+    @property
+    def step(self) -> int: ...  # noqa: D102  # see auv_lse_common.leg.Leg
+    @property
+    def heading_rad(self) -> float: ...  # noqa: D102
+    @property
+    def north_m(self) -> float: ...  # noqa: D102
+    @property
+    def east_m(self) -> float: ...  # noqa: D102
+    @property
+    def action_rad(self) -> float: ...  # noqa: D102
+    @property
+    def radius_m(self) -> float: ...  # noqa: D102
+    @property
+    def straight_m(self) -> float: ...  # noqa: D102
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Odometry:
+    """What the vehicle believes about itself at a time.
+
+    Attributes:
+        stamp_s: Time.
+        heading_rad: Heading (rad, clockwise from north).
+        north_m: North of the estimated place.
+        east_m: East of it.
+        speed_mps: Speed over ground.
+        covariance: Of heading (rad), north, east (m), shape (3, 3).
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    speed_mps: float
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """What the vehicle really does, which no core may see.
+
+    Attributes:
+        stamp_s: Time.
+        heading_rad: True heading.
+        north_m: True north.
+        east_m: True east.
+        depth_m: True depth of the vehicle below the surface.
+        speed_mps: True speed over ground.
+        travelled_m: Distance gone over ground since the start.
+        water_m: True depth of the water there, NaN where the ground is unknown or land.
+        step: Step the leg it is on leads from; -1 before the first.
+        along_m: How far it is along that leg.
+        loitering: Whether it circles because it has no next leg.
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float
+    speed_mps: float
+    travelled_m: float
+    water_m: float
+    step: int
+    along_m: float
+    loitering: bool
+
+
+def _parameters(vehicle: VehicleConfig, sim: SimConfig, speed_mps: float) -> Array:
+    """The parameters of `motion_model.advance`, in SI units and radians."""
+    d, g, c, v, s = sim.dynamics, sim.gyro, sim.compass, sim.dvl, sim.gps
+    hour = 3600.0
+    p = np.zeros(mm.PARAMETERS)
+    p[mm.P_DT] = 1.0 / v.rate_hz
+    p[mm.P_SPEED] = speed_mps
+    p[mm.P_RATE_MAX] = d.turn_rate_max_dps * DEG
+    p[mm.P_YAW_TIME], p[mm.P_SPEED_TIME] = d.yaw_time_s, d.speed_time_s
+    p[mm.P_LOOKAHEAD], p[mm.P_GAIN] = d.lookahead_m, d.heading_gain
+    p[mm.P_IDEAL_MOTION] = float(d.ideal or sim.ideal)
+    p[mm.P_IDEAL_NAVIGATION] = float(sim.navigation.ideal or sim.ideal)
+    p[mm.P_DEPTH], p[mm.P_CLIMB] = vehicle.depth_m, d.climb_mps
+    p[mm.P_WOBBLE] = 0.0 if d.ideal or sim.ideal else d.depth_wobble_m
+    p[mm.P_WOBBLE_TIME] = d.depth_wobble_time_s
+    p[mm.P_GYRO_NOISE] = g.noise_deg_rth * DEG / math.sqrt(hour)
+    p[mm.P_GYRO_WALK] = g.bias_walk_deg_h_rth * DEG / hour / math.sqrt(hour)
+    p[mm.P_COMPASS_NOISE] = c.noise_deg * DEG
+    p[mm.P_COMPASS_WALK] = c.bias_walk_deg_rth * DEG / math.sqrt(hour)
+    p[mm.P_COMPASS_INTERVAL] = c.interval_s
+    p[mm.P_DVL_NOISE] = v.noise_mps
+    p[mm.P_DVL_OUTLIER_SHARE], p[mm.P_DVL_OUTLIER] = v.outlier_share, v.outlier_mps
+    p[mm.P_DROPOUT_RATE] = v.dropouts_per_h / hour
+    p[mm.P_DROPOUT_MIN], p[mm.P_DROPOUT_MAX] = v.dropout_min_s, v.dropout_max_s
+    p[mm.P_LOSS_RATE] = v.lock_losses_per_h / hour
+    p[mm.P_LOSS_MIN], p[mm.P_LOSS_MAX] = v.lock_loss_min_s, v.lock_loss_max_s
+    p[mm.P_GPS_NOISE], p[mm.P_GPS_INTERVAL], p[mm.P_GPS_DEPTH] = s.noise_m, s.interval_s, s.antenna_m
+    p[mm.P_SURFACE_EVERY], p[mm.P_SURFACE_TIME] = s.surface_every_s, s.surface_s
+    p[mm.P_GYRO_IDEAL], p[mm.P_COMPASS_IDEAL] = float(g.ideal or sim.ideal), float(c.ideal or sim.ideal)
+    p[mm.P_DVL_IDEAL], p[mm.P_GPS_IDEAL] = float(v.ideal or sim.ideal), float(s.ideal or sim.ideal)
+    return p
+
+
+class SimVehicle:
+    """A vehicle in the water.
+
+    Each tick: `move`, which gives the sub-steps, then `sense` with the true depth of water at each of them.
+
+    A leg handed over while another is travelled is taken when that one ends, if it starts there; otherwise at
+    once. Without a next leg the vehicle circles at the leg's turning radius, beginning at the leg's end; a leg that
+    starts there is taken when the circle closes.
+
+    Args:
+        number: Its number, from 1.
+        config: Its depth, speed and start.
+        sim: The simulated world's parameters.
+        rng: All its chance (stream "sensors", number).
+        clearance_m: How free the water is about a place (north, east), to choose the side to circle to.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        config: VehicleConfig,
+        sim: SimConfig,
+        rng: np.random.Generator,
+        clearance_m: Callable[[float, float], float] | None = None,
+    ) -> None:
+        """Draws the run's biases; the vehicle waits at its start."""
+        self.number = number
+        self.config = config
+        self._sim = sim
+        self._rng = rng
+        self._clearance_m = clearance_m
+        draws = rng.standard_normal(8)  # the same number whatever is ideal: other draws do not shift
+        ideal = sim.ideal
+        spread = 0.0 if sim.dynamics.ideal or ideal else sim.dynamics.speed_spread
+        speed = config.speed_mps * max(1.0 + spread * float(draws[0]), 0.2)
+        self._params = _parameters(config, sim, speed)
+        self._rails = bool(self._params[mm.P_IDEAL_MOTION] and self._params[mm.P_IDEAL_NAVIGATION])
+        gyro_bias = 0.0 if sim.gyro.ideal or ideal else sim.gyro.bias_deg_h * DEG / 3600.0
+        compass_bias = 0.0 if sim.compass.ideal or ideal else sim.compass.bias_deg * DEG
+        scale = 0.0 if sim.dvl.ideal or ideal else sim.dvl.scale
+        gps = 0.01 if sim.gps.ideal or ideal else sim.gps.noise_m
+        self._pressure_bias = 0.0 if sim.pressure.ideal or ideal else sim.pressure.bias_m * float(draws[4])
+
+        m = np.zeros(mm.MEMORY)
+        m[mm.T_NORTH], m[mm.T_EAST] = config.start_north_m, config.start_east_m
+        m[mm.T_HEADING] = wrap(config.start_heading_rad)
+        m[mm.B_GYRO], m[mm.B_COMPASS], m[mm.B_SCALE] = np.array([gyro_bias, compass_bias, scale]) * draws[1:4]
+        m[mm.MODE] = mm.WAITING
+        self._m = m
+        heading_std = max(compass_bias, 0.2 * DEG)
+        self._x = np.zeros(STATES)
+        self._x[NORTH] = m[mm.T_NORTH] + gps * draws[5]
+        self._x[EAST] = m[mm.T_EAST] + gps * draws[6]
+        self._x[HEADING] = wrap(m[mm.T_HEADING] + heading_std * draws[7])
+        self._p = np.zeros((STATES, STATES))
+        for index, std in (
+            (NORTH, gps),
+            (EAST, gps),
+            (HEADING, heading_std),
+            (SURGE, 0.01),
+            (SWAY, 0.01),
+            (GYRO_BIAS, gyro_bias),
+            (COMPASS_BIAS, compass_bias),
+            (DVL_SCALE, scale),
+        ):
+            self._p[index, index] = std * std
+        if self._params[mm.P_IDEAL_NAVIGATION]:
+            self._x[:3] = m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING]
+            self._p[:] = 0.0
+        self._q = self._process_noise()
+        self._leg = np.zeros(6)
+        self._leg[mm.LEG_RADIUS] = 15.0
+        self._step = -1
+        self._next: LegLike | None = None
+        self._loitering = False
+        self._in_reach = True
+        self._rows = np.empty((0, mm.OUT))
+        self._stamps = np.empty(0)
+        self._pings = np.empty((0, 4))  # stamp, estimated north and east, depth: not yet a sounding
+        self._water_m = math.nan
+        self.altitude_m = math.nan
+        self.pressure_depth_m = 0.0
+        self.groundings = 0
+
+    def _process_noise(self) -> Array:
+        p = self._params
+        gyro = 0.0 if p[mm.P_GYRO_IDEAL] else p[mm.P_GYRO_NOISE] ** 2
+        gyro_walk = 0.0 if p[mm.P_GYRO_IDEAL] else p[mm.P_GYRO_WALK] ** 2
+        compass_walk = 0.0 if p[mm.P_COMPASS_IDEAL] else p[mm.P_COMPASS_WALK] ** 2
+        # Velocity: speed keeping, and the current's change of side in a turn. Place: the sub-step's arc taken for its
+        # chord. Heading: the same of the turn.
+        return np.array([gyro + 1e-10, 0.02**2, gyro_walk, compass_walk, 1e-6])
+
+    @property
+    def step(self) -> int:
+        """The step its leg leads from; -1 before the first leg."""
+        return self._step
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """True north, east and depth (m)."""
+        return float(self._m[mm.T_NORTH]), float(self._m[mm.T_EAST]), float(self._m[mm.T_DEPTH])
+
+    @property
+    def state(self) -> Array:
+        """The filter's state (8,), see `navigation`."""
+        return self._x.copy()
+
+    @property
+    def covariance(self) -> Array:
+        """The filter's covariance (8, 8)."""
+        return self._p.copy()
+
+    @property
+    def error(self) -> Array:
+        """Filter's state minus the truth (8,)."""
+        m = self._m
+        seen = 1.0 + m[mm.B_SCALE]
+        truth = np.array(
+            [m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING], seen * m[mm.T_SURGE], seen * m[mm.T_SWAY], m[mm.B_GYRO],
+             m[mm.B_COMPASS], m[mm.B_SCALE]]
+        )  # fmt: skip
+        error: Array = self._x - truth
+        error[HEADING] = wrap(error[HEADING])
+        return error
+
+    def command(self, leg: LegLike) -> None:
+        """Takes the next leg."""
+        if self._m[mm.MODE] == mm.WAITING or self._follows(leg):
+            self._next = leg
+        else:
+            self._next = None
+            self._begin(leg, 0.0)
+
+    def _follows(self, leg: LegLike) -> bool:
+        end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
+        near = math.hypot(leg.north_m - end[1], leg.east_m - end[2]) <= SEAM_M
+        return near and abs(wrap(leg.heading_rad - end[0])) <= SEAM_RAD
+
+    def _leg_start(self) -> tuple[float, float, float, float]:
+        return self._leg[mm.LEG_HEADING], self._leg[mm.LEG_NORTH], self._leg[mm.LEG_EAST], 0.0
+
+    def _begin(self, leg: LegLike, along_m: float) -> None:
+        """Goes onto a leg, `along_m` of it already behind."""
+        m = self._m
+        on_track = mm.on_leg(self._leg, m[mm.ALONG]) if m[mm.MODE] == mm.ON_RAILS else None
+        self._leg = np.array(
+            [leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m], dtype=float
+        )
+        self._step, self._loitering = leg.step, False
+        place = mm.on_leg(self._leg, along_m)
+        on_rails = self._rails and math.hypot(place[1] - m[mm.T_NORTH], place[2] - m[mm.T_EAST]) < RAILS_M
+        if on_track is None and m[mm.MODE] != mm.WAITING and abs(wrap(place[0] - m[mm.T_HEADING])) > 0.01:
+            on_rails = False
+        m[mm.MODE] = mm.ON_RAILS if on_rails else mm.STEERED
+        m[mm.ALONG] = along_m
+
+    def _circle(self, along_m: float) -> None:
+        """Goes onto a circle that begins at the leg's end."""
+        heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
+        radius = float(self._leg[mm.LEG_RADIUS])
+        side = 1.0 if self._leg[mm.LEG_TURN] >= 0.0 else -1.0
+        if self._clearance_m is not None:
+            free = {
+                s: self._clearance_m(north - s * radius * math.sin(heading), east + s * radius * math.cos(heading))
+                for s in (1.0, -1.0)
+            }
+            side = max((1.0, -1.0), key=lambda s: (free[s], s == side))
+        self._leg = np.array([heading, north, east, side * 2.0 * math.pi, radius, 0.0])
+        self._loitering = True
+        self._m[mm.ALONG] = along_m
+
+    def move(self, stamps_s: Array, currents: Array) -> tuple[Array, Array]:
+        """Moves on by sub-steps of one over the DVL's rate.
+
+        Args:
+            stamps_s: End of each sub-step (n,).
+            currents: Current north, east of each sub-step (n, 2), m/s.
+
+        Returns:
+            True north and east (n,) of each sub-step, where `sense` wants the depth of the water.
+        """
+        m, n = self._m, len(stamps_s)
+        normals = self._rng.standard_normal((n, mm.NORMALS))
+        uniforms = self._rng.random((n, mm.UNIFORMS))
+        rows = np.zeros((n, mm.OUT))
+        dt = self._params[mm.P_DT]
+        start_s = float(stamps_s[0]) - dt if n else 0.0
+        i = 0
+        while i < n:
+            last, limit = n, math.inf
+            if m[mm.MODE] == mm.WAITING:
+                until_start = math.ceil((self.config.start_delay_s - start_s) / dt - 1e-6)
+                if self._next is not None and i >= until_start:
+                    leg, self._next = self._next, None
+                    self._begin(leg, 0.0)
+                    continue
+                if self._next is not None:
+                    last = min(n, max(until_start, i + 1))
+            else:
+                limit = mm.leg_length(self._leg)
+            i = mm.advance(
+                m, self._x, self._p, self._leg, self._params, self._q, normals, uniforms, currents, self._in_reach,
+                limit, rows, i, last,
+            )  # fmt: skip
+            if m[mm.MODE] != mm.WAITING and m[mm.ALONG] >= limit - 1e-9:
+                over = max(float(m[mm.ALONG]) - limit, 0.0)
+                if self._next is not None:
+                    leg, self._next = self._next, None
+                    self._begin(leg, over)
+                elif self._loitering:
+                    m[mm.ALONG] = over
+                else:
+                    self._circle(over)
+        self._rows = rows
+        self._stamps = stamps_s
+        return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
+
+    def sense(self, water_m: Array) -> Array:
+        """Takes the true depth of water (n,) at the sub-steps of the last `move`; gives soundings.
+
+        Returns:
+            Soundings (s, 4): stamp (s), estimated north and east (m), measured depth of water (m).
+        """
+        rows, sim, n = self._rows, self._sim, len(self._rows)
+        normals, uniforms = self._rng.standard_normal((n, 2)), self._rng.random((n, 3))
+        if n == 0:
+            return np.empty((0, 4))
+        depth = rows[:, mm.O_DEPTH]
+        altitude = water_m - depth
+        self._water_m = float(water_m[-1])
+        aground = ~(altitude > 0.0)
+        self.groundings += int(aground.any() and not np.isnan(water_m).all())
+        echo = np.where(rows[:, mm.O_PING] > 0.0, altitude, np.nan)
+        if not (sim.altimeter.ideal or sim.ideal):
+            echo = echo + sim.altimeter.noise_m * normals[:, 0]
+            wrong = uniforms[:, 0] < sim.altimeter.outlier_share
+            if wrong.any():
+                size = -sim.altimeter.outlier_m * np.log1p(-uniforms[:, 1]) * np.where(uniforms[:, 2] < 0.5, -1.0, 1.0)
+                echo = np.where(wrong, np.maximum(echo + size, 0.1), echo)
+        own = depth
+        if not (sim.pressure.ideal or sim.ideal):
+            own = depth + self._pressure_bias + sim.pressure.noise_m * normals[:, 1]
+        with np.errstate(invalid="ignore"):
+            in_reach = (altitude >= sim.dvl.min_altitude_m) & (altitude <= sim.dvl.max_altitude_m)
+        if sim.dvl.ideal or sim.ideal:
+            in_reach = altitude > 0.0
+        echo = np.where(in_reach, echo, np.nan)
+        self._in_reach = bool(in_reach[-1])
+        self.altitude_m = float(echo[-1])
+        self.pressure_depth_m = float(own[-1])
+        pings = np.empty((n, 4))
+        pings[:, 0], pings[:, 1], pings[:, 2] = self._stamps, rows[:, mm.O_EST_NORTH], rows[:, mm.O_EST_EAST]
+        pings[:, 3] = own + echo
+        return self._soundings(pings[np.isfinite(echo)])
+
+    def _soundings(self, pings: Array) -> Array:
+        every = self._sim.altimeter.sounding_every_s
+        if every == 0.0:
+            return pings
+        self._pings = np.concatenate([self._pings, pings]) if len(self._pings) else pings
+        if not len(self._pings):
+            return self._pings
+        window = np.ceil(self._pings[:, 0] / every - 1e-6)
+        done = math.floor(self._stamps[-1] / every + 1e-6)
+        count = int(np.searchsorted(window, done, side="right"))
+        edges = [0, *(np.flatnonzero(window[1:count] != window[: count - 1]) + 1).tolist(), count] if count else []
+        soundings = [self._sounding(self._pings[a:b]) for a, b in itertools.pairwise(edges)]
+        self._pings = self._pings[count:]
+        found = [s for s in soundings if s is not None]
+        return np.array(found) if found else np.empty((0, 4))
+
+    def _sounding(self, pings: Array) -> Array | None:
+        """One sounding of the pings (n, 4) of its time: where they are on average, and their median depth."""
+        n = len(pings)
+        if self._sim.altimeter.ideal or self._sim.ideal:
+            middle: Array = pings[n // 2]
+            return middle
+        if n < self._sim.altimeter.least_pings:
+            return None
+        sounding: Array = pings.sum(axis=0) / n
+        depths = np.sort(pings[:, 3])
+        sounding[3] = 0.5 * (depths[(n - 1) // 2] + depths[n // 2])
+        return sounding
+
+    def odometry(self, now_s: float) -> Odometry:
+        """The filter's estimate at the end of the last tick."""
+        x = self._x
+        return Odometry(
+            stamp_s=now_s,
+            heading_rad=float(x[HEADING]),
+            north_m=float(x[NORTH]),
+            east_m=float(x[EAST]),
+            speed_mps=math.hypot(float(x[SURGE]), float(x[SWAY])) / (1.0 + float(x[DVL_SCALE])),
+            covariance=self._p[_ODOMETRY],
+        )
+
+    def truth(self, now_s: float) -> Truth:
+        """What is really the case at the end of the last tick."""
+        m = self._m
+        return Truth(
+            stamp_s=now_s,
+            heading_rad=float(m[mm.T_HEADING]),
+            north_m=float(m[mm.T_NORTH]),
+            east_m=float(m[mm.T_EAST]),
+            depth_m=float(m[mm.T_DEPTH]),
+            speed_mps=math.hypot(float(m[mm.T_SURGE]), float(m[mm.T_SWAY])),
+            travelled_m=float(m[mm.TRAVELLED]),
+            water_m=self._water_m,
+            step=self._step,
+            along_m=float(m[mm.ALONG]),
+            loitering=self._loitering,
+        )

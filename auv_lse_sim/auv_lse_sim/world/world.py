@@ -1,0 +1,143 @@
+"""The simulated world: ground, water, vehicles and the acoustic channel, advanced in ticks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.seeds import stream
+from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_planner.config import VehicleConfig
+from auv_lse_sim.config import SimConfig
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.channel import Arrival, Channel, land_between
+from auv_lse_sim.world.current import Current
+from auv_lse_sim.world.ground import Ground
+from auv_lse_sim.world.vehicle import LegLike, Odometry, SimVehicle, Truth
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleOutput:
+    """What one tick brings for one vehicle.
+
+    Attributes:
+        soundings: Stamp (s), estimated north and east (m), measured depth of water (m), shape (n, 4), by time.
+        odometry: The vehicle's own estimate at the tick's end.
+        altitude_m: Measured altitude above the bottom at the tick's end, NaN without an echo.
+        pressure_depth_m: Measured depth of the vehicle below the surface.
+        arrivals: Packets that its modem has read in this tick, by time.
+        truth: What is really the case.
+    """
+
+    soundings: Array
+    odometry: Odometry
+    altitude_m: float
+    pressure_depth_m: float
+    arrivals: list[Arrival]
+    truth: Truth
+
+
+class World:
+    """Everything outside the cores.
+
+    One tick, ending at `now_s`: `tick(now_s)`, then the vehicles' `command` and `transmit` of that tick.
+
+    Chance comes from named streams of `seed`: ("sensors", k), ("current",) and ("channel",). How many numbers each
+    draws depends on the times and transmissions alone.
+
+    Args:
+        sim: Section `sim`.
+        vehicles: One configuration per vehicle, by number from 1.
+        area: Section `area`; vehicles that wait circle to the side where it is freer.
+        ground: What they sound.
+        seed: The mission's seed.
+    """
+
+    def __init__(
+        self, sim: SimConfig, vehicles: Sequence[VehicleConfig], area: AreaConfig | None, ground: Ground, seed: int
+    ) -> None:
+        """Sets the vehicles down at their starts."""
+        self.config = sim
+        self.ground = ground
+        operating_area = OperatingArea(area) if area is not None else None
+
+        def clearance(north_m: float, east_m: float) -> float:
+            assert operating_area is not None
+            return float(operating_area.clearance_m(np.array([[north_m, east_m]]))[0])
+
+        self.vehicles = {
+            number: SimVehicle(
+                number, vehicle, sim, stream(seed, "sensors", number), clearance if operating_area is not None else None
+            )
+            for number, vehicle in enumerate(vehicles, 1)
+        }
+        self._current = Current(sim.current, stream(seed, "current"), sim.ideal)
+        self.channel = Channel(sim.channel, stream(seed, "channel"), land_between(ground.depth_m))
+        self._now_s = 0.0
+        self._substeps = 0
+        self.lost: list[Arrival] = []
+
+    @classmethod
+    def of(cls, settings: Settings, ground: Ground) -> World:
+        """The world of a whole mission's settings."""
+        vehicles = [own.vehicle for own in settings.vehicles]
+        return cls(settings.sim, vehicles, settings.area, ground, settings.mission.seed)
+
+    @property
+    def now_s(self) -> float:
+        """End of the last tick."""
+        return self._now_s
+
+    def tick(self, now_s: float) -> dict[int, VehicleOutput]:
+        """Moves everything on to `now_s`.
+
+        Packets that could not be read are in `lost` until the next tick.
+
+        Raises:
+            ValueError: if time runs backwards.
+        """
+        start_s = self._now_s
+        if now_s < start_s:
+            raise ValueError(f"world: tick to {now_s:g} s; expected a time after {start_s:g} s")
+        # Sub-steps keep to their own clock, whatever the ticks: all those that end within this tick.
+        rate, done = self.config.dvl.rate_hz, self._substeps
+        self._substeps = math.floor(now_s * rate + 1e-6)
+        stamps = np.arange(done + 1, self._substeps + 1) / rate
+        n = len(stamps)
+        currents = self._current.advance(done / rate, stamps)
+        places = [vehicle.move(stamps, currents) for vehicle in self.vehicles.values()]
+        north, east = np.concatenate([p[0] for p in places]), np.concatenate([p[1] for p in places])
+        water = self.ground.depth_m(north, east)
+        arrivals = self.channel.arrivals(now_s)
+        self.lost = [a for a in arrivals if not a.ok]
+        self._now_s = now_s
+        output: dict[int, VehicleOutput] = {}
+        for i, (number, vehicle) in enumerate(self.vehicles.items()):
+            soundings = vehicle.sense(water[i * n : (i + 1) * n])
+            output[number] = VehicleOutput(
+                soundings=soundings,
+                odometry=vehicle.odometry(now_s),
+                altitude_m=vehicle.altitude_m,
+                pressure_depth_m=vehicle.pressure_depth_m,
+                arrivals=[a for a in arrivals if a.ok and a.receiver == number],
+                truth=vehicle.truth(now_s),
+            )
+        return output
+
+    def command(self, vehicle: int, leg: LegLike) -> None:
+        """Gives a vehicle its next leg."""
+        self.vehicles[vehicle].command(leg)
+
+    def transmit(self, vehicle: int, now_s: float, payload: bytes) -> float:
+        """A vehicle starts to send. Returns when its transmission ends (s)."""
+        return self.channel.transmit(now_s, vehicle, payload, self.positions())
+
+    def positions(self) -> Mapping[int, tuple[float, float, float]]:
+        """True north, east and depth (m) of every vehicle."""
+        return {number: vehicle.position for number, vehicle in self.vehicles.items()}
