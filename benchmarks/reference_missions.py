@@ -13,9 +13,13 @@ import argparse
 import hashlib
 import json
 import math
+import os
 import sys
 from pathlib import Path
 from typing import Any
+
+# With more threads BLAS adds up in another order: method "map", which searches in float32, then decides otherwise.
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.judge.evaluation import evaluate
