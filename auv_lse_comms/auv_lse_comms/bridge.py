@@ -100,7 +100,8 @@ class ModemBridge:
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
         self._receivers = receivers
         self._plan: Packet | None = None
-        self._unsent = np.zeros((0, 5))  # stamp_s, north_m, east_m, depth_m, worth when last asked about
+        # stamp_s, north_m, east_m, depth_m, worth when last asked about, and that before the last packet was made
+        self._unsent = np.zeros((0, 6))
         self._queued: list[Array] = []  # soundings not yet among them
         self._last_queued: tuple[float, float] | None = None
         self._last_sent: Array | None = None  # samples of the last packet, while it can be taken back
@@ -126,7 +127,7 @@ class ModemBridge:
         """The unsent samples, with what was queued since the last look."""
         if self._queued:
             rows = np.concatenate(self._queued)
-            rows = np.column_stack([rows, np.full(len(rows), np.inf)])
+            rows = np.column_stack([rows, np.full((len(rows), 2), np.inf)])
             self._queued.clear()
             self._unsent = np.concatenate([self._unsent, rows])
             if (np.diff(self._unsent[:, 0]) < 0.0).any():
@@ -286,6 +287,7 @@ class ModemBridge:
         room = capacity(len(plan.actions), self._config.reserve)
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
+            unsent[:, 5] = unsent[:, 4]
             chosen = most_useful(unsent[:, 1:4], room, self._receivers, unsent[:, 4])
             self._receivers.send(self.loss)
         else:
@@ -313,6 +315,10 @@ class ModemBridge:
             return
         unsent = np.concatenate([self._last_sent, self._in_time_order()])
         self._unsent = unsent[np.argsort(unsent[:, 0], kind="stable")]
+        if self._receivers is not None:
+            self._receivers.take_back()
+            # asked about while this packet's samples counted as known: that says nothing now
+            self._unsent[:, 4] = self._unsent[:, 5]
         self.counts["samples.sent"] -= len(self._last_sent)
         self.counts["sent"] -= 1
         self.counts["slots.used"] -= 1

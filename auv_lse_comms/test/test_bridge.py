@@ -288,6 +288,9 @@ class Deepest:
     def suppose(self, samples_m: Array) -> None:
         self.told += len(samples_m)
 
+    def take_back(self) -> None:
+        self.log.append("taken back")
+
     def gains(self, samples_m: Array) -> Array:
         return np.asarray(samples_m[:, 2])
 
@@ -303,6 +306,9 @@ def test_useful_selection_asks_the_receivers() -> None:
     assert receivers.log == ["sent 19 at 0.2"]
     b.receive(12.0, 2, encode(dataclasses.replace(PLAN, samples=np.ones((7, 3)))))
     assert receivers.log == ["sent 19 at 0.2", "heard 7 at 0.2"]
+    b.not_sent()
+    b.not_sent()
+    assert receivers.log[2:] == ["taken back"]
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.4, 1.0])

@@ -69,6 +69,9 @@ class Peaks:
     def send(self, loss: float) -> None:
         raise AssertionError("the bridge sends, not the selection")
 
+    def take_back(self) -> None:
+        raise AssertionError("nothing was sent")
+
     def gains(self, samples_m: Array) -> Array:
         worth = np.asarray(samples_m[:, 2], dtype=float).copy()
         for known in self.known:

@@ -187,6 +187,10 @@ class ReceiversRisk:
         self._receivers = [Knowledge(gp, level_set, area, spacing_m) for _ in range(SUPPOSED)]
         self._missed = [0] * SUPPOSED  # what each has missed, as a number: those with the same know the same
         self._marks = [receiver.mark() for receiver in self._receivers]
+        #: What the receivers knew and had missed before the last packet sent, while that can be taken back ...
+        self._before_sent: tuple[list[tuple[int, Array, Array]], list[int]] | None = None
+        #: ... and what was heard after it: samples, and which receivers missed them.
+        self._heard_since: list[tuple[Array, list[bool]]] = []
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any], where: str, address: int) -> ReceiversRisk:
@@ -214,8 +218,11 @@ class ReceiversRisk:
             samples_m: North, east, water depth (m), shape (n, 3).
             loss: Chance that a packet is lost at present.
         """
-        self.suppose(samples_m)
-        self.send(loss)
+        samples = np.asarray(samples_m, dtype=float)
+        missed = self._draw(loss)
+        self._heard_since.append((samples, missed))
+        self.suppose(samples)
+        self._deliver(missed)
 
     def suppose(self, samples_m: ArrayLike) -> None:
         """The packet that is being made holds these samples too; what it is worth is reckoned as if it arrived.
@@ -232,9 +239,28 @@ class ReceiversRisk:
         Args:
             loss: That chance at present.
         """
-        missed = self._rng.random(len(self._receivers)) < loss
+        self._before_sent, self._heard_since = (self._marks, list(self._missed)), []
+        self._deliver(self._draw(loss))
+
+    def take_back(self) -> None:
+        """The last packet given to `send` was not sent: nobody has its samples. What was heard since stays known."""
+        if self._before_sent is None:
+            return
+        (self._marks, self._missed), self._before_sent = self._before_sent, None
+        for receiver, mark in zip(self._receivers, self._marks, strict=True):
+            receiver.forget(mark)
+        for samples, missed in self._heard_since:
+            self.suppose(samples)
+            self._deliver(missed)
+
+    def _draw(self, loss: float) -> list[bool]:
+        """Which of the receivers miss a packet."""
+        return [bool(missed) for missed in self._rng.random(len(self._receivers)) < loss]
+
+    def _deliver(self, missed: list[bool]) -> None:
+        """The packet of the samples supposed last is on its way; those who miss it forget them."""
         for i, receiver in enumerate(self._receivers):
-            self._missed[i] = hash((self._missed[i], bool(missed[i])))
+            self._missed[i] = hash((self._missed[i], missed[i]))
             if missed[i]:
                 receiver.forget(self._marks[i])
         self._marks = [receiver.mark() for receiver in self._receivers]

@@ -148,6 +148,25 @@ def test_without_loss_all_receivers_have_all_and_with_total_loss_none_has_any() 
     np.testing.assert_allclose(deaf.gains(candidates), Knowledge(GP, LEVEL, AREA).gains(candidates), rtol=1e-12)
 
 
+@pytest.mark.parametrize("loss", [0.0, 0.5, 1.0])
+def test_a_packet_that_is_taken_back_leaves_no_trace(loss: float) -> None:
+    rng = np.random.default_rng(10)
+    before, sent, heard, candidates = (samples(rng, n) for n in (10, 12, 8, 20))
+    receivers, never = (ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(s)) for s in (1, 1))
+    for r in (receivers, never):
+        r.hear(before, loss)
+    receivers.suppose(sent)
+    receivers.send(loss)
+    never.suppose(sent[:0])
+    never.send(loss)  # draws who misses it, as the other one did; it holds nothing
+    for r in (receivers, never):
+        r.hear(heard, loss)
+    receivers.take_back()
+    np.testing.assert_array_equal(receivers.gains(candidates), never.gains(candidates))
+    receivers.take_back()  # nothing is left to take back
+    np.testing.assert_array_equal(receivers.gains(candidates), never.gains(candidates))
+
+
 def test_from_a_missions_parameters() -> None:
     parameters = {"gp": {"length_scale_m": 50.0}, "area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0]}}
     one, again = (ReceiversRisk.from_parameters(parameters, "test", 2) for _ in range(2))

@@ -48,6 +48,9 @@ class ReceiversRisk(Protocol):
             loss: Chance that a packet is lost at present.
         """
 
+    def take_back(self) -> None:
+        """The last packet given to `send` was not sent after all: nobody has its samples."""
+
     def gains(self, samples_m: Array) -> Array:
         """Expected drop of the receivers' Bayes risk by each sample alone, shape (n,).
 
