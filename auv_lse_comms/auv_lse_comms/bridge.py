@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 from auv_lse_comms.packet.fields import capacity
-from auv_lse_comms.packet.selection import ReceiversRisk, every_nth, most_useful
+from auv_lse_comms.packet.selection import Receivers, every_nth, most_useful
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Slot, Tdma
 
@@ -71,7 +71,7 @@ class ModemBridge:
         *,
         limits: Limits | None = None,
         key: bytes | None = None,
-        receivers: ReceiversRisk | None = None,
+        receivers: Receivers | None = None,
     ) -> None:
         """Starts with nothing to say.
 

@@ -79,10 +79,6 @@ class PacketConfig:
         help="which unsent samples to send: every n-th in time order (the paper's), or those whose expected drop of "
         "the receivers' Bayes risk is largest",
     )
-    receivers: str = parameter(
-        "auv_lse_gp.receivers_risk:ReceiversRisk",
-        help="class, as 'module:class', that says what a sample is worth to the receivers; for selection 'useful'",
-    )
     expected_loss: float = parameter(
         0.2, low=0.0, high=1.0, help="chance that a packet is lost, as selection 'useful' supposes until it has heard"
     )

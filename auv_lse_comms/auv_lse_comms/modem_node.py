@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from auv_lse_common.lockstep import Gate
@@ -10,6 +11,7 @@ from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, run, 
 from auv_lse_comms.bridge import Received
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import PacketError
+from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ros_conversions import (
     packet_of_plan,
     sounding_row,
@@ -25,13 +27,23 @@ _STEP_PERIOD_S = 0.1
 _STATUS_PERIOD_S = 10.0
 
 
+def _make_receivers(parameters: Mapping[str, Any], where: str, address: int) -> Receivers:
+    """What the receivers know, by the map's own reckoning: the one place where this package uses auv_lse_gp.
+
+    Imported only if `packet.selection: useful` asks for it: without it the node needs neither that package nor SciPy.
+    """
+    from auv_lse_gp.receivers_risk import ReceiversRisk
+
+    return ReceiversRisk.from_parameters(parameters, where, address)
+
+
 class ModemNode(ConfiguredNode):
     """modem_node: packets and TDMA of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
         """Builds the bridge from the parameters and wires the topics."""
         super().__init__("modem_node")
-        self._bridge = bridge_of(self.parameters, self.where, self.vehicle)
+        self._bridge = bridge_of(self.parameters, self.where, self.vehicle, _make_receivers)
         tdma = section(TdmaConfig, self.parameters, "tdma", self.where)
         packet = section(PacketConfig, self.parameters, "packet", self.where)
         self.show_parameters(

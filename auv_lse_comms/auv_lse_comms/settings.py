@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,12 @@ from auv_lse_common.params import ParameterError, section
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Limits
-from auv_lse_comms.packet.selection import ReceiversRisk, load_receivers
+from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.packet.tag import KeyFileError, read_key
+
+#: Makes the receivers of `packet.selection` "useful" from the mission's parameters, where they came from (for
+#: messages), and the sender's number.
+MakeReceivers = Callable[[Mapping[str, Any], str, int], Receivers]
 
 #: What the missing number means, by its key in the section `mission`.
 _SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
@@ -81,7 +85,7 @@ def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -
 
 
 def bridge_of(
-    parameters: Mapping[str, Any], where: str, address: int, receivers: ReceiversRisk | None = None
+    parameters: Mapping[str, Any], where: str, address: int, make_receivers: MakeReceivers | None = None
 ) -> ModemBridge:
     """The bridge of vehicle `address`.
 
@@ -89,7 +93,7 @@ def bridge_of(
         parameters: Nested parameters of its modem_node; `mission.vehicles` and `mission.steps` must be among them.
         where: Where they came from, for messages.
         address: Number of the vehicle.
-        receivers: What the receivers know, for `packet.selection` "useful"; None: `packet.receivers`.
+        make_receivers: Called if `packet.selection` is "useful", which needs it.
 
     Raises:
         ParameterError: naming what cannot be used, the key file's faults among them.
@@ -98,8 +102,9 @@ def bridge_of(
     packet = section(PacketConfig, parameters, "packet", where)
     vehicles = shared_number(parameters, "vehicles", where)
     limits = limits_of(parameters, packet, where)
-    if packet.selection == "useful" and receivers is None:
-        receivers = load_receivers(packet.receivers, parameters, where, address)
+    receivers = None
+    if packet.selection == "useful" and make_receivers is not None:
+        receivers = make_receivers(parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
         return ModemBridge(tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers)

@@ -8,9 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from auv_lse_common.params import ParameterError
-from auv_lse_comms.config import PacketConfig
-from auv_lse_comms.packet.selection import CONSIDERED, every_nth, load_receivers, most_useful
+from auv_lse_comms.packet.selection import CONSIDERED, every_nth, most_useful
 
 Array = NDArray[np.float64]
 
@@ -133,21 +131,6 @@ def test_worth_is_remembered_and_a_backlog_looked_at_evenly() -> None:
     worth = worth[left]
     most_useful(samples[left], 19, Peaks(), worth)
     assert np.isfinite(worth).sum() == 2 * CONSIDERED - 18
-
-
-@pytest.mark.parametrize("name", ["no_such_module:Class", "math:Class", "math:pi", "math", ""])
-def test_a_class_that_does_not_exist_is_refused(name: str) -> None:
-    with pytest.raises(ParameterError, match=r"mission.yaml: packet.receivers: got '.*'; expected 'module:class'"):
-        load_receivers(name, {}, "mission.yaml", 1)
-
-
-def test_the_class_a_mission_names_is_made_from_its_parameters() -> None:
-    pytest.importorskip("auv_lse_gp.receivers_risk")
-    parameters = {"area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0]}}
-    receivers = load_receivers(PacketConfig().receivers, parameters, "mission.yaml", 1)
-    assert receivers.gains(np.array([[60.0, 50.0, 15.0]])) > 0.0
-    with pytest.raises(ParameterError, match=r"kernel: got 'none'"):
-        load_receivers(PacketConfig().receivers, {**parameters, "gp": {"kernel": "none"}}, "mission.yaml", 1)
 
 
 @pytest.mark.parametrize("gains", [lambda s: np.ones((len(s), 1)), lambda s: np.full(len(s), np.nan)])

@@ -45,7 +45,7 @@ def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
             {"packet": {"tag": True, "key_file": str(tmp_path / "none")}},
             r"packet.key_file: .*none: cannot be read",
         ),
-        ({"packet": {"selection": "useful", "receivers": "math:pi"}}, r"m.yaml: packet.receivers: got 'math:pi'"),
+        ({"packet": {"selection": "useful"}}, r"m.yaml: packet.selection = 'useful': expected `receivers`"),
         ({"packet": {"selection": "best"}}, r"packet.selection: got 'best'; expected one of 'every_nth', 'useful'"),
         ({"packet": {"tagg": True}}, r"packet.tagg: unknown parameter .* did you mean 'tag'"),
     ):
@@ -82,15 +82,6 @@ def test_what_all_vehicles_must_share_has_no_default(key: str, order: list[int])
 def test_what_other_packages_own_is_refused_by_name(parameters: dict[str, Any], message: str) -> None:
     with pytest.raises(ParameterError, match="m.yaml: " + message):
         bridge_of({**MISSION, **parameters}, "m.yaml", 1)
-
-
-def test_useful_selection_is_wired_by_the_mission_alone() -> None:
-    pytest.importorskip("auv_lse_gp.receivers_risk")
-    bridge = bridge_of({**MISSION, "packet": {"selection": "useful"}}, "m.yaml", 1)
-    bridge.set_plan(Packet(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(1, 1, 1)))
-    bridge.add_soundings([[float(t), 3.0 * t, 2.0 * t, 15.0] for t in range(60)])
-    assert bridge.poll(1.0) is not None
-    assert bridge.counts["samples.sent"] == 19
 
 
 def test_a_team_with_a_key(tmp_path: Path) -> None:

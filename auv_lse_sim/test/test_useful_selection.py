@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from auv_lse_common.params import ParameterError
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_comms.settings import bridge_of
+from auv_lse_gp.receivers_risk import ReceiversRisk
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground_source import ground_of
 
 Array = NDArray[np.float64]
 MISSION: dict[str, Any] = {
@@ -31,7 +36,7 @@ def soundings(n: int, seed: int = 1) -> Array:
 @pytest.mark.parametrize("heard", [0, 7])
 def test_samples_of_a_packet_that_was_not_sent_are_worth_what_they_were(waiting: int, heard: int) -> None:
     """Nothing of the packet stays counted as known: the next packet is the one of a bridge that never made it."""
-    bridge, never = (bridge_of(MISSION, "m.yaml", 1) for _ in range(2))
+    bridge, never = (bridge_of(MISSION, "m.yaml", 1, ReceiversRisk.from_parameters) for _ in range(2))
     for b in (bridge, never):
         b.set_plan(PLAN)
         b.add_soundings(soundings(waiting))
@@ -49,3 +54,20 @@ def test_samples_of_a_packet_that_was_not_sent_are_worth_what_they_were(waiting:
     np.testing.assert_array_equal(decode(again).samples, decode(expected).samples)
     if not heard:
         np.testing.assert_array_equal(decode(again).samples, decode(first).samples)
+
+
+def test_a_fault_in_the_maps_parameters_is_named() -> None:
+    with pytest.raises(ParameterError, match=r"m.yaml: gp.kernel: got 'none'"):
+        bridge_of({**MISSION, "gp": {"kernel": "none"}}, "m.yaml", 1, ReceiversRisk.from_parameters)
+
+
+def test_a_fleet_flies_with_it() -> None:
+    overrides = {
+        "mission": {"vehicles": 2, "steps": 4},
+        "planner": {"method": "lawnmower"},
+        "packet": MISSION["packet"],
+    }
+    settings = Settings.load(overrides=overrides)
+    fleet = Fleet(settings, ground_of(settings))
+    fleet.run()
+    assert all(crew.bridge.counts["samples.sent"] > 19 for crew in fleet.crews)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from auv_lse_common.params import ParameterError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -20,10 +16,11 @@ CONSIDERED = 200
 _BATCH = 8
 
 
-class ReceiversRisk(Protocol):
-    """What the receivers are thought to know, and what a sample would be worth to them.
+class Receivers(Protocol):
+    """What the receivers are supposed to know, and what one more sample would be worth to them.
 
-    The map and its risk belong to other packages, so whoever wires a vehicle hands an object of this shape in.
+    This package knows no map and no risk. Whoever wires a vehicle (`modem_node`, the fleet engine) passes in an object
+    of this shape; `auv_lse_gp.receivers_risk.ReceiversRisk` is one.
     """
 
     def hear(self, samples_m: Array, loss: float) -> None:
@@ -78,7 +75,7 @@ def every_nth(unsent: int, room: int) -> Indices:
     return np.rint(np.linspace(0.0, unsent - 1.0, room)).astype(np.intp)
 
 
-def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Array) -> Indices:
+def most_useful(samples_m: Array, room: int, receivers: Receivers, worth: Array) -> Indices:
     """The samples worth most to the receivers, chosen one after the other, each given those chosen before.
 
     Lets `receivers` suppose what it chose. The oldest is always among them, so none waits for ever.
@@ -133,31 +130,3 @@ def most_useful(samples_m: Array, room: int, receivers: ReceiversRisk, worth: Ar
         pool = np.delete(pool, best)
         fresh = np.zeros(len(pool), dtype=bool)
     return np.sort(np.array(chosen, dtype=np.intp))
-
-
-def load_receivers(name: str, parameters: Mapping[str, Any], where: str, address: int) -> ReceiversRisk:
-    """The `ReceiversRisk` that the mission file names.
-
-    This package knows no map, so what a sample is worth comes from a class named as "module:class", which is made by
-    its `from_parameters(parameters, where, address)`.
-
-    Args:
-        name: `packet.receivers`.
-        parameters: Nested parameters of the mission.
-        where: Where they came from, for messages.
-        address: Number of the sender.
-
-    Raises:
-        ParameterError: if there is no such class.
-    """
-    module, _, attribute = name.partition(":")
-    try:
-        kind = getattr(importlib.import_module(module), attribute)
-        made: ReceiversRisk = kind.from_parameters(parameters, where, address)
-    except (ImportError, AttributeError, ValueError) as error:
-        if isinstance(error, ParameterError):
-            raise
-        raise ParameterError(
-            f"{where}: packet.receivers: got {name!r}; expected 'module:class' with from_parameters: {error}"
-        ) from error
-    return made

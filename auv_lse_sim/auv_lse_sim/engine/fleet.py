@@ -22,6 +22,7 @@ from auv_lse_comms.packet.codec import PacketError
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
+from auv_lse_gp.receivers_risk import ReceiversRisk
 from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner
 from auv_lse_sim.record.run_data import DecisionRecord, GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
 from auv_lse_sim.settings import Settings
@@ -146,7 +147,7 @@ class Fleet:
         own = self.settings.planner_settings(number)
         return Crew(
             vehicle=number,
-            bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number),
+            bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
             map=DepthMap(own.gp, self.settings.level_set, self.area),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
         )
