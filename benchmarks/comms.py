@@ -30,9 +30,9 @@ from auv_lse_gp.receivers_risk import Knowledge, ReceiversRisk
 from auv_lse_gp.risk import LevelSet
 from auv_lse_sim.world.channel import Channel, ChannelConfig, Position, loss_at_range, snr_db
 from auv_lse_sim.world.ground import SyntheticLake
+from benchmarks.rows import Row, row
 
 Array = NDArray[np.float64]
-Row = dict[str, Any]
 
 LIMITS = Limits(
     steps=100,
@@ -42,21 +42,39 @@ LIMITS = Limits(
     east_m=(-150.0, 750.0),
     depth_m=(-10.0, 1000.0),
 )
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Sizes:
+    """How much is measured.
+
+    Attributes:
+        calls: Calls of the codec that are timed together.
+        repeats: How often they are timed.
+        seconds: Mission time of the team of twenty, and of the smaller teams.
+        packets: Packets sent at each range.
+        teams: Numbers of vehicles.
+        selection_s: Mission time of the comparison of selections.
+        lakes: Lakes of that comparison.
+    """
+
+    calls: int = 200
+    repeats: int = 50
+    seconds: tuple[int, int] = (3600, 1600)
+    packets: int = 2000
+    teams: tuple[int, ...] = (2, 3, 5, 8, 12, 20)
+    selection_s: int = 1600
+    lakes: int = 2
+
+
+FULL = Sizes()
+SMOKE = Sizes(calls=2, repeats=2, seconds=(60, 130), packets=5, teams=(2,), selection_s=110, lakes=1)
+
 PLAN = Packet(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), heuristic=0xF1)
 NORTH_M, EAST_M = 700.0, 600.0
 
 
-def row(
-    name: str, value: float, unit: str, *, against: str = "", ratio: float | None = None, goal: str = "",
-    holds: bool | None = None,
-) -> Row:  # fmt: skip
-    """One line of the table."""
-    return {
-        "name": name, "value": value, "unit": unit, "against": against, "ratio": ratio, "goal": goal, "holds": holds,
-    }  # fmt: skip
-
-
-def best_of(call: Callable[[], object], number: int = 200, repeats: int = 50) -> float:
+def best_of(call: Callable[[], object], number: int, repeats: int) -> float:
     """Seconds per call, the best of some repeats (the others were disturbed)."""
     times = []
     for _ in range(repeats):
@@ -67,11 +85,11 @@ def best_of(call: Callable[[], object], number: int = 200, repeats: int = 50) ->
     return min(times)
 
 
-def codec() -> list[Row]:
+def codec(sizes: Sizes = FULL) -> list[Row]:
     """Time of encoding and decoding a full packet."""
     rng = np.random.default_rng(0)
     packet = dataclasses.replace(PLAN, samples=rng.uniform(0.0, 500.0, (19, 3)))
-    both = best_of(lambda: decode(encode(packet, LIMITS), LIMITS))
+    both = best_of(lambda: decode(encode(packet, LIMITS), LIMITS), sizes.calls, sizes.repeats)
     tagger, data = Tagger(bytes(32), 6), encode(packet, reserve=6)
     steps = iter(range(10**9))
 
@@ -82,7 +100,7 @@ def codec() -> list[Row]:
             tagger._accepted.clear()
         tagger.check(sealed, 1)
 
-    tag = best_of(tagged)
+    tag = best_of(tagged, sizes.calls, sizes.repeats)
     return [
         row("encode + decode, 19 samples", both * 1e6, "us", goal="< 100", holds=both < 100e-6),
         row("tag and its check", tag * 1e6, "us"),
@@ -175,9 +193,10 @@ def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1, p
     return Traffic(sent, outcomes, bridge_s, channel_s, soundings, received, age_s)
 
 
-def twenty_vehicles() -> list[Row]:
+def twenty_vehicles(sizes: Sizes = FULL) -> list[Row]:
     """An hour of twenty vehicles with ten soundings a second each, in one process."""
-    seconds = 3600
+    seconds = sizes.seconds[0]
+    slots = seconds // 10
     run = traffic(20, seconds, ChannelConfig(), per_second=10)
     spent = run.bridge_s / seconds
     collided = run.outcomes["half_duplex"] + run.outcomes["interference"]
@@ -187,7 +206,10 @@ def twenty_vehicles() -> list[Row]:
             ratio=1.0 / spent, goal="ratio > 100", holds=spent < 0.01,
         ),
         row("channel of 20 vehicles: time per second of mission", run.channel_s / seconds * 1e3, "ms"),
-        row("slots used by 20 vehicles in 1 h", run.sent, "of 360", goal="360", holds=run.sent == 360),
+        row(
+            f"slots used by 20 vehicles in {seconds} s", run.sent, f"of {slots}", goal=str(slots),
+            holds=run.sent == slots,
+        ),
         row("receptions lost to overlap, 20 vehicles", collided, "", goal="0", holds=collided == 0),
     ]  # fmt: skip
 
@@ -203,15 +225,15 @@ def delivery_at_range(range_m: float, config: ChannelConfig, packets: int = 2000
     return read / packets
 
 
-def ranges() -> list[Row]:
+def ranges(sizes: Sizes = FULL) -> list[Row]:
     """Delivery ratio against range, sent against computed."""
     rows = []
     for range_m in (500.0, 1000.0, 2000.0, 3000.0, 3500.0, 4000.0, 5000.0):
         got, expected = (
-            delivery_at_range(range_m, ChannelConfig()),
+            delivery_at_range(range_m, ChannelConfig(), sizes.packets),
             1.0 - float(loss_at_range(range_m, ChannelConfig())),
         )
-        near = abs(got - expected) < 4.0 * np.sqrt(max(expected * (1.0 - expected), 1e-4) / 2000.0)
+        near = abs(got - expected) < 4.0 * np.sqrt(max(expected * (1.0 - expected), 1e-4) / sizes.packets)
         rows.append(
             row(
                 f"delivery ratio at {range_m:g} m", got, "", against=f"{expected:.3f} from curve and fading",
@@ -221,12 +243,13 @@ def ranges() -> list[Row]:
     return rows
 
 
-def teams() -> list[Row]:
+def teams(sizes: Sizes = FULL) -> list[Row]:
     """Delivery ratio, age of the last heard plan, and samples, against the number of vehicles."""
     rows = []
-    for vehicles in (2, 3, 5, 8, 12, 20):
+    seconds = sizes.seconds[1]
+    for vehicles in sizes.teams:
         for loss in (0.0, 0.3):
-            run = traffic(vehicles, 1600, ChannelConfig(packet_loss=loss))
+            run = traffic(vehicles, seconds, ChannelConfig(packet_loss=loss))
             name = f"K = {vehicles}, random loss {loss:g}"
             off = abs(run.delivered - (1.0 - loss))
             sigma = np.sqrt(max(loss * (1.0 - loss), 1e-3) / max(sum(run.outcomes.values()), 1))
@@ -239,8 +262,8 @@ def teams() -> list[Row]:
             rows.append(row(f"mean age of what is known of a team mate, {name}", run.plan_age_s, "s"))
             rows.append(
                 row(
-                    f"samples heard per vehicle and minute, {name}", run.samples_received / vehicles / (1600 / 60), "",
-                    against="60 soundings made by each",
+                    f"samples heard per vehicle and minute, {name}",
+                    run.samples_received / vehicles / (seconds / 60), "", against="60 soundings made by each",
                 )
             )  # fmt: skip
     return rows
@@ -352,13 +375,16 @@ SCENES: dict[str, dict[str, Any]] = {
 }
 
 
-def selections(scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES, seeds: int = 3) -> list[Row]:
+def selections(
+    scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES, seeds: int = 3, seconds: int = 1600
+) -> list[Row]:
     """What choosing the samples gains: cost of local maps over that of all data, mean over the mission.
 
     Args:
         scenes: Of `SCENES`.
         choices: Of `CHOICES`, the first one the one that the others are compared with.
         seeds: Number of lakes.
+        seconds: Length of each mission.
     """
     rows = []
     for scene in scenes:
@@ -366,7 +392,7 @@ def selections(scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES,
         base: list[Outcome] = []
         for choice in choices:
             config = CHOICES[choice]
-            runs = [fly(config, seed=seed, **settings) for seed in range(1, seeds + 1)]
+            runs = [fly(config, seed=seed, seconds=seconds, **settings) for seed in range(1, seeds + 1)]
             first = not base
             base = base or runs
             for kind in ("regret", "excess"):
@@ -388,7 +414,7 @@ def selections(scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES,
     return rows
 
 
-def channel_figure(path: Path) -> None:
+def channel_figure(path: Path, packets: int = 250) -> None:
     """Draws frame error against range, for spreading laws, noise and fading, with points that were sent."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -408,12 +434,12 @@ def channel_figure(path: Path) -> None:
     for i, (name, config) in enumerate(cases.items()):
         left.plot(far / 1000.0, loss_at_range(far, config), color=f"C{i}", label=name, linewidth=1.4)
         points = np.arange(500.0, 10000.0, 750.0) + 60.0 * i
-        sent = [1.0 - delivery_at_range(p, config, 250) for p in points.tolist()]
+        sent = [1.0 - delivery_at_range(p, config, packets) for p in points.tolist()]
         left.plot(points / 1000.0, sent, ".", color=f"C{i}", markersize=4)
         if name not in ("no fading", "rate 5", "10 % random loss"):
             right.plot(far / 1000.0, snr_db(far, config), color=f"C{i}", label=name, linewidth=1.4)
     left.set(xlabel="range (km)", ylabel="frame error", ylim=(-0.03, 1.03), xlim=(0.0, 10.0))
-    left.set_title("lines: computed; dots: 250 packets sent", fontsize=9)
+    left.set_title(f"lines: computed; dots: {packets} packets sent", fontsize=9)
     left.legend(fontsize=7, loc="center right")
     fresh = ChannelConfig(absorption="fresh")
     right.plot(far / 1000.0, snr_db(far, fresh), color="C7", label="fresh water", linewidth=1.4)
@@ -423,10 +449,12 @@ def channel_figure(path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
-def run() -> list[Row]:
-    """All rows of `scripts/bench comms`."""
-    chosen = selections(("K = 3", "K = 3, silent for 10 min"), ("every n-th", "useful"), 2)
-    return [*codec(), *twenty_vehicles(), *ranges(), *teams(), *chosen]
+def run(*, smoke: bool = False) -> list[Row]:
+    """All rows of `scripts/bench comms`; `smoke`: at the smallest sizes, in seconds."""
+    sizes = SMOKE if smoke else FULL
+    scenes = ("K = 3",) if smoke else ("K = 3", "K = 3, silent for 10 min")
+    chosen = selections(scenes, ("every n-th", "useful"), sizes.lakes, sizes.selection_s)
+    return [*codec(sizes), *twenty_vehicles(sizes), *ranges(sizes), *teams(sizes), *chosen]
 
 
 if __name__ == "__main__":

@@ -191,10 +191,11 @@ def fuzz(inputs: int, rng: np.random.Generator) -> dict[str, Counter[str]]:
     return counts
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Prints what became of each kind of damage."""
-    inputs = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
-    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    arguments = sys.argv[1:] if arguments is None else arguments
+    inputs = int(arguments[0]) if arguments else 1_000_000
+    seed = int(arguments[1]) if len(arguments) > 1 else 0
     counts = fuzz(inputs, np.random.default_rng(seed))
     for name, reasons in counts.items():
         print(f"{name:18}", ", ".join(f"{reason} {n}" for reason, n in reasons.most_common()))

@@ -1,7 +1,8 @@
 """The objective and the Gaussian process: speed against scikit-learn and GPyTorch, and the accuracy of the choices.
 
-All on one core, in processor time, so that it can be measured on a machine that has other things to do. The other
-libraries live in an optional environment of their own:
+All on one core, in processor time, so that it can be measured on a machine that has other things to do. The accuracy
+of the choices is measured on a made-up lake, or with `--lake FILE` on the soundings of a real one. The other libraries
+live in an optional environment of their own:
 
     python3 -m venv .venv-bench
     .venv-bench/bin/pip install torch==2.13.0 gpytorch==1.15.2 scikit-learn==1.9.1
@@ -38,29 +39,71 @@ from auv_lse_gp import (
     read_soundings,
 )
 from auv_lse_gp.likelihood import fit
-
-Row = dict[str, Any]
+from benchmarks.rows import Row, row
 
 ROOT = Path(__file__).resolve().parents[1]
 RIVALS = ROOT / ".venv-bench" / "bin" / "python"
-LAKE = ROOT.parent / "shared" / "data" / "tzibana_soundings.csv"
 ONE_CORE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 
-#: The map of the comparison: 500 m x 400 m, as in the paper's trials, in 100,000 cells.
+#: The map of the comparison: 500 m x 400 m, as in the paper's trials.
 SIZE_M = (500.0, 400.0)
-CELLS = (400, 250)
 
 
-def run() -> list[Row]:
-    """Measures all of it, in a process of its own that is held to one core. Takes about three minutes."""
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Sizes:
+    """How much is measured.
+
+    Attributes:
+        evaluations: Evaluations of the objective's speed; a tenth of them compare the ways to the expected risk.
+        cells: Cells of the map in north and east.
+        data: Numbers of centers of the maps.
+        running: Centers of the map that is kept up to date in real time.
+        queries: Places at which the local subset is compared with all centers.
+        every: Every how many soundings of the survey are used.
+        soundings: Soundings of the fit.
+        restarts: Starts of the fit.
+        repeats: Most repeats of a timed call.
+    """
+
+    evaluations: int = 1_000_000
+    cells: tuple[int, int] = (400, 250)
+    data: tuple[int, ...] = (500, 1000, 2000)
+    running: int = 2000
+    queries: int = 3000
+    every: int = 1
+    soundings: int = 500
+    restarts: int = 5
+    repeats: int = 5
+
+
+FULL = Sizes()
+SMOKE = Sizes(
+    evaluations=2_000, cells=(16, 10), data=(30,), running=40, queries=20, every=4, soundings=40, restarts=1, repeats=1
+)
+
+
+def run(*, smoke: bool = False, lake: Path | None = None) -> list[Row]:
+    """Measures all of it, in a process of its own that is held to one core. Takes about three minutes.
+
+    Args:
+        smoke: Measures at the smallest sizes, in seconds, and without the other libraries.
+        lake: Soundings of a real lake; None: a made-up lake.
+
+    Raises:
+        RuntimeError: if that process failed, with its output.
+    """
+    sizes = SMOKE if smoke else FULL
     if all(os.environ.get(name) == value for name, value in ONE_CORE.items()):
-        return measure()
-    command = [sys.executable, "-c", "import json; from benchmarks.gp import measure; print(json.dumps(measure()))"]
+        return measure(sizes, lake)
+    code = (
+        "import json; from pathlib import Path; from benchmarks import gp;"
+        f"print(json.dumps(gp.measure(gp.{'SMOKE' if smoke else 'FULL'}, {f'Path({str(lake)!r})' if lake else None})))"
+    )
     environment = {**os.environ, **ONE_CORE, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
     done = subprocess.run(
-        command,
+        [sys.executable, "-c", code],
         env=environment,
-        cwd=ROOT,
+        cwd=Path.cwd(),
         capture_output=True,
         text=True,
         check=False,
@@ -71,32 +114,21 @@ def run() -> list[Row]:
     return rows
 
 
-def measure() -> list[Row]:
+def measure(sizes: Sizes = FULL, lake: Path | None = None) -> list[Row]:
     """All rows, in this process."""
     warnings.simplefilter("ignore", UserWarning)  # short supports are what is measured
-    groups = (start_up, objective, accuracy, maps, real_time, local_subset, merging, conditioned, hyperparameters)
-    return [row for group in groups for row in group()]
-
-
-def row(
-    name: str,
-    value: float | None,
-    unit: str,
-    against: str = "",
-    ratio: float | None = None,
-    goal: str = "",
-    holds: bool | None = None,
-) -> Row:
-    """One figure; `ratio`: how many times better than `against`."""
-    return {
-        "name": name,
-        "value": None if value is None else float(value),
-        "unit": unit,
-        "against": against,
-        "ratio": None if ratio is None else float(ratio),
-        "goal": goal,
-        "holds": None if holds is None else bool(holds),
-    }
+    survey = Survey.of(lake)
+    return [
+        *start_up(sizes),
+        *objective(sizes),
+        *accuracy(sizes),
+        *maps(sizes),
+        *real_time(sizes),
+        *local_subset(survey, sizes),
+        *merging(survey, sizes),
+        *conditioned(sizes),
+        *hyperparameters(survey, sizes),
+    ]
 
 
 def clock() -> float:
@@ -114,14 +146,18 @@ def best_of(repeats: int, function: Callable[[], Any]) -> float:
     return min(times)
 
 
-def start_up() -> list[Row]:
+def start_up(sizes: Sizes = FULL) -> list[Row]:
     """Import of the package with all compiled code, from numba's cache."""
     code = (
         "import auv_lse_gp, time; from auv_lse_gp import compiled;"
         "compiled.AVAILABLE and (compiled.risk(), compiled.gp()); print(time.process_time())"
     )
     command = [sys.executable, "-c", code]
-    outputs = [subprocess.run(command, check=True, cwd=ROOT, capture_output=True, text=True).stdout for _ in range(2)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    outputs = [
+        subprocess.run(command, check=True, env=environment, capture_output=True, text=True).stdout
+        for _ in range(min(2, sizes.repeats))
+    ]
     seconds = min(float(output) for output in outputs)
     return [row("gp: import, compiled code from its cache", seconds, "s", goal="<= 3", holds=seconds <= 3.0)]
 
@@ -137,13 +173,13 @@ def field_like(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return 15.0 + 5.0 * rng.normal(size=n), np.sqrt(share) * total, np.sqrt(1.0 - share) * total
 
 
-def objective() -> list[Row]:
+def objective(sizes: Sizes = FULL) -> list[Row]:
     """Evaluations a second."""
-    args = field_like(1_000_000)
+    args = field_like(sizes.evaluations)
     rows = []
     for costs, text, goal in (((10.0, 10.0), "equal costs", 3e6), ((10.0, 4.0), "unequal costs", 1e6)):
         expected_bayes_risk(*(a[:10] for a in args), 15.0, *costs)
-        seconds = best_of(3, lambda costs=costs: expected_bayes_risk(*args, 15.0, *costs))
+        seconds = best_of(min(3, sizes.repeats), lambda costs=costs: expected_bayes_risk(*args, 15.0, *costs))
         rate = len(args[0]) / seconds
         rows.append(row(f"objective: exact, {text}", rate, "/s", goal=f">= {goal:.0e}", holds=rate >= goal))
     return rows
@@ -166,9 +202,9 @@ def by_quadrature(mean: float, of_mean: float, after: float, c1: float, c2: floa
     return total
 
 
-def accuracy() -> list[Row]:
-    """Error and speed of four ways to the expected risk, at equal costs."""
-    args = field_like(100_000, seed=1)
+def accuracy(sizes: Sizes = FULL) -> list[Row]:
+    """Error and speed of five ways to the expected risk, at equal costs."""
+    args = field_like(sizes.evaluations // 10, seed=1)
     mean, of_mean, after = args
     exact = expected_bayes_risk(*args, 15.0, 10.0, 10.0)
     in_hand = bayes_risk(mean, np.hypot(of_mean, after), 15.0, 10.0, 10.0)
@@ -194,12 +230,12 @@ def accuracy() -> list[Row]:
         ("Gauss-Hermite, 32 nodes", lambda: hermite(32)),
         ("Monte Carlo, 100 draws", lambda: monte_carlo(100)),
     ]
-    pick = np.linspace(0, len(mean) - 1, 400).astype(int)
+    pick = np.linspace(0, len(mean) - 1, min(400, len(mean))).astype(int)
     truth = np.array([by_quadrature(mean[i], of_mean[i], after[i], 10.0, 10.0) for i in pick])
     rows = []
     speed = None
     for name, way in ways:
-        seconds = best_of(3 if "Monte" not in name else 1, way)
+        seconds = best_of(min(3, sizes.repeats) if "Monte" not in name else 1, way)
         speed = speed or seconds
         value = way()
         negative = float(np.mean(in_hand - value < -1e-9))
@@ -237,10 +273,10 @@ def made_up(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return places, 15.0 + 5.0 * np.sin(places[:, 0] / 80.0) * np.cos(places[:, 1] / 60.0) + 0.3 * rng.normal(size=n)
 
 
-def rivals(arrays: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """What the other libraries need for the same, by name; {"missing": why} for one that is not there."""
-    if not RIVALS.exists():
-        missing = {"missing": "no .venv-bench: see benchmarks/gp.py"}
+def rivals(arrays: dict[str, Any], sizes: Sizes) -> dict[str, dict[str, Any]]:
+    """What the other libraries need for the same, by name; {"missing": why} for one that is not measured."""
+    if sizes == SMOKE or not RIVALS.exists():
+        missing = {"missing": "not in a smoke run" if sizes == SMOKE else "no .venv-bench: see benchmarks/gp.py"}
         return {"scikit-learn": missing, "GPyTorch": missing}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "data.npz"
@@ -259,45 +295,58 @@ def rivals(arrays: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return result
 
 
-def maps() -> list[Row]:
-    """Whole map of mean and std, appending a datum, and updating the map with it; n = 500, 1000, 2000."""
-    config = GpConfig(min_spacing_m=0.0, merge=False, map_resolution_m=float(np.sqrt(np.prod(SIZE_M) / np.prod(CELLS))))
+def maps(sizes: Sizes = FULL) -> list[Row]:
+    """Whole map of mean and std, appending a datum, and updating the map with it, for several numbers of centers."""
+    cell_m = float(np.sqrt(np.prod(SIZE_M) / np.prod(sizes.cells)))
+    config = GpConfig(min_spacing_m=0.0, merge=False, map_resolution_m=cell_m)
     area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, SIZE_M[0], 0.0, *SIZE_M, 0.0, SIZE_M[1]), raster_m=10.0))
-    axes = [(np.arange(c) + 0.5) * s / c for s, c in zip(SIZE_M, CELLS, strict=True)]
+    axes = [(np.arange(c) + 0.5) * s / c for s, c in zip(SIZE_M, sizes.cells, strict=True)]
     queries = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     rows: list[Row] = []
-    for n in (500, 1000, 2000):
+    for n in sizes.data:
         places, depths = made_up(n + 40, seed=n)
         gp = OnlineGp(config)
         gp.set_centers(places[:n], depths[:n], config.noise_std_m)
         mean, std = gp.predict(queries)
         part = queries if n < 2000 else queries[::5]
-        ours = len(queries) / len(part) * best_of(3 if n == 500 else 1, lambda gp=gp, part=part: gp.predict(part))
-        asked = queries if n == 500 else queries[:: len(queries) // 5_000]
-        scale = len(queries) / len(asked)
-        theirs = rivals(
-            {
-                "places": places[:n],
-                "depths": depths[:n],
-                "queries": asked,
-                "new": places[n : n + 20],
-                "new_depths": depths[n : n + 20],
-                "signal_std": config.signal_std_m,
-                "length": config.length_scale_m,
-                "noise_std": config.noise_std_m,
-                "mean": config.mean_depth_m,
-            }
+        ours = (
+            len(queries)
+            / len(part)
+            * best_of(min(3, sizes.repeats) if n == 500 else 1, lambda gp=gp, part=part: gp.predict(part))
         )
+        asked = queries if n == 500 else queries[:: max(1, len(queries) // 5_000)]
+        scale = len(queries) / len(asked)
+        data = {
+            "places": places[:n],
+            "depths": depths[:n],
+            "queries": asked,
+            "new": places[n : n + 20],
+            "new_depths": depths[n : n + 20],
+            "signal_std": config.signal_std_m,
+            "length": config.length_scale_m,
+            "noise_std": config.noise_std_m,
+            "mean": config.mean_depth_m,
+        }
+        theirs = rivals(data, sizes)
         rows += against_rivals(n, ours, (mean[:: round(scale)], std[:: round(scale)]), theirs, scale)
         rows += updates(config, area, places, depths, n, theirs["GPyTorch"])
     return rows
 
 
 def against_rivals(
-    n: int, ours: float, sums: tuple[np.ndarray, np.ndarray], theirs: dict[str, dict[str, Any]], scale: float
+    n: int, ours: float, field: tuple[np.ndarray, np.ndarray], theirs: dict[str, dict[str, Any]], scale: float
 ) -> list[Row]:
-    """Rows of the whole map: each library as one would call it, and in the chunks that suit it best."""
-    name = f"map of 100,000 places, n = {n}"
+    """Rows of the whole map: each library as one would call it, and in the chunks that suit it best.
+
+    Args:
+        n: Number of centers.
+        ours: Our time for the whole map (s).
+        field: Our mean and standard deviation at the places that the libraries were asked for, (P,) each.
+        theirs: What `rivals` gave.
+        scale: How many times as many places the whole map has.
+    """
+    places = round(scale * len(field[0]))
+    name = f"map of {places:,} places, n = {n}"
     rows = [row(name, ours, "s")]
     for library, key, goal in (
         ("scikit-learn", "by_chunk", 9.0),
@@ -329,7 +378,7 @@ def against_rivals(
             )
         if key != "fast_pred_var":
             off = max(
-                abs(values.sum() / result[k] - 1) for values, k in zip(sums, ("mean_sum", "std_sum"), strict=True)
+                abs(values.sum() / result[k] - 1) for values, k in zip(field, ("mean_sum", "std_sum"), strict=True)
             )
             rows.append(row(f"{name}: sums differ by", off, "", label, goal="<= 1e-6", holds=off <= 1e-6))
     return rows
@@ -383,12 +432,12 @@ def updates(
     return rows
 
 
-def real_time() -> list[Row]:
-    """Soundings at 10 Hz with 2000 centres, merging on, the map of a mission (700 m x 600 m, 5 m) made each second."""
+def real_time(sizes: Sizes = FULL) -> list[Row]:
+    """Soundings at 10 Hz with 2000 centers, merging on, the map of a mission (700 m x 600 m, 5 m) made each second."""
     area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 600.0, 0.0, 600.0, 700.0, 0.0, 700.0), raster_m=10.0))
     depth_map = DepthMap(GpConfig(merge=True), LevelSet(), area)
     rng = np.random.default_rng(5)
-    while len(depth_map.gp) < 2000:
+    while len(depth_map.gp) < sizes.running:
         place = rng.uniform(0.0, (600.0, 700.0))
         if abs(place[1] - 350.0) < 12.0:
             continue  # left for the vehicle
@@ -424,13 +473,44 @@ def real_time() -> list[Row]:
 # ---------------------------------------------------------------- choices
 
 
-def survey(seed: int = 3) -> tuple[np.ndarray, np.ndarray, str]:
-    """Soundings along lines: of the real lake where it is there, else of a made-up one."""
-    if LAKE.exists():
-        soundings = read_soundings(LAKE)
-        middle = np.median(soundings[:, :2], axis=0)
-        part = soundings[np.all(np.abs(soundings[:, :2] - middle) < 400.0, axis=1)]
-        return part[:, :2], part[:, 2], "real lake"
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """Soundings of a lake along lines.
+
+    Attributes:
+        places_m: North and east of the soundings, (n, 2).
+        depths_m: Their depths, (n,); at least `LEAST_DEPTH_M`, so that noise added to them leaves a depth.
+        name: Of the lake, for the rows.
+    """
+
+    places_m: np.ndarray
+    depths_m: np.ndarray
+    name: str
+
+    @classmethod
+    def of(cls, lake: Path | None, seed: int = 3) -> Survey:
+        """The soundings in the file `lake`, or those of a made-up lake."""
+        if lake is not None:
+            rows = read_soundings(lake)
+            places, depths, name = rows[:, :2], rows[:, 2], f"real lake, {lake.stem}"
+        else:
+            (places, depths), name = made_up_lines(seed), "made-up lake"
+        wet = depths >= LEAST_DEPTH_M
+        return cls(places_m=places[wet], depths_m=depths[wet], name=name)
+
+    def middle(self, sizes: Sizes) -> Survey:
+        """What lies in the middle 800 m x 800 m, thinned to every `sizes.every`-th sounding."""
+        near = np.all(np.abs(self.places_m - np.median(self.places_m, axis=0)) < 400.0, axis=1)
+        kept = np.flatnonzero(near)[:: sizes.every]
+        return Survey(places_m=self.places_m[kept], depths_m=self.depths_m[kept], name=self.name)
+
+
+#: Five standard deviations of the noise that `merging` adds.
+LEAST_DEPTH_M = 2.5
+
+
+def made_up_lines(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 2) and depths (n,) along parallel lines over a draw from a Gaussian process."""
     rng = np.random.default_rng(seed)
     north = np.arange(0.0, 800.0, 4.0)
     places = np.concatenate([np.column_stack([north, np.full(len(north), east)]) for east in np.arange(0, 800, 60.0)])
@@ -442,14 +522,15 @@ def survey(seed: int = 3) -> tuple[np.ndarray, np.ndarray, str]:
         15.0 + np.linalg.cholesky(Kernel(truth)(centers, centers) + np.eye(600) * 0.01) @ rng.normal(size=600),
         0.1,
     )
-    return places, gp.mean(places) + 0.3 * rng.normal(size=len(places)), "made-up lake"
+    return places, gp.mean(places) + 0.3 * rng.normal(size=len(places))
 
 
-def local_subset() -> list[Row]:
-    """Error of predicting from the centres within d_eps, against the full posterior."""
-    places, depths, where = survey()
+def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
+    """Error of predicting from the centers within d_eps, against the full posterior."""
+    part = survey.middle(sizes)
+    places, depths, where = part.places_m, part.depths_m, part.name
     rng = np.random.default_rng(0)
-    queries = rng.uniform(places.min(axis=0), places.max(axis=0), (3000, 2))
+    queries = rng.uniform(places.min(axis=0), places.max(axis=0), (sizes.queries, 2))
     rows = []
     for kernel in ("matern32", "matern52", "squared_exponential"):
         config = GpConfig(kernel=kernel, length_scale_m=70.0, min_spacing_m=20.0, merge=False)
@@ -502,9 +583,10 @@ def local_subset() -> list[Row]:
     return rows
 
 
-def merging() -> list[Row]:
+def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     """Error of the map with rejected soundings merged into their neighbours, and dropped."""
-    places, depths, where = survey()
+    part = survey.middle(sizes)
+    places, depths, where = part.places_m, part.depths_m, part.name
     rng = np.random.default_rng(1)
     rows, errors = [], {}
     lines = np.arange(len(places)) // 40 % 5 == 0  # every fifth stretch is held back
@@ -532,57 +614,53 @@ def merging() -> list[Row]:
     return rows
 
 
-def conditioned() -> list[Row]:
-    """Benefit of a path's end by extending its beginning, against conditioning on the whole path."""
-    places, depths = made_up(500)
+def conditioned(sizes: Sizes = FULL) -> list[Row]:
+    """Benefit of a path's end by extending its prefix, against conditioning on the whole path."""
+    places, depths = made_up(sizes.data[0])
     gp = OnlineGp(GpConfig(merge=False, min_spacing_m=0.0))
     gp.set_centers(places, depths, 0.3)
     path = np.column_stack([np.linspace(50, 450, 120), 200 + 60 * np.sin(np.linspace(0, 6, 120))])
-    beginning = Conditioned(gp).extend(path[:100])
+    prefix = Conditioned(gp).extend(path[:100])
     level_set = LevelSet()
-    whole = best_of(5, lambda: Conditioned(gp).extend(path).benefit(level_set))
-    ends = best_of(5, lambda: beginning.extend(path[100:]).benefit(level_set))
+    whole = best_of(sizes.repeats, lambda: Conditioned(gp).extend(path).benefit(level_set))
+    ends = best_of(sizes.repeats, lambda: prefix.extend(path[100:]).benefit(level_set))
     return [
-        row("benefit of a path of 120 places, n = 500", 1e3 * whole, "ms"),
-        row("the same, extending one of 100 places", 1e3 * ends, "ms", "anew", whole / ends),
+        row(f"benefit of a path of 120 places, n = {len(places)}", 1e3 * whole, "ms"),
+        row("the same, extending one of 100 places", 1e3 * ends, "ms", against="anew", ratio=whole / ends),
     ]
 
 
-def hyperparameters() -> list[Row]:
-    """The fit against scikit-learn's on 500 soundings of the lake: both from five starts, constant mean known."""
-    if LAKE.exists():
-        soundings, where = read_soundings(LAKE), "real lake"
-        places, depths = soundings[:, :2], soundings[:, 2]
-    else:
-        places, depths, where = survey()
-    pick = np.random.default_rng(0).choice(len(places), 500, replace=False)
-    places, depths = places[pick], depths[pick]
+def hyperparameters(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
+    """The fit against scikit-learn's on soundings of the lake: both from as many starts, constant mean known."""
+    where = survey.name
+    pick = np.random.default_rng(0).choice(len(survey.places_m), sizes.soundings, replace=False)
+    places, depths = survey.places_m[pick], survey.depths_m[pick]
     begin = clock()
-    result = fit(places, depths, mean_depth_m=float(depths.mean()), restarts=5)
+    result = fit(places, depths, mean_depth_m=float(depths.mean()), restarts=sizes.restarts)
     seconds = clock() - begin
+    name = f"fit, {sizes.soundings} soundings of the {where}, {sizes.restarts} starts"
     few, few_depths = made_up(20)
-    theirs = rivals(
-        {
-            "places": few,
-            "depths": few_depths,
-            "queries": few,
-            "new": few[:1],
-            "new_depths": few_depths[:1],
-            "signal_std": 8.0,
-            "length": 70.0,
-            "noise_std": 0.3,
-            "mean": 15.0,
-            "fit_places": places,
-            "fit_depths": depths,
-        }
-    )["scikit-learn"]
+    data = {
+        "places": few,
+        "depths": few_depths,
+        "queries": few,
+        "new": few[:1],
+        "new_depths": few_depths[:1],
+        "signal_std": 8.0,
+        "length": 70.0,
+        "noise_std": 0.3,
+        "mean": 15.0,
+        "fit_places": places,
+        "fit_depths": depths,
+    }
+    theirs = rivals(data, sizes)["scikit-learn"]
     if "fit_s" not in theirs:
-        return [row(f"fit, 500 soundings of the {where}, 5 starts", seconds, "s", f"scikit-learn: {theirs['missing']}")]
+        return [row(name, seconds, "s", against=f"scikit-learn: {theirs['missing']}")]
     less = theirs["fit_log_likelihood"] - result.log_likelihood
     label = f"scikit-learn {theirs['version']}"
     return [
         row(
-            f"fit, 500 soundings of the {where}, 5 starts",
+            name,
             seconds,
             "s",
             f"{label}: {theirs['fit_s']:.3g} s",

@@ -2,7 +2,7 @@
 
 NEES is the squared error over the filter's own covariance; consistent, it averages to its number of states (Bar-Shalom,
 Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. `measure()` is what the table and the test of
-consistency use. Run: python -m benchmarks.navigation_consistency [dives]
+consistency use. Run: python -m benchmarks.navigation_consistency [dives] [duration_s]
 """
 
 from __future__ import annotations
@@ -101,11 +101,13 @@ def measure(
     return Consistency(nees=nees, nees_place=place, error_m=error, std_m=std, travelled_m=gone, times_s=times)
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Prints NEES against its bounds, and the drift, for random paths and for lanes."""
-    dives = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    arguments = sys.argv[1:] if arguments is None else arguments
+    dives = int(arguments[0]) if arguments else 100
+    duration_s = float(arguments[1]) if len(arguments) > 1 else 1500.0
     for name, side_m in (("random path", 0.0), ("lanes of 400 m", 400.0)):
-        result = measure(SimConfig(), dives, duration_s=1500.0, every_s=250.0, side_m=side_m)
+        result = measure(SimConfig(), dives, duration_s=duration_s, every_s=duration_s / 6.0, side_m=side_m)
         low, high = result.bounds(3)
         low2, high2 = result.bounds(2)
         print(

@@ -1,4 +1,4 @@
-"""Speed and quality of the planner: one core, 500 kernel centres. `run()` gives the rows of `scripts/bench planner`.
+"""Speed and quality of the planner: one core. `run()` gives the rows of `scripts/bench planner`.
 
 Ratios to scikit-learn and GPyTorch are of the same work: the values of the same paths by conditioning the library's
 own posterior on the path's places. Where a library is not installed its rows are left out.
@@ -11,7 +11,8 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +29,39 @@ from auv_lse_planner.paths.naive import LAWNMOWERS
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.vehicle_planner import VehiclePlanner
+from benchmarks.rows import Row, row
 
-CENTERS = 500
 TAIL = 97
 BATCH = 64
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sizes:
+    """How much is measured.
+
+    Attributes:
+        centers: Kernel centers of the map.
+        many_centers: The same for the memory.
+        least_s: Time for which exact values are counted.
+        repeats: Decisions of which the median is taken.
+        options: Parameters of the section `planner` for every decision.
+        memory_methods: Methods whose memory is measured, each in a process of its own.
+    """
+
+    centers: int = 500
+    many_centers: int = 2000
+    least_s: float = 1.0
+    repeats: int = 5
+    options: Mapping[str, Any] = field(default_factory=dict)
+    memory_methods: tuple[str, ...] = ("augmented", "best")
+
+
+FULL = Sizes()
+SMOKE = Sizes(centers=20, many_centers=30, least_s=0.01, repeats=1, options={"iterations": 8}, memory_methods=("best",))
+
+
 def centers(count: int, seed: int = 0) -> Centers:
-    """Centres of a wavy ground over the default area, at least 10 m apart (what the map keeps)."""
+    """Centers of a wavy ground over the default area, at least 10 m apart (what the map keeps)."""
     rng = np.random.default_rng(seed)
     kept = np.empty((0, 2))
     while len(kept) < count:
@@ -46,7 +72,7 @@ def centers(count: int, seed: int = 0) -> Centers:
     return Centers(kept, depths, np.full(count, 0.3))
 
 
-def per_second(work: Callable[[], Any], count: int, least_s: float = 1.0) -> float:
+def per_second(work: Callable[[], Any], count: int, least_s: float) -> float:
     """How many of `count` per call are done in a second: the best of three rounds."""
     work()
     best = 0.0
@@ -59,29 +85,8 @@ def per_second(work: Callable[[], Any], count: int, least_s: float = 1.0) -> flo
     return best
 
 
-def row(
-    name: str,
-    value: float,
-    unit: str,
-    goal: str = "",
-    holds: bool | None = None,
-    against: str = "",
-    ratio: float | None = None,
-) -> dict[str, Any]:
-    """One line of the table."""
-    return {
-        "name": name,
-        "value": value,
-        "unit": unit,
-        "against": against,
-        "ratio": ratio,
-        "goal": goal,
-        "holds": holds,
-    }
-
-
-def planner(method: str, count: int = CENTERS, **options: Any) -> VehiclePlanner:
-    """A planner of the default mission that has a map of `count` centres and is about to decide step 0."""
+def planner(method: str, count: int, **options: Any) -> VehiclePlanner:
+    """A planner of the default mission that has a map of `count` centers and is about to decide step 0."""
     settings = PlannerSettings.from_parameters(
         {"area": {}, "mission": {"vehicles": 1}, "planner": {"method": method, **options}}, "benchmark"
     )
@@ -91,32 +96,32 @@ def planner(method: str, count: int = CENTERS, **options: Any) -> VehiclePlanner
     return made
 
 
-def evaluations() -> list[dict[str, Any]]:
+def evaluations(sizes: Sizes = FULL) -> list[Row]:
     """Exact path values a second."""
     posterior = Posterior(GpConfig())
-    posterior.set_centers(centers(CENTERS))
+    posterior.set_centers(centers(sizes.centers))
     reward = PathReward(posterior, LevelSet())
-    made = planner("augmented")
+    made = planner("augmented", sizes.centers)
     tail_places = made.naive.path_places(np.zeros(3), LAWNMOWERS[0], TAIL, 1)
     rng = np.random.default_rng(2)
     heads = rng.uniform([0.0, 0.0], [500.0, 600.0], (3 * BATCH, 2))
     tail = reward.tail(posterior.columns(tail_places))
     whole = np.concatenate([heads[:3], tail_places])
 
-    cached = per_second(lambda: reward.values_with_tail(posterior.columns(heads), 3, tail), BATCH)
-    scratch = per_second(lambda: reward.value(posterior.columns(whole)), 1)
+    cached = per_second(lambda: reward.values_with_tail(posterior.columns(heads), 3, tail), BATCH, sizes.least_s)
+    scratch = per_second(lambda: reward.value(posterior.columns(whole)), 1, sizes.least_s)
     rows = [
-        row("exact values of 3 new legs + cached 97-place tail", cached, "1/s", ">= 8000", cached >= 8000),
-        row("exact values of 100-place paths from scratch", scratch, "1/s", ">= 1000", scratch >= 1000),
+        row("exact values of 3 new legs + cached 97-place tail", cached, "1/s", goal=">= 8000", holds=cached >= 8000),
+        row("exact values of 100-place paths from scratch", scratch, "1/s", goal=">= 1000", holds=scratch >= 1000),
     ]
     exact = reward.value(posterior.columns(whole))
     for name, library in (("scikit-learn", _sklearn), ("GPyTorch", _gpytorch)):
         try:
-            value = library(whole)
+            value = library(whole, centers(sizes.centers))
         except ImportError:
             continue
         assert abs(value() - exact) < 1e-3 * exact, f"{name} gives {value()}, not {exact}"
-        theirs = per_second(lambda value=value: value(), 1)
+        theirs = per_second(lambda value=value: value(), 1, sizes.least_s)
         rows.append(row(f"the same by {name}", theirs, "1/s"))
         rows[0]["against"] = rows[1]["against"] = name
         rows[0]["ratio"], rows[1]["ratio"] = cached / theirs, scratch / theirs
@@ -131,12 +136,12 @@ def _risk_of(mean: Any, before: Any, after: Any) -> float:
     )
 
 
-def _sklearn(whole: Any) -> Callable[[], float]:
+def _sklearn(whole: Any, data: Centers) -> Callable[[], float]:
     """Path value with scikit-learn's regressor: its posterior covariance, then conditioning on the path."""
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import ConstantKernel, Matern
 
-    config, data = GpConfig(), centers(CENTERS)
+    config = GpConfig()
     kernel = ConstantKernel(config.signal_std_m**2) * Matern(config.length_scale_m, nu=2.5)
     model = GaussianProcessRegressor(kernel, alpha=config.noise_std_m**2, optimizer=None)
     model.fit(data.places_m, data.depths_m - config.mean_depth_m)
@@ -150,13 +155,13 @@ def _sklearn(whole: Any) -> Callable[[], float]:
     return value
 
 
-def _gpytorch(whole: Any) -> Callable[[], float]:
+def _gpytorch(whole: Any, data: Centers) -> Callable[[], float]:
     """Path value with GPyTorch's exact GP in double precision (its cached, fast predictive path)."""
     import gpytorch
     import torch
 
     torch.set_num_threads(1)
-    config, data = GpConfig(), centers(CENTERS)
+    config = GpConfig()
 
     class Model(gpytorch.models.ExactGP):  # type: ignore[misc]  # untyped library
         def __init__(self, x: Any, y: Any, likelihood: Any) -> None:
@@ -193,14 +198,14 @@ def _gpytorch(whole: Any) -> Callable[[], float]:
     return value
 
 
-def decisions() -> list[dict[str, Any]]:
+def decisions(sizes: Sizes = FULL) -> list[Row]:
     """Time of one decision at the default budget, and what a 20 ms deadline leaves of its value."""
     rows = []
     for method in ("augmented", "plain", "best"):
-        planner(method).decide(0.0)  # compiled functions are loaded
+        planner(method, sizes.centers, **sizes.options).decide(0.0)  # compiled functions are loaded
         times, values = [], []
-        for _ in range(5):
-            made = planner(method)
+        for _ in range(sizes.repeats):
+            made = planner(method, sizes.centers, **sizes.options)
             made._take_centers()  # the node takes the map as it arrives
             begin = time.perf_counter()
             values.append(made.decide(0.0).bound.jbar)
@@ -208,25 +213,32 @@ def decisions() -> list[dict[str, Any]]:
         goal = "<= 100" if method != "plain" else ""
         took = float(np.median(times))
         rows.append(
-            row(f"one decision, {method}, 500 centres, step 0", took, "ms", goal, took <= 100.0 if goal else None)
+            row(
+                f"one decision, {method}, {sizes.centers} centers, step 0",
+                took,
+                "ms",
+                goal=goal,
+                holds=took <= 100.0 if goal else None,
+            )
         )
-        made = planner(method)
+        made = planner(method, sizes.centers, **sizes.options)
         made._take_centers()
         begin = time.perf_counter()
         limited = made.decide(0.0, deadline=lambda begin=begin: time.perf_counter() - begin > 0.020)
         spent = 1e3 * (time.perf_counter() - begin)
         share = limited.bound.jbar / float(np.median(values))
-        rows.append(row(f"value with a 20 ms deadline, {method}", share, "of full", ">= 0.9", share >= 0.9))
+        rows.append(row(f"value with a 20 ms deadline, {method}", share, "of full", goal=">= 0.9", holds=share >= 0.9))
         rows.append(row(f"time with a 20 ms deadline, {method}", spent, "ms"))
     return rows
 
 
-def samples_cost() -> list[dict[str, Any]]:
+def samples_cost(sizes: Sizes = FULL) -> list[Row]:
     """What several measurement places along a leg cost."""
     rows = []
     for samples in (1, 2, 3):
-        planner("augmented", samples_per_leg=samples).decide(0.0)
-        made = planner("augmented", samples_per_leg=samples)
+        options = {"samples_per_leg": samples, **sizes.options}
+        planner("augmented", sizes.centers, **options).decide(0.0)
+        made = planner("augmented", sizes.centers, **options)
         made._take_centers()
         begin = time.perf_counter()
         made.decide(0.0)
@@ -242,29 +254,38 @@ import numpy as np
 sys.path[:0] = {path!r}
 import benchmarks.planner as b
 before = int(open("/proc/self/statm").read().split()[1]) * resource.getpagesize() / 1024.0  # now, not at most
-made = b.planner({method!r}, 2000)
+made = b.planner({method!r}, {count})
 made.decide(0.0)
 print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024.0, before / 1024.0)
 """
 
 
-def memory() -> list[dict[str, Any]]:
-    """Peak memory that a planner adds to a process: 2000 centres taken in at once, one decision."""
+def memory(sizes: Sizes = FULL) -> list[Row]:
+    """Peak memory that a planner adds to a process: many centers taken in at once, one decision."""
     root = str(Path(__file__).resolve().parent.parent)
     rows = []
-    for method in ("augmented", "best"):
-        code = _MEMORY.format(path=[root, *sys.path], method=method)
+    for method in sizes.memory_methods:
+        code = _MEMORY.format(path=[root, *sys.path], method=method, count=sizes.many_centers)
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         peak, before = (float(x) for x in done.stdout.split())
         own = peak - before
-        rows.append(row(f"peak memory of a planner, {method}, 2000 centres", own, "MB", "< 300", own < 300.0))
+        rows.append(
+            row(
+                f"peak memory of a planner, {method}, {sizes.many_centers} centers",
+                own,
+                "MB",
+                goal="< 300",
+                holds=own < 300.0,
+            )
+        )
         rows.append(row(f"the same with interpreter and libraries, {method}", peak, "MB"))
     return rows
 
 
-def run() -> list[dict[str, Any]]:
-    """All rows."""
-    return [*evaluations(), *decisions(), *samples_cost(), *memory()]
+def run(*, smoke: bool = False) -> list[Row]:
+    """All rows; `smoke`: at the smallest sizes, in seconds."""
+    sizes = SMOKE if smoke else FULL
+    return [*evaluations(sizes), *decisions(sizes), *samples_cost(sizes), *memory(sizes)]
 
 
 if __name__ == "__main__":

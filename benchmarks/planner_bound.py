@@ -155,7 +155,7 @@ def table(lines: list[dict[str, Any]]) -> str:
     return "\n".join(text)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--table", type=Path, help="only print the table of this results file")
@@ -164,7 +164,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=25)
     parser.add_argument("--iterations", type=int, default=25)
     parser.add_argument("--processes", type=int, default=2)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     if options.table:
         print(table(read(options.table)))
         return

@@ -135,6 +135,12 @@ def interval(differences: np.ndarray, rng: np.random.Generator) -> tuple[float, 
     return float(np.percentile(draws, 2.5)), float(np.percentile(draws, 97.5))
 
 
+def figure(lines: list[dict[str, Any]], key: str) -> str:
+    """Mean of a figure over the missions that have it; "-" if none has (an isobath that nobody found)."""
+    known = [line[key] for line in lines if np.isfinite(line[key])]
+    return f"{np.mean(known):.3g}" if known else "-"
+
+
 def table(lines: list[dict[str, Any]]) -> str:
     """Markdown tables, one for each team, area and packet loss: means, and map risk against the lawnmower."""
     text = []
@@ -152,7 +158,7 @@ def table(lines: list[dict[str, Any]]) -> str:
             if not mine:
                 continue
             cells = [method, str(len(mine))]
-            cells += [f"{np.nanmean([r[key] for r in mine]):.3g}" for key in FIGURES]
+            cells += [figure(mine, key) for key in FIGURES]
             for key in ("risk_third", "risk_end"):
                 ratio = np.array([r[key] / base[r["lake"]][key] - 1.0 for r in mine])
                 low, high = interval(ratio, np.random.default_rng(0))
@@ -163,7 +169,7 @@ def table(lines: list[dict[str, Any]]) -> str:
     return "\n".join(text)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--table", type=Path, help="only print the tables of this results file")
@@ -178,7 +184,7 @@ def main() -> None:
     parser.add_argument("--loss", type=float, default=0.0, help="share of packets lost")
     parser.add_argument("--steps", type=int, default=100)
     parser.add_argument("--processes", type=int, default=2)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     if options.table:
         print(table(read(options.table)))
         return

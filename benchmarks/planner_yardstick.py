@@ -30,7 +30,7 @@ from auv_lse_planner.search.uct import exhaustive_search
 
 
 def shares(situations: int, tail: bool, iterations: int | None = None, first: int = 0) -> np.ndarray:
-    """Value found / optimum in each situation: random data (0 to 150 centres), state and steps left (3 to 100)."""
+    """Value found / optimum in each situation: random data (0 to 150 centers), state and steps left (3 to 100)."""
     settings = PlannerSettings.from_parameters({"area": {}}, "benchmark")
     area, motion = OperatingArea(settings.area), MotionTable(settings.motion)
     space = FreeSpace(area, motion)
@@ -72,12 +72,12 @@ def shares(situations: int, tail: bool, iterations: int | None = None, first: in
     return np.array(result)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--situations", type=int, default=200)
     parser.add_argument("--iterations", type=int, help="search budget; default: that of the method 'augmented'")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     for tail in (True, False):
         found = shares(options.situations, tail, options.iterations)
         print(

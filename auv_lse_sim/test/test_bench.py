@@ -1,0 +1,151 @@
+"""Every benchmark runs at its smallest size, so that none can rot unnoticed. What the figures are is not tested."""
+
+import importlib
+import json
+import math
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+from auv_lse_sim.world.ground import LakeConfig, SyntheticLake
+from benchmarks import __main__ as bench
+from benchmarks.rows import KEYS
+
+
+def check(rows):
+    """Rows as `scripts/bench` prints them, with finite figures."""
+    assert rows
+    for row in rows:
+        assert tuple(row) == KEYS
+        assert row["value"] is not None
+        assert math.isfinite(row["value"]), row
+        assert row["ratio"] is None or math.isfinite(row["ratio"]), row
+        assert bool(row["goal"]) == (row["holds"] is not None), row
+
+
+@pytest.fixture
+def survey(tmp_path):
+    """Soundings of a small lake along lines, as a CSV file."""
+    file = tmp_path / "lake.csv"
+    lake = SyntheticLake(LakeConfig(seed=3, height_m=400.0, width_m=400.0, north_m=0.0, east_m=0.0, islands=0))
+    places = np.array([(n, e) for e in np.arange(-180.0, 181.0, 40.0) for n in np.arange(-180.0, 181.0, 6.0)])
+    depths = lake.depth_m(places[:, 0], places[:, 1])
+    rows = [f"{n},{e},{d}" for (n, e), d in zip(places, depths, strict=True) if np.isfinite(d)]
+    file.write_text("\n".join(["north_m,east_m,depth_m", *rows]) + "\n")
+    return file
+
+
+@pytest.mark.parametrize("group", ["gp", "planner", "comms"])
+def test_a_group_runs_at_its_smallest_size(group, tmp_path):
+    file = tmp_path / "rows.json"
+    assert bench.main([group, "--smoke", "--json", str(file)]) == 0
+    check(json.loads(file.read_text()))
+
+
+@pytest.mark.ros
+@pytest.mark.mission
+def test_the_mission_group_runs_at_its_smallest_size(tmp_path):
+    file = tmp_path / "rows.json"
+    assert bench.main(["mission", "--smoke", "--json", str(file)]) == 0
+    check(json.loads(file.read_text()))
+
+
+def test_gp_measures_its_choices_on_soundings_of_a_real_lake(survey):
+    gp = importlib.import_module("benchmarks.gp")
+    lake = gp.Survey.of(survey)
+    warnings.simplefilter("ignore", UserWarning)  # short supports are what is measured
+    rows = [*gp.local_subset(lake, gp.SMOKE), *gp.merging(lake, gp.SMOKE), *gp.hyperparameters(lake, gp.SMOKE)]
+    check(rows)
+    assert any("real lake, lake" in row["against"] for row in rows)
+
+
+def test_the_made_up_survey_can_be_sounded():
+    """It once held depths below 0, which `OnlineGp.add` refuses."""
+    gp = importlib.import_module("benchmarks.gp")
+    lake = gp.Survey.of(None)
+    assert lake.depths_m.min() >= gp.LEAST_DEPTH_M
+    assert len(lake.places_m) > 2000
+
+
+def test_the_other_libraries_are_asked_in_the_form_that_gp_writes(tmp_path, capsys, monkeypatch):
+    rivals = importlib.import_module("benchmarks.gp_rivals")
+    gp = importlib.import_module("benchmarks.gp")
+    places, depths = gp.made_up(30)
+    scales = {"signal_std": 8.0, "length": 70.0, "noise_std": 0.3, "mean": 15.0}
+    data = {"places": places, "depths": depths, "queries": places[:5], "new": places[:2], "new_depths": depths[:2]}
+    np.savez(tmp_path / "data.npz", **data, **scales, fit_places=places, fit_depths=depths)
+    monkeypatch.setattr(sys, "argv", ["gp_rivals.py", str(tmp_path / "data.npz")])
+    rivals.main()
+    results = json.loads(capsys.readouterr().out)
+    assert results.keys() == {"scikit-learn", "GPyTorch"}
+    for result in results.values():
+        assert "missing" in result or {"version", "mean_sum", "std_sum"} <= result.keys()
+
+
+def test_the_figure_of_the_channel_is_drawn(tmp_path):
+    importlib.import_module("benchmarks.comms").channel_figure(tmp_path / "channel.png", packets=1)
+    assert (tmp_path / "channel.png").stat().st_size > 10_000
+
+
+def test_the_fuzzer_runs(capsys):
+    importlib.import_module("benchmarks.comms_fuzz").main(["300"])
+    assert "300 inputs, only PacketError escaped" in capsys.readouterr().out
+
+
+def test_the_navigation_consistency_is_measured(capsys):
+    assert importlib.import_module("benchmarks.navigation_consistency").main(["2", "60"]) == 0
+    assert capsys.readouterr().out.count("drift at the end") == 2
+
+
+def test_the_search_is_held_against_the_optimum(capsys):
+    importlib.import_module("benchmarks.planner_yardstick").main(["--situations", "1", "--iterations", "20"])
+    assert capsys.readouterr().out.count("of 1 situations") == 2
+
+
+def test_missions_below_their_bound_are_counted(tmp_path, capsys):
+    bound = importlib.import_module("benchmarks.planner_bound")
+    lines = tmp_path / "bound.jsonl"
+    for number in (0, 9):  # a synthetic lake, and one of the planner's own prior
+        for reward in bound.OBJECTIVES:
+            row = bound.mission(number, reward, rule=True, steps=2, iterations=4)
+            lines.open("a").write(json.dumps(row) + "\n")
+    bound.main(["--table", str(lines)])
+    assert capsys.readouterr().out.count("| kept |") == 4
+
+
+def test_methods_are_flown_over_lakes(tmp_path, capsys):
+    methods = importlib.import_module("benchmarks.planner_methods")
+    lines = tmp_path / "methods.jsonl"
+    options = ["--out", str(lines), "--methods", "lawnmower", "random", "--vehicles", "1", "--lakes", "1"]
+    methods.main([*options, "--steps", "2", "--processes", "1"])
+    methods.main([*options, "--steps", "2", "--processes", "1"])  # nothing is flown twice
+    assert len(lines.read_text().splitlines()) == 2
+    assert "0 missions to fly, 2 in" in capsys.readouterr().out
+
+
+def test_windows_of_a_real_lake_are_found_and_flown(tmp_path):
+    methods = importlib.import_module("benchmarks.planner_methods")
+    lake = SyntheticLake(LakeConfig(seed=5001, height_m=500.0, width_m=600.0, north_m=200.0, east_m=250.0, islands=0))
+    north_m, east_m = np.arange(-40.0, 441.0, 10.0), np.arange(-40.0, 541.0, 10.0)
+    depth_m = lake.depth_m(*np.meshgrid(north_m, east_m, indexing="ij"))
+    np.savez(tmp_path / "grid.npz", north_m=north_m, east_m=east_m, depth_m=depth_m)
+    name = next(methods.windows(tmp_path / "grid.npz", "small"))[0]
+    row = methods.mission("lawnmower", 1, "small", name, 0.0, str(tmp_path / "grid.npz"), 2)
+    assert row["lake"] == name
+    assert math.isfinite(row["risk_end"])
+
+
+def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, capsys):
+    reference = importlib.import_module("benchmarks.reference_missions")
+    short = {"mission.vehicles": 1, "mission.steps": 2, "planner.iterations": 4, "gp.map_resolution_m": 20.0}
+    monkeypatch.setitem(reference.MISSIONS, "best", short)
+    file = tmp_path / "before.json"
+    assert reference.main(["--write", str(file), "--only", "best"]) == 0
+    assert reference.main(["--compare", str(file), "--only", "best"]) == 0
+    monkeypatch.setitem(reference.MISSIONS, "best", {**short, "mission.seed": 2})
+    assert reference.main(["--compare", str(file), "--only", "best"]) == 1
+    out = capsys.readouterr().out
+    assert out.count(": the same") == 1
+    assert out.count(": differs") == 1

@@ -1,0 +1,41 @@
+"""One line of the tables that `scripts/bench` prints."""
+
+from __future__ import annotations
+
+from typing import Any
+
+#: What a line holds; `scripts/bench --json` writes these keys.
+KEYS = ("name", "value", "unit", "against", "ratio", "goal", "holds")
+
+Row = dict[str, Any]
+
+
+def row(
+    name: str,
+    value: float | None,
+    unit: str = "",
+    against: str = "",
+    ratio: float | None = None,
+    goal: str = "",
+    holds: bool | None = None,
+) -> Row:
+    """One measured figure.
+
+    Args:
+        name: What was measured.
+        value: The figure; None if it could not be measured.
+        unit: Its unit.
+        against: The alternative that it is compared with.
+        ratio: How many times better than the alternative.
+        goal: What it should be, in words.
+        holds: Whether it is; None without a goal.
+    """
+    return {
+        "name": name,
+        "value": None if value is None else float(value),
+        "unit": unit,
+        "against": against,
+        "ratio": None if ratio is None else float(ratio),
+        "goal": goal,
+        "holds": None if holds is None else bool(holds),
+    }
