@@ -53,7 +53,7 @@ class PlannerNode(ConfiguredNode):
         self._published = 0
         self._diagnosed_s = -float("inf")
         self._planning_s = 0.0
-        self._warned: list[str] = []
+        self._warned: set[str] = set()  # keys of the problems that last
         self._plan = self.create_publisher(Plan, "plan", LATCHED)
         self._path = self.create_publisher(Path, "path", EVERY)
         self._waypoint = self.create_publisher(Waypoint, "waypoint", EVERY)
@@ -182,10 +182,10 @@ class PlannerNode(ConfiguredNode):
 
     def _diagnose(self, now_s: float) -> None:
         problems = self._planner.problems(now_s)
-        news = [p for p in problems if p.split(":")[0] not in {w.split(":")[0] for w in self._warned}]
+        news = [text for key, text in problems.items() if key not in self._warned]
         for problem in news:
             self.get_logger().warning(problem)
-        self._warned = problems
+        self._warned = set(problems)
         if news or now_s - self._diagnosed_s >= _DIAGNOSTICS_PERIOD_S or now_s < self._diagnosed_s:
             self._diagnosed_s = now_s
             level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
@@ -193,7 +193,7 @@ class PlannerNode(ConfiguredNode):
             values: dict[str, Any] = {"decisions": len(records), "planning_ms": f"{1e3 * self._planning_s:.1f}"}
             if records:
                 values |= {"step": records[-1].step, "iterations": records[-1].iterations, "jbar": records[-1].jbar}
-            text = "; ".join(problems) or "ok"
+            text = "; ".join(problems.values()) or "ok"
             self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), level, text, values))
 
 

@@ -331,33 +331,43 @@ class VehiclePlanner:
         lead = self.settings.vehicle.speed_mps * self.planner.replan_lead_s
         return bool(self._remaining_m() <= lead or self._overdue(now_s))
 
-    def problems(self, now_s: float) -> list[str]:
-        """What keeps the planner from working as it should, in words; empty if nothing."""
-        found = []
+    def problems(self, now_s: float) -> dict[str, str]:
+        """What keeps the planner from working as it should: a text for each problem, by its key.
+
+        A key names the kind of problem (and the team mate, where it is about one) and stays the same while the
+        problem lasts; its text may change from call to call.
+        """
+        found: dict[str, str] = {}
         started = now_s >= self.settings.vehicle.start_delay_s
         if self._odometry is None:
             if started:
-                found.append("odometry: none received; no planning without it")
+                found["odometry missing"] = "odometry: none received; no planning without it"
         elif now_s - self._odometry.now_s > self.planner.odometry_timeout_s:
-            found.append(
+            found["odometry old"] = (
                 f"odometry: last {now_s - self._odometry.now_s:.1f} s ago, more than planner.odometry_timeout_s = "
                 f"{self.planner.odometry_timeout_s:g} s; planning has stopped"
             )
         if self._map_problem:
-            found.append(self._map_problem)
+            found["map ill-conditioned"] = self._map_problem
         if self._map_s is not None and now_s - self._map_s > self.planner.map_timeout_s:
-            found.append(f"map: last {now_s - self._map_s:.0f} s ago; planning goes on with it")
+            found["map old"] = f"map: last {now_s - self._map_s:.0f} s ago; planning goes on with it"
         if started:
             ages = self.team.age_s(now_s)
             for mate in self.team.before(self._decided):
                 if mate not in ages:
-                    found.append(f"team: no plan of vehicle {mate} heard yet; planning goes on without")
+                    found[f"plan of {mate} missing"] = (
+                        f"team: no plan of vehicle {mate} heard yet; planning goes on without"
+                    )
                 elif ages[mate] >= self.planner.plan_expiry_s:
-                    found.append(f"team: plan of vehicle {mate} expired, heard {ages[mate]:.0f} s ago")
+                    found[f"plan of {mate} expired"] = (
+                        f"team: plan of vehicle {mate} expired, heard {ages[mate]:.0f} s ago"
+                    )
         if self._leg is not None and self._odometry is not None and not self.finished and self._overdue(now_s):
-            found.append(f"leg {self._leg.step}: not finished {now_s - self._leg_started_s:.0f} s after its start")
+            found["leg overdue"] = (
+                f"leg {self._leg.step}: not finished {now_s - self._leg_started_s:.0f} s after its start"
+            )
         if self.plans_refused:
-            found.append(f"team: {self.plans_refused} received plans could not be rebuilt and were ignored")
+            found["plans refused"] = f"team: {self.plans_refused} received plans could not be rebuilt and were ignored"
         return found
 
     # ------------------------------------------------------------------ plans as paths

@@ -100,12 +100,12 @@ def test_decisions_are_due_after_the_delay_and_near_the_legs_end():
 
 def test_without_fresh_odometry_it_stops_planning_and_says_so():
     planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
-    assert any("odometry: none" in p for p in planner.problems(1.0))
+    assert any("odometry: none" in p for p in planner.problems(1.0).values())
     planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
-    assert planner.problems(1.0) == []
+    assert planner.problems(1.0) == {}
     assert planner.due(9.0)
     assert not planner.due(11.0)
-    assert any("planning has stopped" in p for p in planner.problems(11.0))
+    assert any("planning has stopped" in p for p in planner.problems(11.0).values())
     planner.odometry(12.0, 0.0, 0.0, 0.0, 1.5)
     assert planner.due(12.0)
     planner.odometry(13.0, math.nan, 0.0, 0.0, 1.5)  # not a state: as if nothing had come
@@ -116,11 +116,23 @@ def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
     planner = VehiclePlanner(2, settings(vehicles=2), np.random.default_rng(1))
     planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
     planner.set_centers(centers(np.random.default_rng(1), 5), 0.0)
-    assert any("no plan of vehicle 1" in p for p in planner.problems(1.0))
+    assert any("no plan of vehicle 1" in p for p in planner.problems(1.0).values())
     planner.odometry(100.0, 0.0, 0.0, 0.0, 1.5)
-    assert any(p.startswith("map: last 100 s ago") for p in planner.problems(100.0))
+    assert any(p.startswith("map: last 100 s ago") for p in planner.problems(100.0).values())
     assert planner.due(100.0)
     planner.decide(100.0)
+
+
+def test_every_team_mate_has_a_problem_of_its_own():
+    planner = VehiclePlanner(3, settings(vehicles=3), np.random.default_rng(1))
+    first = {key for key, text in planner.problems(1.0).items() if text.startswith("team:")}
+    assert first == {"plan of 1 missing", "plan of 2 missing"}
+    planner.hear(2.0, 1, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,), heuristic=0xFF))
+    expiry_s = planner.settings.planner.plan_expiry_s
+    later = [{k: t for k, t in planner.problems(s).items() if t.startswith("team:")} for s in (3.0, 3.0 + expiry_s)]
+    assert set(later[0]) == {"plan of 2 missing"}
+    assert set(later[1]) == {"plan of 1 expired", "plan of 2 missing"}
+    assert set(planner.problems(4.0 + expiry_s)) == set(planner.problems(3.0 + expiry_s))  # keys last, texts change
 
 
 def test_the_incumbent_never_lets_jbar_fall_on_unchanged_data():
@@ -236,7 +248,7 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     two.hear(0.0, 1, dataclasses.replace(plan, actions=(77,)))
     two.hear(0.0, 1, dataclasses.replace(plan, north_m=math.nan))
     two.hear(0.0, 1, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older
-    assert any("4 received plans" in p for p in two.problems(0.0))
+    assert any("4 received plans" in p for p in two.problems(0.0).values())
     two.hear(0.0, 1, plan)
     decision = two.decide(0.0)
     assert decision.statistics.team_places == 10
@@ -372,4 +384,4 @@ def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_ot
     assert planner.finished
     planner.odometry(1e3, last.heading_rad, last.north_m, last.east_m, 1.5)  # round the circle, back at its start
     assert planner.finished
-    assert not [p for p in planner.problems(1e3) if p.startswith("leg")]
+    assert not [p for p in planner.problems(1e3).values() if p.startswith("leg")]
