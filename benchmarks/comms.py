@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 LIMITS = Limits(
     steps=100,
     n_actions=11,
-    heuristics=tuple(range(0xF0, 0xFF)),
+    naive_paths=tuple(range(0xF0, 0xFF)),
     north_m=(-150.0, 850.0),
     east_m=(-150.0, 750.0),
     depth_m=(-10.0, 1000.0),
@@ -70,7 +70,7 @@ class Sizes:
 FULL = Sizes()
 SMOKE = Sizes(calls=2, repeats=2, seconds=(60, 130), packets=5, teams=(2,), selection_s=110, lakes=1)
 
-PLAN = Packet(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), heuristic=0xF1)
+PLAN = Packet(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), naive_path=0xF1)
 NORTH_M, EAST_M = 700.0, 600.0
 
 

@@ -17,12 +17,19 @@ from collections.abc import Callable
 import numpy as np
 
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
-from auv_lse_comms.packet.fields import HEADER_STRUCT, NO_HEURISTIC, PACKET_BYTES, SAMPLE_BYTES, capacity, samples_start
+from auv_lse_comms.packet.fields import (
+    HEADER_STRUCT,
+    NO_NAIVE_PATH,
+    PACKET_BYTES,
+    SAMPLE_BYTES,
+    capacity,
+    samples_start,
+)
 
 LIMITS = Limits(
     steps=100,
     n_actions=11,
-    heuristics=(0xF0, 0xF1, 0xF2, 0xF3),
+    naive_paths=(0xF0, 0xF1, 0xF2, 0xF3),
     north_m=(-100.0, 800.0),
     east_m=(-100.0, 700.0),
     depth_m=(-10.0, 60.0),
@@ -44,7 +51,7 @@ def packet(rng: np.random.Generator) -> Packet:
         north_m=float(rng.uniform(-100.0, 800.0)),
         east_m=float(rng.uniform(-100.0, 700.0)),
         actions=tuple(rng.integers(0, 11, n_actions).tolist()),
-        heuristic=int(rng.choice([*LIMITS.heuristics, NO_HEURISTIC])),
+        naive_path=int(rng.choice([*LIMITS.naive_paths, NO_NAIVE_PATH])),
         samples=rng.uniform(low, high, (n, 3)),
     )
 
@@ -81,7 +88,7 @@ def _burst(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, 
 def _wrong_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     data = bytearray(good)
     data[HEADER_STRUCT.size + len(sent.actions)] = int(rng.integers(0xF4, 0xFF))
-    return bytes(data), {"heuristic"}
+    return bytes(data), {"naive_path"}
 
 
 def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:

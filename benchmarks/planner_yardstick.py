@@ -48,13 +48,13 @@ def shares(situations: int, tail: bool, iterations: int | None = None, first: in
         posterior.set_centers(Centers(places, depths, np.full(count, 0.3)))
         state = np.array([rng.uniform(-np.pi, np.pi), *rng.uniform(0.0, 480.0, 2)])
         left = int(rng.integers(3, 101))
-        heuristics = how.naive_paths if tail and left > 3 else ()
+        naive_paths = how.naive_paths if tail and left > 3 else ()
         reward = PathReward(posterior, LevelSet())
         situation = Situation(
             state=state,
             steps_left=left,
             horizon=3,
-            heuristics=heuristics,
+            naive_paths=naive_paths,
             iterations=iterations or how.iterations,
             exploration=how.exploration,
             batch=PlannerConfig().batch,
@@ -66,7 +66,7 @@ def shares(situations: int, tail: bool, iterations: int | None = None, first: in
             grid=grid,
         )
         found = search_path(situation, space, naive, reward).value
-        sequences = PathSequences(reward, motion, naive, state, left, heuristics, 1)
+        sequences = PathSequences(reward, motion, naive, state, left, naive_paths, 1)
         best = exhaustive_search(space.choices, motion.end_state, sequences, state, 3).value
         result.append(found / best)
     return np.array(result)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: `Plan.heuristic` of a plan that ends with its actions: no naive path continues it.
+#: `Plan.naive_path` of a plan that ends with its actions: no naive path continues it.
 NONE = 0xFF
 
 
@@ -26,7 +26,7 @@ class Plan:
         north_m: North of the state.
         east_m: East of the state.
         actions: Indices into the action set.
-        heuristic: Id of the naive path that continues after the actions, or `NONE`.
+        naive_path: Id of the naive path that continues after the actions, or `NONE`.
     """
 
     step: int
@@ -34,7 +34,7 @@ class Plan:
     north_m: float
     east_m: float
     actions: tuple[int, ...]
-    heuristic: int
+    naive_path: int
 
     def __post_init__(self) -> None:
         """Rounds the state to float32."""
@@ -43,10 +43,10 @@ class Plan:
         object.__setattr__(self, "actions", tuple(int(a) for a in self.actions))
 
     @classmethod
-    def at(cls, step: int, state: Array, actions: tuple[int, ...], heuristic: int) -> Plan:
+    def at(cls, step: int, state: Array, actions: tuple[int, ...], naive_path: int) -> Plan:
         """The plan from a state (3,): heading (rad), north, east (m)."""
         heading, north, east = (float(v) for v in state)
-        return cls(step=step, heading_rad=heading, north_m=north, east_m=east, actions=actions, heuristic=heuristic)
+        return cls(step=step, heading_rad=heading, north_m=north, east_m=east, actions=actions, naive_path=naive_path)
 
     @property
     def state(self) -> Array:

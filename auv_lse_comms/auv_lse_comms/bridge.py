@@ -41,7 +41,7 @@ class PlanLike(Protocol):
     @property
     def actions(self) -> tuple[int, ...]: ...  # noqa: D102
     @property
-    def heuristic(self) -> int: ...  # noqa: D102
+    def naive_path(self) -> int: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +51,7 @@ class Received:
     Attributes:
         source: Number of the sender.
         stamp_s: When it was received (s).
-        packet: The sender's plan (step, state, actions, heuristic) and samples, shape (n, 3).
+        packet: The sender's plan (step, state, actions, naive_path) and samples, shape (n, 3).
     """
 
     source: int
@@ -146,7 +146,7 @@ class ModemBridge:
             north_m=plan.north_m,
             east_m=plan.east_m,
             actions=tuple(int(action) for action in plan.actions),
-            heuristic=plan.heuristic,
+            naive_path=plan.naive_path,
         )
         encode(header, self._limits, self._config.reserve)
         self._plan = header
@@ -298,7 +298,7 @@ class ModemBridge:
             north_m=plan.north_m,
             east_m=plan.east_m,
             actions=plan.actions,
-            heuristic=plan.heuristic,
+            naive_path=plan.naive_path,
             samples=unsent[chosen, 1:4],
         )
         payload = encode(packet, self._limits, self._config.reserve)

@@ -31,7 +31,7 @@ def packet_of_plan(message: Plan) -> Packet:
         north_m=message.north_m,
         east_m=message.east_m,
         actions=tuple(int(action) for action in message.actions),
-        heuristic=message.heuristic,
+        naive_path=message.naive_path,
     )
 
 
@@ -46,7 +46,7 @@ def team_plan(received: Received) -> Plan:
         north_m=packet.north_m,
         east_m=packet.east_m,
         actions=list(packet.actions),
-        heuristic=packet.heuristic,
+        naive_path=packet.naive_path,
     )
 
 

@@ -16,7 +16,7 @@ from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, enco
 
 Array = NDArray[np.float64]
 TDMA = TdmaConfig()
-PLAN = Packet(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), heuristic=0xF1)
+PLAN = Packet(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), naive_path=0xF1)
 
 
 def bridge(address: int = 1, vehicles: int = 3, **packet: object) -> ModemBridge:

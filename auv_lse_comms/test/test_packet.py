@@ -64,7 +64,7 @@ GOLDEN = {
 
 @pytest.mark.parametrize("layout", GOLDEN)
 def test_golden_packet_packed_by_hand(layout: str) -> None:
-    text, actions, heuristic, samples = GOLDEN[layout]
+    text, actions, naive_path, samples = GOLDEN[layout]
     data = bytes.fromhex(text)
     assert len(data) == 252
     packet = Packet(
@@ -73,7 +73,7 @@ def test_golden_packet_packed_by_hand(layout: str) -> None:
         north_m=100.0,
         east_m=-2.5,
         actions=actions,
-        heuristic=heuristic,
+        naive_path=naive_path,
         samples=np.array(samples).reshape(-1, 3),
     )
     assert encode(packet) == data
@@ -125,7 +125,7 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
         north_m=draw(single(fields.HEADER[2].low, fields.HEADER[2].high)),
         east_m=draw(single(fields.HEADER[3].low, fields.HEADER[3].high)),
         actions=tuple(draw(st.lists(st.integers(0, 239), min_size=n_actions, max_size=n_actions))),
-        heuristic=draw(st.integers(0xF0, 0xFF)),
+        naive_path=draw(st.integers(0xF0, 0xFF)),
         samples=np.array(rows, dtype=float).reshape(n, 3),
     )
 
@@ -160,7 +160,7 @@ LIMITS = Limits(
     steps=100,
     n_actions=11,
     max_length=10,
-    heuristics=(0xF0, 0xF1),
+    naive_paths=(0xF0, 0xF1),
     north_m=(-10, 500),
     east_m=(-20, 600),
     depth_m=(0, 50),
@@ -181,8 +181,8 @@ LIMITS = Limits(
         ({"actions": (0, 240)}, "action", r"actions \[0, 240\]"),
         ({"actions": (-1,)}, "action", r"actions \[-1\]"),
         ({"actions": (0,) * 238}, "terminal", "238 actions: expected at most 237"),
-        ({"heuristic": 0xEF}, "heuristic", "heuristic = 239: expected 240..255"),
-        ({"heuristic": 256}, "heuristic", "heuristic = 256"),
+        ({"naive_path": 0xEF}, "naive_path", "naive_path = 239: expected 240..255"),
+        ({"naive_path": 256}, "naive_path", "naive_path = 256"),
         ({"samples": np.zeros((20, 3))}, "sample", "20 samples: expected at most 19 with 3 actions"),
         ({"samples": np.zeros((2, 4))}, "sample", r"shape \(2, 4\): expected \(n, 3\)"),
         ({"samples": np.zeros(3)}, "sample", r"shape \(3,\)"),
@@ -202,7 +202,7 @@ def test_sender_raises_out_of_range(change: dict[str, object], reason: str, mess
     assert reason in REASONS
 
 
-@pytest.mark.parametrize("change", [{"step": 1.5}, {"actions": (1.0,)}, {"heuristic": "f0"}])
+@pytest.mark.parametrize("change", [{"step": 1.5}, {"actions": (1.0,)}, {"naive_path": "f0"}])
 def test_sender_raises_on_what_is_not_an_integer(change: dict[str, object]) -> None:
     with pytest.raises(TypeError):
         encode(dataclasses.replace(PLAIN, **change))
@@ -216,7 +216,7 @@ def test_sender_raises_on_what_is_not_an_integer(change: dict[str, object]) -> N
         ({"east_m": -20.1}, "position"),
         ({"actions": (0, 11)}, "action"),
         ({"actions": (0,) * 11}, "terminal"),
-        ({"heuristic": 0xF2}, "heuristic"),
+        ({"naive_path": 0xF2}, "naive_path"),
         ({"samples": np.array([[501.0, 0.0, 1.0]])}, "sample"),
         ({"samples": np.array([[0.0, 601.0, 1.0]])}, "sample"),
         ({"samples": np.array([[0.0, 0.0, 50.1]])}, "sample"),
@@ -240,10 +240,10 @@ def test_limits_hold_after_rounding() -> None:
         encode(dataclasses.replace(PLAIN, samples=samples), limits)
 
 
-def test_every_heuristic_none_included_is_told_apart() -> None:
-    for heuristic in range(0xF0, 0x100):
-        assert decode(encode(dataclasses.replace(PLAIN, heuristic=heuristic))).heuristic == heuristic
-    assert decode(encode(PLAIN), LIMITS).heuristic == 0xFF
+def test_every_naive_path_none_included_is_told_apart() -> None:
+    for naive_path in range(0xF0, 0x100):
+        assert decode(encode(dataclasses.replace(PLAIN, naive_path=naive_path))).naive_path == naive_path
+    assert decode(encode(PLAIN), LIMITS).naive_path == 0xFF
 
 
 @pytest.mark.parametrize(
@@ -254,7 +254,7 @@ def test_every_heuristic_none_included_is_told_apart() -> None:
         ({"north_m": (5.0, 4.0)}, "north_m"),
         ({"depth_m": (0.0, math.nan)}, "depth_m"),
         ({"max_length": 238}, "max_length"),
-        ({"heuristics": (0xEF,)}, "heuristics"),
+        ({"naive_paths": (0xEF,)}, "naive_paths"),
     ],
 )
 def test_limits_wider_than_the_table_are_refused(change: dict[str, object], message: str) -> None:
@@ -307,7 +307,7 @@ def test_fuzz_only_packet_errors_escape() -> None:
         "not_finite",
         "position",
         "terminal",
-        "heuristic",
+        "naive_path",
         "sample",
         "gap",
         "spare",

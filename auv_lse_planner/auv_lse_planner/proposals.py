@@ -37,7 +37,7 @@ class Situation:
         state: Heading, north, east, shape (3,).
         steps_left: Steps to the mission's end.
         horizon: Legs to search.
-        heuristics: Ids of naive paths that may continue the plan; empty for none.
+        naive_paths: Ids of naive paths that may continue the plan; empty for none.
         iterations: Search budget.
         exploration: Exploration constant.
         batch: Paths valued together.
@@ -54,7 +54,7 @@ class Situation:
     state: Array
     steps_left: int
     horizon: int
-    heuristics: tuple[int, ...]
+    naive_paths: tuple[int, ...]
     iterations: int
     exploration: float
     batch: int
@@ -74,7 +74,7 @@ class Proposal:
 
     Attributes:
         actions: Its actions.
-        heuristic: Naive path that continues it, 0xFF for none.
+        naive_path: Naive path that continues it, 0xFF for none.
         value: Its exact value; NaN if the method does not value it.
         iterations: Search iterations.
         evaluations: Different paths valued exactly.
@@ -84,7 +84,7 @@ class Proposal:
     """
 
     actions: Actions
-    heuristic: int
+    naive_path: int
     value: float
     iterations: int = 0
     evaluations: int = 0
@@ -97,7 +97,7 @@ def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, rewar
     """Tree search on the paper's reward, every path valued exactly."""
     s = situation
     sequences = PathSequences(
-        reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg, s.grid
+        reward, space.motion, naive, s.state, s.steps_left, s.naive_paths, s.samples_per_leg, s.grid
     )
     # a good part of the growing phase goes to what promises most
     seeds = [*s.seeds, *sequences.promising(space, s.horizon, s.iterations // 4, 2, s.deadline)]
@@ -105,7 +105,7 @@ def search_path(situation: Situation, space: FreeSpace, naive: NaivePaths, rewar
     result = run_search(tree, sequences, s.horizon, s.iterations, s.batch, s.rng, s.deadline, seeds)
     return Proposal(
         actions=result.actions,
-        heuristic=sequences.continuations[result.actions].heuristic,
+        naive_path=sequences.continuations[result.actions].naive_path,
         value=result.value,
         iterations=result.iterations,
         evaluations=result.evaluations,
@@ -163,7 +163,7 @@ def search_map(
         ranking, done, hit = search.run(s.state, s.horizon, s.iterations, s.exploration, s.rng, s.deadline, s.seeds)
         finalists = _diverse(ranking, s.finalists)
     else:
-        found = search_path(replace(s, heuristics=()), space, naive, own)
+        found = search_path(replace(s, naive_paths=()), space, naive, own)
         done, hit = found.iterations, found.deadline_hit
         ranking = _by_both(found, s, space, reward, s.map_share)
         finalists = [a for a, _ in ranking[: s.finalists]]
@@ -174,18 +174,18 @@ def search_map(
         if exact and s.deadline is not None and s.deadline():
             hit = True
             break
-        heuristic, places = _continued(s, space, naive, surrogate, actions)
+        naive_path, places = _continued(s, space, naive, surrogate, actions)
         value = reward.value(reward.posterior.columns(places))
         exact.append((actions, value))
         if value > best[0]:
-            best = (value, actions, heuristic)
+            best = (value, actions, naive_path)
             progress.append((done, value))
         if own is not None and value >= s.to_beat:
-            best = (value, actions, heuristic)
+            best = (value, actions, naive_path)
             break
     return Proposal(
         actions=best[1],
-        heuristic=best[2],
+        naive_path=best[2],
         value=best[0],
         iterations=done,
         evaluations=len(exact),
@@ -206,13 +206,13 @@ def _continued(
 ) -> tuple[int, Array]:
     """The naive path that continues actions best by the surrogate, and the places (P, 2) of both."""
     head = _head_places(s, space, actions)
-    if not s.heuristics:
+    if not s.naive_paths:
         return NONE, head
     end = space.motion.roll(s.state, actions)[-1]
     left = s.steps_left - len(actions)
-    wholes = [np.concatenate([head, naive.path_places(end, h, left, s.samples_per_leg)]) for h in s.heuristics]
+    wholes = [np.concatenate([head, naive.path_places(end, h, left, s.samples_per_leg)]) for h in s.naive_paths]
     best = int(np.argmax([surrogate.value(whole) for whole in wholes]))
-    return s.heuristics[best], wholes[best]
+    return s.naive_paths[best], wholes[best]
 
 
 def _diverse(ranking: list[tuple[Actions, float]], count: int) -> list[Actions]:
@@ -234,7 +234,7 @@ def _diverse(ranking: list[tuple[Actions, float]], count: int) -> list[Actions]:
 
 
 def naive_only(
-    situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward | MapReward, heuristic: int
+    situation: Situation, space: FreeSpace, naive: NaivePaths, reward: PathReward | MapReward, naive_path: int
 ) -> Proposal:
     """A naive path alone (the lawnmower), to the mission's end.
 
@@ -242,13 +242,13 @@ def naive_only(
     one, as other vehicles do not know of that ground.
     """
     s = situation
-    static = naive.actions(s.state, heuristic, s.steps_left)
+    static = naive.actions(s.state, naive_path, s.steps_left)
     actions: Actions = ()
     if not space.path_feasible(s.state, static, DETOUR_LEGS):
-        around = naive.actions(s.state, heuristic, s.steps_left, around_shallows=True)
+        around = naive.actions(s.state, naive_path, s.steps_left, around_shallows=True)
         actions = tuple(int(a) for a in around[:DETOUR_LEGS])
-    places = _whole(s, space, naive, actions, heuristic)
-    return Proposal(actions=actions, heuristic=heuristic, value=reward.value(reward.posterior.columns(places)))
+    places = _whole(s, space, naive, actions, naive_path)
+    return Proposal(actions=actions, naive_path=naive_path, value=reward.value(reward.posterior.columns(places)))
 
 
 def one_leg(
@@ -272,12 +272,12 @@ def one_leg(
         scores = s.rng.random(len(choices))
     action = int(choices[int(np.argmax(scores))])
     places = _whole(s, space, naive, (action,), NONE)
-    return Proposal(actions=(action,), heuristic=NONE, value=reward.value(reward.posterior.columns(places)))
+    return Proposal(actions=(action,), naive_path=NONE, value=reward.value(reward.posterior.columns(places)))
 
 
-def _whole(s: Situation, space: FreeSpace, naive: NaivePaths, actions: Actions, heuristic: int) -> Array:
+def _whole(s: Situation, space: FreeSpace, naive: NaivePaths, actions: Actions, naive_path: int) -> Array:
     """Measurement places of actions and the naive path after them."""
     own = np.array(actions, dtype=np.int64)
     state = space.motion.roll(s.state, own)[-1]
-    every = np.concatenate([own, naive.actions(state, heuristic, s.steps_left - len(own))])
+    every = np.concatenate([own, naive.actions(state, naive_path, s.steps_left - len(own))])
     return space.motion.sample_places(space.motion.roll(s.state, every)[:-1], every, s.samples_per_leg)

@@ -36,7 +36,7 @@ def plan_message(now_s: float, vehicle: int, plan: Plan) -> PlanMessage:
         north_m=plan.north_m,
         east_m=plan.east_m,
         actions=list(plan.actions),
-        heuristic=plan.heuristic,
+        naive_path=plan.naive_path,
     )
 
 
@@ -48,7 +48,7 @@ def plan_from_message(message: PlanMessage) -> Plan:
         north_m=message.north_m,
         east_m=message.east_m,
         actions=tuple(int(action) for action in message.actions),
-        heuristic=message.heuristic,
+        naive_path=message.naive_path,
     )
 
 

@@ -262,7 +262,7 @@ class VehiclePlanner:
 
         One of a step beyond the mission, too: it would keep every true plan of that mate out as older.
         """
-        if plan.heuristic not in (*IDS, NONE) or any(not 0 <= a < self.motion.actions for a in plan.actions):
+        if plan.naive_path not in (*IDS, NONE) or any(not 0 <= a < self.motion.actions for a in plan.actions):
             self.plans_refused += 1
             return
         if not all(math.isfinite(v) for v in (plan.heading_rad, plan.north_m, plan.east_m)):
@@ -377,7 +377,7 @@ class VehiclePlanner:
         own = np.array(plan.actions[: max(0, self.settings.mission.steps - plan.step)], dtype=np.int64)
         states = self.motion.roll(plan.state, own)
         left = self.settings.mission.steps - plan.step - len(own)
-        tail = self.naive.actions(states[-1], plan.heuristic, left)
+        tail = self.naive.actions(states[-1], plan.naive_path, left)
         actions = np.concatenate([own, tail])
         return self.motion.roll(plan.state, actions), actions
 
@@ -459,13 +459,13 @@ class VehiclePlanner:
         how = self.recipe
         left = self.settings.mission.steps - step
         horizon = min(how.horizon, left)
-        heuristics = self.naive.different(how.naive_paths) if how.tail and left > horizon else ()
+        naive_paths = self.naive.different(how.naive_paths) if how.tail and left > horizon else ()
         escape = not self.space.feasible(state).size
         situation = Situation(
             state=state,
             steps_left=left,
             horizon=horizon,
-            heuristics=heuristics,
+            naive_paths=naive_paths,
             iterations=how.iterations,
             exploration=how.exploration,
             batch=self.planner.batch,
@@ -503,7 +503,7 @@ class VehiclePlanner:
             found, shown = search_dec_mcts(situation, self.space, self.naive, self.posterior, level_set, draws, step)
         else:
             found = self._propose(how, situation, reward)
-        plan = Plan.at(step, state, found.actions, found.heuristic)
+        plan = Plan.at(step, state, found.actions, found.naive_path)
         chosen = _Path(plan, *self.rebuild(plan), len(found.actions))
         value, kept = found.value, False
         if shown is not None:  # valued against draws; from here on against the team mates' last plans
@@ -554,8 +554,8 @@ class VehiclePlanner:
                 found = chosen_with_map(found, situation, self.space, by_map, how.map_share)
             return found
         if how.kind == "naive":
-            heuristic = how.naive_paths[(self.vehicle - 1) % len(how.naive_paths)]
-            return naive_only(situation, self.space, self.naive, reward, heuristic)
+            naive_path = how.naive_paths[(self.vehicle - 1) % len(how.naive_paths)]
+            return naive_only(situation, self.space, self.naive, reward, naive_path)
         return one_leg(situation, self.space, self.naive, reward, how.score)
 
     def _map_posterior(self) -> Posterior:

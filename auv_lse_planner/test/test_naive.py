@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from planner_helpers import area, world
+from planner_helpers import world
 
 from auv_lse_common.compiled import plain
 from auv_lse_planner.config import MotionConfig, PlannerConfig
@@ -14,7 +14,6 @@ from auv_lse_planner.paths.naive import (
     NONE,
     STRAIGHT_ON,
     lawnmower,
-    naive_path,
     straight_on,
 )
 
@@ -26,26 +25,24 @@ def _states(count, seed=1):
     )
 
 
-@pytest.mark.parametrize("heuristic", IDS)
-def test_paths_stay_feasible_all_the_way_from_any_safe_state(heuristic):
+@pytest.mark.parametrize("naive_path", IDS)
+def test_paths_stay_feasible_all_the_way_from_any_safe_state(naive_path):
     _, motion, space, naive = world(vehicles=3)
     for state in _states(12):
-        actions = naive.actions(state, heuristic, 60)
+        actions = naive.actions(state, naive_path, 60)
         assert len(actions) == 60
         for action in actions:
             assert action in space.feasible(state, static=True)
             state = motion.end_state(state, int(action))
 
 
-@pytest.mark.parametrize("heuristic", IDS)
-def test_every_receiver_builds_the_same_path(heuristic):
+@pytest.mark.parametrize("naive_path", IDS)
+def test_every_receiver_builds_the_same_path(naive_path):
     _, _, _, first = world(vehicles=2)
-    a, motion, _, _ = world()
+    _, _, _, second = world(vehicles=2)
     for state in _states(5, seed=2):
         state = np.float32(state).astype(float)
-        mine = first.actions(state, heuristic, 40)
-        theirs = naive_path(state, heuristic, 40, a, motion, PlannerConfig(), vehicles=2)
-        assert np.array_equal(mine, theirs)
+        assert np.array_equal(first.actions(state, naive_path, 40), second.actions(state, naive_path, 40))
 
 
 def test_the_map_of_one_vehicle_does_not_change_the_path():
@@ -68,11 +65,11 @@ def test_compiled_paths_equal_the_plain_ones():
         assert np.array_equal(straight_on(*arguments), plain(straight_on)(*arguments))
 
 
-@pytest.mark.parametrize("heuristic", COVERING[:3:2])
-def test_a_covering_lawnmower_comes_near_everything(heuristic):
+@pytest.mark.parametrize("naive_path", COVERING[:3:2])
+def test_a_covering_lawnmower_comes_near_everything(naive_path):
     a, motion, _, naive = world()
     for state in (np.zeros(3), np.array([2.0, 180.0, 230.0])):
-        states = motion.roll(state, naive.actions(state, heuristic, 100))
+        states = motion.roll(state, naive.actions(state, naive_path, 100))
         spacing = 400.0 * 500.0 / (100 * motion.leg_length_m)
         places = a.grid(20.0).places_m
         nearest = np.hypot(places[:, None, 0] - states[:, 1], places[:, None, 1] - states[:, 2]).min(axis=1)
@@ -101,7 +98,7 @@ def test_none_and_unknown_ids():
     _, _, _, naive = world()
     assert len(naive.actions(np.zeros(3), NONE, 10)) == 0
     assert len(naive.actions(np.zeros(3), LAWNMOWERS[0], 0)) == 0
-    with pytest.raises(ValueError, match="heuristic: got 0x10"):
+    with pytest.raises(ValueError, match="naive_path: got 0x10"):
         naive.actions(np.zeros(3), 0x10, 5)
 
 
@@ -114,19 +111,18 @@ def test_lawnmowers_work_in_the_printed_reading_too():
 
 
 def test_an_area_without_room_still_gives_a_path():
-    tiny = area((0.0, 0.0, 30.0, 0.0, 30.0, 30.0, 0.0, 30.0))
-    _, motion, _, _ = world()
-    assert len(naive_path(np.zeros(3), LAWNMOWERS[0], 10, tiny, motion, PlannerConfig())) == 10
+    *_, tiny = world(polygon=(0.0, 0.0, 30.0, 0.0, 30.0, 30.0, 0.0, 30.0))
+    assert len(tiny.actions(np.zeros(3), LAWNMOWERS[0], 10)) == 10
 
 
-@pytest.mark.parametrize("heuristic", [LAWNMOWERS[1], COVERING[0], STRAIGHT_ON])
-def test_sums_along_paths_are_those_of_the_places(heuristic):
+@pytest.mark.parametrize("naive_path", [LAWNMOWERS[1], COVERING[0], STRAIGHT_ON])
+def test_sums_along_paths_are_those_of_the_places(naive_path):
     a, _, _, naive = world()
     grid = a.grid(20.0)
     slope = 2.0 * grid.north_m[:, None] - 0.5 * grid.east_m[None, :]  # bilinear interpolation is exact on a plane
     states = _states(4, seed=8)
-    sums = naive.sums_along(states, heuristic, 12, slope, grid)
+    sums = naive.sums_along(states, naive_path, 12, slope, grid)
     for state, total in zip(states, sums, strict=True):
-        places = naive.path_places(state, heuristic, 12, 1)
+        places = naive.path_places(state, naive_path, 12, 1)
         inside = np.clip(places, [grid.north_m[0], grid.east_m[0]], [grid.north_m[-1], grid.east_m[-1]])
         assert total == pytest.approx((2.0 * inside[:, 0] - 0.5 * inside[:, 1]).sum(), abs=0.5)

@@ -15,7 +15,7 @@ def test_a_plan_holds_what_a_packet_can():
         north_m=123.456789,
         east_m=-9.87654321,
         actions=(np.int64(3), 5),
-        heuristic=0xF0,
+        naive_path=0xF0,
     )
     assert plan.north_m == float(np.float32(123.456789))
     assert plan.actions == (3, 5)
@@ -26,7 +26,7 @@ def test_a_plan_holds_what_a_packet_can():
         north_m=plan.north_m,
         east_m=plan.east_m,
         actions=(3, 5),
-        heuristic=0xF0,
+        naive_path=0xF0,
     )
     assert again == plan
 

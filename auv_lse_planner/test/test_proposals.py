@@ -28,7 +28,7 @@ def scene():
         state=np.array([0.4, 120.0, 150.0]),
         steps_left=40,
         horizon=6,
-        heuristics=(),
+        naive_paths=(),
         iterations=120,
         exploration=0.5,
         batch=8,
@@ -78,11 +78,11 @@ def test_paths_proposed_by_their_own_reward_are_valued_on_the_map_to_the_mission
     own, by_map = PathReward(posterior, LevelSet(), "beyond"), MapReward(posterior, LevelSet())
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(by_map)
-    there = _fresh(situation, heuristics=COVERING)
+    there = _fresh(situation, naive_paths=COVERING)
     found = search_map(there, space, naive, by_map, surrogate, own)
-    assert found.heuristic in COVERING
+    assert found.naive_path in COVERING
     state = motion.roll(there.state, np.array(found.actions))[-1]
-    tail = naive.actions(state, found.heuristic, there.steps_left - len(found.actions))
+    tail = naive.actions(state, found.naive_path, there.steps_left - len(found.actions))
     whole = _places(motion, there.state, [*found.actions, *tail])
     assert len(whole) == there.steps_left
     assert found.value == pytest.approx(by_map.value(posterior.columns(whole)))
@@ -97,7 +97,7 @@ def test_the_first_finalist_that_beats_the_incumbent_is_taken(scene):
     surrogate.set(by_map)
 
     def search(**changes):
-        return search_map(_fresh(situation, heuristics=COVERING, **changes), space, naive, by_map, surrogate, own)
+        return search_map(_fresh(situation, naive_paths=COVERING, **changes), space, naive, by_map, surrogate, own)
 
     everything = search(to_beat=np.inf)
     assert everything.evaluations == situation.finalists
@@ -116,7 +116,7 @@ def test_without_naive_paths_only_the_legs_searched_count(scene):
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(by_map)
     found = search_map(_fresh(situation), space, naive, by_map, surrogate)
-    assert found.heuristic == NONE
+    assert found.naive_path == NONE
     places = _places(motion, situation.state, found.actions)
     assert found.value == pytest.approx(by_map.value(posterior.columns(places)))
 

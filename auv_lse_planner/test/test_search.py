@@ -88,12 +88,12 @@ def test_progress_only_rises_and_ends_at_the_value():
     assert values[-1] == result.value
 
 
-def _situation(state, left, heuristics, rng):
+def _situation(state, left, naive_paths, rng):
     return Situation(
         state=state,
         steps_left=left,
         horizon=3,
-        heuristics=heuristics,
+        naive_paths=naive_paths,
         iterations=150,
         exploration=0.2,
         batch=8,
@@ -116,10 +116,10 @@ def test_tree_search_against_exhaustive_search_on_real_situations():
         reward = PathReward(posterior, LevelSet())
         state = np.array([rng.uniform(-3, 3), *rng.uniform(60, 300, 2)])
         left = int(rng.integers(3, 25))
-        heuristics = (LAWNMOWERS[0],) if left > 3 else ()
-        sequences = PathSequences(reward, motion, naive, state, left, heuristics, 1)
+        naive_paths = (LAWNMOWERS[0],) if left > 3 else ()
+        sequences = PathSequences(reward, motion, naive, state, left, naive_paths, 1)
         best = exhaustive_search(space.choices, motion.end_state, sequences, state, 3)
-        found = search_path(_situation(state, left, heuristics, rng), space, naive, reward)
+        found = search_path(_situation(state, left, naive_paths, rng), space, naive, reward)
         good += found.value >= 0.99 * best.value
         assert found.value <= best.value + 1e-9
     assert good >= 5
@@ -136,15 +136,15 @@ def test_sequences_are_valued_with_their_naive_path():
     values = both([(5, 5, 6), (5, 4, 6), (5, 5, 6)])
     for sequence, value in zip([(5, 5, 6), (5, 4, 6)], values, strict=False):
         per_tail = []
-        for heuristic in LAWNMOWERS[:2]:
+        for naive_path in LAWNMOWERS[:2]:
             head = motion.roll(state, sequence)
-            actions = np.concatenate([sequence, naive.actions(head[-1], heuristic, 17)])
+            actions = np.concatenate([sequence, naive.actions(head[-1], naive_path, 17)])
             states = motion.roll(state, actions)
             places = motion.sample_places(states[:-1], actions, 2)
-            assert places == pytest.approx(both.path_places(sequence, heuristic))
+            assert places == pytest.approx(both.path_places(sequence, naive_path))
             per_tail.append(reward.value(posterior.columns(places)))
         assert value == pytest.approx(max(per_tail), abs=1e-9)
-        assert both.continuations[sequence].heuristic == LAWNMOWERS[int(np.argmax(per_tail))]
+        assert both.continuations[sequence].naive_path == LAWNMOWERS[int(np.argmax(per_tail))]
 
 
 def test_promising_heads_are_the_best_of_all():

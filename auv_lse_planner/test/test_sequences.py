@@ -28,22 +28,23 @@ def _reward(data, team, credit, seed=3):
 
 @pytest.mark.parametrize("credit", ["printed", "beyond"])
 @pytest.mark.parametrize(("data", "team"), [(0, 0), (0, 12), (60, 0), (200, 40)])
-@pytest.mark.parametrize(("heuristics", "samples", "horizon"), [((), 1, 10), ((), 3, 10), ((0xF0, 0xF4), 1, 3)])
-def test_values_of_a_batch_are_the_exact_values_of_its_paths(data, team, credit, heuristics, samples, horizon):
+@pytest.mark.parametrize(("naive_paths", "samples", "horizon"), [((), 1, 10), ((), 3, 10), ((0xF0, 0xF4), 1, 3)])
+def test_values_of_a_batch_are_the_exact_values_of_its_paths(data, team, credit, naive_paths, samples, horizon):
     _, motion, space, naive = world()
     rng, reward = _reward(data, team, credit)
-    sequences = PathSequences(reward, motion, naive, STATE, 60, heuristics, samples)
+    sequences = PathSequences(reward, motion, naive, STATE, 60, naive_paths, samples)
     first = [tuple(int(a) for a in space.random_actions(STATE, rng.random(horizon))) for _ in range(8)]
     second = [(*s[: horizon // 2], *([5] * (horizon - horizon // 2))) for s in first]  # known beginnings
     for batch in (first, second, first):
         values = sequences(batch)
         for sequence, value in zip(batch, values, strict=True):
             exact = [
-                reward.value(reward.posterior.columns(sequences.path_places(sequence, h))) for h in heuristics or [NONE]
+                reward.value(reward.posterior.columns(sequences.path_places(sequence, h)))
+                for h in naive_paths or [NONE]
             ]
             assert value == pytest.approx(max(exact), abs=1e-9)
             assert sequences.continuations[sequence].value == value
-            assert sequences.continuations[sequence].heuristic == (heuristics or [NONE])[int(np.argmax(exact))]
+            assert sequences.continuations[sequence].naive_path == (naive_paths or [NONE])[int(np.argmax(exact))]
 
 
 @pytest.mark.parametrize("length", [1, 10, 24, 25])
@@ -92,15 +93,15 @@ def test_beginnings_are_numbered_once():
     assert places[:6] == pytest.approx(motion.sample_places(rolled[:-1], sequences[0], 2))
 
 
-@pytest.mark.parametrize("heuristic", [LAWNMOWERS[0], LAWNMOWERS[3], STRIPS[1], HOLD, NONE])
-def test_naive_paths_of_many_states_are_those_of_each(heuristic):
+@pytest.mark.parametrize("naive_path", [LAWNMOWERS[0], LAWNMOWERS[3], STRIPS[1], HOLD, NONE])
+def test_naive_paths_of_many_states_are_those_of_each(naive_path):
     _, motion, _, naive = world(vehicles=3)
     rng = np.random.default_rng(2)
     states = np.stack([rng.uniform(-3, 3, 20), rng.uniform(-10, 370, 20), rng.uniform(-10, 470, 20)], axis=1)
-    actions = naive.actions_from(states, heuristic, 30)
-    places = naive.places_from(states, heuristic, 30, 2)
+    actions = naive.actions_from(states, naive_path, 30)
+    places = naive.places_from(states, naive_path, 30, 2)
     for state, own, at in zip(states, actions, places, strict=True):
-        assert own.tolist() == naive.actions(state, heuristic, 30).tolist()
+        assert own.tolist() == naive.actions(state, naive_path, 30).tolist()
         rolled = motion.roll(state, own)
         assert at == pytest.approx(motion.sample_places(rolled[:-1], own, 2).reshape(at.shape))
 

@@ -5,7 +5,7 @@ from auv_lse_planner.team import Team
 
 
 def _plan(step, north=0.0):
-    return Plan(step=step, heading_rad=0.0, north_m=north, east_m=0.0, actions=(5,), heuristic=0xFF)
+    return Plan(step=step, heading_rad=0.0, north_m=north, east_m=0.0, actions=(5,), naive_path=0xFF)
 
 
 def _rebuild(plan):

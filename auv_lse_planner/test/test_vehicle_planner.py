@@ -127,7 +127,7 @@ def test_every_team_mate_has_a_problem_of_its_own():
     planner = VehiclePlanner(3, settings(vehicles=3), np.random.default_rng(1))
     first = {key for key, text in planner.problems(1.0).items() if text.startswith("team:")}
     assert first == {"plan of 1 missing", "plan of 2 missing"}
-    planner.hear(2.0, 1, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,), heuristic=0xFF))
+    planner.hear(2.0, 1, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,), naive_path=0xFF))
     expiry_s = planner.settings.planner.plan_expiry_s
     later = [{k: t for k, t in planner.problems(s).items() if t.startswith("team:")} for s in (3.0, 3.0 + expiry_s)]
     assert set(later[0]) == {"plan of 2 missing"}
@@ -176,7 +176,7 @@ def test_plans_survive_the_packets_float32():
             north_m=float(np.float32(p.north_m)),
             east_m=float(np.float32(p.east_m)),
             actions=p.actions,
-            heuristic=p.heuristic,
+            naive_path=p.naive_path,
         )
         assert received == p
         other = VehiclePlanner(1, s, np.random.default_rng(99))
@@ -244,7 +244,7 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     one.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
     two.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
     plan = one.decide(0.0).plan
-    two.hear(0.0, 1, dataclasses.replace(plan, heuristic=0x20))
+    two.hear(0.0, 1, dataclasses.replace(plan, naive_path=0x20))
     two.hear(0.0, 1, dataclasses.replace(plan, actions=(77,)))
     two.hear(0.0, 1, dataclasses.replace(plan, north_m=math.nan))
     two.hear(0.0, 1, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older

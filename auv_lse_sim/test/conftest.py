@@ -56,7 +56,7 @@ def drive(vehicle, state, steps, drift_mps, rng):
                 north_m=float(np.float32(state[1])),
                 east_m=float(np.float32(state[2])),
                 actions=tuple([action, STRAIGHT, STRAIGHT][: steps - step]),
-                heuristic=0xF0,
+                naive_path=0xF0,
                 jbar=100.0 - step,
                 reward_so_far=float(step),
                 lower_bound=100.0,

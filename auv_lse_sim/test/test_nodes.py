@@ -103,7 +103,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         for i in range(30):
             soundings.publish(sounding(float(i), 0.0, 12.0))
         plan.publish(
-            Plan(vehicle=1, step=3, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=[5, 5, 0], heuristic=0xF0)
+            Plan(vehicle=1, step=3, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=[5, 5, 0], naive_path=0xF0)
         )
         b.until(lambda: len(tx) >= 2, "two packets")
         for message in tx:
@@ -111,7 +111,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
             stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
             assert stamp % 4.0 < 2.0, "slots 0, 2, 4 ... of 2 s are vehicle 1's"
         packet = decode(bytes(tx[0].payload))
-        assert (packet.step, packet.actions, packet.heuristic, len(packet.samples)) == (3, (5, 5, 0), 0xF0, 19)
+        assert (packet.step, packet.actions, packet.naive_path, len(packet.samples)) == (3, (5, 5, 0), 0xF0, 19)
 
         failed = b.publisher(ModemTx, "/auv1/modem/failed")
         failed.publish(ModemTx(header=header(time.time()), source=1))
@@ -121,7 +121,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         assert (second == third).all(), "what the modem did not send is sent again"
 
         mate = Packet(
-            step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), heuristic=0xFF, samples=[[1.0, 2.0, 14.0]]
+            step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), naive_path=0xFF, samples=[[1.0, 2.0, 14.0]]
         )
         for payload in (b"", bytes(252), b"\xff" * 252, encode(mate)[:-1], encode(mate)):
             rx.publish(ModemRx(header=header(time.time()), source=2, payload=payload))

@@ -37,7 +37,7 @@ def through_packet(plan: Plan, samples: Array) -> Plan:
             north_m=plan.north_m,
             east_m=plan.east_m,
             actions=plan.actions,
-            heuristic=plan.heuristic,
+            naive_path=plan.naive_path,
             samples=samples,
         )
     )
@@ -49,7 +49,7 @@ def through_packet(plan: Plan, samples: Array) -> Plan:
         north_m=got.north_m,
         east_m=got.east_m,
         actions=got.actions,
-        heuristic=got.heuristic,
+        naive_path=got.naive_path,
     )
 
 
@@ -62,11 +62,11 @@ class Boat:
         self.space = FreeSpace(self.area, self.motion)
         self.naive = NaivePaths(self.space, PlannerConfig(), self.area.polygon, 3)
 
-    def path(self, step: int, state: Array, actions: tuple[int, ...], heuristic: int) -> Array:
+    def path(self, step: int, state: Array, actions: tuple[int, ...], naive_path: int) -> Array:
         """States (L + 1, 3) from mission step `step` to the mission's end, or to the plan's without naive path."""
         own = list(actions[: MISSION_STEPS - step])
         end = self.motion.roll(state, own)[-1]
-        tail = self.naive.actions(end, heuristic, MISSION_STEPS - step - len(own))
+        tail = self.naive.actions(end, naive_path, MISSION_STEPS - step - len(own))
         return self.motion.roll(state, [*own, *tail.tolist()])
 
 
@@ -76,7 +76,7 @@ def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
     sender, receiver = Boat(ACTION_SETS[kind]), Boat(ACTION_SETS[kind])
     rng = np.random.default_rng(len(kind))
     compared = 0
-    for heuristic in (*IDS, NONE):
+    for naive_path in (*IDS, NONE):
         for step in (0, 1, 2, 50, 96, 97, 98, 99, 100):
             state = np.array([rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 500.0), rng.uniform(0.0, 550.0)])
             count = int(rng.choice([0, 1, 3, 10]))
@@ -87,14 +87,14 @@ def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
                 north_m=state[1],
                 east_m=state[2],
                 actions=actions,
-                heuristic=heuristic,
+                naive_path=naive_path,
             )
-            sent = sender.path(plan.step, plan.state, plan.actions, plan.heuristic)
+            sent = sender.path(plan.step, plan.state, plan.actions, plan.naive_path)
             got = through_packet(plan, rng.uniform(0.0, 50.0, (5, 3)))
             assert got == plan
-            rebuilt = receiver.path(got.step, got.state, got.actions, got.heuristic)
+            rebuilt = receiver.path(got.step, got.state, got.actions, got.naive_path)
             assert rebuilt.shape == sent.shape
-            if heuristic != NONE:
+            if naive_path != NONE:
                 assert len(rebuilt) == MISSION_STEPS - step + 1
             np.testing.assert_array_equal(rebuilt, sent)
             # and what the rounding to float32 does to the part of the path that the actions say: less than 1 mm
@@ -128,5 +128,5 @@ def test_at_every_step_of_a_mission_team_mates_know_the_path_that_is_travelled(m
         gone = step + 1 - got.step
         np.testing.assert_array_equal(rebuilt[gone:], travelled[0])
         np.testing.assert_array_equal(actions[gone:], travelled[1])
-        assert decision.plan.heuristic == NONE or len(actions) == 30 - decision.plan.step
+        assert decision.plan.naive_path == NONE or len(actions) == 30 - decision.plan.step
         state = decision.leg.end_state

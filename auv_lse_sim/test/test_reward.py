@@ -100,7 +100,7 @@ def test_plans_without_naive_part_have_no_bound(synthetic_run):
 
     run = synthetic_run(steps=5)
     for vehicle in run.vehicles:
-        vehicle.decisions = [replace(d, heuristic=NONE) for d in vehicle.decisions]
+        vehicle.decisions = [replace(d, naive_path=NONE) for d in vehicle.decisions]
     settings, area = settings_of(run)
     curves = replay(run, settings, area)
     assert np.all(np.isnan(curves.bound))
@@ -134,7 +134,7 @@ def test_places_are_those_of_going_leg_by_leg(synthetic_run):
         motion, naive = path.motion, path._naive
         actions = list(decision.actions[: 30 - decision.step])
         after = motion.roll(state, actions)[-1]
-        for action in [*actions, *naive.actions(after, decision.heuristic, 30 - decision.step - len(actions))]:
+        for action in [*actions, *naive.actions(after, decision.naive_path, 30 - decision.step - len(actions))]:
             track = motion.tracks_m[action][np.rint(path._fractions * (motion.tracks_m.shape[1] - 1)).astype(int)]
             c, s = np.cos(state[0]), np.sin(state[0])
             places.append(state[1:] + track @ np.array([[c, s], [-s, c]]))

@@ -63,7 +63,7 @@ def test_odometry_becomes_enu_with_its_covariance() -> None:
 
 
 def test_plans_and_legs_come_back() -> None:
-    plan = Plan(step=7, heading_rad=0.5, north_m=1.25, east_m=-2.5, actions=(1, 10, 0), heuristic=0xF4)
+    plan = Plan(step=7, heading_rad=0.5, north_m=1.25, east_m=-2.5, actions=(1, 10, 0), naive_path=0xF4)
     assert plan_from_message(plan_message(1.0, 3, plan)) == plan
     leg = MotionTable(MotionConfig()).leg(7, plan.state, 3)
     message = waypoint_message(1.0, leg, 1.5, 4.0, last=True)

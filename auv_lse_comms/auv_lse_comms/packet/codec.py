@@ -20,7 +20,7 @@ from auv_lse_comms.packet.fields import (
     HEADER,
     HEADER_STRUCT,
     MAX_ACTIONS,
-    NO_HEURISTIC,
+    NO_NAIVE_PATH,
     PACKET_BYTES,
     SAMPLE,
     SAMPLE_BYTES,
@@ -60,7 +60,7 @@ REASONS = {
     "position": "the path's start lies outside the area",
     "action": "an action that is not in the set",
     "terminal": "no terminal byte ends the actions, or more actions than the mission uses",
-    "heuristic": "a naive path nobody knows",
+    "naive_path": "a naive path nobody knows",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a used place for a sample after an unused one",
     "spare": "spare bytes that are not 0xFF",
@@ -78,7 +78,7 @@ class Limits:
         steps: Largest mission step.
         n_actions: Size of the action set.
         max_length: Most actions in one packet.
-        heuristics: Ids of the known naive paths (0xFF, none, is always allowed).
+        naive_paths: Ids of the known naive paths (0xFF, none, is always allowed).
         north_m: Smallest and largest north (m) of places.
         east_m: Smallest and largest east (m) of places.
         depth_m: Smallest and largest water depth (m) of samples.
@@ -87,7 +87,7 @@ class Limits:
     steps: int = int(HEADER[0].high)
     n_actions: int = FIRST_TERMINAL
     max_length: int = MAX_ACTIONS
-    heuristics: tuple[int, ...] = tuple(range(FIRST_TERMINAL, NO_HEURISTIC + 1))
+    naive_paths: tuple[int, ...] = tuple(range(FIRST_TERMINAL, NO_NAIVE_PATH + 1))
     north_m: tuple[float, float] = (SAMPLE[0].low, SAMPLE[0].high)
     east_m: tuple[float, float] = (SAMPLE[1].low, SAMPLE[1].high)
     depth_m: tuple[float, float] = (SAMPLE[2].low, SAMPLE[2].high)
@@ -111,8 +111,8 @@ class Limits:
                 raise ValueError(f"limits {name} = {value}: expected low <= high within {table.low:g}..{table.high:g}")
         if not 0 <= self.max_length <= MAX_ACTIONS:
             raise ValueError(f"limits max_length = {self.max_length}: expected 0..{MAX_ACTIONS}")
-        if any(not FIRST_TERMINAL <= h <= NO_HEURISTIC for h in self.heuristics):
-            raise ValueError(f"limits heuristics = {self.heuristics}: expected ids in 0xF0..0xFF")
+        if any(not FIRST_TERMINAL <= h <= NO_NAIVE_PATH for h in self.naive_paths):
+            raise ValueError(f"limits naive_paths = {self.naive_paths}: expected ids in 0xF0..0xFF")
         object.__setattr__(self, "_low", np.array([self.north_m[0], self.east_m[0], self.depth_m[0]]))
         object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
 
@@ -144,7 +144,7 @@ class Packet:
         north_m: North there (m).
         east_m: East there (m).
         actions: Indices in the action set, of the actions from there on.
-        heuristic: Terminal byte: id (0xF0 to 0xFE) of the naive path that continues, 0xFF for none.
+        naive_path: Terminal byte: id (0xF0 to 0xFE) of the naive path that continues, 0xFF for none.
         samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
     """
 
@@ -153,7 +153,7 @@ class Packet:
     north_m: float
     east_m: float
     actions: tuple[int, ...]
-    heuristic: int = NO_HEURISTIC
+    naive_path: int = NO_NAIVE_PATH
     samples: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __eq__(self, other: object) -> bool:
@@ -161,8 +161,8 @@ class Packet:
         if not isinstance(other, Packet):
             return NotImplemented
         return (
-            (self.step, self.heading_rad, self.north_m, self.east_m, tuple(self.actions), self.heuristic)
-            == (other.step, other.heading_rad, other.north_m, other.east_m, tuple(other.actions), other.heuristic)
+            (self.step, self.heading_rad, self.north_m, self.east_m, tuple(self.actions), self.naive_path)
+            == (other.step, other.heading_rad, other.north_m, other.east_m, tuple(other.actions), other.naive_path)
         ) and np.array_equal(self.samples, other.samples)
 
     __hash__ = None  # type: ignore[assignment]  # holds an array
@@ -179,13 +179,13 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     Raises:
         PacketError: (a ValueError) naming the field, its value and what was expected. Nothing is clamped, wrapped
             or left out.
-        TypeError: if the step, an action or the heuristic is not an integer.
+        TypeError: if the step, an action or the naive path is not an integer.
     """
     step = operator.index(packet.step)
-    heuristic = operator.index(packet.heuristic)
+    naive_path = operator.index(packet.naive_path)
     actions = [operator.index(action) for action in packet.actions]
     _check("step", step, HEADER[0])
-    _check("heuristic", heuristic, TERMINAL)
+    _check("naive_path", naive_path, TERMINAL)
     if any(not ACTION.low <= action <= ACTION.high for action in actions):
         raise PacketError("action", f"actions {actions}: expected indices 0..{ACTION.high:g}")
     if len(actions) > MAX_ACTIONS - reserve:
@@ -201,9 +201,9 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
         small_samples = samples.astype("<f4")
     start: list[float] = small.tolist()
     _check_start(step, start[0], start[1], start[2], limits)
-    _check_path(actions, heuristic, limits)
+    _check_path(actions, naive_path, limits)
     _check_samples(small_samples, limits)
-    head = HEADER_STRUCT.pack(step, *start) + bytes(actions) + bytes([heuristic]) + small_samples.tobytes()
+    head = HEADER_STRUCT.pack(step, *start) + bytes(actions) + bytes([naive_path]) + small_samples.tobytes()
     return head.ljust(PACKET_BYTES, bytes([FILL]))
 
 
@@ -230,8 +230,8 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     if end == last:
         raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
     actions = tuple(data[HEADER_STRUCT.size : end])
-    heuristic = data[end]
-    _check_path(actions, heuristic, limits)
+    naive_path = data[end]
+    _check_path(actions, naive_path, limits)
     start = samples_start(len(actions))
     places = capacity(len(actions), reserve)
     stop = start + places * SAMPLE_BYTES
@@ -254,7 +254,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
         north_m=north,
         east_m=east,
         actions=actions,
-        heuristic=heuristic,
+        naive_path=naive_path,
         samples=samples.astype(float),
     )
 
@@ -281,16 +281,16 @@ def _check_start(step: int, heading: float, north: float, east: float, limits: L
             raise PacketError("position", f"{name} = {value:.2f}: expected {low:g}..{high:g} m, the area's limits")
 
 
-def _check_path(actions: Sequence[int], heuristic: int, limits: Limits | None) -> None:
+def _check_path(actions: Sequence[int], naive_path: int, limits: Limits | None) -> None:
     if limits is None:
         return
     if actions and max(actions) >= limits.n_actions:
         raise PacketError("action", f"action {max(actions)}: the set has {limits.n_actions}")
     if len(actions) > limits.max_length:
         raise PacketError("terminal", f"{len(actions)} actions: expected at most {limits.max_length}")
-    if heuristic != NO_HEURISTIC and heuristic not in limits.heuristics:
-        known = ", ".join(f"0x{h:02X}" for h in limits.heuristics)
-        raise PacketError("heuristic", f"naive path 0x{heuristic:02X}: expected 0xFF or one of {known}")
+    if naive_path != NO_NAIVE_PATH and naive_path not in limits.naive_paths:
+        known = ", ".join(f"0x{h:02X}" for h in limits.naive_paths)
+        raise PacketError("naive_path", f"naive path 0x{naive_path:02X}: expected 0xFF or one of {known}")
 
 
 def _check_samples(samples: NDArray[np.float32], limits: Limits | None) -> None:

@@ -13,7 +13,7 @@ PACKET_BYTES = 252
 #: The lowest terminal byte. Below it a byte of the path is an action.
 FIRST_TERMINAL = 0xF0
 #: Terminal byte of a path that no naive path continues.
-NO_HEURISTIC = 0xFF
+NO_NAIVE_PATH = 0xFF
 #: Fills what is not used.
 FILL = 0xFF
 
@@ -73,10 +73,10 @@ HEADER = (
 ACTION = Field(name="actions", type="uint8", low=0, high=FIRST_TERMINAL - 1, meaning="index in the action set")
 #: Once, after the actions.
 TERMINAL = Field(
-    name="heuristic",
+    name="naive_path",
     type="uint8",
     low=FIRST_TERMINAL,
-    high=NO_HEURISTIC,
+    high=NO_NAIVE_PATH,
     meaning="ends the actions: 0xFF no more path, else the id of the naive path that continues to the mission's end",
 )
 #: Repeated once per sample; an unused place holds 12 bytes 0xFF.

@@ -32,8 +32,8 @@ from auv_lse_common.compiled import compiled
 from auv_lse_common.plan import NONE
 from auv_lse_gp.area import Grid
 from auv_lse_planner.config import PlannerConfig
-from auv_lse_planner.paths.free_space import Area, FreeSpace, clearance_at, escape_action, is_feasible, loop_clearance
-from auv_lse_planner.paths.motion import MotionTable, advance, roll_many
+from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible, loop_clearance
+from auv_lse_planner.paths.motion import advance, roll_many
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -290,12 +290,12 @@ class NaivePaths:
             low = high = 0.5 * (low + high)
         return LaneFrame(axis, low, high, area)
 
-    def actions(self, state: Array, heuristic: int, steps: int, around_shallows: bool = False) -> Ints:
-        """Actions of naive path `heuristic` over `steps` legs from a state (3,).
+    def actions(self, state: Array, naive_path: int, steps: int, around_shallows: bool = False) -> Ints:
+        """Actions of a naive path over `steps` legs from a state (3,).
 
         Args:
             state: Heading, north, east.
-            heuristic: Id.
+            naive_path: Its id.
             steps: Number of legs.
             around_shallows: Whether ground that this vehicle's map shows to be too shallow is avoided too; other
                 vehicles cannot rebuild the path then.
@@ -303,46 +303,46 @@ class NaivePaths:
         Raises:
             ValueError: for an id that names no path.
         """
-        if steps <= 0 or heuristic == NONE:
+        if steps <= 0 or naive_path == NONE:
             return np.empty(0, dtype=np.int64)
         state = np.asarray(state, dtype=float)
         motion = self._space.motion
         space = self._space.arguments(static=not around_shallows)
-        if heuristic in MOWING:
-            return np.asarray(lawnmower(space, state, steps, *self._lanes(state, heuristic, steps)))
-        if heuristic == STRAIGHT_ON:
+        if naive_path in MOWING:
+            return np.asarray(lawnmower(space, state, steps, *self._lanes(state, naive_path, steps)))
+        if naive_path == STRAIGHT_ON:
             return np.asarray(straight_on(space, state, steps, self._by_size))
-        if heuristic == HOLD:
+        if naive_path == HOLD:
             loops = motion.loop_actions
             side_first = self._freer_side(state)
             order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
             return np.asarray(straight_on(space, state, steps, order))
-        raise ValueError(f"heuristic: got {heuristic:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
+        raise ValueError(f"naive_path: got {naive_path:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
 
-    def actions_from(self, states: Array, heuristic: int, steps: int) -> Ints:
-        """Actions (B, steps) of naive path `heuristic` from each of many states (B, 3): `actions`, all at once."""
+    def actions_from(self, states: Array, naive_path: int, steps: int) -> Ints:
+        """Actions (B, steps) of a naive path from each of many states (B, 3): `actions`, all at once."""
         states = np.ascontiguousarray(states, dtype=float)
-        if heuristic not in MOWING or steps <= 0:
-            rows = [self.actions(state, heuristic, steps) for state in states]
+        if naive_path not in MOWING or steps <= 0:
+            rows = [self.actions(state, naive_path, steps) for state in states]
             return np.array(rows, dtype=np.int64).reshape(len(states), -1)
-        lanes = [self._lanes(state, heuristic, steps) for state in states] if heuristic in STRIPS else []
-        axis, spacing, side, low, high, straight = lanes[0] if lanes else self._lanes(states[0], heuristic, steps)
+        lanes = [self._lanes(state, naive_path, steps) for state in states] if naive_path in STRIPS else []
+        axis, spacing, side, low, high, straight = lanes[0] if lanes else self._lanes(states[0], naive_path, steps)
         sides = np.array([own[2] for own in lanes]) if lanes else np.full(len(states), side)
         return np.asarray(lawnmowers(self._arguments, states, steps, axis, spacing, sides, low, high, straight))
 
-    def _lanes(self, state: Array, heuristic: int, steps: int) -> tuple[float, float, float, float, float, int]:
+    def _lanes(self, state: Array, naive_path: int, steps: int) -> tuple[float, float, float, float, float, int]:
         """Axis, spacing, side, range, straight-on action of a lawnmower; only a strip's side depends on the state."""
         motion = self._space.motion
-        kind = (heuristic - LAWNMOWERS[0]) % 4 if heuristic not in STRIPS else 0
+        kind = (naive_path - LAWNMOWERS[0]) % 4 if naive_path not in STRIPS else 0
         frame = self._frames[kind // 2]
         side = 1.0 if kind % 2 == 0 else -1.0
         spacing, low, high = self._spacing_m, frame.low_m, frame.high_m
-        if heuristic not in LAWNMOWERS:
+        if naive_path not in LAWNMOWERS:
             spacing = frame.area_m2 / (steps * motion.leg_length_m)
-        if heuristic in STRIPS and self._strips > 1:
+        if naive_path in STRIPS and self._strips > 1:
             spacing /= self._strips
             width = (high - low) / self._strips
-            number = (heuristic - STRIPS[0]) % self._strips
+            number = (naive_path - STRIPS[0]) % self._strips
             inset = min(0.5 * spacing, 0.5 * width)
             low, high = low + number * width + inset, low + (number + 1) * width - inset
             across = -state[1] * math.sin(frame.axis_rad) + state[2] * math.cos(frame.axis_rad)
@@ -350,35 +350,35 @@ class NaivePaths:
         spacing = max(spacing, 2.0 * motion.radius_m)
         return frame.axis_rad, spacing, side, low, high, motion.straight_on
 
-    def sums_along(self, states: Array, heuristic: int, steps: int, field: Array, grid: Grid) -> Array:
+    def sums_along(self, states: Array, naive_path: int, steps: int, field: Array, grid: Grid) -> Array:
         """Sum of a gridded field over the leg ends of a naive path from each of many states (B, 3).
 
         Args:
             states: Heading, north, east.
-            heuristic: Id.
+            naive_path: Its id.
             steps: Number of legs.
             field: Values at the nodes of `grid`, shape (N, E); read by bilinear interpolation.
             grid: The nodes.
         """
         north0, east0, cell = float(grid.north_m[0]), float(grid.east_m[0]), float(grid.resolution_m)
         motion = self._space.motion
-        actions = self.actions_from(states, heuristic, steps)
+        actions = self.actions_from(states, naive_path, steps)
         return np.asarray(sums_along(states, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell))
 
-    def different(self, heuristics: tuple[int, ...]) -> tuple[int, ...]:
-        """`heuristics` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
+    def different(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
+        """`naive_paths` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
         named = STRIPS[: self._strips] if self._strips > 1 else STRIPS[:0]
-        return tuple(h for h in heuristics if h not in STRIPS or h in named) or heuristics[:1]
+        return tuple(h for h in naive_paths if h not in STRIPS or h in named) or naive_paths[:1]
 
-    def path_places(self, state: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
-        """Measurement places (P, 2) of naive path `heuristic` over `steps` legs from a state (3,)."""
-        places: Array = self.places_from(np.asarray(state, dtype=float)[None], heuristic, steps, samples_per_leg)[0]
+    def path_places(self, state: Array, naive_path: int, steps: int, samples_per_leg: int) -> Array:
+        """Measurement places (P, 2) of a naive path over `steps` legs from a state (3,)."""
+        places: Array = self.places_from(np.asarray(state, dtype=float)[None], naive_path, steps, samples_per_leg)[0]
         return places
 
-    def places_from(self, states: Array, heuristic: int, steps: int, samples_per_leg: int) -> Array:
-        """Measurement places (B, P, 2) of naive path `heuristic` over `steps` legs from each of many states (B, 3)."""
+    def places_from(self, states: Array, naive_path: int, steps: int, samples_per_leg: int) -> Array:
+        """Measurement places (B, P, 2) of a naive path over `steps` legs from each of many states (B, 3)."""
         motion = self._space.motion
-        actions = self.actions_from(states, heuristic, steps)
+        actions = self.actions_from(states, naive_path, steps)
         rolled = roll_many(states, actions, motion.turns_rad, motion.steps_m)
         if samples_per_leg == 1:
             return np.asarray(rolled[:, 1:, 1:])
@@ -394,18 +394,3 @@ class NaivePaths:
 
 def _wrap_float(angle: float) -> float:
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
-
-
-def naive_path(
-    state: Array,
-    heuristic: int,
-    steps: int,
-    area: Area,
-    motion: MotionTable,
-    config: PlannerConfig,
-    vehicles: int = 1,
-) -> Ints:
-    """Actions of naive path `heuristic` over `steps` legs from `state`: `NaivePaths` for a single use."""
-    space = FreeSpace(area, motion)
-    polygon = np.asarray(area.polygon, dtype=float).reshape(-1, 2)
-    return NaivePaths(space, config, polygon, vehicles).actions(state, heuristic, steps)

@@ -80,7 +80,7 @@ def search_dec_mcts(
         against.plan(places)
         reward = PathReward(against, level_set, "beyond")
         valuers.append(
-            PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.heuristics, s.samples_per_leg)
+            PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.naive_paths, s.samples_per_leg)
         )
 
     def mean(sequences: list[Actions]) -> Array:
@@ -96,7 +96,7 @@ def search_dec_mcts(
     tails = valuers[0].continuations
     proposal = Proposal(
         actions=result.actions,
-        heuristic=tails[result.actions].heuristic if s.heuristics else NONE,
+        naive_path=tails[result.actions].naive_path if s.naive_paths else NONE,
         value=result.value,
         iterations=result.iterations,
         evaluations=result.evaluations,
@@ -104,4 +104,4 @@ def search_dec_mcts(
         ranking=result.ranking,
         progress=result.progress,
     )
-    return proposal, (drawn, tails[drawn].heuristic if s.heuristics else NONE)
+    return proposal, (drawn, tails[drawn].naive_path if s.naive_paths else NONE)

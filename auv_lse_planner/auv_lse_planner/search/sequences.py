@@ -36,11 +36,11 @@ class Continuation:
 
     Attributes:
         value: Value of both together.
-        heuristic: Id of the naive path, 0xFF if none.
+        naive_path: Id of the naive path, 0xFF if none.
     """
 
     value: float
-    heuristic: int
+    naive_path: int
 
 
 class PathSequences:
@@ -56,7 +56,7 @@ class PathSequences:
         naive: NaivePaths,
         state: Array,
         steps_left: int,
-        heuristics: tuple[int, ...],
+        naive_paths: tuple[int, ...],
         samples_per_leg: int,
         grid: Grid | None = None,
     ) -> None:
@@ -68,13 +68,13 @@ class PathSequences:
             naive: Naive paths.
             state: Root state, shape (3,).
             steps_left: Steps to the mission's end.
-            heuristics: Ids of the naive paths to choose from; empty for none.
+            naive_paths: Ids of the naive paths to choose from; empty for none.
             samples_per_leg: Measurement places on a leg.
             grid: Grid of places over the area, to guess what naive paths bring; None: not guessed.
         """
         self._grid = grid
         self._reward, self._motion, self._naive = reward, motion, naive
-        self._steps_left, self._heuristics, self._samples = steps_left, heuristics, samples_per_leg
+        self._steps_left, self._naive_paths, self._samples = steps_left, naive_paths, samples_per_leg
         self._root = np.array(state, dtype=float)
         self._prefixes = Prefixes(motion, self._root)
         self._pool = ColumnPool(reward.posterior.data_rows + reward.posterior.planned_rows)
@@ -113,7 +113,7 @@ class PathSequences:
             [self._head_values(numbers[i : i + HEADS_AT_ONCE]) for i in range(0, len(heads), HEADS_AT_ONCE)]
         )
         order = np.argsort(-values, kind="stable")
-        if self._heuristics and self._grid is not None and not (deadline is not None and deadline()):
+        if self._naive_paths and self._grid is not None and not (deadline is not None and deadline()):
             risk = self._grid.fill(
                 self._reward.before(self._reward.posterior.columns(self._grid.places_m)), outside=0.0
             )
@@ -136,7 +136,7 @@ class PathSequences:
         """Risk in hand along the best of the naive paths from each of `states` (B, 3), after so many legs."""
         assert self._grid is not None
         left = self._steps_left - legs
-        rough = [self._naive.sums_along(states, h, left, risk, self._grid) for h in self._heuristics]
+        rough = [self._naive.sums_along(states, h, left, risk, self._grid) for h in self._naive_paths]
         return np.asarray(self._samples * np.max(rough, axis=0))
 
     def _numbered(self, sequences: Ints) -> tuple[Ints, Array]:
@@ -153,10 +153,10 @@ class PathSequences:
     def _head_values(self, numbers: Ints) -> Array:
         return self._reward.values_of_equal(self._heads(numbers), numbers.shape[1] * self._samples)
 
-    def path_places(self, sequence: Actions, heuristic: int) -> Array:
+    def path_places(self, sequence: Actions, naive_path: int) -> Array:
         """Measurement places (P, 2) of a sequence continued by a naive path."""
         states = self._motion.roll(self._root, sequence)
-        tail = self._naive.actions(states[-1], heuristic, self._steps_left - len(sequence))
+        tail = self._naive.actions(states[-1], naive_path, self._steps_left - len(sequence))
         actions = np.concatenate([np.array(sequence, dtype=np.int64), tail])
         states = self._motion.roll(self._root, actions)
         return self._motion.sample_places(states[:-1], actions, self._samples)
@@ -167,7 +167,7 @@ class PathSequences:
         numbers, new = self._numbered(actions)
         ends = self._prefixes.states(numbers[:, -1])
         left = self._steps_left - actions.shape[1]
-        tails = [self._naive.places_from(ends, h, left, self._samples) for h in self._heuristics]
+        tails = [self._naive.places_from(ends, h, left, self._samples) for h in self._naive_paths]
         columns = self._reward.posterior.columns(np.concatenate([new, *(t.reshape(-1, 2) for t in tails)]))
         self._pool.add(columns.slice(0, len(new)))
         if not tails:
@@ -185,5 +185,5 @@ class PathSequences:
             begin = end
         best: Array = values.max(axis=0)
         for i, sequence in enumerate(sequences):
-            self.continuations[sequence] = Continuation(float(best[i]), self._heuristics[int(values[:, i].argmax())])
+            self.continuations[sequence] = Continuation(float(best[i]), self._naive_paths[int(values[:, i].argmax())])
         return best

@@ -98,7 +98,7 @@ class Crew:
                 north_m=packet.north_m,
                 east_m=packet.east_m,
                 actions=packet.actions,
-                heuristic=packet.heuristic,
+                naive_path=packet.naive_path,
             )
             self.planner.hear(received.stamp_s, received.source, plan)
         o = output.odometry
@@ -224,7 +224,7 @@ class Fleet:
                     north_m=plan.north_m,
                     east_m=plan.east_m,
                     actions=plan.actions,
-                    heuristic=plan.heuristic,
+                    naive_path=plan.naive_path,
                     jbar=bound.jbar,
                     reward_so_far=bound.reward_so_far,
                     lower_bound=bound.lower_bound,

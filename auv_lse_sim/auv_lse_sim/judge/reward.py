@@ -133,20 +133,20 @@ class PlannedPath:
 
     def _roll(self, decision: DecisionRecord) -> _Rolled:
         start = (decision.heading_rad, decision.north_m, decision.east_m)
-        key = (decision.anchor_step, *start, decision.actions, decision.heuristic)
+        key = (decision.anchor_step, *start, decision.actions, decision.naive_path)
         if key not in self._rolled:
             steps = self.steps - decision.anchor_step
             actions = np.array(decision.actions[:steps], dtype=np.int64)
             after = self.motion.roll(np.array(start), actions)[-1]
-            naive = self._naive.actions(after, decision.heuristic, steps - len(actions))
+            naive = self._naive.actions(after, decision.naive_path, steps - len(actions))
             path = np.concatenate([actions, naive])
             states = self.motion.roll(np.array(start), path)
             self._rolled[key] = _Rolled(states, self.leg_places(states[:-1], path), len(actions))
         return self._rolled[key]
 
-    def naive(self, state: Array, heuristic: int) -> Array:
+    def naive(self, state: Array, naive_path: int) -> Array:
         """Places (P, 2) of a naive path from a state over the whole mission."""
-        actions = self._naive.actions(state, heuristic, self.steps)
+        actions = self._naive.actions(state, naive_path, self.steps)
         return self.leg_places(self.motion.roll(state, actions)[:-1], actions).reshape(-1, 2)
 
 
@@ -200,7 +200,7 @@ def replay(
     if map_m is not None:
         risk[0] = _risk(gp, level_set, map_m).mean()
     averaged = {round(steps * i / RISK_EVERY) for i in range(RISK_EVERY + 1)}
-    augmented = any(d.heuristic != NONE for v in run.vehicles for d in v.decisions)
+    augmented = any(d.naive_path != NONE for v in run.vehicles for d in v.decisions)
     chosen = set(np.linspace(0, steps - 1, min(max(bounds, 2), steps)).round().astype(int).tolist()) if steps else set()
     for step in range(steps):
         plans = [own.get(step) for own in decisions]
@@ -254,10 +254,10 @@ def _naive_value(
             continue
         first = vehicle.decisions[0]
         state = np.array([first.heading_rad, first.north_m, first.east_m])
-        ids = [first.heuristic] if first.heuristic != NONE else [*LAWNMOWERS, *COVERING]
+        ids = [first.naive_path] if first.naive_path != NONE else [*LAWNMOWERS, *COVERING]
         best: tuple[float, Array] | None = None
-        for heuristic in ids:
-            joint = np.concatenate([team, path.naive(state, heuristic)])
+        for naive_path in ids:
+            joint = np.concatenate([team, path.naive(state, naive_path)])
             before, after = _expected(gp, level_set, noise_m2, joint, np.empty((0, 2)))
             worth = float((before - after).sum())
             if best is None or worth > best[0]:

@@ -163,7 +163,7 @@ class _VehicleLog:
                     north_m=float(plan.north_m),
                     east_m=float(plan.east_m),
                     actions=tuple(int(a) for a in plan.actions),
-                    heuristic=int(plan.heuristic),
+                    naive_path=int(plan.naive_path),
                     jbar=float(bound.jbar) if bound else math.nan,
                     reward_so_far=float(bound.reward_so_far) if bound else math.nan,
                     lower_bound=float(bound.lower_bound) if bound else math.nan,
@@ -312,7 +312,7 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
                 north_m=d.north_m,
                 east_m=d.east_m,
                 actions=np.array(d.actions, dtype=np.uint8),
-                heuristic=d.heuristic,
+                naive_path=d.naive_path,
             )
             yield d.now_s, ns + "/plan", own + "Plan", plan
             bound = types[own + "Bound"](

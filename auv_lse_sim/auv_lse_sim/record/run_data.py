@@ -37,7 +37,7 @@ class DecisionRecord:
         north_m: North of the plan's initial state.
         east_m: East of the plan's initial state.
         actions: Indices of the planned actions in the action set, from `plan_step` on.
-        heuristic: Id of the naive path that continues the plan (0xF0..0xFE), or 0xFF for none.
+        naive_path: Id of the naive path that continues the plan (0xF0..0xFE), or 0xFF for none.
         jbar: Value Jbar (or J without augmentation) of the plan by the planner's objective (units of risk).
         reward_so_far: Reward the planner credits itself with until now (units of risk).
         lower_bound: The planner's time-varying lower bound, reward so far + naive part of Jbar.
@@ -52,7 +52,7 @@ class DecisionRecord:
     north_m: float
     east_m: float
     actions: tuple[int, ...]
-    heuristic: int
+    naive_path: int
     jbar: float
     reward_so_far: float
     lower_bound: float
