@@ -30,7 +30,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from auv_lse_gp.config import GpConfig
-from auv_lse_sim.world.ground import LakeConfig, SyntheticLake
+from auv_lse_sim.world.config import LakeConfig
+from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks.planner_loop import fly, settings_for
 
 SPAN_M = (250.0, 300.0)

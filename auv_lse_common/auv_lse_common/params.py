@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import fnmatch
 import math
 import re
 import types
@@ -269,15 +268,19 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
     return patterns
 
 
+#: What the wildcards of a node pattern match.
+_WILD = {"*": r"/\w+", "**": r"(/\w+)*"}
+
+
 def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
     """The nested parameters that a node (its full name, "/auv1/gp_node") gets, later patterns over earlier ones.
 
-    Follows rcl: `*` stands for one name, `**` for any number of them.
+    Follows rcl, which matches full names: `/*` stands for one name, `/**` for any number of them.
     """
     merged: dict[str, Any] = {}
     for pattern, values in patterns.items():
-        full = pattern if pattern.startswith("/") else "/" + pattern
-        if full == "/**" or fnmatch.fnmatchcase(node, full.replace("/**", "/*")):
+        parts = (_WILD.get(part, re.escape("/" + part)) for part in pattern.removeprefix("/").split("/"))
+        if re.fullmatch("".join(parts), node):
             merged = merge(merged, nest(values))
     return merged
 

@@ -141,6 +141,27 @@ def test_a_nodes_parameters_follow_rcls_patterns(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("pattern", "node", "matches"),
+    [
+        ("/**", "/gp_node", True),
+        ("**", "/auv1/gp_node", True),
+        ("/auv1/**", "/auv1/gp_node", True),
+        ("/auv1/**", "/auv1/a/gp_node", True),
+        ("auv1/**", "/auv1/gp_node", True),
+        ("/auv1/*", "/auv1/gp_node", True),
+        ("/auv1/*", "/auv1/a/gp_node", False),
+        ("/*/gp_node", "/auv1/gp_node", True),
+        ("/**/gp_node", "/auv1/gp_node", True),
+        ("/**/gp_node", "/gp_node", True),
+        ("/auv1", "/auv1/gp_node", False),
+        ("/auv[1]/**", "/auv1/gp_node", False),
+    ],
+)
+def test_a_star_is_one_name_and_two_stars_any_number(pattern: str, node: str, matches: bool) -> None:
+    assert parameters_for({pattern: {"a": 1}}, node) == ({"a": 1} if matches else {})
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("", "is empty"),

@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from auv_lse_common.params import parameter
-from auv_lse_sim.world.channel import ChannelConfig
-from auv_lse_sim.world.ground import LakeConfig
-from auv_lse_sim.world.ground_files import BathymetryConfig
-from auv_lse_sim.world.navigation_config import (
+from auv_lse_sim.world.config import (
     AltimeterConfig,
+    BathymetryConfig,
+    ChannelConfig,
     CompassConfig,
     CurrentConfig,
     DvlConfig,
     DynamicsConfig,
     GpsConfig,
     GyroConfig,
+    LakeConfig,
     PressureConfig,
 )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ from auv_lse_planner.config import (
     VehicleConfig,
 )
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.record.recorder import RecordConfig
+from auv_lse_sim.record.config import RecordConfig
 
 #: Sections in which vehicles may differ.
 PER_VEHICLE = ("vehicle", "planner", "gp", "modem", "link")
@@ -65,6 +65,11 @@ SECTION_CLASSES: dict[str, type] = {
 
 #: A mission that takes this many times as long as its legs should is given up.
 PATIENCE = 3.0
+
+#: Patterns that match every node, as rcl reads them.
+_FOR_ALL = ("/**", "**")
+_ONE_VEHICLE = re.compile(r"/?auv(0|[1-9]\d*)/\*\*")
+_VEHICLE_NAME = re.compile(r"auv(0|[1-9]\d*)")
 
 Patterns = dict[str, dict[str, Any]]
 
@@ -123,21 +128,15 @@ class Settings:
         cls, patterns: Mapping[str, Mapping[str, Any]], where: str, overrides: Mapping[str, Any] | None = None
     ) -> Settings:
         """The settings in what `read_parameter_file` gives."""
-        patterns = _with_overrides(patterns, overrides or {})
-        for pattern, values in patterns.items():
-            _check_pattern(pattern, values, where)
-        for_all = parameters_for({k: v for k, v in patterns.items() if _vehicle_of(k) is None}, "/settings")
+        on_top = _by_pattern(overrides or {})
+        for_all = parameters_for({k: v for k, v in patterns.items() if k in _FOR_ALL}, "/settings")
+        for_all = _overridden(for_all, on_top, None)
         mission = section(MissionConfig, for_all, "mission", where)
-        for pattern in patterns:
-            number = _vehicle_of(pattern)
-            if number is not None and not 1 <= number <= mission.vehicles:
-                # A file for a larger team may be flown by a smaller one, but there is no vehicle 0.
-                if number > mission.vehicles:
-                    continue
-                raise ParameterError(f"{where}: {pattern}: vehicle {number}; expected 1 to {mission.vehicles}")
+        for pattern, values in [*patterns.items(), *on_top]:
+            _check_pattern(pattern, values, where, mission.vehicles)
         vehicles = []
         for number in range(1, mission.vehicles + 1):
-            own = parameters_for(patterns, f"/auv{number}/settings")
+            own = _overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number)
             if "depth_m" not in own.get("vehicle", {}):
                 own = merge(own, {"vehicle": {"depth_m": DEPTHS_M[(number - 1) % len(DEPTHS_M)]}})
             vehicles.append(_vehicle_settings(own, f"{where} (auv{number})"))
@@ -264,42 +263,63 @@ def _vehicle_settings(parameters: Mapping[str, Any], where: str) -> VehicleSetti
 
 
 def _vehicle_of(pattern: str) -> int | None:
-    match = re.fullmatch(r"/?auv(\d+)(/\*\*)?", pattern)
-    return int(match.group(1)) if match else None
+    """The vehicle whose nodes a pattern stands for, "/auv2/**"; None if it is not of that form."""
+    match = _ONE_VEHICLE.fullmatch(pattern)
+    return int(match[1]) if match else None
 
 
-def _check_pattern(pattern: str, values: Mapping[str, Any], where: str) -> None:
+def _check_pattern(pattern: str, values: Mapping[str, Any], where: str, vehicles: int) -> None:
+    """Refuses a pattern that matches no node of a mission, and sections that do not belong under it.
+
+    A vehicle beyond `vehicles` is allowed: a smaller team may fly the file of a larger one.
+    """
     number = _vehicle_of(pattern)
-    if pattern not in ("/**", "**") and number is None:
+    if number is None and pattern not in _FOR_ALL:
+        name = _VEHICLE_NAME.fullmatch(pattern.lstrip("/"))
+        if name:
+            raise ParameterError(
+                f"{where}: {pattern}: matches only a node that is called {pattern}, and no mission has one; "
+                f"expected '/auv{name[1]}/**' (every node of vehicle {name[1]})"
+            )
         raise ParameterError(
             f"{where}: {pattern}: expected '/**' (all) or '/auv1/**' (one vehicle): a section means "
             "the same to every node"
         )
+    if number == 0:
+        raise ParameterError(f"{where}: {pattern}: vehicle 0; expected 1 to {vehicles}")
     nested = nest(values)
     check_sections(nested, f"{where}: {pattern}", ignore=("use_sim_time",))
     if number is not None:
-        for name in nested:
-            if name not in PER_VEHICLE:
+        for name_of_section in nested:
+            if name_of_section not in PER_VEHICLE:
                 raise ParameterError(
-                    f"{where}: {pattern}: {name}: the same for the whole team; expected under '/**' "
+                    f"{where}: {pattern}: {name_of_section}: the same for the whole team; expected under '/**' "
                     f"(vehicles may differ in {', '.join(PER_VEHICLE)})"
                 )
 
 
-def _with_overrides(patterns: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Any]) -> Patterns:
-    result: Patterns = {pattern: nest(values) for pattern, values in patterns.items()}
-    nested = _nested(overrides)
-    for name, values in nested.items():
-        number = _vehicle_of(name)
-        if number is None:
-            # On top of what a single vehicle says too, since an override is the last word.
-            for pattern in result:
-                if _vehicle_of(pattern) is not None and name in result[pattern]:
-                    result[pattern][name] = _without(result[pattern][name], values)
-            result["/**"] = merge(result.get("/**", {}), {name: values})
+def _by_pattern(overrides: Mapping[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Overrides under the pattern that each stands for, in their order."""
+    found: list[tuple[str, dict[str, Any]]] = []
+    for name, values in _nested(overrides).items():
+        vehicle = _VEHICLE_NAME.fullmatch(name)
+        if vehicle is None:
+            found.append(("/**", {name: values}))
+        elif isinstance(values, Mapping):
+            found.append((f"/{name}/**", dict(values)))
         else:
-            pattern = next((p for p in result if _vehicle_of(p) == number), f"/auv{number}/**")
-            result[pattern] = merge(result.get(pattern, {}), values)
+            raise ParameterError(f"{name}: got {values!r}; expected parameters of that vehicle, {name}.vehicle.depth_m")
+    return found
+
+
+def _overridden(
+    parameters: Mapping[str, Any], on_top: Sequence[tuple[str, Mapping[str, Any]]], number: int | None
+) -> dict[str, Any]:
+    """Parameters with the overrides for all (and those of vehicle `number`) on top: a later one wins."""
+    result = dict(parameters)
+    for pattern, values in on_top:
+        if pattern in _FOR_ALL or (number is not None and _vehicle_of(pattern) == number):
+            result = merge(result, values)
     return result
 
 
@@ -308,13 +328,3 @@ def _nested(overrides: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in overrides.items():
         result = merge(result, nest({name: _nested(value) if isinstance(value, Mapping) else value}))
     return result
-
-
-def _without(values: Any, taken: Any) -> Any:
-    if not isinstance(values, Mapping) or not isinstance(taken, Mapping):
-        return values
-    return {
-        k: _without(v, taken[k]) if isinstance(taken.get(k), Mapping) else v
-        for k, v in values.items()
-        if k not in taken or isinstance(taken[k], Mapping)
-    }

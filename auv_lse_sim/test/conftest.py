@@ -1,6 +1,8 @@
 """A small mission with known ground, made without the simulator: what the tests of evaluation and reports judge."""
 
 import math
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,8 @@ from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.judge.evaluation import ground_grid, mission_settings
 from auv_lse_sim.record.run_data import DecisionRecord, PacketReceived, PacketSent, RunData, VehicleRun
+
+sys.path.insert(0, str(Path(__file__).parent))  # `sim_helpers`: pytest's importlib mode does not find it by itself
 
 STRAIGHT, RIGHT, LEFT = 5, 10, 0  # actions 0, +90, -90 degrees
 

@@ -5,6 +5,7 @@ import socket
 import time
 
 import pytest
+from sim_helpers import FunctionGround
 
 from auv_lse_common.params import ParameterError
 from auv_lse_comms.mavlink.conversion import Odometry, Target
@@ -16,7 +17,7 @@ from auv_lse_comms.transport import UdpPort
 from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.channel import Arrival
-from auv_lse_sim.world.ground import Extent, FunctionGround
+from auv_lse_sim.world.ground import Extent
 from auv_lse_sim.world.world import World
 
 TEAM = (1, 2, 3)

@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from sim_helpers import FunctionGround
 
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_gp.area import AreaConfig
-from auv_lse_sim.world.ground import DEFAULT_WINDOW, Extent, FunctionGround, LakeConfig, SyntheticLake, _closed_shoals
+from auv_lse_sim.world.config import LakeConfig
+from auv_lse_sim.world.ground import Extent
+from auv_lse_sim.world.lake import SyntheticLake, _closed_shoals
 
 WINDOW = LakeConfig().window
 
@@ -17,7 +20,7 @@ def grid(spacing_m: float = 10.0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_default_window_is_the_default_operating_area():
-    assert WINDOW == DEFAULT_WINDOW
+    assert Extent(north_min_m=-50.0, north_max_m=550.0, east_min_m=-50.0, east_max_m=650.0) == WINDOW
     corners = np.reshape(AreaConfig().polygon_m, (-1, 2))
     assert (*corners.min(axis=0), *corners.max(axis=0)) == (-50.0, -50.0, 550.0, 650.0)
     assert (WINDOW.height_m, WINDOW.width_m) == (600.0, 700.0)

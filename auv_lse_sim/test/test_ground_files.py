@@ -7,7 +7,8 @@ import pytest
 
 from auv_lse_common.frames import geodetic_from_local
 from auv_lse_common.params import to_mapping
-from auv_lse_sim.world.ground_files import BathymetryConfig, GridGround, GroundError, grid_soundings, load_ground
+from auv_lse_sim.world.config import BathymetryConfig
+from auv_lse_sim.world.ground_files import GridGround, GroundError, grid_soundings, load_ground
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 needs_lake = pytest.mark.skipif(

@@ -10,7 +10,7 @@ from auv_lse_common.compiled import HAVE_NUMBA, cache_folder, plain
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.world import motion_model as mm
 from auv_lse_sim.world import navigation as nav
-from auv_lse_sim.world.navigation_config import DvlConfig
+from auv_lse_sim.world.config import DvlConfig
 from benchmarks.navigation_consistency import measure
 
 Q = np.array([1e-6, 4e-4, 1e-12, 1e-10, 1e-6])

@@ -1,5 +1,8 @@
 """The whole mission file: strict, complete, and the same after a round trip."""
 
+import subprocess
+import sys
+
 import pytest
 
 from auv_lse_common.params import ParameterError, describe, parameters_for, read_parameter_file
@@ -108,6 +111,11 @@ def test_parameters_of_a_vehicle_are_its_own(tmp_path):
         ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim: the same for the whole team"),
         ("/auv1/gp_node: {ros__parameters: {gp: {noise_std_m: 0.1}}}", r"/auv1/gp_node: expected '/\*\*' \(all\)"),
         ("/auv0/**: {ros__parameters: {vehicle: {depth_m: 1.0}}}", r"vehicle 0; expected 1 to 3"),
+        ("/auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2: .*matches only a node.*expected '/auv2/\*\*'"),
+        ("auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"auv2: .*matches only a node.*expected '/auv2/\*\*'"),
+        ("/auv2/*: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2/\*: expected '/\*\*' \(all\)"),
+        ("/auv02/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv02/\*\*: expected '/\*\*' \(all\)"),
+        ("/auv*/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv\*/\*\*: expected '/\*\*' \(all\)"),
         ("/auv2/**: {ros__parameters: {vehicle: {depht_m: 1.0}}}", r"auv2.*depht_m: unknown parameter .*depth_m"),
         ("", r"is empty; expected a ROS 2 parameter file"),
     ],
@@ -115,6 +123,37 @@ def test_parameters_of_a_vehicle_are_its_own(tmp_path):
 def test_what_is_wrong_is_said(tmp_path, text, match):
     with pytest.raises(ParameterError, match=match):
         Settings.load(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "auv2/**: {ros__parameters: {vehicle: {depth_m: 8.0}}}\n/auv2/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}",
+        "/auv2/**: {ros__parameters: {vehicle: {depth_m: 8.0}}}\n/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}",
+    ],
+)
+def test_an_override_of_one_vehicle_wins_over_every_pattern_of_the_file(tmp_path, text):
+    path = write(tmp_path, text)
+    assert Settings.load(path).vehicle(2).vehicle.depth_m == 9.0
+    assert Settings.load(path, {"auv2.vehicle.depth_m": 6.0}).vehicle(2).vehicle.depth_m == 6.0
+
+
+def test_overrides_are_checked_as_the_file_is(tmp_path):
+    with pytest.raises(ParameterError, match=r"/auv2/\*\*: tdma: the same for the whole team"):
+        Settings.load(None, {"auv2.tdma.slot_s": 20.0})
+    with pytest.raises(ParameterError, match="vehicle 0; expected 1 to 3"):
+        Settings.load(None, {"auv0.vehicle.depth_m": 2.0})
+
+
+def test_reading_a_mission_file_imports_no_recorder_cluster_or_drawing():
+    code = (
+        "import sys, auv_lse_sim.settings; "
+        "print([m for m in ('rosbags', 'matplotlib', 'distributed', 'dask', 'pyarrow', 'auv_lse_sim.record.recorder', "
+        "'auv_lse_sim.world.ground_files') if m in sys.modules])"
+    )
+    path = ":".join(sys.path)
+    done = subprocess.run([sys.executable, "-c", code], env={"PYTHONPATH": path}, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stderr
 
 
 def test_no_such_vehicle():

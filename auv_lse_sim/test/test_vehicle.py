@@ -13,8 +13,8 @@ from auv_lse_planner.config import MotionConfig, VehicleConfig
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.world import motion_model as mm
+from auv_lse_sim.world.config import CurrentConfig
 from auv_lse_sim.world.current import Current
-from auv_lse_sim.world.navigation_config import CurrentConfig
 from auv_lse_sim.world.vehicle import SimVehicle
 
 TABLE = MotionTable(MotionConfig())

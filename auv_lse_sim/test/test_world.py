@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
+from sim_helpers import FunctionGround
 
 from auv_lse_common.leg import Leg
 from auv_lse_common.params import from_mapping
 from auv_lse_planner.config import MotionConfig, VehicleConfig
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.world.ground import Extent, FunctionGround, SyntheticLake
+from auv_lse_sim.world.ground import Extent
+from auv_lse_sim.world.lake import SyntheticLake
 from auv_lse_sim.world.world import World
 
 TABLE = MotionTable(MotionConfig())

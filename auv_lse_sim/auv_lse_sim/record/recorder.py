@@ -7,7 +7,6 @@ little; `close` adds the index and `metadata.yaml`, which make it playable by `r
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +14,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from auv_lse_common.params import parameter
-
 _FOREVER = QosTime(9223372036, 854775807)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordConfig:
-    """What the recorder does."""
-
-    folder: str = parameter("", help="the rosbag2 directory to make; it must not exist yet")
-    flush_s: float = parameter(5.0, unit="s", above=0.0, help="at most so much of the run is lost by a power cut")
 
 
 class RecorderError(ValueError):

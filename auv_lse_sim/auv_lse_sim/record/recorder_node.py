@@ -16,7 +16,8 @@ from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, run
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_planner.config import MissionConfig
 from auv_lse_sim.engine.processes import LATCHED_TOPICS, recorded_topics
-from auv_lse_sim.record.recorder import BagWriter, RecordConfig, RecorderError, message_types
+from auv_lse_sim.record.config import RecordConfig
+from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_types
 
 _DISCOVERY_PERIOD_S = 2.0
 

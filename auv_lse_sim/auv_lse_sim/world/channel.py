@@ -14,7 +14,6 @@ depends on the transmissions alone, so that a run repeats from its seed.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from auv_lse_common.params import parameter
+from auv_lse_sim.world.config import ChannelConfig
 
 Array = NDArray[np.float64]
 Position = tuple[float, float, float]
@@ -58,95 +57,6 @@ RATES = {
     4: Rate(frames=2, frame_bytes=256, bit_rate_bps=1300.0, curve=((-2.60, 1.0), (0.32, 0.025), (0.39, 0.0))),
     5: Rate(frames=8, frame_bytes=256, bit_rate_bps=5300.0, curve=((3.1, 1.0), (6.0, 0.0))),
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChannelConfig:
-    """Section `sim.channel`: the water between the modems. Each effect has a value that switches it off (ideal)."""
-
-    ideal: bool = parameter(
-        False,
-        help="true: every packet is read by all, at the end of its transmission, but for packet_loss and blackouts",
-    )
-    rate: int = parameter(4, low=0, high=5, help="Micromodem packet rate; 3 to 5 hold a 252-byte packet")
-    overhead_s: float = parameter(
-        0.45, unit="s", low=0.0, high=10.0, help="preamble and header of a transmission, before its data"
-    )
-    delay: bool = parameter(True, help="sound takes range / sound_speed_mps; false: it is there at once (ideal)")
-    sound_speed_mps: float = parameter(1500.0, unit="m/s", low=1300.0, high=1700.0, help="speed of sound")
-    spreading: str = parameter(
-        "practical",
-        choices=("spherical", "practical", "none"),
-        help="spreading loss: 20 log10 R, 15 log10 R (shallow water), or none (ideal)",
-    )
-    absorption: str = parameter(
-        "thorp",
-        choices=("thorp", "fresh", "none"),
-        help="absorption: Thorp's formula for the sea, its terms without salts for a lake, or none (ideal)",
-    )
-    frequency_khz: float = parameter(25.0, unit="kHz", low=1.0, high=100.0, help="carrier frequency")
-    bandwidth_khz: float = parameter(4.0, unit="kHz", above=0.0, high=100.0, help="bandwidth")
-    source_level_db: float = parameter(
-        185.0, unit="dB re 1 uPa @ 1 m", low=100.0, high=220.0, help="level of a transmission 1 m from its source"
-    )
-    noise_level_db: float = parameter(
-        70.0, unit="dB re 1 uPa^2/Hz", low=0.0, high=150.0, help="ambient and own noise per hertz at the carrier"
-    )
-    fading_db: float = parameter(
-        4.0,
-        unit="dB",
-        low=0.0,
-        high=30.0,
-        help="standard deviation of the level from one reception to the next (multipath); 0: none (ideal)",
-    )
-    frame_errors: bool = parameter(
-        True, help="frames are lost by the curve of the rate; false: any ratio will do (ideal)"
-    )
-    half_duplex: bool = parameter(True, help="a vehicle that sends is deaf; false: it hears all the same (ideal)")
-    interference: bool = parameter(True, help="what else arrives meanwhile counts as noise; false: it does not (ideal)")
-    packet_loss: float = parameter(
-        0.0, low=0.0, high=1.0, help="chance that a reception is lost whatever its level, on top of the rest"
-    )
-    land_blocks: bool = parameter(True, help="a link with land in between is cut; false: sound goes through (ideal)")
-    blackouts: tuple[float, ...] = parameter(
-        (),
-        help="scheduled loss of links, four numbers each: vehicle, vehicle (0: any), from (s), until (s); both ways",
-    )
-
-    def __post_init__(self) -> None:
-        """Checks the blackouts.
-
-        Raises:
-            ValueError: naming the entry that is wrong.
-        """
-        if len(self.blackouts) % 4:
-            raise ValueError(f"blackouts has {len(self.blackouts)} numbers; expected four each: a, b, from_s, until_s")
-        for a, b, start, end in self.outages:
-            if a != int(a) or b != int(b) or min(a, b) < 0 or not start <= end:
-                raise ValueError(f"blackouts: {(a, b, start, end)}; expected two vehicle numbers, from_s <= until_s")
-
-    @property
-    def in_force(self) -> ChannelConfig:
-        """These settings with every effect of the physics made ideal if `ideal`."""
-        if not self.ideal:
-            return self
-        return dataclasses.replace(
-            self,
-            delay=False,
-            spreading="none",
-            absorption="none",
-            fading_db=0.0,
-            frame_errors=False,
-            half_duplex=False,
-            interference=False,
-            land_blocks=False,
-        )
-
-    @property
-    def outages(self) -> list[tuple[float, float, float, float]]:
-        """The scheduled blackouts: vehicle, vehicle, from (s), until (s)."""
-        flat = self.blackouts
-        return [(flat[i], flat[i + 1], flat[i + 2], flat[i + 3]) for i in range(0, len(flat), 4)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

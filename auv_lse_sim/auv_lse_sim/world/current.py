@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_sim.world.navigation_config import CurrentConfig
+from auv_lse_sim.world.config import CurrentConfig
 
 Array = NDArray[np.float64]
 

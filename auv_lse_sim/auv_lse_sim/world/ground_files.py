@@ -15,7 +15,6 @@ import csv
 import math
 import zipfile
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import QhullError, cKDTree
 
 from auv_lse_common.frames import geodetic_from_local, local_from_geodetic
-from auv_lse_common.params import parameter
+from auv_lse_sim.world.config import BathymetryConfig
 from auv_lse_sim.world.ground import Extent
 
 Array = NDArray[np.float64]
@@ -53,27 +52,6 @@ _ELEVATION = ("elevation_m", "elevation", "z_m")
 
 class GroundError(ValueError):
     """A bathymetry file that cannot be used; says the file, the line or array, and what was expected."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BathymetryConfig:
-    """Where the ground comes from, and how a file is read."""
-
-    file: str = parameter("", help="CSV of soundings, npz grid, ESRI ASCII grid (.asc), GeoTIFF; '' for the lake")
-    resolution_m: float = parameter(5.0, above=0.0, high=500.0, unit="m", help="node spacing soundings are gridded to")
-    max_gap_m: float = parameter(
-        60.0, above=0.0, unit="m", help="ground farther than this from the nearest sounding is unknown"
-    )
-    smoothing_m: float = parameter(5.0, low=0.0, unit="m", help="Gaussian smoothing of gridded soundings, 0 for none")
-    depth_sign: str = parameter("auto", choices=("auto", "down", "up"), help="direction in which depth values grow")
-    water_level_m: float | None = parameter(
-        None,
-        low=-1000.0,
-        high=9000.0,
-        unit="m",
-        help="elevation of the water surface in the file's datum: depth = water_level_m - elevation; left out: 0; "
-        "given, a raster is taken as elevations, and depths are refused",
-    )
 
 
 class GridGround:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground import Ground, SyntheticLake
+from auv_lse_sim.world.ground import Ground
 from auv_lse_sim.world.ground_files import load_ground
+from auv_lse_sim.world.lake import SyntheticLake
 
 
 def ground_of(settings: Settings) -> Ground:

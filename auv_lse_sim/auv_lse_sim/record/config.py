@@ -1,0 +1,15 @@
+"""The section `record` of a mission file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from auv_lse_common.params import parameter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordConfig:
+    """What the recorder does."""
+
+    folder: str = parameter("", help="the rosbag2 directory to make; it must not exist yet")
+    flush_s: float = parameter(5.0, unit="s", above=0.0, help="at most so much of the run is lost by a power cut")

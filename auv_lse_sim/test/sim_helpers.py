@@ -1,0 +1,50 @@
+"""What several of the simulator's tests are made from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_sim.world.ground import Extent
+
+Array = NDArray[np.float64]
+
+
+class FunctionGround:
+    """Ground given by a function of north and east (m).
+
+    Args:
+        function: Depth (m) of arrays of north and east of the same shape.
+        extent: Where it holds; NaN outside.
+        name: What to call it.
+    """
+
+    def __init__(self, function: Callable[[Array, Array], Array], extent: Extent, name: str = "function") -> None:
+        """Takes the function as it is."""
+        self._function = function
+        self._extent = extent
+        self._name = name
+
+    @property
+    def extent(self) -> Extent:
+        """Where the function holds."""
+        return self._extent
+
+    @property
+    def origin(self) -> None:
+        """Nowhere on Earth."""
+        return None
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Array:
+        """The function's value inside the extent, NaN outside."""
+        north, east = np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float))
+        e = self._extent
+        inside = (north >= e.north_min_m) & (north <= e.north_max_m) & (east >= e.east_min_m) & (east <= e.east_max_m)
+        return np.where(inside, self._function(north, east), np.nan)
+
+    def describe(self) -> str:
+        """Its name and extent."""
+        return f"{self._name} over {self._extent.height_m:g} m x {self._extent.width_m:g} m"
