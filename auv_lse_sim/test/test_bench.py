@@ -9,7 +9,8 @@ import warnings
 import numpy as np
 import pytest
 
-from auv_lse_sim.world.ground import LakeConfig, SyntheticLake
+from auv_lse_sim.world.config import LakeConfig
+from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks import __main__ as bench
 from benchmarks.rows import KEYS
 
