@@ -5,19 +5,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import Micromodem, PacketReceived, TransmitDone, TransmitFailed
+from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.events import PacketReceived, TransmitDone, TransmitFailed
 from auv_lse_comms.micromodem.log import (
-    Entry,
+    LogEntry,
     LogError,
     LoggedModem,
     escape,
     format_entry,
     main,
     read_entries,
-    replay,
+    replay_log,
     unescape,
 )
-from auv_lse_comms.micromodem.sentences import Sentence
+from auv_lse_comms.micromodem.wire import Sentence
 
 CONFIG = ModemConfig(kind="micromodem", port="/dev/null", clock_period_s=20.0)
 
@@ -69,14 +70,14 @@ def a_day_at_sea(modem) -> list:
 
 
 def test_a_replay_says_and_tells_the_same_again():
-    log: list[Entry] = []
+    log: list[LogEntry] = []
     told = a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
     assert {type(event) for event in told} >= {PacketReceived, TransmitDone, TransmitFailed}
     text = "".join(format_entry(entry) + "\n" for entry in log)
-    again = replay(read_entries(io.StringIO(text)), CONFIG)
+    again = replay_log(read_entries(io.StringIO(text)), CONFIG)
     assert [event for _, event in again.events] == told
-    assert again.said == again.logged
-    assert again.said.startswith(b"$CCCFG,SRC,3*")
+    assert again.written == again.logged
+    assert again.written.startswith(b"$CCCFG,SRC,3*")
     assert again.modem.address == 3
 
 
@@ -85,23 +86,23 @@ def test_logging_does_not_change_what_the_driver_does():
 
 
 def test_a_log_shows_that_the_driver_has_changed():
-    log: list[Entry] = []
+    log: list[LogEntry] = []
     a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
     other = ModemConfig(kind="micromodem", port="/dev/null", rate=5)
-    again = replay(log, other)
-    assert again.said != again.logged
+    again = replay_log(log, other)
+    assert again.written != again.logged
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_survive_the_log(data):
-    line = format_entry(Entry(1.5, "<", data))
+    line = format_entry(LogEntry(1.5, "<", data))
     assert line.isascii()
     assert line.isprintable()
-    assert list(read_entries([line + "\n"])) == [Entry(1.5, "<", data)]
+    assert list(read_entries([line + "\n"])) == [LogEntry(1.5, "<", data)]
 
 
 def test_format_by_hand():
-    assert format_entry(Entry(1575255779.25, "<", b"$CATXF,252*51\r\n")) == r"1575255779.250000 < $CATXF,252*51\r\n"
+    assert format_entry(LogEntry(1575255779.25, "<", b"$CATXF,252*51\r\n")) == r"1575255779.250000 < $CATXF,252*51\r\n"
     assert escape(b"\x00\\\xff") == r"\x00\\\xff"
     assert unescape(r"\x00\\\xff") == b"\x00\\\xff"
 
@@ -120,24 +121,24 @@ def test_a_bad_line_is_named(text, words):
 
 
 def test_a_last_line_cut_short_by_a_crash_is_left_out():
-    assert list(read_entries(["1.000000 < a\n", "2.000000 < $CAT"])) == [Entry(1.0, "<", b"a")]
+    assert list(read_entries(["1.000000 < a\n", "2.000000 < $CAT"])) == [LogEntry(1.0, "<", b"a")]
 
 
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
         ([], "is empty"),
-        ([Entry(1.0, "=", b"opened")], "names no address"),
-        ([Entry(1.0, "=", b"address 3"), Entry(1.0, "=", b"jumped")], "jumped"),
+        ([LogEntry(1.0, "=", b"opened")], "names no address"),
+        ([LogEntry(1.0, "=", b"address 3"), LogEntry(1.0, "=", b"jumped")], "jumped"),
     ],
 )
 def test_what_cannot_be_replayed_is_said(entries, words):
     with pytest.raises(LogError, match=words):
-        replay(entries, CONFIG)
+        replay_log(entries, CONFIG)
 
 
 def test_the_command_line_prints_the_events_and_tells_when_the_driver_differs(tmp_path, capsys):
-    log: list[Entry] = []
+    log: list[LogEntry] = []
     a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
     file = tmp_path / "modem.log"
     file.write_text("".join(format_entry(entry) + "\n" for entry in log))

@@ -6,10 +6,22 @@ import math
 import pytest
 
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_comms.micromodem import driver as mm
-from auv_lse_comms.micromodem import sentences as nmea
+from auv_lse_comms.micromodem import state as state_module
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import HANDLERS, TRANSITIONS, Cause, Micromodem, State
+from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.events import (
+    Event,
+    PacketReceived,
+    ReceptionFailed,
+    TransmitDone,
+    TransmitFailed,
+    TransmitStarted,
+)
+from auv_lse_comms.micromodem.fields import iso_time
+from auv_lse_comms.micromodem.messages import MESSAGES
+from auv_lse_comms.micromodem.rates import packet_duration_s
+from auv_lse_comms.micromodem.session import Session
+from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
 
 NOW_S = 1575255779.05  # 2019-12-02T03:02:59.05Z
 PAYLOAD = bytes(range(252))
@@ -36,12 +48,12 @@ class Desk:
     def said(self) -> list[str]:
         return [text.split("*")[0].lstrip("$") for text in self.modem.outgoing().decode().split("\r\n") if text]
 
-    def hear(self, *texts: str) -> list[mm.Event]:
+    def hear(self, *texts: str) -> list[Event]:
         for text in texts:
             self.modem.receive(self.now_s, line(text))
         return self.modem.events()
 
-    def wait(self, seconds: float, step: float = 0.1) -> list[mm.Event]:
+    def wait(self, seconds: float, step: float = 0.1) -> list[Event]:
         for _ in range(round(seconds / step)):
             self.now_s += step
             self.modem.poll(self.now_s)
@@ -52,7 +64,7 @@ class Desk:
         while (asked := self.said())[-1].startswith("CCCFG"):
             self.hear("CACFG," + asked[-1].split(",", 1)[1])
         assert asked == ["CCTMQ,0"]
-        self.hear(f"CATMQ,{nmea.iso_time(self.now_s)},USER_CMD,RTC")
+        self.hear(f"CATMQ,{iso_time(self.now_s)},USER_CMD,RTC")
         assert self.modem.state is State.IDLE
         return self
 
@@ -135,7 +147,7 @@ def test_a_vital_setting_refused_is_asked_again_for_ever():
             said = desk.said()
         assert said == ["CCCFG,SRC,3"]
         desk.hear("CACFG,SRC,9")  # nor does another value count as an answer
-        if not desk.modem._out:
+        if not desk.modem._session._out:
             desk.wait(1.1)
     assert desk.modem.state is State.CONFIGURING
 
@@ -169,7 +181,7 @@ def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(
     desk.modem.opened(desk.now_s)
     while (asked := desk.said())[-1].startswith("CCCFG"):
         desk.hear("CACFG," + asked[-1].split(",", 1)[1])
-    events = desk.hear(f"CATMQ,{nmea.iso_time(desk.now_s + reading_s)},NONE,NONE")
+    events = desk.hear(f"CATMQ,{iso_time(desk.now_s + reading_s)},NONE,NONE")
     assert events[0].offset_s == pytest.approx(offset_s)
     assert desk.modem.state is State.IDLE  # it is used all the same
     assert ("Problem" in kinds(events)) == (abs(offset_s) > 0.1)
@@ -220,9 +232,9 @@ def test_the_handshake_word_for_word():
     desk.hear("CADRQ,030259,3,0,0,256,1")
     assert desk.said() == ["CCTXD,3,0,0," + PAYLOAD.hex().upper()]
     assert desk.hear("CATXD,3,0,0,252") == []
-    assert desk.hear("CATXP,252") == [mm.TransmitStarted(number=number)]
+    assert desk.hear("CATXP,252") == [TransmitStarted(number=number)]
     assert desk.modem.quiet
-    assert desk.hear("CATXF,252") == [mm.TransmitDone(number=number)]
+    assert desk.hear("CATXF,252") == [TransmitDone(number=number)]
     assert desk.hear("CAXST,6,20191202,030259.0000,14,0,200,5000,25000,4,3,0,0,1,1,3,252") == []
     assert desk.modem.state is State.IDLE
 
@@ -285,7 +297,7 @@ def test_every_refusal_ends_the_transmission_once(heard, error, reason):
     desk = Desk().configure()
     number = desk.modem.send(desk.now_s, PAYLOAD)
     desk.hear(*heard)
-    failures = [e for e in desk.hear(error) + desk.wait(20.0) if isinstance(e, mm.TransmitFailed)]
+    failures = [e for e in desk.hear(error) + desk.wait(20.0) if isinstance(e, TransmitFailed)]
     assert [f.number for f in failures] == [number]
     assert reason in failures[0].reason
 
@@ -325,7 +337,7 @@ def test_one_packet_waits_while_the_modem_is_busy_and_a_second_is_refused():
     assert desk.said() == ["CCCYC,0,3,0,4,0,1"]
     desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1")
     assert desk.said() == ["CCTXD,3,0,0," + PAYLOAD[::-1].hex().upper()]
-    assert desk.hear("CATXP,252") == [mm.TransmitStarted(number=second)]
+    assert desk.hear("CATXP,252") == [TransmitStarted(number=second)]
 
 
 def test_a_packet_asked_for_while_the_modem_is_away_is_dropped_in_time():
@@ -373,7 +385,7 @@ def test_a_reception_ends_with_its_statistics_and_tells_what_the_modem_measured(
     (packet,) = desk.hear(statistics())
     assert (packet.source, packet.destination, packet.payload, packet.rate) == (2, 0, PAYLOAD, 4)
     assert packet.snr_db == 12.3
-    assert packet.utc_s == pytest.approx(1575255777.05 + nmea.packet_duration_s(4, 252), abs=1e-4)
+    assert packet.utc_s == pytest.approx(1575255777.05 + packet_duration_s(4, 252), abs=1e-4)
     assert math.isnan(packet.travel_s)  # clocks are not said to be synchronous
 
 
@@ -418,10 +430,10 @@ def test_lost_statistics_do_not_lose_the_packet():
 def test_a_reception_that_makes_no_packet_is_told_once_with_its_reason(heard, reason):
     desk = Desk().configure()
     events = desk.hear(*heard) + desk.wait(30.0)
-    failures = [e for e in events if isinstance(e, mm.ReceptionFailed)]
+    failures = [e for e in events if isinstance(e, ReceptionFailed)]
     assert len(failures) == 1
     assert reason in failures[0].reason
-    assert not [e for e in events if isinstance(e, mm.PacketReceived)]
+    assert not [e for e in events if isinstance(e, PacketReceived)]
 
 
 def test_two_frames_make_one_packet_in_the_order_of_their_numbers():
@@ -479,7 +491,7 @@ def test_frames_of_two_senders_never_make_one_packet():
     other = "CARXD,5,0,0,2,BB"
     events = desk.hear("CACYC,0,2,0,4,0,2", "CARXD,2,0,0,1,AA", other, statistics(frames=2))
     assert kinds(events) == ["ReceptionFailed", "ReceptionFailed"]
-    assert not [e for e in events if isinstance(e, mm.PacketReceived)]
+    assert not [e for e in events if isinstance(e, PacketReceived)]
 
 
 def test_a_frame_said_twice_is_taken_once():
@@ -545,7 +557,7 @@ def test_the_revision_said_now_and_then_is_no_reboot():
 
 
 def test_the_table_in_the_text_is_the_table_in_the_code():
-    words = {line.strip() for line in mm.__doc__.splitlines()}
+    words = {line.strip() for line in (state_module.__doc__ or "").splitlines()}
     for (state, cause), after in TRANSITIONS.items():
         if cause in (Cause.FAILED, Cause.REBOOTED, Cause.CLOSED):
             continue  # written for groups of states
@@ -554,12 +566,12 @@ def test_the_table_in_the_text_is_the_table_in_the_code():
 
 def test_a_move_that_is_not_in_the_table_is_our_bug():
     with pytest.raises(RuntimeError, match="no transition from CLOSED by SEND"):
-        Micromodem(config(), 3)._move(Cause.SEND)
+        Session(config(), 3).move(Cause.SEND)
 
 
 def test_every_message_has_a_handler():
-    read = {type(reader.__self__) and reader.__self__ for reader in nmea.MESSAGES.values()}
-    assert read == set(HANDLERS)
+    read = {type(reader.__self__) and reader.__self__ for reader in MESSAGES.values()}
+    assert read == set(Micromodem(config(), 3).handlers)
 
 
 def test_bad_fields_are_told_and_survived():

@@ -6,11 +6,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from auv_lse_comms.micromodem import driver as mm
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import TRANSITIONS, Cause, Micromodem, State
-from auv_lse_comms.micromodem.log import LoggedModem, format_entry, read_entries, replay
-from auv_lse_comms.micromodem.sentences import Sentence
+from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.events import PacketReceived, TransmitDone, TransmitFailed, TransmitStarted
+from auv_lse_comms.micromodem.log import LoggedModem, format_entry, read_entries, replay_log
+from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
+from auv_lse_comms.micromodem.wire import Sentence
 
 CONFIG = ModemConfig(kind="micromodem", port="x", clock_period_s=20.0)
 ADDRESS = 3
@@ -127,14 +128,14 @@ def run(steps, modem, moved):
 def test_any_story_ends_with_one_outcome_for_each_packet(steps):
     modem = Micromodem(CONFIG, ADDRESS)
     told, sent = run(steps, modem, set())
-    started = Counter(e.number for e in told if isinstance(e, mm.TransmitStarted))
-    ended = Counter(e.number for e in told if isinstance(e, mm.TransmitDone | mm.TransmitFailed))
-    done = {e.number for e in told if isinstance(e, mm.TransmitDone)}
+    started = Counter(e.number for e in told if isinstance(e, TransmitStarted))
+    ended = Counter(e.number for e in told if isinstance(e, TransmitDone | TransmitFailed))
+    done = {e.number for e in told if isinstance(e, TransmitDone)}
     assert ended == Counter(sent)
     assert set(started.values()) <= {1}
     assert done <= set(started)
     for event in told:
-        if isinstance(event, mm.PacketReceived):
+        if isinstance(event, PacketReceived):
             assert event.destination in (0, ADDRESS)
 
 
@@ -144,9 +145,9 @@ def test_any_story_replays_from_its_log(steps):
     log = []
     told, _ = run(steps, LoggedModem(Micromodem(CONFIG, ADDRESS), log.append), set())
     text = [format_entry(entry) + "\n" for entry in log]
-    again = replay(read_entries(text), CONFIG)
+    again = replay_log(read_entries(text), CONFIG)
     assert [event for _, event in again.events] == told
-    assert again.said == again.logged
+    assert again.written == again.logged
 
 
 def test_stories_reach_every_state():

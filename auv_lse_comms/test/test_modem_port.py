@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import Problem
+from auv_lse_comms.micromodem.events import Problem
 from auv_lse_comms.micromodem.port import ModemPort
 
 

@@ -6,8 +6,34 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from auv_lse_comms.micromodem import sentences as nmea
-from auv_lse_comms.micromodem.sentences import Sentence, SentenceError, SentenceReader, read_message
+from auv_lse_comms.micromodem.fields import (
+    SentenceError,
+    arrival_time,
+    clock_time,
+    iso_time,
+    read_arrival_time,
+    read_iso_time,
+)
+from auv_lse_comms.micromodem.messages import MESSAGES, read_message
+from auv_lse_comms.micromodem.rates import packet_duration_s
+from auv_lse_comms.micromodem.receive_messages import (
+    MODE_PACKET_TIMEOUT,
+    Detection,
+    FrameHeard,
+    ReceptionStart,
+    ReceptionStatistics,
+    clock_is_synchronous,
+)
+from auv_lse_comms.micromodem.status_messages import ClockSet, ClockTime, ErrorReport, Notice, Revision, Setting
+from auv_lse_comms.micromodem.transmit_messages import (
+    Cycle,
+    DataRequest,
+    FrameTaken,
+    TransmitEnd,
+    TransmitStart,
+    TransmitStatistics,
+)
+from auv_lse_comms.micromodem.wire import MAX_COUNTED_TYPES, MAX_LINE, Sentence, SentenceReader, TypeCounts, checksum
 
 # Lines as real modems and WHOI's own software write them, with their checksums, typed in by hand.
 REAL = [
@@ -29,7 +55,7 @@ def test_reads_and_rewrites_real_lines(line):
 
 def test_checksum_by_hand():
     # 'A' ^ 'B' ^ 'C' = 0x41 ^ 0x42 ^ 0x43 = 0x40
-    assert nmea.checksum("ABC") == "40"
+    assert checksum("ABC") == "40"
 
 
 @pytest.mark.parametrize(
@@ -98,20 +124,20 @@ def test_memory_is_bounded_by_the_longest_line():
     for _ in range(200):
         reader.feed(b"x" * 1000)
     assert reader.counts["overlong"] == 1
-    assert len(reader._line) <= nmea.MAX_LINE
+    assert len(reader._line) <= MAX_LINE
 
 
-MESSAGES = [
-    nmea.Revision(time="030259", ident="AUV", version="2.0.27087"),
-    nmea.Setting(name="SRC", value="3"),
-    nmea.ClockSet(timed_out=False, utc_s=1575255779.0),
-    nmea.ClockTime(utc_s=1575255779.0, resolution_s=1.0, source="USER_CMD", pps="EXT"),
-    nmea.Cycle(source=1, destination=0, rate=4, ack=False, frames=1),
-    nmea.DataRequest(time="030259", source=1, destination=0, ack=False, max_bytes=256, frame=1),
-    nmea.FrameTaken(source=1, destination=0, ack=False, count=252),
-    nmea.TransmitStart(count=252),
-    nmea.TransmitEnd(count=252),
-    nmea.TransmitStatistics(
+EXAMPLES = [
+    Revision(time="030259", ident="AUV", version="2.0.27087"),
+    Setting(name="SRC", value="3"),
+    ClockSet(timed_out=False, utc_s=1575255779.0),
+    ClockTime(utc_s=1575255779.0, resolution_s=1.0, source="USER_CMD", pps="EXT"),
+    Cycle(source=1, destination=0, rate=4, ack=False, frames=1),
+    DataRequest(time="030259", source=1, destination=0, ack=False, max_bytes=256, frame=1),
+    FrameTaken(source=1, destination=0, ack=False, count=252),
+    TransmitStart(count=252),
+    TransmitEnd(count=252),
+    TransmitStatistics(
         utc_s=1575255779.5,
         clock=14,
         mode=0,
@@ -122,10 +148,10 @@ MESSAGES = [
         frames_sent=1,
         count=252,
     ),
-    nmea.ReceptionStart(kind=1),
-    nmea.Detection(peak=300, power_db=120, ratio_db=30, spl_db=110),
-    nmea.FrameHeard(source=2, destination=0, ack=False, frame=1, data=bytes(range(252))),
-    nmea.ReceptionStatistics(
+    ReceptionStart(kind=1),
+    Detection(peak=300, power_db=120, ratio_db=30, spl_db=110),
+    FrameHeard(source=2, destination=0, ack=False, frame=1, data=bytes(range(252))),
+    ReceptionStatistics(
         mode=0,
         utc_s=1575255779.1234,
         clock=14,
@@ -140,15 +166,15 @@ MESSAGES = [
         doppler_mps=0.2,
         noise_db=60,
     ),
-    nmea.Notice(kind="BAD_CRC", detail="1"),
-    nmea.Trouble(time="030259", module="DATA_TIMEOUT", number=1, detail=""),
+    Notice(kind="BAD_CRC", detail="1"),
+    ErrorReport(time="030259", module="DATA_TIMEOUT", number=1, detail=""),
 ]
 
 
-@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize("message", EXAMPLES, ids=lambda m: type(m).__name__)
 def test_messages_survive_the_wire(message):
     again = read_message(one(message.sentence().encode()))
-    if isinstance(message, nmea.ReceptionStatistics):
+    if isinstance(message, ReceptionStatistics):
         assert math.isclose(again.utc_s, message.utc_s, abs_tol=1e-4)
         assert again.detection == message.detection
         assert (again.snr_in_db, again.mse_db, again.doppler_mps) == (12.3, -10.5, 0.2)
@@ -157,7 +183,7 @@ def test_messages_survive_the_wire(message):
 
 
 def test_every_message_the_driver_understands_is_covered_above():
-    assert {m.sentence().type for m in MESSAGES} == set(nmea.MESSAGES)
+    assert {m.sentence().type for m in EXAMPLES} == set(MESSAGES)
 
 
 def test_statistics_of_older_firmware_have_no_version_and_no_date():
@@ -169,7 +195,7 @@ def test_statistics_of_older_firmware_have_no_version_and_no_date():
 
 def test_statistics_of_a_packet_timeout_need_no_more_than_mode_and_time():
     statistics = read_message(Sentence("CACST", ("6", "2", "20191202030259.1234")))
-    assert statistics.mode == nmea.MODE_PACKET_TIMEOUT
+    assert statistics.mode == MODE_PACKET_TIMEOUT
     assert math.isclose(statistics.utc_s, 1575255779.1234, abs_tol=1e-5)
 
 
@@ -196,7 +222,7 @@ def test_bad_fields_are_refused_by_name(kind, fields, words):
 
 
 @settings(max_examples=500)
-@given(st.sampled_from(sorted(nmea.MESSAGES)), st.lists(st.text(max_size=12), max_size=35))
+@given(st.sampled_from(sorted(MESSAGES)), st.lists(st.text(max_size=12), max_size=35))
 def test_only_sentence_error_escapes_from_any_fields(kind, fields):
     with contextlib.suppress(SentenceError):
         read_message(Sentence(kind, tuple(fields)))
@@ -204,30 +230,30 @@ def test_only_sentence_error_escapes_from_any_fields(kind, fields):
 
 def test_unknown_types_are_no_error_and_their_count_is_bounded():
     assert read_message(Sentence("CAXXX", ())) is None
-    counts = nmea.TypeCounts()
+    counts = TypeCounts()
     for number in range(1000):
         counts.add(f"CA{number:03d}")
-    assert len(counts.counts) == nmea.MAX_UNKNOWN_TYPES + 1
+    assert len(counts.counts) == MAX_COUNTED_TYPES + 1
     assert sum(counts.counts.values()) == 1000
 
 
 def test_times_by_hand():
-    assert nmea.iso_time(1575255779.9) == "2019-12-02T03:02:59Z"
-    assert nmea.clock_time(1575255779.9) == "030259"
-    assert nmea.arrival_time(1575255779.12341) == "20191202030259.1234"
-    assert nmea.arrival_time(1575255779.99999) == "20191202030300.0000"
-    assert nmea.read_iso_time("2019-12-02T03:02:59Z", "t") == (1575255779.0, 1.0)
-    assert nmea.read_iso_time("2019-12-02T03:02:59.25Z", "t") == (1575255779.25, 0.01)
-    assert math.isnan(nmea.read_arrival_time("00000000000000.0000"))
+    assert iso_time(1575255779.9) == "2019-12-02T03:02:59Z"
+    assert clock_time(1575255779.9) == "030259"
+    assert arrival_time(1575255779.12341) == "20191202030259.1234"
+    assert arrival_time(1575255779.99999) == "20191202030300.0000"
+    assert read_iso_time("2019-12-02T03:02:59Z", "t") == (1575255779.0, 1.0)
+    assert read_iso_time("2019-12-02T03:02:59.25Z", "t") == (1575255779.25, 0.01)
+    assert math.isnan(read_arrival_time("00000000000000.0000"))
 
 
 def test_clock_status_bits():
-    assert nmea.clock_is_synchronous(2 | 3 << 2)
-    assert nmea.clock_is_synchronous(3 | 4 << 2)
-    assert not nmea.clock_is_synchronous(2 | 1 << 2)  # held by its own RTC
-    assert not nmea.clock_is_synchronous(1 | 3 << 2)  # never set
+    assert clock_is_synchronous(2 | 3 << 2)
+    assert clock_is_synchronous(3 | 4 << 2)
+    assert not clock_is_synchronous(2 | 1 << 2)  # held by its own RTC
+    assert not clock_is_synchronous(1 | 3 << 2)  # never set
 
 
 def test_duration_of_the_usual_packet_is_about_two_seconds():
-    assert nmea.packet_duration_s(4, 252) == pytest.approx(0.45 + 252 * 8 / 1300)
-    assert 1.9 < nmea.packet_duration_s(4, 252) < 2.1
+    assert packet_duration_s(4, 252) == pytest.approx(0.45 + 252 * 8 / 1300)
+    assert 1.9 < packet_duration_s(4, 252) < 2.1

@@ -10,10 +10,10 @@ import time
 
 import pytest
 
-from auv_lse_comms.micromodem import driver as mm
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import State
+from auv_lse_comms.micromodem.events import PacketReceived, TransmitDone, TransmitFailed, TransmitStarted
 from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.state import State
 from auv_lse_sim.emulated.modem_emulator import EmulatorRack, PtyShell, perfect_water
 
 pytest.importorskip("acomms", reason="acomms (test only) is not installed")
@@ -73,7 +73,7 @@ def test_acomms_and_our_driver_hear_each_other_through_emulated_modems(tmp_path)
             rack.poll(now_s)
             water(now_s)
             told += port.step(now_s, time.monotonic())
-            heard = [e for e in told if isinstance(e, mm.PacketReceived)]
+            heard = [e for e in told if isinstance(e, PacketReceived)]
             if heard and not answered and port.modem.state is State.IDLE:
                 answered = True
                 port.send(now_s, THEIRS, 0)
@@ -90,7 +90,7 @@ def test_acomms_and_our_driver_hear_each_other_through_emulated_modems(tmp_path)
     peer_told = json.loads(lines[0][5:])
 
     # acomms -> emulator -> water -> emulator -> our driver
-    (packet,) = [e for e in told if isinstance(e, mm.PacketReceived)]
+    (packet,) = [e for e in told if isinstance(e, PacketReceived)]
     assert (packet.source, packet.destination, packet.payload, packet.rate) == (1, 0, OURS, 4)
     assert packet.snr_db == 20.0
     # what acomms understood of the emulated modem
@@ -104,7 +104,7 @@ def test_acomms_and_our_driver_hear_each_other_through_emulated_modems(tmp_path)
     assert peer_told["frames"] == [[2, 0, THEIRS.hex()]]
     assert peer_told["packets"] == 1
     assert peer_told["cst"] == [[0, 4, 2, 0, 20.0, 1]]
-    assert [type(e) for e in told if isinstance(e, mm.TransmitStarted | mm.TransmitDone | mm.TransmitFailed)] == [
-        mm.TransmitStarted,
-        mm.TransmitDone,
+    assert [type(e) for e in told if isinstance(e, TransmitStarted | TransmitDone | TransmitFailed)] == [
+        TransmitStarted,
+        TransmitDone,
     ]

@@ -10,9 +10,9 @@ from sim_helpers import FunctionGround
 from auv_lse_common.params import ParameterError
 from auv_lse_comms.mavlink.conversion import Odometry, Target
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
-from auv_lse_comms.micromodem import driver as mm
-from auv_lse_comms.micromodem.driver import State
+from auv_lse_comms.micromodem.events import PacketReceived, ReceptionFailed
 from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.transport import UdpPort
 from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.settings import Settings
@@ -138,7 +138,7 @@ def test_packets_go_through_the_channel_as_without_modems(emulated):
         )
         for output in direct.tick(sea.now_s).values():
             expected += output.arrivals
-    got = sorted((k, e.source, e.payload, e.utc_s, e.snr_db) for k, e in sea.of(mm.PacketReceived))
+    got = sorted((k, e.source, e.payload, e.utc_s, e.snr_db) for k, e in sea.of(PacketReceived))
     want = sorted((a.receiver, a.source, a.payload, a.arrival_s, a.snr_db) for a in expected)
     assert len(got) == len(want) == 6
     for a, b in zip(got, want, strict=True):
@@ -163,8 +163,8 @@ def test_what_is_heard_but_not_read_is_told_as_a_failed_reception(emulated):
         why="noise",
     )
     sea.links.arrive(2, lost)
-    sea.until(lambda: sea.of(mm.ReceptionFailed), "nothing was told")
-    assert sea.of(mm.ReceptionFailed)[0][1].reason == "bad CRC"
+    sea.until(lambda: sea.of(ReceptionFailed), "nothing was told")
+    assert sea.of(ReceptionFailed)[0][1].reason == "bad CRC"
     assert sea.links.delivered(2) == 0
 
 

@@ -13,9 +13,9 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
-from auv_lse_comms.micromodem import driver as mm
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.log import read_entries, replay
+from auv_lse_comms.micromodem.events import PacketReceived, TransmitStarted
+from auv_lse_comms.micromodem.log import read_entries, replay_log
 from auv_lse_sim.record.bag import read_run
 from auv_lse_sim.record.run_data import RunData
 
@@ -65,11 +65,11 @@ def test_the_line_logs_of_the_mission_replay_and_hold_its_packets(emulated: tupl
     folder, run = emulated
     for k in TEAM:
         with (folder / "logs" / f"auv{k}.modem_lines.log").open() as lines:
-            again = replay(read_entries(lines), ModemConfig(kind="micromodem", port="log"))
-        assert again.said == again.logged
-        sent = [event for _, event in again.events if isinstance(event, mm.TransmitStarted)]
+            again = replay_log(read_entries(lines), ModemConfig(kind="micromodem", port="log"))
+        assert again.written == again.logged
+        sent = [event for _, event in again.events if isinstance(event, TransmitStarted)]
         assert len(sent) == sum(packet.source == k for packet in run.sent)
-        received = [event.payload for _, event in again.events if isinstance(event, mm.PacketReceived)]
+        received = [event.payload for _, event in again.events if isinstance(event, PacketReceived)]
         assert received == [packet.payload for packet in run.received if packet.receiver == k]
 
 

@@ -23,7 +23,7 @@ from sensor_msgs.msg import FluidPressure, Range
 from auv_lse_common.ros_conversions import header
 from auv_lse_comms.mavlink.conversion import Origin
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.log import read_entries, replay
+from auv_lse_comms.micromodem.log import read_entries, replay_log
 from auv_lse_msgs.msg import ModemRx, ModemTx, Waypoint
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report
 from auv_lse_sim.emulated.modem_emulator import Arrival, EmulatorRack, PtyShell
@@ -89,8 +89,8 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
         b.group.stop()
         rack.close()
     with log.open() as lines:
-        again = replay(read_entries(lines), ModemConfig(kind="micromodem", port=str(link)))
-    assert again.said == again.logged
+        again = replay_log(read_entries(lines), ModemConfig(kind="micromodem", port=str(link)))
+    assert again.written == again.logged
     assert again.modem.counts["connections"] == 2
 
 

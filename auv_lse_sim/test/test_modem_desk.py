@@ -4,8 +4,9 @@ import sys
 import time
 
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import PacketReceived, State
+from auv_lse_comms.micromodem.events import PacketReceived
 from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.state import State
 from auv_lse_sim.emulated import modem_desk
 from auv_lse_sim.emulated.modem_emulator import PtyShell
 

@@ -8,11 +8,24 @@ import time
 
 import pytest
 
-from auv_lse_comms.micromodem import driver as mm
-from auv_lse_comms.micromodem import sentences as nmea
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import Micromodem, State
+from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.events import (
+    ClockChecked,
+    ModemLost,
+    ModemReady,
+    PacketReceived,
+    ReceptionFailed,
+    TransmitDone,
+    TransmitFailed,
+    TransmitStarted,
+)
+from auv_lse_comms.micromodem.messages import read_message
 from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.rates import packet_duration_s
+from auv_lse_comms.micromodem.state import State
+from auv_lse_comms.micromodem.transmit_messages import Cycle
+from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
 from auv_lse_sim.emulated.modem_emulator import (
     MAX_UNREAD_BYTES,
     Arrival,
@@ -80,10 +93,10 @@ def test_no_time_need_pass_to_configure_and_to_start_a_packet():
     assert packet.payload == PAYLOAD
     assert wire.driver.quiet
     wire.pass_time(3.0)
-    assert [type(e) for e in wire.told if not isinstance(e, mm.ClockChecked)] == [
-        mm.ModemReady,
-        mm.TransmitStarted,
-        mm.TransmitDone,
+    assert [type(e) for e in wire.told if not isinstance(e, ClockChecked)] == [
+        ModemReady,
+        TransmitStarted,
+        TransmitDone,
     ]
 
 
@@ -109,16 +122,16 @@ def test_every_usable_rate_both_ways(rate, size, frames):
         Arrival(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=5.0, rate=rate, frames=frames)
     )
     wire.flow()
-    (packet,) = wire.of(mm.PacketReceived)
+    (packet,) = wire.of(PacketReceived)
     assert (packet.payload, packet.snr_db, packet.rate) == (payload, 5.0, rate)
-    assert packet.utc_s == pytest.approx(wire.now_s + nmea.packet_duration_s(rate, size), abs=1e-4)
+    assert packet.utc_s == pytest.approx(wire.now_s + packet_duration_s(rate, size), abs=1e-4)
 
 
 def test_what_cannot_be_decoded_is_told_as_a_failed_reception():
     wire = Wire()
     wire.modem.arrive(Arrival(start_s=NOW_S, source=1, destination=0, payload=None, snr_db=-4.0))
     wire.flow()
-    assert [(e.reason, e.snr_db) for e in wire.of(mm.ReceptionFailed)] == [("bad CRC", -4.0)]
+    assert [(e.reason, e.snr_db) for e in wire.of(ReceptionFailed)] == [("bad CRC", -4.0)]
 
 
 def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
@@ -128,20 +141,20 @@ def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
     said = modem.outgoing()
     assert b"CARXD" in said
     assert b"CACST" not in said
-    modem.receive(NOW_S, nmea.Cycle(source=0, destination=0, rate=4, ack=False, frames=1).initiate().encode())
+    modem.receive(NOW_S, Cycle(source=0, destination=0, rate=4, ack=False, frames=1).initiate().encode())
     assert b"CADRQ" not in modem.outgoing()
 
 
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        (nmea.Sentence("CCXYZ", ("1",)).encode(), b"unknown command"),
+        (Sentence("CCXYZ", ("1",)).encode(), b"unknown command"),
         (b"$CCCFG,SRC,1*00\r\n", b"bad line"),
-        (nmea.Sentence("CCCFG", ("NOPE", "1")).encode(), b"unknown setting"),
-        (nmea.Sentence("CCCFG", ("SRC", "200")).encode(), b"out of range"),
-        (nmea.Sentence("CCCYC", ("0", "1", "0", "4", "0", "3")).encode(), b"rate 4 with 3 frames"),
-        (nmea.Sentence("CCTMS", ("noon", "0")).encode(), b"expected a time"),
-        (nmea.Sentence("CCTXD", ("1", "0", "0", "ABC")).encode(), b"hexadecimal"),
+        (Sentence("CCCFG", ("NOPE", "1")).encode(), b"unknown setting"),
+        (Sentence("CCCFG", ("SRC", "200")).encode(), b"out of range"),
+        (Sentence("CCCYC", ("0", "1", "0", "4", "0", "3")).encode(), b"rate 4 with 3 frames"),
+        (Sentence("CCTMS", ("noon", "0")).encode(), b"expected a time"),
+        (Sentence("CCTXD", ("1", "0", "0", "ABC")).encode(), b"hexadecimal"),
     ],
 )
 def test_commands_that_are_wrong_are_refused_in_words(command, words):
@@ -176,7 +189,7 @@ def test_synchronous_transmissions_wait_for_the_second_and_give_travel_times():
     assert wire.sent[0].start_s == pytest.approx(NOW_S + 1.0)
     wire.modem.arrive(Arrival(start_s=NOW_S + 4.3, source=1, destination=0, payload=PAYLOAD, snr_db=5.0))
     wire.flow()
-    assert wire.of(mm.PacketReceived)[0].travel_s == pytest.approx(0.3, abs=1e-4)
+    assert wire.of(PacketReceived)[0].travel_s == pytest.approx(0.3, abs=1e-4)
 
 
 def test_a_modem_that_forgets_everything_is_configured_again():
@@ -185,7 +198,7 @@ def test_a_modem_that_forgets_everything_is_configured_again():
     wire.flow()
     assert wire.modem.settings["SRC"] == "3"
     assert wire.driver.state is State.IDLE
-    assert len(wire.of(mm.ModemReady)) == 2
+    assert len(wire.of(ModemReady)) == 2
     wire.modem.settings["SRC"] = "0"  # another reboot, unheard
     wire.pass_time(61.0)
     assert wire.modem.settings["SRC"] == "3"
@@ -222,9 +235,9 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
         wire.modem.arrive(Arrival(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=9.0))
         wire.flow()
         wire.pass_time(15.0)
-    started = [e.number for e in wire.of(mm.TransmitStarted)]
-    done = [e.number for e in wire.of(mm.TransmitDone)]
-    failed = [e.number for e in wire.of(mm.TransmitFailed)]
+    started = [e.number for e in wire.of(TransmitStarted)]
+    done = [e.number for e in wire.of(TransmitDone)]
+    failed = [e.number for e in wire.of(TransmitFailed)]
     # every packet has one outcome, and one that is told as sent went out as it was
     assert sorted(done + failed) == asked
     assert set(done) <= set(started)
@@ -232,7 +245,7 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
     # eight bits of exclusive or let through what cancels (a character doubled twice): one in a hundred on such a
     # cable, which is why packets can carry a tag
     wrong_out = sum(packet.payload != PAYLOAD for packet in wire.sent)
-    received = wire.of(mm.PacketReceived)
+    received = wire.of(PacketReceived)
     wrong_in = sum(packet.payload not in words for packet in received)
     assert wrong_out <= 0.05 * len(wire.sent)
     assert wrong_in <= 0.05 * len(received)
@@ -240,12 +253,12 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
     wire.spoil = lambda data: data
     wire.pass_time(180.0)
     assert wire.driver.state is State.IDLE
-    before = len(wire.of(mm.TransmitDone))
+    before = len(wire.of(TransmitDone))
     for _ in range(5):
         wire.driver.send(wire.now_s, PAYLOAD)
         wire.flow()
         wire.pass_time(10.0)
-    assert len(wire.of(mm.TransmitDone)) == before + 5
+    assert len(wire.of(TransmitDone)) == before + 5
 
 
 # ------------------------------------------------------------------ shells
@@ -294,7 +307,7 @@ def test_a_team_talks_through_real_ports_while_simulated_time_stands_still(kind,
                 told = serve_until(lambda: True, rack, ports, now_s + 3.0)
                 for p in ports:
                     told += [(p.modem.address, e) for e in p.step(now_s + 3.0, time.monotonic())]
-                heard += [e for e in told if isinstance(e, tuple) and isinstance(e[1], mm.PacketReceived)]
+                heard += [e for e in told if isinstance(e, tuple) and isinstance(e[1], PacketReceived)]
             assert {address for address, _ in heard[-2:]} == set(team) - {v}
             assert all(e.payload == payload and e.source == v for _, e in heard[-2:])
             serve_until(lambda: all(p.modem.state is State.IDLE for p in ports), rack, ports, now_s + 3.0)
@@ -319,7 +332,7 @@ def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
     while port.modem.state is not State.CLOSED:
         assert time.monotonic() < until
         told += port.step(NOW_S, time.monotonic())
-    assert any(isinstance(e, mm.ModemLost) for e in told)
+    assert any(isinstance(e, ModemLost) for e in told)
     for _ in range(50):
         port.step(NOW_S, time.monotonic())
         time.sleep(0.002)
@@ -332,7 +345,7 @@ def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
 
 
 def test_a_line_log_of_a_real_port_replays(tmp_path):
-    from auv_lse_comms.micromodem.log import read_entries, replay
+    from auv_lse_comms.micromodem.log import read_entries, replay_log
 
     log = tmp_path / "logs" / "modem.log"
     rack = EmulatorRack({1: PtyShell()}, lambda v, t: None, NOW_S)
@@ -346,10 +359,10 @@ def test_a_line_log_of_a_real_port_replays(tmp_path):
     told += port.close(NOW_S + 2.0, time.monotonic())
     rack.close()
     with log.open() as lines:
-        again = replay(read_entries(lines), config)
-    assert again.said == again.logged
-    assert [e for _, e in again.events if isinstance(e, mm.PacketReceived)] == [
-        e for e in told if isinstance(e, mm.PacketReceived)
+        again = replay_log(read_entries(lines), config)
+    assert again.written == again.logged
+    assert [e for _, e in again.events if isinstance(e, PacketReceived)] == [
+        e for e in told if isinstance(e, PacketReceived)
     ]
 
 
@@ -400,7 +413,7 @@ def test_every_number_said_is_one_that_can_be_read():
             modem.arrive(
                 Arrival(start_s=0.0, source=1, destination=0, payload=payload, snr_db=snr_db, doppler_mps=-1.5)
             )
-    sentences = nmea.SentenceReader().feed(modem.outgoing())
+    sentences = SentenceReader().feed(modem.outgoing())
     assert len(sentences) == 7 * 2 * 5
     for sentence in sentences:
-        assert nmea.read_message(sentence) is not None
+        assert read_message(sentence) is not None

@@ -1,10 +1,10 @@
-"""Line log of a modem's port: everything said, with its time, as text; and its replay through the driver.
+"""Line log of a modem's port: everything that goes over it, with its time, as text; and the log's replay.
 
 One entry per line, `<time> <kind> <text>`, time in s since 1970 with microseconds:
 
     <  bytes from the modem, as they came (one line, or a part of one; \\r \\n \\xHH escaped)
     >  bytes to the modem
-    =  what the shell told the driver: "address N", "opened", "closed REASON", "send DESTINATION HEX", "poll"
+    =  calls of the driver: "address N", "opened", "closed REASON", "send DESTINATION HEX", "poll"
 
 Only polls that made the driver do something are kept. Because the driver reads no clock and no port, the same
 entries give the same sentences and events again: a field problem is replayed at the desk, and a log is a test.
@@ -24,20 +24,21 @@ import yaml
 
 from auv_lse_common.params import from_mapping
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import Event, Micromodem
+from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.events import Event
 
-FROM_MODEM, TO_MODEM, SHELL = "<", ">", "="
+FROM_MODEM, TO_MODEM, CALL = "<", ">", "="
 
 _ESCAPED = re.compile(rb"[^\x20-\x5b\x5d-\x7e]")
 _ENTRY = re.compile(r"(\d{1,12}\.\d{6}) ([<>=]) (.*)\Z")
 
 
 class LogError(ValueError):
-    """A line that is no entry of a line log; says which and why."""
+    """A line that is no entry of a line log; names it and the reason."""
 
 
-class Entry(NamedTuple):
-    """One entry: time (s since 1970), kind (`<`, `>` or `=`), and the bytes or the shell's words (as bytes)."""
+class LogEntry(NamedTuple):
+    """One entry: time (s since 1970), kind (`<`, `>` or `=`), and the bytes or the call (as bytes)."""
 
     utc_s: float
     kind: str
@@ -72,12 +73,12 @@ def unescape(text: str) -> bytes:
     return bytes(result + text[position:].encode("ascii"))
 
 
-def format_entry(entry: Entry) -> str:
+def format_entry(entry: LogEntry) -> str:
     """The line of an entry, without its end."""
     return f"{entry.utc_s:.6f} {entry.kind} {escape(entry.data)}"
 
 
-def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[Entry]:
+def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[LogEntry]:
     """The entries of a log's lines; a last line without its end (the machine stopped) is left out.
 
     Raises:
@@ -89,7 +90,7 @@ def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[Entr
         match = _ENTRY.match(line[:-1])
         if match is None:
             raise LogError(f"{where}:{number}: got {line[:60]!r}; expected '<seconds>.<microseconds> <kind> <text>'")
-        yield Entry(float(match[1]), match[2], unescape(match[3]))
+        yield LogEntry(float(match[1]), match[2], unescape(match[3]))
 
 
 class LoggedModem:
@@ -98,8 +99,8 @@ class LoggedModem:
     Takes the same calls as the driver: `opened`, `closed`, `send`, `receive`, `poll`, `outgoing`, `events`.
     """
 
-    def __init__(self, modem: Micromodem, record: Callable[[Entry], None]) -> None:
-        """Drives `modem` and tells `record` of it."""
+    def __init__(self, modem: Micromodem, record: Callable[[LogEntry], None]) -> None:
+        """Drives `modem` and gives each entry to `record`."""
         self.modem = modem
         self._record = record
         self._now_s = 0.0
@@ -107,24 +108,24 @@ class LoggedModem:
 
     def opened(self, now_s: float) -> None:
         """See `Micromodem.opened`."""
-        self._say(now_s, "opened")
+        self._record_call(now_s, "opened")
         self.modem.opened(self._now_s)
 
     def closed(self, now_s: float, reason: str) -> None:
         """See `Micromodem.closed`."""
-        self._say(now_s, f"closed {reason}")
+        self._record_call(now_s, f"closed {reason}")
         self.modem.closed(self._now_s, reason)
 
     def send(self, now_s: float, payload: bytes, destination: int | None = None) -> int:
         """See `Micromodem.send`."""
-        self._say(now_s, f"send {'-' if destination is None else destination} {payload.hex()}")
+        self._record_call(now_s, f"send {'-' if destination is None else destination} {payload.hex()}")
         return self.modem.send(self._now_s, payload, destination)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """See `Micromodem.receive`."""
         self._at(now_s)
         for line in data.splitlines(keepends=True):
-            self._record(Entry(self._now_s, FROM_MODEM, line))
+            self._record(LogEntry(self._now_s, FROM_MODEM, line))
         self.modem.receive(self._now_s, data)
 
     def poll(self, now_s: float) -> None:
@@ -133,13 +134,13 @@ class LoggedModem:
         before = self.modem.activity
         self.modem.poll(self._now_s)
         if self.modem.activity != before:
-            self._record(Entry(self._now_s, SHELL, b"poll"))
+            self._record(LogEntry(self._now_s, CALL, b"poll"))
 
     def outgoing(self) -> bytes:
         """See `Micromodem.outgoing`."""
         data = self.modem.outgoing()
         for line in data.splitlines(keepends=True):
-            self._record(Entry(self._now_s, TO_MODEM, line))
+            self._record(LogEntry(self._now_s, TO_MODEM, line))
         return data
 
     def events(self) -> list[Event]:
@@ -150,45 +151,46 @@ class LoggedModem:
         self._now_s = round(now_s, 6)  # as the log keeps it, so that a replay sees the same times
         if self._first:
             self._first = False
-            self._record(Entry(self._now_s, SHELL, f"address {self.modem.address}".encode("ascii")))
+            self._record(LogEntry(self._now_s, CALL, f"address {self.modem.address}".encode("ascii")))
 
-    def _say(self, now_s: float, text: str) -> None:
+    def _record_call(self, now_s: float, text: str) -> None:
         self._at(now_s)
-        self._record(Entry(self._now_s, SHELL, text.encode("ascii", "backslashreplace")))
+        self._record(LogEntry(self._now_s, CALL, text.encode("ascii", "backslashreplace")))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Replay:
-    """What a replay gave.
+class LogReplay:
+    """What the replay of a log gives.
 
     Attributes:
         modem: The driver as it ended.
         events: (time, event) in order.
-        said: Bytes the driver wrote in the replay, and `logged` those it wrote then: equal if the log is whole and
-            the driver and its settings are the same.
+        written: Bytes that the driver wrote in the replay.
+        logged: Bytes that it wrote when the log was made: the same if the log is whole and neither the driver nor its
+            settings have changed.
     """
 
     modem: Micromodem
     events: list[tuple[float, Event]]
-    said: bytes
+    written: bytes
     logged: bytes
 
 
-def replay(entries: Iterable[Entry], config: ModemConfig, address: int | None = None) -> Replay:
+def replay_log(entries: Iterable[LogEntry], config: ModemConfig, address: int | None = None) -> LogReplay:
     """Gives a log's entries to a new driver with `config`; the address is the log's unless given.
 
     Raises:
-        LogError: if an entry of the shell is unknown, or the log names no address and none is given.
+        LogError: if a call is unknown, or the log names no address and none is given.
     """
     modem = Micromodem(config, address) if address is not None else None
     events: list[tuple[float, Event]] = []
-    said = bytearray()
+    written = bytearray()
     logged = bytearray()
     for entry in entries:
         if entry.kind == TO_MODEM:
             logged += entry.data
             continue
-        words = entry.data.decode("latin-1").split(" ", 1) if entry.kind == SHELL else []
+        words = entry.data.decode("latin-1").split(" ", 1) if entry.kind == CALL else []
         if words[:1] == ["address"]:
             modem = modem or Micromodem(config, int(words[1]))
             continue
@@ -206,19 +208,19 @@ def replay(entries: Iterable[Entry], config: ModemConfig, address: int | None = 
         elif words == ["poll"]:
             modem.poll(entry.utc_s)
         else:
-            raise LogError(f"line log: got '= {entry.data.decode('latin-1')[:40]}'; expected one of the shell's words")
-        said += modem.outgoing()
+            raise LogError(f"line log: got '= {entry.data.decode('latin-1')[:40]}'; expected a call of the driver")
+        written += modem.outgoing()
         events += [(entry.utc_s, event) for event in modem.events()]
     if modem is None:
         raise LogError("line log: is empty; expected entries")
-    return Replay(modem=modem, events=events, said=bytes(said), logged=bytes(logged))
+    return LogReplay(modem=modem, events=events, written=bytes(written), logged=bytes(logged))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """`python -m auv_lse_comms.micromodem.log FILE`: replays a log and prints what the driver makes of it.
 
     Returns:
-        0; 1 if the driver now says something else than it said then; 2 if the log cannot be read.
+        0; 1 if the driver now writes something else than it wrote then; 2 if the log cannot be read.
     """
     parser = argparse.ArgumentParser(
         prog="python -m auv_lse_comms.micromodem.log",
@@ -234,7 +236,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         values = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in options.set)}
         config = from_mapping(ModemConfig, {"kind": "micromodem", "port": str(options.file), **values}, "--set: modem")
         with options.file.open(encoding="ascii") as lines:
-            result = replay(read_entries(lines, str(options.file)), config, options.address)
+            result = replay_log(read_entries(lines, str(options.file)), config, options.address)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -242,8 +244,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{utc_s:.6f} {event}")
     lines_read = ", ".join(f"{count} {name}" for name, count in sorted(result.modem.reader.counts.items()))
     print(f"lines: {lines_read}; driver: {dict(sorted(result.modem.counts.items()))}")
-    if result.said != result.logged:
-        print("the driver does not say what it said then: other settings, or another version of it", file=sys.stderr)
+    if result.written != result.logged:
+        print("the driver does not write what it wrote then: other settings, or another version of it", file=sys.stderr)
         return 1
     return 0
 

@@ -9,10 +9,10 @@ from rclpy.clock import Clock, ClockType
 
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, diagnostics, header, run, seconds
-from auv_lse_comms.micromodem import driver as micromodem
+from auv_lse_comms.micromodem import events
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import State
 from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.transport import Transport, Watcher
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx
 
@@ -110,10 +110,10 @@ class MicromodemNode(ConfiguredNode):
 
     # ------------------------------------------------------------------ what it tells
 
-    def _tell(self, event: micromodem.Event) -> None:
+    def _tell(self, event: events.Event) -> None:
         log = self.get_logger()
         match event:
-            case micromodem.PacketReceived():
+            case events.PacketReceived():
                 self._rx.publish(
                     ModemRx(
                         header=header(event.utc_s),
@@ -124,11 +124,11 @@ class MicromodemNode(ConfiguredNode):
                         payload=event.payload,
                     )
                 )
-            case micromodem.TransmitStarted():
+            case events.TransmitStarted():
                 self._started.add(event.number)
-            case micromodem.TransmitDone():
+            case events.TransmitDone():
                 self._started.discard(event.number)
-            case micromodem.TransmitFailed():
+            case events.TransmitFailed():
                 log.warning(f"packet {event.number} not sent: {event.reason}")
                 if event.number not in self._started:  # never reached the water: nobody need wait for it
                     self._lost += 1
@@ -136,19 +136,19 @@ class MicromodemNode(ConfiguredNode):
                     if self.lockstep:
                         self._answer("micromodem_lost", max(1, self._tick or 0))
                 self._started.discard(event.number)
-            case micromodem.ModemReady():
+            case events.ModemReady():
                 log.info(f"modem ready, firmware {event.version or 'unknown'}")
                 self._problem = ""
                 self._diagnose()
-            case micromodem.ModemLost():
+            case events.ModemLost():
                 log.warning(f"modem lost: {event.reason}")
                 self._problem = event.reason
                 self._diagnose()
-            case micromodem.ClockChecked() if not event.within_tolerance:
+            case events.ClockChecked() if not event.within_tolerance:
                 log.warning(f"modem clock {event.offset_s:+.1f} s off (source {event.source}, PPS {event.pps})")
-            case micromodem.ReceptionFailed():
+            case events.ReceptionFailed():
                 log.info(f"reception failed: {event.reason}")
-            case micromodem.Problem():
+            case events.Problem():
                 log.warning(event.text)
 
     def _diagnose(self) -> None:

@@ -1,4 +1,4 @@
-"""A modem's driver on its port, with its line log: what `micromodem_node` owns. Knows no ROS."""
+"""A modem's driver on its port, with its line log: what `micromodem_node` owns."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TextIO
 
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.driver import Event, Micromodem, Problem
-from auv_lse_comms.micromodem.log import Entry, LoggedModem, format_entry
+from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.events import Event, Problem
+from auv_lse_comms.micromodem.log import LogEntry, LoggedModem, format_entry
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
 
 
@@ -16,7 +17,7 @@ class ModemPort:
     """The driver and the port it speaks on, which is opened again whenever it fails.
 
     `step` carries bytes both ways; `now_s` is the host's clock (UTC or simulated), `steady_s` one that never jumps, for
-    the waits before the port is opened again. A line log that can no longer be written is closed, and told of once: the
+    the waits before the port is opened again. A line log that can no longer be written is closed and reported once; the
     modem goes on without it.
     """
 
@@ -31,7 +32,7 @@ class ModemPort:
         self.modem = Micromodem(config, address)
         self.connection = Connection(lambda: open_transport(where), config.backoff_min_s, config.backoff_max_s)
         self._log: TextIO | None = None
-        self._log_problem: Problem | None = None  # not told yet
+        self._log_problem: Problem | None = None  # not reported yet
         self._driver: Micromodem | LoggedModem = self.modem
         if config.log_file:
             path = Path(config.log_file)
@@ -53,7 +54,7 @@ class ModemPort:
         return self._driver.send(now_s, payload, destination)
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
-        """Opens the port if it is time, takes what has come, lets time pass (if `poll`), writes; tells events."""
+        """Opens the port if it is time, takes what has come, lets time pass (if `poll`), writes; returns the events."""
         if self.connection.poll(steady_s):
             self._driver.opened(now_s)
         data = self.connection.read(steady_s)
@@ -84,7 +85,7 @@ class ModemPort:
             self._log_problem = None
         return events
 
-    def _record(self, entry: Entry) -> None:
+    def _record(self, entry: LogEntry) -> None:
         if self._log is None:
             return
         try:

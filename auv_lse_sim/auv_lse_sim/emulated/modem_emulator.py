@@ -26,7 +26,28 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from auv_lse_comms.micromodem import sentences as nmea
+from auv_lse_comms.micromodem.fields import SentenceError, clock_time, read_iso_time
+from auv_lse_comms.micromodem.messages import Message
+from auv_lse_comms.micromodem.rates import BROADCAST, RATES, packet_duration_s
+from auv_lse_comms.micromodem.receive_messages import (
+    MODE_BAD_CRC,
+    MODE_GOOD,
+    Detection,
+    FrameHeard,
+    ReceptionStart,
+    ReceptionStatistics,
+)
+from auv_lse_comms.micromodem.status_messages import ClockSet, ClockTime, ErrorReport, Notice, Revision, Setting
+from auv_lse_comms.micromodem.transmit_messages import (
+    Cycle,
+    DataRequest,
+    FrameGiven,
+    FrameTaken,
+    TransmitEnd,
+    TransmitStart,
+    TransmitStatistics,
+)
+from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
 
 VERSION = "2.0.27087"
 #: The modem waits so long for `$CCTXD` after `$CADRQ` (s).
@@ -91,7 +112,7 @@ class Arrival:
 
 @dataclass(slots=True)
 class _Outgoing:
-    cycle: nmea.Cycle
+    cycle: Cycle
     asked_s: float
     frames: list[bytes] = field(default_factory=list)
     start_s: float = math.nan
@@ -126,7 +147,7 @@ class ModemEmulator:
         self._version = version
         self._clock_error_s = clock_error_s
         self._clock_set = False
-        self._reader = nmea.SentenceReader()
+        self._reader = SentenceReader()
         self._bad_lines = 0
         self._sending: _Outgoing | None = None
         self._revision_s = -math.inf
@@ -145,8 +166,8 @@ class ModemEmulator:
         if forget:
             self.settings = dict(SETTINGS)
             self._clock_set = False
-        self._say(nmea.Revision(time=self._clock_text(now_s), ident="INIT", version=""))
-        self._say(nmea.Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
+        self._say(Revision(time=self._clock_text(now_s), ident="INIT", version=""))
+        self._say(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
         self._revision_s = now_s
 
     def receive(self, now_s: float, data: bytes) -> None:
@@ -158,7 +179,7 @@ class ModemEmulator:
                 continue
             try:
                 command(self, now_s, sentence)
-            except nmea.SentenceError as error:
+            except SentenceError as error:
                 self._refuse(now_s, 2, str(error).replace(",", ";"))
         bad_lines = sum(self._reader.counts.values()) - self._reader.counts["sentences"]
         if bad_lines > self._bad_lines:
@@ -178,23 +199,23 @@ class ModemEmulator:
                 self._end(sending)
         if self.settings["REV"] != "0" and now_s - self._revision_s >= REVISION_PERIOD_S:
             self._revision_s = now_s
-            self._say(nmea.Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
+            self._say(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
 
     def arrive(self, arrival: Arrival) -> None:
         """Tells the host of a packet from the water, as much of it as the settings let it."""
         good = arrival.payload is not None
         self.counts["heard" if good else "heard_bad"] += 1
-        size = nmea.RATES[arrival.rate].frame_bytes
+        size = RATES[arrival.rate].frame_bytes
         payload = arrival.payload or b""
         snr_db = arrival.snr_db if math.isfinite(arrival.snr_db) else 0.0
-        detection = nmea.Detection(
+        detection = Detection(
             peak=max(0, round(300 * 10 ** (min(snr_db, 40.0) / 40))),
             power_db=round(120 + snr_db),
             ratio_db=max(0, round(snr_db + 20)),
             spl_db=round(110 + snr_db),
         )
         self._say(
-            nmea.Cycle(
+            Cycle(
                 source=arrival.source,
                 destination=arrival.destination,
                 rate=arrival.rate,
@@ -203,15 +224,15 @@ class ModemEmulator:
             )
         )
         if self.settings["RXP"] != "0":
-            self._say(nmea.ReceptionStart(kind=0 if arrival.rate == 0 else 1))
+            self._say(ReceptionStart(kind=0 if arrival.rate == 0 else 1))
         if self.settings["MFD"] != "0":
             self._say(detection)
         for number in range(1, arrival.frames + 1):
             if not good:
-                self._say(nmea.Notice(kind="BAD_CRC", detail=str(number)))
-            elif arrival.destination in (nmea.BROADCAST, self.address):
+                self._say(Notice(kind="BAD_CRC", detail=str(number)))
+            elif arrival.destination in (BROADCAST, self.address):
                 self._say(
-                    nmea.FrameHeard(
+                    FrameHeard(
                         source=arrival.source,
                         destination=arrival.destination,
                         ack=False,
@@ -221,8 +242,8 @@ class ModemEmulator:
                 )
         if self.settings["CST"] != "0":
             self._say(
-                nmea.ReceptionStatistics(
-                    mode=nmea.MODE_GOOD if good else nmea.MODE_BAD_CRC,
+                ReceptionStatistics(
+                    mode=MODE_GOOD if good else MODE_BAD_CRC,
                     utc_s=max(0.0, arrival.start_s + self._clock_error_s),
                     clock=self._clock_status,
                     detection=detection,
@@ -249,11 +270,11 @@ class ModemEmulator:
 
     # ------------------------------------------------------------------ saying
 
-    def _say(self, message: nmea.Message) -> None:
+    def _say(self, message: Message) -> None:
         self._out += message.sentence().encode()
 
     def _clock_text(self, now_s: float) -> str:
-        return nmea.clock_time(max(0.0, now_s + self._clock_error_s))
+        return clock_time(max(0.0, now_s + self._clock_error_s))
 
     @property
     def _clock_status(self) -> int:
@@ -262,12 +283,12 @@ class ModemEmulator:
 
     def _refuse(self, now_s: float, number: int, why: str) -> None:
         self.counts["refused"] += 1
-        self._say(nmea.Trouble(time=self._clock_text(now_s), module="NMEA", number=number, detail=why))
+        self._say(ErrorReport(time=self._clock_text(now_s), module="NMEA", number=number, detail=why))
 
     # ------------------------------------------------------------------ commands
 
-    def _on_set(self, now_s: float, sentence: nmea.Sentence) -> None:
-        setting = nmea.Setting.read(sentence.fields)
+    def _on_set(self, now_s: float, sentence: Sentence) -> None:
+        setting = Setting.read(sentence.fields)
         if setting.name not in self.settings or not setting.value.isdigit():
             self._refuse(now_s, 4, f"{setting.name}: unknown setting or value")
             return
@@ -277,32 +298,32 @@ class ModemEmulator:
         self.settings[setting.name] = setting.value
         self._say(setting)
 
-    def _on_query(self, now_s: float, sentence: nmea.Sentence) -> None:
+    def _on_query(self, now_s: float, sentence: Sentence) -> None:
         name = sentence.fields[0] if sentence.fields else ""
         names = list(self.settings) if name == "ALL" else [name]
         if names[0] not in self.settings:
             self._refuse(now_s, 4, f"{name}: unknown setting")
             return
         for known in names:
-            self._say(nmea.Setting(name=known, value=self.settings[known]))
+            self._say(Setting(name=known, value=self.settings[known]))
 
-    def _on_clock_set(self, now_s: float, sentence: nmea.Sentence) -> None:
+    def _on_clock_set(self, now_s: float, sentence: Sentence) -> None:
         text = sentence.fields[0] if sentence.fields else ""
         # WHOI's acomms 3.1.1 ends the time in "ZZ", and real modems take it
-        wanted_s, _ = nmea.read_iso_time(text.rstrip("Z"), "time")
+        wanted_s, _ = read_iso_time(text.rstrip("Z"), "time")
         self._clock_error_s = wanted_s - now_s
         self._clock_set = True
-        self._say(nmea.ClockSet(timed_out=False, utc_s=wanted_s))
+        self._say(ClockSet(timed_out=False, utc_s=wanted_s))
 
-    def _on_clock_query(self, now_s: float, sentence: nmea.Sentence) -> None:
+    def _on_clock_query(self, now_s: float, sentence: Sentence) -> None:
         source = "USER_CMD" if self._clock_set else "RTC"
         pps = "EXT" if self.settings["SNV"] != "0" else "RTC"
         utc_s = max(0.0, now_s + self._clock_error_s)
-        self._say(nmea.ClockTime(utc_s=utc_s, resolution_s=1.0, source=source, pps=pps))
+        self._say(ClockTime(utc_s=utc_s, resolution_s=1.0, source=source, pps=pps))
 
-    def _on_cycle(self, now_s: float, sentence: nmea.Sentence) -> None:
-        cycle = nmea.Cycle.read(sentence.fields)
-        rate = nmea.RATES.get(cycle.rate)
+    def _on_cycle(self, now_s: float, sentence: Sentence) -> None:
+        cycle = Cycle.read(sentence.fields)
+        rate = RATES.get(cycle.rate)
         if rate is None or not 1 <= cycle.frames <= rate.frames:
             self._refuse(now_s, 5, f"rate {cycle.rate} with {cycle.frames} frames")
             return
@@ -314,15 +335,13 @@ class ModemEmulator:
             self._sending = _Outgoing(cycle=cycle, asked_s=now_s)
             self._request(now_s)
 
-    def _on_frame(self, now_s: float, sentence: nmea.Sentence) -> None:
-        frame = nmea.FrameGiven.read(sentence.fields)
+    def _on_frame(self, now_s: float, sentence: Sentence) -> None:
+        frame = FrameGiven.read(sentence.fields)
         sending = self._sending
-        self._say(
-            nmea.FrameTaken(source=frame.source, destination=frame.destination, ack=frame.ack, count=len(frame.data))
-        )
+        self._say(FrameTaken(source=frame.source, destination=frame.destination, ack=frame.ack, count=len(frame.data)))
         if sending is None or sending.started:
             return  # a real modem keeps it for the next cycle; nothing of ours would be right in that
-        size = nmea.RATES[sending.cycle.rate].frame_bytes
+        size = RATES[sending.cycle.rate].frame_bytes
         if not 1 <= len(frame.data) <= size:
             self._refuse(now_s, 7, f"frame of {len(frame.data)} bytes: expected 1 to {size}")
             return
@@ -339,12 +358,12 @@ class ModemEmulator:
         assert self._sending is not None
         cycle = self._sending.cycle
         self._say(
-            nmea.DataRequest(
+            DataRequest(
                 time=self._clock_text(now_s),
                 source=cycle.source,
                 destination=cycle.destination,
                 ack=cycle.ack,
-                max_bytes=nmea.RATES[cycle.rate].frame_bytes,
+                max_bytes=RATES[cycle.rate].frame_bytes,
                 frame=len(self._sending.frames) + 1,
             )
         )
@@ -358,7 +377,7 @@ class ModemEmulator:
                 return  # waits for the second
         sending.start_s = now_s
         payload = b"".join(sending.frames)
-        self._say(nmea.TransmitStart(count=len(payload)))
+        self._say(TransmitStart(count=len(payload)))
         self.counts["transmitted"] += 1
         cycle = sending.cycle
         duration_s = self._transmit(
@@ -371,14 +390,12 @@ class ModemEmulator:
                 payload=payload,
             )
         )
-        sending.end_s = now_s + (
-            duration_s if duration_s is not None else nmea.packet_duration_s(cycle.rate, len(payload))
-        )
+        sending.end_s = now_s + (duration_s if duration_s is not None else packet_duration_s(cycle.rate, len(payload)))
 
     def _end(self, sending: _Outgoing) -> None:
         self._sending = None
         count = sum(len(frame) for frame in sending.frames)
-        self._say(nmea.TransmitEnd(count=count))
+        self._say(TransmitEnd(count=count))
         self._say_transmit_statistics(sending, mode=0)
 
     def _data_timeout(self, now_s: float) -> None:
@@ -386,7 +403,7 @@ class ModemEmulator:
         assert sending is not None
         self.counts["data_timeouts"] += 1
         number = len(sending.frames) + 1
-        self._say(nmea.Trouble(time=self._clock_text(now_s), module="DATA_TIMEOUT", number=number, detail=""))
+        self._say(ErrorReport(time=self._clock_text(now_s), module="DATA_TIMEOUT", number=number, detail=""))
         sending.start_s = now_s
         self._say_transmit_statistics(sending, mode=4)
 
@@ -394,7 +411,7 @@ class ModemEmulator:
         if self.settings["XST"] == "0":
             return
         self._say(
-            nmea.TransmitStatistics(
+            TransmitStatistics(
                 utc_s=max(0.0, sending.start_s + self._clock_error_s),
                 clock=self._clock_status,
                 mode=mode,
@@ -409,7 +426,7 @@ class ModemEmulator:
 
 
 #: What each of the host's sentences does.
-COMMANDS: dict[str, Callable[[ModemEmulator, float, nmea.Sentence], None]] = {
+COMMANDS: dict[str, Callable[[ModemEmulator, float, Sentence], None]] = {
     "CCCFG": ModemEmulator._on_set,
     "CCCFQ": ModemEmulator._on_query,
     "CCTMS": ModemEmulator._on_clock_set,
@@ -640,7 +657,7 @@ class EmulatorRack:
     def arrive(self, vehicle: int, arrival: Arrival) -> None:
         """A packet has reached a vehicle: its modem tells the driver. Good ones for it count as delivered."""
         modem = self.modems[vehicle]
-        if arrival.payload is not None and arrival.destination in (nmea.BROADCAST, modem.address):
+        if arrival.payload is not None and arrival.destination in (BROADCAST, modem.address):
             self.delivered[vehicle] += 1
         modem.arrive(arrival)
         self._flush(vehicle)
@@ -684,7 +701,7 @@ def perfect_water(
     under_way: deque[tuple[float, int, Arrival]] = deque()
 
     def transmit(vehicle: int, packet: Transmission) -> None:
-        end_s = packet.start_s + delay_s + nmea.packet_duration_s(packet.rate, len(packet.payload))
+        end_s = packet.start_s + delay_s + packet_duration_s(packet.rate, len(packet.payload))
         for other in rack().modems:
             if other != vehicle:
                 arrival = Arrival(

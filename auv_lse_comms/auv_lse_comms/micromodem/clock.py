@@ -1,0 +1,137 @@
+"""Checks a Micromodem's clock against the host's, and sets it when it is off.
+
+step      what happens                          next
+REST      `clock_period_s` is over, when idle   ASKED     $CCTMQ written
+ASKED     $CATMQ: right, or not to be set       REST
+ASKED     $CATMQ: off                           WAITING   until the host's next second begins
+WAITING   a second begins                       SETTING   $CCTMS written (it carries whole seconds)
+SETTING   $CATMS                                ASKED     $CCTMQ written: is it right now?
+ASKED, SETTING
+          no answer, `CLOCK_TRIES` times        REST      reported
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+
+from auv_lse_comms.micromodem.events import ClockChecked, ModemReady, Problem
+from auv_lse_comms.micromodem.fields import iso_time
+from auv_lse_comms.micromodem.session import Session
+from auv_lse_comms.micromodem.state import Cause, State
+from auv_lse_comms.micromodem.status_messages import ClockSet, ClockTime
+from auv_lse_comms.micromodem.wire import Sentence
+
+#: $CCTMS carries whole seconds: it is written this soon after one begins (s) ...
+SECOND_START_S = 0.1
+#: ... or, when the driver is polled too seldom to hit that, after waiting so long (s).
+SECOND_WAIT_S = 3.0
+#: Tries at setting the clock before the driver reports it and leaves it as it is.
+CLOCK_TRIES = 3
+
+
+class ClockStep(enum.Enum):
+    """Where a clock check is."""
+
+    REST = "rest"
+    ASKED = "asked"
+    WAITING = "waiting"
+    SETTING = "setting"
+
+
+class ClockCheck:
+    """The checks of one modem's clock: the first one in state CLOCK, later ones beside the states.
+
+    Attributes:
+        step: Where the check is.
+        right: The clock was within `clock_tolerance_s` of the host's at the last check.
+    """
+
+    def __init__(self, session: Session) -> None:
+        """Writes to `session`; nothing is checked yet."""
+        self.step = ClockStep.REST
+        self.right = False
+        self._session = session
+        self._tries = 0
+
+    def reset(self) -> None:
+        """Forgets what is known: the connection or the modem is new."""
+        self.step = ClockStep.REST
+        self.right = False
+
+    def ask(self, new: bool) -> None:
+        """Asks the modem for its time; `new` begins a check, else it is one more try of the same."""
+        if new:
+            self._tries = 0
+        self.step = ClockStep.ASKED
+        self._session.start("clock")
+        self._session.start("clock_period")
+        self._session.write(Sentence("CCTMQ", ("0",)))
+
+    def end(self) -> None:
+        """Ends the check, whatever it found; after the first one packets can be sent."""
+        session = self._session
+        self.step = ClockStep.REST
+        session.start("clock_period")
+        if session.state is State.CLOCK:
+            session.move(Cause.CLOCKED)
+            session.tell(ModemReady(version=session.version))
+
+    def poll(self) -> None:
+        """Lets time pass: begins a check, sets the clock on the second, repeats what was not answered."""
+        session = self._session
+        if self.step is ClockStep.REST:
+            if session.state is State.IDLE and session.waited_s("clock_period") >= session.config.clock_period_s:
+                session.write(Sentence("CCCFQ", ("SRC",)))  # a modem with another address has rebooted unheard
+                self.ask(new=True)
+        elif self.step is ClockStep.WAITING:
+            fraction_s = session.now_s - math.floor(session.now_s)
+            if fraction_s <= SECOND_START_S or session.waited_s("clock") >= SECOND_WAIT_S:
+                self.step = ClockStep.SETTING
+                session.start("clock")
+                session.write(Sentence("CCTMS", (iso_time(round(session.now_s)), "0")))
+        elif session.waited_s("clock") >= session.config.reply_timeout_s:
+            session.strike()
+            self._tries += 1
+            if self._tries < CLOCK_TRIES:
+                self.ask(new=False)
+            else:
+                session.tell(Problem(text="the modem does not answer about its clock"))
+                self.end()
+
+    def on_time(self, message: ClockTime) -> None:
+        """The modem's time: compares it with the host's."""
+        if self.step is not ClockStep.ASKED:
+            return
+        session, config = self._session, self._session.config
+        early_s = message.utc_s - session.now_s
+        late_s = session.now_s - (message.utc_s + message.resolution_s)
+        offset_s = early_s if early_s > 0.0 else -late_s if late_s > 0.0 else 0.0
+        self.right = abs(offset_s) <= config.clock_tolerance_s
+        session.tell(
+            ClockChecked(offset_s=offset_s, within_tolerance=self.right, source=message.source, pps=message.pps)
+        )
+        self._tries += 1
+        # a time of arrival counts as synchronous only if the clock was set from outside, however right it is
+        unset = config.synchronous and message.source in ("NONE", "RTC")
+        if (self.right and not unset) or not config.set_clock or self._tries > CLOCK_TRIES:
+            if not self.right:
+                session.counts["clock_off"] += 1
+                session.tell(Problem(text=f"the modem's clock is {offset_s:+.1f} s off the host's"))
+            self.end()
+        else:
+            self.step = ClockStep.WAITING
+            session.start("clock")
+            self.poll()
+
+    def on_set(self, message: ClockSet) -> None:
+        """The modem has set its clock: asks whether it is right now."""
+        if self.step is not ClockStep.SETTING:
+            return
+        self._session.counts["clock_timed_out" if message.timed_out else "clock_set"] += 1
+        self.ask(new=False)
+
+    def on_refused(self) -> None:
+        """The modem has refused a command, which may have been about its clock."""
+        if self.step in (ClockStep.ASKED, ClockStep.SETTING):
+            self.end()

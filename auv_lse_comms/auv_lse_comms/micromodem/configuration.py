@@ -1,0 +1,112 @@
+"""Configures a Micromodem setting by setting: each is sent when the one before is confirmed."""
+
+from __future__ import annotations
+
+from auv_lse_comms.micromodem.clock import ClockCheck
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.events import Problem
+from auv_lse_comms.micromodem.session import Session
+from auv_lse_comms.micromodem.state import Cause
+from auv_lse_comms.micromodem.status_messages import Setting
+
+#: A modem that reports INIT gets no settings until it reports AUV, or for so long (s).
+REBOOT_WAIT_S = 2.0
+
+
+def settings_of(config: ModemConfig, address: int) -> tuple[tuple[Setting, bool], ...]:
+    """The settings that the driver needs, in the order they are sent, each with whether it is vital.
+
+    A modem that refuses a vital setting is not used; it is asked again and again.
+    """
+    return tuple(
+        (Setting(name=name, value=value), vital)
+        for name, value, vital in (
+            ("SRC", str(address), True),  # own address
+            ("CST", "1", True),  # receive statistics, the end of every reception
+            ("RXP", "1", False),  # report the start of a reception
+            ("REV", "1", False),  # report the revision now and then
+            ("XST", "1", False),  # transmit statistics
+            ("MFD", "1", False),  # report what the matched filter detected
+            ("ASD", "0", False),  # never send test data of its own when the host is late
+            ("SNV", str(int(config.synchronous)), False),  # start transmissions on the second
+        )
+    )
+
+
+class Configuration:
+    """The settings of one modem, on their way to it. After the last one the clock check begins.
+
+    Attributes:
+        rebooting: The modem has reported INIT and not yet AUV: settings wait.
+    """
+
+    def __init__(self, session: Session, clock: ClockCheck) -> None:
+        """Writes to `session`; begins `clock` when the modem is configured."""
+        self.rebooting = False
+        self._session = session
+        self._clock = clock
+        self._settings = settings_of(session.config, session.address)
+        self._number = 0
+        self._tries = 0
+
+    def begin(self) -> None:
+        """Starts with the first setting, at once or when the modem has rebooted."""
+        self._number = 0
+        self._tries = 0
+        self._clock.reset()
+        if self.rebooting:
+            self._session.start("reboot")
+        else:
+            self.write()
+
+    def write(self) -> None:
+        """Sends the setting that is due."""
+        self._session.write(self._settings[self._number][0].command())
+        self._session.start("setting")
+
+    def answer(self, message: Setting) -> None:
+        """Takes the modem's answer to a setting."""
+        setting, _ = self._settings[self._number]
+        if message.name != setting.name:
+            return
+        if message.value == setting.value:
+            self._next()
+        else:
+            self.refuse(f"it answers {message.value!r}")
+
+    def refuse(self, why: str) -> None:
+        """The modem refuses the setting that is due: tries again if it is vital, else goes on without it."""
+        session = self._session
+        setting, vital = self._settings[self._number]
+        self._tries += 1
+        if self._tries <= session.config.retries and vital:
+            self.write()
+            return
+        session.counts["settings_refused"] += 1
+        session.tell(Problem(text=f"the modem does not take {setting.name},{setting.value}: {why}"))
+        if not vital:
+            self._next()
+            return
+        session.start("setting")  # sent again when this wait is over
+        self._tries = 0
+
+    def poll(self) -> None:
+        """Lets time pass: repeats a setting that was not answered."""
+        session = self._session
+        if self.rebooting:
+            if session.waited_s("reboot") >= REBOOT_WAIT_S:
+                self.rebooting = False
+                self.write()
+        elif session.waited_s("setting") >= session.config.reply_timeout_s:
+            session.strike()
+            self.write()
+
+    def _next(self) -> None:
+        self._number += 1
+        self._tries = 0
+        if self._number < len(self._settings):
+            self.write()
+            return
+        self._session.move(Cause.CONFIGURED)
+        self._session.counts["configured"] += 1
+        self._clock.ask(new=True)

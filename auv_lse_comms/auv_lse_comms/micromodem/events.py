@@ -1,0 +1,101 @@
+"""What the driver of a Micromodem reports to its owner."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModemReady:
+    """The modem is configured and its clock checked: packets can be sent. `version` is its firmware's."""
+
+    version: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModemLost:
+    """The connection is closed, or the modem has rebooted: nothing can be sent until `ModemReady`."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockChecked:
+    """The modem's clock was read. `offset_s`: modem less host, 0 within the reading's resolution."""
+
+    offset_s: float
+    within_tolerance: bool
+    source: str
+    pps: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransmitStarted:
+    """A packet is going out: the transducer is on."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransmitDone:
+    """A packet has gone out."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransmitFailed:
+    """A packet was not sent, or (after `TransmitStarted`) its end was never reported."""
+
+    number: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PacketReceived:
+    """A packet was received whole.
+
+    Attributes:
+        utc_s: End of its reception, s since 1970: by the modem's clock to 0.1 ms where that is right, else the
+            host's when it was reported.
+        snr_db: At the equalizer's input, dB; NaN if its statistics were lost.
+        travel_s: One-way travel time, s; NaN unless transmissions start on the second (`modem.synchronous`) and the
+            modem's clock is held by a PPS; ambiguous by whole seconds (1.5 km of water each).
+    """
+
+    utc_s: float
+    source: int
+    destination: int
+    payload: bytes
+    snr_db: float
+    travel_s: float
+    rate: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceptionFailed:
+    """Something was heard that made no packet."""
+
+    reason: str
+    snr_db: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """Something an operator should read: a setting refused, an error sentence, a clock that cannot be set."""
+
+    text: str
+
+
+Event = (
+    ModemReady
+    | ModemLost
+    | ClockChecked
+    | TransmitStarted
+    | TransmitDone
+    | TransmitFailed
+    | PacketReceived
+    | ReceptionFailed
+    | Problem
+)

@@ -1,0 +1,42 @@
+"""Packet rates of the WHOI Micromodem-2: what one packet holds and how long it takes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+#: Destination address of a packet for every modem.
+BROADCAST = 0
+
+
+class PacketRate(NamedTuple):
+    """What one packet rate of the Micromodem carries.
+
+    Attributes:
+        frames: Most frames in one packet.
+        frame_bytes: Bytes in one frame.
+        bit_rate: Nominal bits per second.
+    """
+
+    frames: int
+    frame_bytes: int
+    bit_rate: float
+
+
+#: Packet rates by number (Micromodem-2 User's Guide; docs/micromodem.md).
+RATES = {
+    0: PacketRate(1, 32, 80.0),
+    1: PacketRate(3, 64, 250.0),
+    2: PacketRate(3, 64, 500.0),
+    3: PacketRate(2, 256, 1200.0),
+    4: PacketRate(2, 256, 1300.0),
+    5: PacketRate(8, 256, 5300.0),
+}
+
+#: What a packet takes besides its data: probe, header and equalizer training (s). With it a 252-byte packet at rate 4
+#: takes 2.00 s, the "about 2 s" of the field.
+PACKET_OVERHEAD_S = 0.45
+
+
+def packet_duration_s(rate: int, count: int) -> float:
+    """Nominal duration (s) on the water of a packet of `count` bytes at packet rate number `rate`."""
+    return PACKET_OVERHEAD_S + 8.0 * count / RATES[rate].bit_rate

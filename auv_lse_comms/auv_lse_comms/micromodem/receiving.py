@@ -1,0 +1,177 @@
+"""Puts together what a Micromodem receives: from its sentences to whole packets.
+
+$CARXP or $CACYC opens a reception, $CARXD adds a frame, $CAMSG,BAD_CRC a bad one, and $CACST closes it. A reception
+whose $CACST was lost on the line is closed by the next one, or by time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from auv_lse_comms.micromodem.clock import ClockCheck
+from auv_lse_comms.micromodem.config import PAYLOAD_BYTES
+from auv_lse_comms.micromodem.events import PacketReceived, ReceptionFailed
+from auv_lse_comms.micromodem.rates import BROADCAST, RATES, packet_duration_s
+from auv_lse_comms.micromodem.receive_messages import (
+    MODE_GOOD,
+    MODE_PACKET_TIMEOUT,
+    Detection,
+    FrameHeard,
+    ReceptionStart,
+    ReceptionStatistics,
+    clock_is_synchronous,
+)
+from auv_lse_comms.micromodem.session import Session
+from auv_lse_comms.micromodem.transmit_messages import Cycle
+
+#: A time of arrival on the modem's clock is believed if the packet's end by it is within this of the host's clock (s).
+ARRIVAL_WINDOW_S = 5.0
+
+
+@dataclass(slots=True)
+class _Reception:
+    """One packet that is being received: its cycle, its good frames by number, and how many were bad."""
+
+    cycle: Cycle | None = None
+    frames: dict[int, FrameHeard] = field(default_factory=dict)
+    bad: int = 0
+
+    def problem(self, why: str, statistics: ReceptionStatistics | None) -> str:
+        """Why it makes no packet, "" if it makes one; `why` if nothing else is known."""
+        if statistics is not None and statistics.mode == MODE_PACKET_TIMEOUT:
+            return "packet timeout"
+        if self.bad or (statistics is not None and (statistics.mode != MODE_GOOD or statistics.bad_frames)):
+            return "bad CRC"
+        if not self.frames:
+            return why
+        expected = max(
+            statistics.frames if statistics is not None else 0,
+            self.cycle.frames if self.cycle is not None else 0,
+            max(self.frames),
+        )
+        return "frames missing" if len(self.frames) < expected else ""
+
+
+class Receiving:
+    """The reception under way at one modem, if there is one."""
+
+    def __init__(self, session: Session, clock: ClockCheck) -> None:
+        """Tells `session`; times of arrival are taken from the modem while `clock` is right."""
+        self._session = session
+        self._clock = clock
+        self._reception: _Reception | None = None
+
+    def poll(self) -> None:
+        """Lets time pass: closes a reception whose statistics do not come."""
+        session = self._session
+        if self._reception is not None and session.waited_s("reception") >= session.config.receive_timeout_s:
+            self.close("timed out")
+
+    def close(self, why: str, statistics: ReceptionStatistics | None = None) -> None:
+        """Closes the reception under way, if there is one: reports its packet, or `why` there is none."""
+        session = self._session
+        reception, self._reception = self._reception, None
+        if reception is None:
+            if statistics is None:
+                return
+            reception = _Reception()
+        snr_db = statistics.snr_in_db if statistics is not None else math.nan
+        problem = reception.problem(why, statistics)
+        if problem:
+            session.counts["receptions_failed"] += 1
+            session.counts[f"receptions_failed: {problem}"] += 1
+            session.tell(ReceptionFailed(reason=problem, snr_db=snr_db))
+            return
+        frames = [reception.frames[number] for number in sorted(reception.frames)]
+        destination = frames[0].destination
+        if destination not in (BROADCAST, session.address):
+            session.counts["not_for_us"] += 1
+            return
+        payload = b"".join(frame.data for frame in frames)
+        if len(payload) > PAYLOAD_BYTES and not any(payload[PAYLOAD_BYTES:]):
+            payload = payload[:PAYLOAD_BYTES]  # some firmware fills the frame up with zeros
+        if statistics is None:
+            session.counts["receptions_without_statistics"] += 1
+        rate = statistics.rate if statistics is not None else reception.cycle.rate if reception.cycle else -1
+        session.counts["received"] += 1
+        session.tell(
+            PacketReceived(
+                utc_s=self._end_s(statistics, len(payload)),
+                source=frames[0].source,
+                destination=destination,
+                payload=payload,
+                snr_db=snr_db,
+                travel_s=self._travel_s(statistics),
+                rate=rate,
+            )
+        )
+
+    def _open(self) -> _Reception:
+        if self._reception is None:
+            self._reception = _Reception()
+        self._session.start("reception")
+        return self._reception
+
+    def _end_s(self, statistics: ReceptionStatistics | None, count: int) -> float:
+        """End of the reception, by the modem's clock if that can be believed, else now."""
+        now_s = self._session.now_s
+        if statistics is None or not self._clock.right or statistics.rate not in RATES:
+            return now_s
+        end_s = statistics.utc_s + packet_duration_s(statistics.rate, count)
+        return round(end_s, 4) if abs(end_s - now_s) <= ARRIVAL_WINDOW_S else now_s
+
+    def _travel_s(self, statistics: ReceptionStatistics | None) -> float:
+        if statistics is None or not self._session.config.synchronous or not clock_is_synchronous(statistics.clock):
+            return math.nan
+        return statistics.utc_s - math.floor(statistics.utc_s)
+
+    # ------------------------------------------------------------------ the modem's sentences
+
+    def on_cycle(self, message: Cycle) -> None:
+        """Another modem's packet begins."""
+        if self._reception is not None and (self._reception.cycle is not None or self._reception.frames):
+            self.close("another packet began")
+        self._open().cycle = message
+
+    def on_start(self, message: ReceptionStart) -> None:
+        """A packet's probe was detected."""
+        if self._reception is not None and (self._reception.frames or self._reception.bad):
+            self.close("another packet began")
+        self._open()
+
+    def on_detection(self, message: Detection) -> None:
+        """The matched filter's detection: the reception goes on."""
+        self.extend()
+
+    def on_frame(self, message: FrameHeard) -> None:
+        """A frame without error."""
+        reception = self._open()
+        if any(frame.source != message.source for frame in reception.frames.values()):
+            self.close("another packet began")
+            reception = self._open()
+        if message.frame in reception.frames:
+            self._session.counts["repeated_frames"] += 1
+        reception.frames[message.frame] = message
+
+    def on_bad_frame(self) -> None:
+        """A frame with an error."""
+        self._open().bad += 1
+
+    def on_statistics(self, message: ReceptionStatistics) -> None:
+        """A reception is over."""
+        reception = self._reception
+        if (
+            reception is not None
+            and reception.cycle is not None
+            and reception.cycle.rate == 0
+            and not reception.frames
+            and message.mode == MODE_GOOD
+        ):
+            return  # FSK: these belong to the mini-packet that announces the data; the data's own follow
+        self.close("no frame was received", message)
+
+    def extend(self) -> None:
+        """Something was heard of the reception under way, if there is one: its time starts anew."""
+        if self._reception is not None:
+            self._session.start("reception")

@@ -1,0 +1,197 @@
+"""Sends packets through a Micromodem, one cycle of sentences each (`state.py` shows the cycle).
+
+A packet that has not begun `start_timeout_s` after it was asked for is dropped, because its TDMA slot has gone: a late
+$CADRQ is then left unanswered, and the modem gives up by itself ($CAERR,...,DATA_TIMEOUT). One packet can wait while
+the modem is busy; a second one is refused. Every packet asked for gets exactly one `TransmitStarted` or
+`TransmitFailed`, and every `TransmitStarted` exactly one `TransmitDone` or `TransmitFailed`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from auv_lse_comms.micromodem.events import Problem, TransmitDone, TransmitFailed, TransmitStarted
+from auv_lse_comms.micromodem.rates import RATES
+from auv_lse_comms.micromodem.session import Session
+from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
+from auv_lse_comms.micromodem.transmit_messages import (
+    Cycle,
+    DataRequest,
+    FrameGiven,
+    FrameTaken,
+    TransmitEnd,
+    TransmitStart,
+    TransmitStatistics,
+)
+
+
+@dataclass(slots=True)
+class _Packet:
+    """A packet to send: its number, its frames, and how many of them the modem has taken."""
+
+    number: int
+    destination: int
+    frames: tuple[bytes, ...]
+    taken: int = 0
+
+
+class Sending:
+    """The packets on their way to one modem: one in its hands, one that waits."""
+
+    def __init__(self, session: Session) -> None:
+        """Writes to `session`; nothing is to be sent yet."""
+        self._session = session
+        self._numbers = 0
+        self._current: _Packet | None = None
+        self._waiting: _Packet | None = None
+
+    @property
+    def waiting(self) -> bool:
+        """A packet waits for the modem."""
+        return self._waiting is not None
+
+    def ask(self, payload: bytes, destination: int | None) -> int:
+        """Takes a packet to send; returns its number, which the events about it carry.
+
+        Raises:
+            ValueError: if the payload is empty or does not fit one packet at the configured rate.
+        """
+        session, config = self._session, self._session.config
+        rate = RATES[config.rate]
+        if not 1 <= len(payload) <= rate.frames * rate.frame_bytes:
+            raise ValueError(
+                f"payload: got {len(payload)} bytes; expected 1 to {rate.frames * rate.frame_bytes} at rate "
+                f"{config.rate} ({rate.frames} frames of {rate.frame_bytes})"
+            )
+        self._numbers += 1
+        packet = _Packet(
+            number=self._numbers,
+            destination=config.destination if destination is None else destination,
+            frames=tuple(payload[i : i + rate.frame_bytes] for i in range(0, len(payload), rate.frame_bytes)),
+        )
+        session.counts["asked"] += 1
+        if self._waiting is not None:
+            self._report_failure(packet.number, "busy: another packet is waiting")
+        else:
+            self._waiting = packet
+            session.start("waiting")
+            self.begin()
+        return packet.number
+
+    def begin(self) -> None:
+        """Begins a cycle for the packet that waits, if there is one and the modem is free."""
+        session = self._session
+        if session.state is not State.IDLE or self._waiting is None:
+            return
+        self._current, self._waiting = self._waiting, None
+        session.start("packet", since="waiting")
+        session.move(Cause.SEND)
+        cycle = Cycle(
+            source=session.address,
+            destination=self._current.destination,
+            rate=session.config.rate,
+            ack=False,
+            frames=len(self._current.frames),
+        )
+        session.write(cycle.initiate())
+
+    def poll(self) -> None:
+        """Lets time pass: drops what is too late, gives up on a transmission whose end is not reported."""
+        session, config = self._session, self._session.config
+        self.drop_late(f"modem {session.state.value}")
+        if session.state in STARTING:
+            if session.waited_s("packet") >= config.start_timeout_s:
+                if session.state is State.CYCLING:
+                    session.strike()
+                self.abort(f"too late: not begun within {config.start_timeout_s:g} s")
+        elif session.state is State.SENDING and session.waited_s("sending") >= config.transmit_timeout_s:
+            self.abort(f"its end was not reported within {config.transmit_timeout_s:g} s")
+
+    def drop_late(self, why: str) -> None:
+        """Drops the packet that waits if its slot has gone."""
+        timeout_s = self._session.config.start_timeout_s
+        if self._waiting is not None and self._session.waited_s("waiting") >= timeout_s:
+            packet, self._waiting = self._waiting, None
+            self._report_failure(packet.number, f"too late: {why} for {timeout_s:g} s")
+
+    def fail(self, reason: str) -> None:
+        """Gives up the packet in the modem's hands, if there is one; the state stays."""
+        if self._current is not None:
+            packet, self._current = self._current, None
+            self._report_failure(packet.number, reason)
+
+    def abort(self, reason: str) -> None:
+        """Gives up the packet in the modem's hands, if there is one; the modem is free again."""
+        if self._session.state in TRANSMITTING:
+            self.fail(reason)
+            self._session.move(Cause.FAILED)
+
+    def _report_failure(self, number: int, reason: str) -> None:
+        self._session.counts["failed"] += 1
+        self._session.tell(TransmitFailed(number=number, reason=reason))
+
+    # ------------------------------------------------------------------ the modem's sentences
+
+    def on_echo(self) -> None:
+        """The modem echoes our own `$CCCYC`."""
+        if self._session.state is State.CYCLING:
+            self._session.move(Cause.ECHO)
+
+    def on_request(self, message: DataRequest) -> None:
+        """The modem asks for a frame: gives it."""
+        session, packet = self._session, self._current
+        if packet is None or session.state not in STARTING or message.source != session.address:
+            session.counts["unasked_requests"] += 1
+            return
+        if message.frame > len(packet.frames):
+            self.abort(f"the modem asks for frame {message.frame} of {len(packet.frames)}")
+            return
+        data = packet.frames[message.frame - 1]
+        if len(data) > message.max_bytes:
+            self.abort(f"the modem takes {message.max_bytes} bytes, the frame has {len(data)}")
+            return
+        session.move(Cause.REQUEST)
+        frame = FrameGiven(source=session.address, destination=packet.destination, ack=message.ack, data=data)
+        session.write(frame.sentence())
+
+    def on_taken(self, message: FrameTaken) -> None:
+        """The modem has taken a frame: as many bytes as it has?"""
+        session, packet = self._session, self._current
+        if packet is None or session.state is not State.GIVING:
+            return
+        packet.taken += 1
+        # the count says what arrived over the wire; a wrong one means that another packet would go out
+        expected = len(packet.frames[min(packet.taken, len(packet.frames)) - 1])
+        if message.count != expected:
+            session.counts["short_frames"] += 1
+            session.tell(Problem(text=f"the modem took {message.count} of the frame's {expected} bytes"))
+
+    def on_start(self, message: TransmitStart) -> None:
+        """The transducer is on."""
+        if self._current is None or self._session.state is not State.GIVING:
+            self._session.counts["unasked_transmissions"] += 1
+            return
+        self._started(self._current)
+
+    def on_end(self, message: TransmitEnd) -> None:
+        """The transducer is off."""
+        session, packet = self._session, self._current
+        if packet is None or session.state not in (State.GIVING, State.SENDING):
+            return
+        if session.state is State.GIVING:  # the line that reported the start was lost
+            self._started(packet)
+        self._current = None
+        session.move(Cause.FINISHED)
+        session.counts["sent"] += 1
+        session.tell(TransmitDone(number=packet.number))
+
+    def on_statistics(self, message: TransmitStatistics) -> None:
+        """The statistics of a transmission, or of one that never began."""
+        if message.mode == 4:
+            self.abort("data timeout (CAXST)")
+
+    def _started(self, packet: _Packet) -> None:
+        self._session.move(Cause.STARTED)
+        self._session.start("sending")
+        self._session.counts["started"] += 1
+        self._session.tell(TransmitStarted(number=packet.number))

@@ -1,0 +1,108 @@
+"""What the parts of a Micromodem driver share: state, time and waits, what is to be written, and the events."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.events import Event, Problem
+from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
+from auv_lse_comms.micromodem.wire import Sentence
+
+
+class Session:
+    """One driver's shared part. It decides nothing but when an unanswered modem is to be opened anew.
+
+    Waits have names. Each runs from its `start`, and all of them start anew when the clock is stepped back.
+
+    Attributes:
+        config: The settings.
+        address: The modem's address, which is the vehicle's number.
+        state: Where the driver is.
+        version: The modem's firmware, "" until it has reported it.
+        now_s: Time of the call being handled (s since 1970).
+        counts: What happened, by name.
+        wants_reopen: The modem does not answer; the port is to be closed and opened again.
+        strikes: Commands in a row without an answer.
+    """
+
+    def __init__(self, config: ModemConfig, address: int) -> None:
+        """Starts closed."""
+        self.config = config
+        self.address = address
+        self.state = State.CLOSED
+        self.version = ""
+        self.now_s = -math.inf
+        self.counts: Counter[str] = Counter()
+        self.wants_reopen = False
+        self.strikes = 0
+        self._since_s: dict[str, float] = {}
+        self._out = bytearray()
+        self._events: list[Event] = []
+
+    def move(self, cause: Cause) -> None:
+        """Changes the state.
+
+        Raises:
+            RuntimeError: if the table of transitions has no such move.
+        """
+        try:
+            self.state = TRANSITIONS[self.state, cause]
+        except KeyError:
+            raise RuntimeError(f"no transition from {self.state.name} by {cause.name}") from None
+
+    # ------------------------------------------------------------------ time
+
+    def tick(self, now_s: float) -> None:
+        """Sets the time."""
+        if now_s < self.now_s:  # the clock was stepped back: every running wait starts anew
+            self.counts["clock_steps"] += 1
+            self._since_s = dict.fromkeys(self._since_s, now_s)
+        self.now_s = now_s
+
+    def start(self, wait: str, since: str | None = None) -> None:
+        """Starts a wait now, or when the wait `since` was started."""
+        self._since_s[wait] = self.now_s if since is None else self._since_s[since]
+
+    def waited_s(self, wait: str) -> float:
+        """How long a wait has run (s), 0 if it was never started."""
+        return self.now_s - self._since_s.get(wait, self.now_s)
+
+    # ------------------------------------------------------------------ output
+
+    def write(self, sentence: Sentence) -> None:
+        """Queues a sentence for the modem."""
+        self._out += sentence.encode()
+
+    def tell(self, event: Event) -> None:
+        """Queues an event for the owner."""
+        self._events.append(event)
+
+    def take_outgoing(self) -> bytes:
+        """The bytes queued for the modem; they are handed out once."""
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def take_events(self) -> list[Event]:
+        """The events queued for the owner; they are handed out once."""
+        events, self._events = self._events, []
+        return events
+
+    @property
+    def activity(self) -> tuple[object, ...]:
+        """Changes whenever something was written or told, or a wait started."""
+        waits = tuple(self._since_s.values())
+        return (self.state, len(self._out), len(self._events), self.strikes, waits)
+
+    # ------------------------------------------------------------------ answers
+
+    def strike(self) -> None:
+        """An answer has not come in time. After `retries` of them in a row the port is to be opened anew."""
+        self.strikes += 1
+        self.counts["unanswered"] += 1
+        if self.strikes > self.config.retries and not self.wants_reopen:
+            self.wants_reopen = True
+            self.counts["given_up"] += 1
+            self.tell(Problem(text=f"no answer from the modem to {self.strikes} commands: reopening"))

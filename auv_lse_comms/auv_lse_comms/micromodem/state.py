@@ -1,0 +1,91 @@
+"""The states of a Micromodem's driver, what moves it from one to the next, and the table of all moves.
+
+Theory of operation ------------------- A fresh connection, or a modem that reports a reboot (or suddenly has another
+address), is configured setting by setting: each is sent when the one before is confirmed (`configuration.py`). Then its
+clock is checked, set if it is off, and checked again (`clock.py`). Only then are packets sent (`sending.py`). One
+transmission is one cycle of sentences:
+
+    host                              modem
+    $CCCYC,0,src,dest,rate,0,frames   $CACYC (echo)
+                                      $CADRQ (asks for a frame)       once per frame
+    $CCTXD (frame)                    $CATXD (taken)
+                                      $CATXP (transducer on) ... $CATXF (off), $CAXST (statistics)
+
+Receptions run beside these states (`receiving.py`), and so do the later checks of the clock.
+
+Transitions (`TRANSITIONS` below; any other move raises RuntimeError, as it is a bug here and not in the modem)
+---------------------------------------------------------------------------------------------------------------
+    state        cause       next
+    CLOSED       OPENED      CONFIGURING
+    CONFIGURING  CONFIGURED  CLOCK         every setting is confirmed, or refused and not vital
+    CLOCK        CLOCKED     IDLE          the clock is right, or set, or given up on (and reported)
+    IDLE         SEND        CYCLING       $CCCYC written
+    CYCLING      ECHO        REQUESTING    $CACYC with our address
+    CYCLING      REQUEST     GIVING        the echo's line was lost; $CCTXD written
+    REQUESTING   REQUEST     GIVING        $CADRQ; $CCTXD written
+    GIVING       REQUEST     GIVING        $CADRQ for the next frame; $CCTXD written
+    GIVING       STARTED     SENDING       $CATXP
+    GIVING       FINISHED    IDLE          $CATXF: the line of $CATXP was lost
+    SENDING      FINISHED    IDLE          $CATXF
+    CYCLING, REQUESTING, GIVING, SENDING
+                 FAILED      IDLE          refused, data timeout, or too late
+    any but CLOSED
+                 REBOOTED    CONFIGURING   $CAREV,..,INIT, or the modem's address is not ours
+    any          CLOSED      CLOSED
+"""
+
+from __future__ import annotations
+
+import enum
+
+
+class State(enum.Enum):
+    """Where the driver is with its modem."""
+
+    CLOSED = "closed"
+    CONFIGURING = "configuring"
+    CLOCK = "clock"
+    IDLE = "idle"
+    CYCLING = "cycling"
+    REQUESTING = "requesting"
+    GIVING = "giving"
+    SENDING = "sending"
+
+
+class Cause(enum.Enum):
+    """What moves the driver from state to state."""
+
+    OPENED = "opened"
+    CLOSED = "closed"
+    CONFIGURED = "configured"
+    CLOCKED = "clocked"
+    SEND = "send"
+    ECHO = "echo"
+    REQUEST = "request"
+    STARTED = "started"
+    FINISHED = "finished"
+    FAILED = "failed"
+    REBOOTED = "rebooted"
+
+
+TRANSITIONS: dict[tuple[State, Cause], State] = {
+    (State.CLOSED, Cause.OPENED): State.CONFIGURING,
+    (State.CONFIGURING, Cause.CONFIGURED): State.CLOCK,
+    (State.CLOCK, Cause.CLOCKED): State.IDLE,
+    (State.IDLE, Cause.SEND): State.CYCLING,
+    (State.CYCLING, Cause.ECHO): State.REQUESTING,
+    (State.CYCLING, Cause.REQUEST): State.GIVING,
+    (State.REQUESTING, Cause.REQUEST): State.GIVING,
+    (State.GIVING, Cause.REQUEST): State.GIVING,
+    (State.GIVING, Cause.STARTED): State.SENDING,
+    (State.GIVING, Cause.FINISHED): State.IDLE,
+    (State.SENDING, Cause.FINISHED): State.IDLE,
+    **{(state, Cause.FAILED): State.IDLE for state in (State.CYCLING, State.REQUESTING, State.GIVING, State.SENDING)},
+    **{(state, Cause.REBOOTED): State.CONFIGURING for state in State if state is not State.CLOSED},
+    **{(state, Cause.CLOSED): State.CLOSED for state in State},
+}
+
+#: States in which a cycle has begun and its packet is not yet on its way through the water ...
+STARTING = (State.CYCLING, State.REQUESTING, State.GIVING)
+#: ... and all those in which a packet is in the modem's hands or on its way there.
+TRANSMITTING = (*STARTING, State.SENDING)
