@@ -133,7 +133,7 @@ def test_micromodem_node_sends_to_the_configured_destination(
     parameters = f"modem: {{kind: micromodem, port: /dev/does-not-exist, destination: {configured}}}"
     with spun(MicromodemNode, tmp_path / "p.yaml", parameters) as s:
         s.node._on_transmit(ModemTx(source=2, destination=asked, payload=bytes(252)))
-        assert s.node._port.modem._waiting.destination == sent
+        assert s.node._port.modem._sending._waiting.destination == sent
 
 
 def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: Path) -> None:
