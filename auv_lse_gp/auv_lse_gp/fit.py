@@ -1,8 +1,8 @@
 """Learns the Gaussian process' parameters from soundings, and writes them as a ROS 2 parameter file.
 
 Takes a table (CSV) with north_m, east_m, depth_m, or with lat, lon, depth_m (elevation_m, positive up, in place of
-depth_m); an npz grid with north_m, east_m, depth_m; or a recorded run (its folder, or its bag), of which the soundings
-of all vehicles are used.
+depth_m); an npz grid with north_m, east_m, depth_m; or a recorded run (its folder, or its bag): then the soundings of
+all vehicles are used.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.recording import read_messages
 from auv_lse_gp.config import KERNELS
 from auv_lse_gp.likelihood import Fit, fit
 from auv_lse_gp.soundings import read_soundings_anywhere
@@ -26,12 +26,12 @@ from auv_lse_gp.soundings import read_soundings_anywhere
 Array = NDArray[np.float64]
 
 #: Topics of a recorded run that hold soundings.
-SOUNDING_TOPIC = re.compile(r"^/auv\d+/sounding$")
+SOUNDING_TOPICS = re.compile(r"/auv\d+/sounding")
 
 _UNITS = {"mean_slope_north": "m/m", "mean_slope_east": "m/m", "rotation_deg": "deg"}
 
 
-def read_run(path: Path) -> Array:
+def recorded_soundings(path: Path) -> Array:
     """Soundings (n, 3): north, east, depth (m) of all vehicles of a recorded run, in the order of the recording.
 
     Args:
@@ -43,34 +43,22 @@ def read_run(path: Path) -> Array:
     bag = path / "bag" if (path / "bag").is_dir() else path
     if not (bag / "metadata.yaml").is_file():
         raise ValueError(f"{path}: holds no recording; expected a run folder with bag/metadata.yaml, or a rosbag2 one")
-    try:
-        from rosbags.highlevel import AnyReader
-    except ImportError:
-        raise ValueError(f"{path}: reading recordings needs the package rosbags: pip install rosbags") from None
-    rows: list[tuple[float, float, float]] = []
-    try:
-        with AnyReader([bag]) as reader:
-            connections = [c for c in reader.connections if SOUNDING_TOPIC.match(c.topic)]
-            for connection, _, data in reader.messages(connections=connections) if connections else ():
-                message: Any = reader.deserialize(data, connection.msgtype)
-                rows.append((message.north_m, message.east_m, message.depth_m))
-    except Exception as error:  # rosbags raises errors of many kinds for a damaged recording
-        raise ValueError(f"{bag}: cannot be read as a recording: {error}") from error
+    rows = [(m.north_m, m.east_m, m.depth_m) for _, m in read_messages(bag, SOUNDING_TOPICS)]
     if not rows:
         raise ValueError(f"{bag}: holds no sounding; expected topics /auv1/sounding, /auv2/sounding, ...")
-    soundings = np.array(rows)
+    soundings = np.array(rows, dtype=float)
     finite: Array = soundings[np.isfinite(soundings).all(axis=1)]
     return finite
 
 
 def read(path: Path) -> tuple[Array, tuple[float, float] | None]:
-    """Soundings (n, 3) of a table, a grid, or a recorded run; where they came as lat, lon: their origin (deg).
+    """Soundings (n, 3) of a table, a grid, or a recorded run; if they came as lat, lon: their origin (deg).
 
     Raises:
         OSError: if it cannot be read.
         ValueError: naming what was expected.
     """
-    return (read_run(path), None) if path.is_dir() else read_soundings_anywhere(path)
+    return (recorded_soundings(path), None) if path.is_dir() else read_soundings_anywhere(path)
 
 
 def report(result: Fit) -> str:
@@ -156,7 +144,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         soundings, origin = read(options.source)
         where = ""
         if origin is not None:
-            where = f"lat, lon taken as metres north and east of their mean, {origin[0]:.6f}, {origin[1]:.6f} deg"
+            where = f"lat, lon taken as metres north and east of their middle, {origin[0]:.6f}, {origin[1]:.6f} deg"
             if options.mean == "plane":  # mean_depth_m is the plane's depth at the origin
                 where += "; the plane holds for a mission with that area.origin_lat_deg, area.origin_lon_deg"
             print(where)

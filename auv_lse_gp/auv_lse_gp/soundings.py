@@ -1,4 +1,10 @@
-"""Soundings from files: tables (CSV) and npz grids. Units m, depth positive down."""
+"""Soundings from files: tables (CSV) and npz grids. The only reader of both.
+
+A table is a header, then rows, separated by comma, semicolon, tab or blanks; lines that begin with # are left out, and
+so are columns with other names. The place is in metres (north_m, east_m, or northing, easting) or in degrees (lat,
+lon); a table may hold both. The depth is depth_m, positive down, or elevation_m, positive up. `read_table` returns the
+columns as they stand, `local_places` the places in metres about a local origin.
+"""
 
 from __future__ import annotations
 
@@ -6,31 +12,122 @@ import csv
 import math
 import zipfile
 import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from auv_lse_common.frames import local_from_geodetic
+from auv_lse_common.frames import geodetic_from_local, local_from_geodetic
 
 Array = NDArray[np.float64]
 
-#: Names of a table's columns, in small letters; the first is the one that messages use.
-_NORTH, _EAST = ("north_m", "n_m", "y_m"), ("east_m", "e_m", "x_m")
-_LAT, _LON = ("lat", "latitude", "lat_deg"), ("lon", "lng", "longitude", "lon_deg")
-_DEPTH, _ELEVATION = ("depth_m", "depth"), ("elevation_m", "elevation", "z_m")
+#: Places that all lie farther than this from the local origin are not in local coordinates (UTM, a wrong origin).
+FAR_M = 100_000.0
+
+#: What programs write, with either sign, where they know nothing. No depth has just this value.
+NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
+
+#: Names of a table's columns, in small letters.
+_NORTH = ("north_m", "n_m", "y_m", "northing_m", "northing")
+_EAST = ("east_m", "e_m", "x_m", "easting_m", "easting")
+_LAT = ("lat", "latitude", "lat_deg")
+_LON = ("lon", "lng", "longitude", "lon_deg")
+_DEPTH = ("depth_m", "depth")
+_ELEVATION = ("elevation_m", "elevation", "z_m")
+
+_EXPECTED_COLUMNS = (
+    "east_m,north_m,depth_m (or easting, northing) or lat,lon,depth_m (elevation_m instead of depth_m for values that "
+    "are positive up)"
+)
+
+#: What numpy and zipfile raise on a file that is no npz file, or is cut short or damaged anywhere.
+_BROKEN_NPZ = (
+    ValueError, EOFError, OSError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError,
+    MemoryError, OverflowError, SyntaxError, TypeError,
+)  # fmt: skip
+
+
+class SoundingsError(ValueError):
+    """A file of soundings that cannot be used; names the file, the line or array, and what was expected."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SoundingsTable:
+    """The columns of a table of soundings, as they stand in the file. All arrays have shape (n,).
+
+    Attributes:
+        path: The file.
+        lines: Number of the line that each sounding stands on.
+        depth_name: Name of the column of depths or elevations.
+        upward: Whether that name says that the values are elevations, positive up.
+        values: Depths or elevations (m).
+        north_m, east_m: Places (m), None if the table has none in metres.
+        lat_deg, lon_deg: Places (WGS84), None if the table has none in degrees.
+    """
+
+    path: Path
+    lines: NDArray[np.int64]
+    depth_name: str
+    upward: bool
+    values: Array
+    north_m: Array | None
+    east_m: Array | None
+    lat_deg: Array | None
+    lon_deg: Array | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LocalPlaces:
+    """Places in metres about a local origin.
+
+    Attributes:
+        north_m, east_m: Places (m), shape (n,).
+        origin: WGS84 latitude and longitude (deg) of the local origin, None if unknown.
+        from_degrees: Whether the places come from lat, lon rather than from metres.
+        notes: Phrases on how they were found.
+    """
+
+    north_m: Array
+    east_m: Array
+    origin: tuple[float, float] | None
+    from_degrees: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NpzGrid:
+    """A regular grid of depths or elevations, as an npz file holds it.
+
+    Attributes:
+        north_m: North of the rows (m), shape (ny,).
+        east_m: East of the columns (m), shape (nx,).
+        depth_name: Name of the array of depths or elevations.
+        upward: Whether that name says that the values are elevations, positive up.
+        values: Depths or elevations (m), shape (ny, nx), NaN where unknown.
+        others: The file's other arrays by name.
+    """
+
+    north_m: Array
+    east_m: Array
+    depth_name: str
+    upward: bool
+    values: Array
+    others: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def read_soundings(path: Path) -> Array:
-    """Soundings (n, 3): north, east, depth (m) of a table or an npz grid in local metres.
+    """Soundings (n, 3): north, east, depth (m) of a table or an npz grid in metres.
 
     Raises:
         OSError: if the file cannot be read.
-        ValueError: naming the file, the line and what was expected.
+        SoundingsError: naming the file, the line and what was expected.
     """
     soundings, origin = read_soundings_anywhere(path)
     if origin is not None:
-        raise ValueError(
+        raise SoundingsError(
             f"{path}: has columns lat, lon; expected north_m, east_m: metres from the mission's origin, which the file "
             "does not know"
         )
@@ -38,86 +135,226 @@ def read_soundings(path: Path) -> Array:
 
 
 def read_soundings_anywhere(path: Path) -> tuple[Array, tuple[float, float] | None]:
-    """Soundings (n, 3): north, east, depth (m), and the WGS84 latitude and longitude (deg) of their local origin.
+    """Soundings (n, 3): north, east, depth (m), and where they come from lat, lon: their local origin (WGS84, deg).
 
-    Table: a header, then rows, separated by comma, semicolon, tab or blanks; lines that begin with # are left out. Its
-    columns are north_m, east_m, depth_m (others are ignored), or lat, lon in place of the first two: they become metres
-    about their mean, which is then the origin (else None). elevation_m, positive up, may stand for depth_m.
-    npz: north_m (ny,), east_m (nx,), depth_m (ny, nx); cells of unknown depth (NaN) are left out.
+    The origin is the middle of the soundings; it is None for a file in metres. Elevations are taken with the water
+    surface at 0.
 
     Raises:
         OSError: if the file cannot be read.
-        ValueError: naming the file, the line and what was expected.
+        SoundingsError: naming the file, the line and what was expected.
     """
-    soundings, origin = (_npz(path), None) if path.suffix == ".npz" else _table(path)
-    if len(soundings) == 0:
-        raise ValueError(f"{path}: holds no sounding")
-    return soundings, origin
+    if path.suffix == ".npz":
+        grid = read_npz_grid(path)
+        known = np.isfinite(grid.values) & ~is_no_data(grid.values)
+        rows, columns = np.nonzero(known)
+        if len(rows) == 0:
+            raise SoundingsError(f"{path}: holds no sounding")
+        depth = -grid.values[known] if grid.upward else grid.values[known]
+        return np.column_stack([grid.north_m[rows], grid.east_m[columns], depth]), None
+    table = read_table(path)
+    places = local_places(table)
+    depth = -table.values if table.upward else table.values
+    return np.column_stack([places.north_m, places.east_m, depth]), places.origin if places.from_degrees else None
 
 
-def _npz(path: Path) -> Array:
-    names = ("north_m", "east_m", "depth_m")
+def is_no_data(values: ArrayLike) -> NDArray[np.bool_]:
+    """Which values are usual marks for no data."""
+    return np.isin(np.abs(values), NO_DATA)
+
+
+def is_far(north_m: Array, east_m: Array) -> bool:
+    """Whether places (m) all lie farther from the local origin than local coordinates can."""
+    nearest = [max(float(v.min()), -float(v.max())) for v in (north_m, east_m)]
+    return not max(nearest) <= FAR_M
+
+
+def local_places(table: SoundingsTable, origin: tuple[float, float] | None = None) -> LocalPlaces:
+    """A table's places in metres about a local origin.
+
+    Metres are taken as they are; where the table has degrees too, these give the origin. Metres that are far from any
+    local origin (projected coordinates) are passed over if there are degrees.
+
+    Args:
+        table: The table.
+        origin: WGS84 latitude and longitude (deg) to place the local origin at, where the table has only degrees; by
+            default the middle of the soundings.
+    """
+    notes: tuple[str, ...] = ()
+    north, east, lat, lon = table.north_m, table.east_m, table.lat_deg, table.lon_deg
+    if north is not None and east is not None:
+        if lat is None or lon is None:
+            return LocalPlaces(north_m=north, east_m=east, origin=origin)
+        if not is_far(north, east):
+            fitted = _origin_of(north, east, lat, lon)
+            notes = () if fitted is not None else ("lat, lon do not fit east_m, north_m and are not used",)
+            return LocalPlaces(north_m=north, east_m=east, origin=fitted, notes=notes)
+        notes = ("metres far from any local origin (projected?) are not used, but lat, lon",)
+    assert lat is not None
+    assert lon is not None
+    if origin is None:
+        origin = (float((lat.min() + lat.max()) / 2.0), longitude_180(float((lon.min() + lon.max()) / 2.0)))
+        notes = (*notes, "origin put at the middle of the soundings")
+    north, east = local_from_geodetic(lat, lon, *origin)
+    return LocalPlaces(north_m=north, east_m=east, origin=origin, from_degrees=True, notes=notes)
+
+
+def longitude_180(lon_deg: float) -> float:
+    """A longitude of -180 to 360 deg as one of -180 to 180 deg."""
+    return lon_deg if abs(lon_deg) <= 180.0 else (lon_deg + 180.0) % 360.0 - 180.0
+
+
+def _origin_of(north: Array, east: Array, lat: Array, lon: Array) -> tuple[float, float] | None:
+    """The origin at which the local coordinates are azimuthal equidistant ones of the geodetic, if there is one."""
+    design = np.stack([np.ones_like(north), north, east], axis=1)
+    lat0 = float(np.linalg.lstsq(design, lat, rcond=None)[0][0])
+    lon0 = float(np.linalg.lstsq(design, lon, rcond=None)[0][0])
+    for _ in range(2):
+        if not (abs(lat0) <= 90.0 and abs(lon0) <= 360.0):
+            return None
+        n, e = local_from_geodetic(lat, lon, lat0, lon0)
+        new_lat, new_lon = geodetic_from_local(np.median(n - north), np.median(e - east), lat0, lon0)
+        lat0, lon0 = float(new_lat), float(new_lon)
+    if not math.isfinite(lat0 + lon0):
+        return None
+    n, e = local_from_geodetic(lat, lon, lat0, lon0)
+    # 2 m: the rounding of lat and lon to 5 decimals.
+    return (lat0, lon0) if float(np.median(np.hypot(n - north, e - east))) < 2.0 else None
+
+
+# Tables ---------------------------------------------------------------------------------------------------------------
+
+
+def read_table(path: Path) -> SoundingsTable:
+    """Reads a table of soundings.
+
+    Raises:
+        OSError: if the file cannot be read.
+        SoundingsError: naming the file, the line, what was found and what was expected.
+    """
+    data = path.read_bytes()
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as grid:
-            held = list(grid.files)
-            arrays = [np.asarray(grid[name], float) for name in names if name in held]
-    except (ValueError, EOFError, AttributeError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise ValueError(f"{path}: not a readable npz grid ({error}); expected arrays {', '.join(names)}") from error
-    missing = [name for name in names if name not in held]
-    if missing:
-        raise ValueError(f"{path}: has {', '.join(held) or 'nothing'}; expected also {', '.join(missing)}")
-    north, east, depth = arrays
-    if north.ndim != 1 or east.ndim != 1 or depth.shape != (len(north), len(east)):
-        expected = (north.size, east.size)
-        raise ValueError(f"{path}: depth_m has shape {depth.shape}; expected (north, east) = {expected}")
-    rows, columns = np.nonzero(np.isfinite(depth))
-    return np.column_stack([north[rows], east[columns], depth[rows, columns]])
-
-
-def _table(path: Path) -> tuple[Array, tuple[float, float] | None]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
+        return _parse_table(path, data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        byte = error.object[error.start]
-        raise ValueError(
-            f"{path}: byte {error.start} (0x{byte:02x}) is not UTF-8 text; expected a table of soundings (CSV)"
-        ) from error
-    lines = [(i, s) for i, s in enumerate(text.splitlines(), 1) if s.strip() and not s.lstrip().startswith("#")]
-    separator = next((c for c in ",;\t" if lines and c in lines[0][1]), None)
+        # A foreign letter in a comment does no harm. Where the table cannot be read, it may be why.
+        byte = f"byte {error.start} (0x{data[error.start]:02x}) is not UTF-8 text"
+    try:
+        return _parse_table(path, data.decode("utf-8-sig", errors="replace"))
+    except SoundingsError as error:
+        raise SoundingsError(f"{error}; {byte}") from error
 
-    def fields(line: str) -> list[str]:
-        return line.split() if separator is None else next(csv.reader([line], delimiter=separator))
 
-    header = [name.strip().lower() for name in fields(lines[0][1])] if lines else []
+def _parse_table(path: Path, text: str) -> SoundingsTable:
+    rows = [(i, s) for i, s in enumerate(text.splitlines(), 1) if s.strip() and not s.lstrip().startswith("#")]
+    if len(rows) < 2:
+        raise SoundingsError(
+            f"{path}: {len(rows)} lines; expected a header such as east_m,north_m,depth_m and soundings"
+        )
+    header_line, header_text = rows[0]
+    separator = next((c for c in ",;\t" if c in header_text), None)
+    header = [name.lower() for name in _fields(header_text, separator)]
 
     def column(names: tuple[str, ...]) -> int | None:
         return next((header.index(name) for name in names if name in header), None)
 
-    geodetic = column(_NORTH) is None and column(_EAST) is None and None not in (column(_LAT), column(_LON))
-    up = column(_DEPTH) is None and column(_ELEVATION) is not None
-    wanted = (_LAT if geodetic else _NORTH, _LON if geodetic else _EAST, _ELEVATION if up else _DEPTH)
-    missing = [names[0] for names in wanted if column(names) is None]
-    if missing:
-        raise ValueError(f"{path}: has columns {', '.join(header) or 'none'}; expected also {', '.join(missing)}")
-    indices = [i for i in map(column, wanted) if i is not None]
-    rows = []
-    for number, line in lines[1:]:
-        row = fields(line)
+    wanted = {"north": column(_NORTH), "east": column(_EAST), "lat": column(_LAT), "lon": column(_LON)}
+    for a, b in (("north", "east"), ("lat", "lon")):
+        if wanted[a] is None or wanted[b] is None:
+            del wanted[a], wanted[b]
+    upward = column(_DEPTH) is None
+    wanted["depth"] = column(_ELEVATION) if upward else column(_DEPTH)
+    indices = {key: index for key, index in wanted.items() if index is not None}
+    if "depth" not in indices or len(indices) == 1:
+        raise SoundingsError(f"{path}:{header_line}: columns are {', '.join(header)}; expected {_EXPECTED_COLUMNS}")
+    values: dict[str, list[float]] = {key: [] for key in indices}
+    for number, line in rows[1:]:
+        fields = _fields(line, separator)
+        if len(fields) != len(header):
+            raise SoundingsError(f"{path}:{number}: {len(fields)} fields {line.strip()[:60]!r}; expected {len(header)}")
+        for key, index in indices.items():
+            values[key].append(_number(fields[index], key, f"{path}:{number}: {header[index]}"))
+    arrays = {key: np.array(found) for key, found in values.items()}
+    lines = np.array([number for number, _ in rows[1:]], dtype=np.int64)
+    depth_name = header[indices["depth"]]
+    marks = np.flatnonzero(is_no_data(arrays["depth"]))
+    if len(marks):
+        raise SoundingsError(
+            f"{path}:{lines[marks[0]]}: {depth_name} is {arrays['depth'][marks[0]]:g}, as on {len(marks)} of "
+            f"{len(lines)} lines: a usual mark for no data; expected soundings only: take these lines out"
+        )
+    return SoundingsTable(
+        path=path,
+        lines=lines,
+        depth_name=depth_name,
+        upward=upward,
+        values=arrays["depth"],
+        north_m=arrays.get("north"),
+        east_m=arrays.get("east"),
+        lat_deg=arrays.get("lat"),
+        lon_deg=arrays.get("lon"),
+    )
+
+
+def _fields(line: str, separator: str | None) -> list[str]:
+    """The fields of a line; separator None: any blanks."""
+    return line.split() if separator is None else [f.strip() for f in next(csv.reader([line], delimiter=separator))]
+
+
+def _number(text: str, key: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise SoundingsError(f"{where} is {text!r}; expected a finite number")
+    if (key == "lat" and abs(value) > 90.0) or (key == "lon" and abs(value) > 360.0):
+        raise SoundingsError(f"{where} is {value:g}; expected degrees")
+    return value
+
+
+# npz grids ------------------------------------------------------------------------------------------------------------
+
+
+def read_npz_grid(path: Path) -> NpzGrid:
+    """Reads an npz grid: north_m (ny,), east_m (nx,), and depth_m or elevation_m (ny, nx).
+
+    Raises:
+        OSError: if the file cannot be opened.
+        SoundingsError: naming the file, the array and what was expected.
+    """
+    with path.open("rb") as file:
         try:
-            values = [float(row[i]) for i in indices]
-        except (IndexError, ValueError):
-            names = ", ".join(header[i] for i in indices)
-            raise ValueError(f"{path}, line {number}: got {line.strip()!r}; expected numbers in {names}") from None
-        if not all(map(math.isfinite, values)):
-            raise ValueError(f"{path}, line {number}: got {values}; expected finite numbers")
-        if geodetic and (abs(values[0]) > 90.0 or abs(values[1]) > 360.0):
-            raise ValueError(f"{path}, line {number}: got lat, lon {values[:2]}; expected degrees")
-        rows.append(values)
-    soundings = np.array(rows, float).reshape(-1, 3)
-    if up:
-        soundings[:, 2] *= -1.0
-    if not geodetic or not len(soundings):
-        return soundings, None
-    origin = float(soundings[:, 0].mean()), float(soundings[:, 1].mean())
-    soundings[:, 0], soundings[:, 1] = local_from_geodetic(soundings[:, 0], soundings[:, 1], *origin)
-    return soundings, origin
+            data = np.load(file, allow_pickle=False)
+            arrays = {key: np.asarray(data[key]) for key in data.files} if hasattr(data, "files") else None
+        except _BROKEN_NPZ as error:
+            raise SoundingsError(
+                f"{path}: not a readable npz file, or a damaged one ({error}); expected arrays east_m, north_m, depth_m"
+            ) from error
+    if arrays is None:
+        raise SoundingsError(
+            f"{path}: a single array of shape {data.shape} (npy); expected an npz file of east_m, north_m, depth_m "
+            "(np.savez)"
+        )
+    depth_name = "depth_m" if "depth_m" in arrays else "elevation_m"
+    for key in ("north_m", "east_m", depth_name):
+        if key not in arrays:
+            raise SoundingsError(
+                f"{path}: arrays are {', '.join(sorted(arrays)) or 'none'}; expected east_m (nx,), north_m (ny,), "
+                "depth_m (ny, nx), optionally lat0, lon0, dist_to_sounding_m"
+            )
+        if arrays[key].dtype.kind not in "fiu":
+            raise SoundingsError(f"{path}: {key} holds {arrays[key].dtype}; expected numbers")
+    north, east, values = (arrays.pop(key).astype(float) for key in ("north_m", "east_m", depth_name))
+    if north.ndim != 1 or east.ndim != 1 or values.shape != (len(north), len(east)):
+        raise SoundingsError(
+            f"{path}: {depth_name} has shape {values.shape}, north_m {north.shape}, east_m {east.shape}; expected "
+            f"(ny, nx), (ny,) and (nx,)"
+        )
+    return NpzGrid(
+        north_m=north,
+        east_m=east,
+        depth_name=depth_name,
+        upward=depth_name == "elevation_m",
+        values=values,
+        others=arrays,
+    )

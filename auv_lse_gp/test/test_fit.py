@@ -12,7 +12,7 @@ from auv_lse_common.frames import geodetic_from_local
 from auv_lse_common.params import parameters_for, read_parameter_file, section
 from auv_lse_gp import GpConfig, Kernel, read_soundings
 from auv_lse_gp.config import KERNELS
-from auv_lse_gp.fit import main, read_run
+from auv_lse_gp.fit import main, recorded_soundings
 from auv_lse_gp.likelihood import MarginalLikelihood, fit
 
 LAKE = Path(__file__).parents[2].parent / "shared" / "data" / "tzibana_soundings.csv"
@@ -143,9 +143,8 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
     rows = "".join(f"{a:.8f};{b:.8f};{d:.3f}\n" for a, b, d in zip(lat, lon, depths, strict=True))
     source.write_text("# lake\nlat;lon;depth_m\n" + rows)
     assert main([str(source), "--restarts", "1", "--mean", "plane", "--out", str(out)]) == 0
-    words = (
-        f"of their mean, {lat.mean():.6f}, {lon.mean():.6f} deg; the plane holds for a mission with that area.origin"
-    )
+    middle = f"{(lat.min() + lat.max()) / 2:.6f}, {(lon.min() + lon.max()) / 2:.6f} deg"
+    words = f"of their middle, {middle}; the plane holds for a mission with that area.origin"
     assert words in capsys.readouterr().out
     assert words in out.read_text()
     config = section(GpConfig, parameters_for(read_parameter_file(out), "/auv1/gp_node"), "gp", str(out))
@@ -156,7 +155,7 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
     ("arguments", "message"),
     [
         (["absent.csv"], "absent.csv"),
-        (["empty.npz"], "fit: empty.npz: not a readable npz grid"),
+        (["empty.npz"], "fit: empty.npz: not a readable npz file"),
         (["."], "holds no recording; expected a run folder"),
         (["few.csv"], "got 3 soundings; expected at least 10"),
     ],
@@ -202,12 +201,12 @@ def test_reads_a_recorded_run(tmp_path):
                     header=header, north_m=float(i), east_m=10.0 * vehicle, depth_m=5.0 + i
                 )
                 writer.write(topic, 10 * i + vehicle, store.serialize_cdr(message, "auv_lse_msgs/msg/Sounding"))
-    rows = read_run(run)
+    rows = recorded_soundings(run)
     assert sorted(map(tuple, rows.tolist())) == [(i, 10.0 * v, 5.0 + i) for i in (0.0, 1.0, 2.0) for v in (1, 2)]
-    assert np.array_equal(read_run(run / "bag"), rows)
+    assert np.array_equal(recorded_soundings(run / "bag"), rows)
     (run / "bag" / "metadata.yaml").write_text("nonsense: [")
-    with pytest.raises(ValueError, match="cannot be read as a recording"):
-        read_run(run)
+    with pytest.raises(ValueError, match="cannot be read as a rosbag2 recording"):
+        recorded_soundings(run)
 
 
 def test_reaches_scikit_learn_on_the_real_lake():

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from auv_lse_sim.record.bag import BagError, read_bag, read_run, write_run
+from auv_lse_common.recording import RecordingError
+from auv_lse_sim.record.bag import read_bag, read_run, write_run
 
 
 def same(a, b):
@@ -59,18 +60,18 @@ def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
 def test_a_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     write_run(run, tmp_path)
-    with pytest.raises(BagError, match=r"bag: exists"):
+    with pytest.raises(RecordingError, match=r"bag: exists"):
         write_run(run, tmp_path)
 
 
 def test_a_recording_cut_off_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
-    with pytest.raises(BagError, match=r"has no metadata\.yaml"):
+    with pytest.raises(RecordingError, match=r"has no metadata\.yaml"):
         read_bag(tmp_path / "nothing", run.parameters)
     write_run(run, tmp_path)
     (file,) = (tmp_path / "bag").glob("*.mcap")
     file.write_bytes(file.read_bytes()[:100])
-    with pytest.raises(BagError, match="cannot be read"):
+    with pytest.raises(RecordingError, match="cannot be read"):
         read_bag(tmp_path / "bag", run.parameters)
 
 
@@ -78,5 +79,5 @@ def test_a_recording_of_something_else_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     run.vehicles, run.sent, run.received = [], [], []
     write_run(run, tmp_path)
-    with pytest.raises(BagError, match="holds no topic"):
+    with pytest.raises(RecordingError, match="holds no topic"):
         read_bag(tmp_path / "bag", run.parameters)

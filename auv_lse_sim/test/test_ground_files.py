@@ -8,7 +8,10 @@ import pytest
 from auv_lse_common.frames import geodetic_from_local
 from auv_lse_common.params import to_mapping
 from auv_lse_sim.world.config import BathymetryConfig
-from auv_lse_sim.world.ground_files import GridGround, GroundError, grid_soundings, load_ground
+from auv_lse_sim.world.grid_ground import GridGround
+from auv_lse_sim.world.ground import GroundError
+from auv_lse_sim.world.ground_files import load_ground
+from auv_lse_sim.world.soundings_ground import grid_soundings
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 needs_lake = pytest.mark.skipif(
@@ -427,7 +430,10 @@ def test_missing_file():
     ("arrays", "match"),
     [
         ({"depth_m": np.ones((3, 3))}, "arrays are depth_m; expected east_m"),
-        ({"north_m": [0, 1, 2], "east_m": [0, 1], "depth_m": np.ones((3, 3))}, r"shape \(3, 3\); expected"),
+        (
+            {"north_m": [0, 1, 2], "east_m": [0, 1], "depth_m": np.ones((3, 3))},
+            r"shape \(3, 3\), north_m \(3,\), east_m \(2,\); expected",
+        ),
         (
             {"north_m": [0, 1, 5], "east_m": [0, 1, 2], "depth_m": np.ones((3, 3))},
             "north_m runs from 0 to 5; expected growing",

@@ -8,8 +8,8 @@ from sim_helpers import FunctionGround
 
 from auv_lse_gp.area import OperatingArea
 from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground import Extent
-from auv_lse_sim.world.ground_files import GridGround, GroundError
+from auv_lse_sim.world.grid_ground import GridGround
+from auv_lse_sim.world.ground import Extent, GroundError
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import expectations, fit_to_ground
 

@@ -20,6 +20,7 @@ import yaml
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for, read_parameter_file
+from auv_lse_common.recording import RecordingError, read_messages
 from auv_lse_sim.record.run_data import (
     DecisionRecord,
     GroundGrid,
@@ -33,10 +34,6 @@ from auv_lse_sim.record.run_data import (
 OWN_MESSAGES = ("Bound", "ModemRx", "ModemTx", "Plan", "SampleArray", "Sounding")
 
 
-class BagError(ValueError):
-    """A recording that cannot be read: missing, broken, or without what a mission records."""
-
-
 def read_run(folder: Path, *, ground: GroundGrid | None = None, wall_s: float = math.nan) -> RunData:
     """Reads a run folder (`mission.yaml` and `bag/`).
 
@@ -46,7 +43,7 @@ def read_run(folder: Path, *, ground: GroundGrid | None = None, wall_s: float = 
         wall_s: Wall-clock time the mission took (s); NaN: as the recording's own clock says.
 
     Raises:
-        BagError: naming the folder and what is missing or broken in it.
+        RecordingError: naming the folder and what is missing or broken in it.
         ParameterError: if `mission.yaml` is not a parameter file.
     """
     return read_bag(folder / "bag", read_parameter_file(folder / "mission.yaml"), ground=ground, wall_s=wall_s)
@@ -68,13 +65,13 @@ def read_bag(
         wall_s: Wall-clock time the mission took (s), NaN if not known.
 
     Raises:
-        BagError: naming the bag and what is wrong.
+        RecordingError: naming the bag and what is wrong.
     """
     logs: dict[int, _VehicleLog] = {}
     sent: list[PacketSent] = []
     received: list[PacketReceived] = []
     last_s = 0.0
-    for topic, message in _messages(bag):
+    for topic, message in read_messages(bag, _NEEDED):
         match = re.fullmatch(r"(/truth)?/auv(\d+)/(.+)", topic)
         if match is None:
             continue
@@ -97,7 +94,7 @@ def read_bag(
         else:
             log.take(name, stamp_s, message)
     if not logs:
-        raise BagError(f"{bag}: holds no topic /auvN/...; expected the recording of a mission")
+        raise RecordingError(f"{bag}: holds no topic /auvN/...; expected the recording of a mission")
     vehicles = []
     for number in sorted(logs):
         method = str(parameters_for(parameters, f"/auv{number}/planner_node").get("planner", {}).get("method", ""))
@@ -189,23 +186,6 @@ class _VehicleLog:
 _NEEDED = re.compile(r"(/truth)?/auv\d+/(sounding|odometry|plan|planner/bound|modem/tx|modem/rx|team/samples)")
 
 
-def _messages(bag: Path) -> Iterator[tuple[str, Any]]:
-    """The messages needed, in order of recording: (topic, message)."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.rosbag2 import ReaderError
-    from rosbags.typesys import Stores, get_typestore
-
-    if not (bag / "metadata.yaml").is_file():
-        raise BagError(f"{bag}: has no metadata.yaml; expected a rosbag2 directory (was the recorder killed?)")
-    try:
-        with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            connections = [c for c in reader.connections if _NEEDED.fullmatch(c.topic)]
-            for connection, _, raw in reader.messages(connections=connections) if connections else ():
-                yield connection.topic, reader.deserialize(raw, connection.msgtype)
-    except (AnyReaderError, ReaderError) as error:
-        raise BagError(f"{bag}: cannot be read as a rosbag2 recording: {error}") from error
-
-
 def _seconds(stamp: Any) -> float:
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
@@ -227,14 +207,14 @@ def write_run(run: RunData, folder: Path) -> None:
         folder: Run folder; made if needed. It must hold no `bag` yet.
 
     Raises:
-        BagError: if there is a recording already, or this project's message definitions are not found.
+        RecordingError: if there is a recording already, or this project's message definitions are not found.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / "bag").exists():
-        raise BagError(f"{folder / 'bag'}: exists; expected a folder without a recording")
+        raise RecordingError(f"{folder / 'bag'}: exists; expected a folder without a recording")
     write_mission_file(folder / "mission.yaml", run.parameters)
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in OWN_MESSAGES:
@@ -258,7 +238,9 @@ def _definition(name: str) -> Path:
     for place in places:
         if (file := place / "msg" / f"{name}.msg").is_file():
             return file
-    raise BagError(f"{name}.msg: not found in {', '.join(map(str, places))}; expected the package auv_lse_msgs there")
+    raise RecordingError(
+        f"{name}.msg: not found in {', '.join(map(str, places))}; expected the package auv_lse_msgs there"
+    )
 
 
 def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[tuple[float, str, str, Any]]:

@@ -78,3 +78,7 @@ class Ground(Protocol):
 
     def describe(self) -> str:
         """One or two sentences for the log and the report."""
+
+
+class GroundError(ValueError):
+    """Bathymetry that cannot be used; says the file, the line or array, and what was expected."""

@@ -19,8 +19,7 @@ from scipy import ndimage
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground import Ground
-from auv_lse_sim.world.ground_files import GroundError
+from auv_lse_sim.world.ground import Ground, GroundError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

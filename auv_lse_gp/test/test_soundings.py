@@ -1,0 +1,129 @@
+"""Files of soundings: the dialects that are read, and what is said about the others."""
+
+import numpy as np
+import pytest
+
+from auv_lse_common.frames import geodetic_from_local
+from auv_lse_common.params import ParameterError
+from auv_lse_gp import GpConfig, OnlineGp, read_soundings
+from auv_lse_gp.soundings import SoundingsError, local_places, read_soundings_anywhere, read_table
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+def test_tables_with_comments_and_other_separators(tmp_path, separator):
+    path = tmp_path / "survey.txt"
+    rows = [["Line", "East_m", "North_m", "elevation_m"], ["1", "20", "10", "-5.5"], ["2", "21", "11", "-6"]]
+    path.write_text("# a survey, of 2020\n\n" + "\n# again\n".join(separator.join(row) for row in rows) + "\n")
+    assert read_soundings(path).tolist() == [[10.0, 20.0, 5.5], [11.0, 21.0, 6.0]]
+
+
+def test_lat_lon_become_metres_about_their_middle_only_where_the_origin_does_not_matter(tmp_path):
+    path = tmp_path / "survey.csv"
+    path.write_text("lat,lon,depth_m\n45.000,7.001,10\n45.002,7.001,11\n45.001,7.000,12\n45.001,7.002,13\n")
+    soundings, origin = read_soundings_anywhere(path)
+    assert origin == pytest.approx((45.001, 7.001))
+    # a milli-degree at 45 degrees of latitude: 111.13 m north, 78.85 m east
+    wanted = [[-111.13, 0, 10], [111.13, 0, 11], [0, -78.85, 12], [0, 78.85, 13]]
+    assert soundings == pytest.approx(np.array(wanted), abs=0.02)
+    with pytest.raises(ParameterError, match=r"survey\.csv: has columns lat, lon; expected north_m, east_m"):
+        OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
+    path.write_text("lat,lon,depth_m\n4500.1,7.001,10\n")
+    with pytest.raises(ValueError, match=r"survey\.csv:2: lat is 4500\.1; expected degrees"):
+        read_soundings_anywhere(path)
+
+
+@pytest.mark.parametrize("data", [b"", b"PK\x03\x04 cut off", b"north_m,east_m,depth_m\n1,2,3\n"])
+def test_files_that_are_no_npz_are_named(tmp_path, data):
+    path = tmp_path / "bad.npz"
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"bad\.npz: not a readable npz file, .*expected arrays east_m"):
+        read_soundings(path)
+
+
+def test_a_foreign_letter_is_named_where_the_table_cannot_be_read(tmp_path):
+    path = tmp_path / "bad.csv"
+    path.write_bytes("north_m,east_m,depth_m\n1,2,3 # Tiefe gemäß Lot\n".encode("latin-1"))
+    with pytest.raises(SoundingsError, match=r"bad\.csv:2: depth_m is .*; byte 40 \(0xe4\) is not UTF-8 text"):
+        read_soundings(path)
+    path.write_bytes("# gemäß Lot\nnorth_m,east_m,depth_m\n1,2,3\n".encode("latin-1"))
+    assert read_soundings(path).tolist() == [[1.0, 2.0, 3.0]]
+
+
+def test_grid_survey(tmp_path):
+    path = tmp_path / "grid.npz"
+    depth = np.array([[1.0, 2.0, np.nan], [3.0, 4.0, 5.0]])
+    np.savez(path, north_m=[0.0, 10.0], east_m=[0.0, 10.0, 20.0], depth_m=depth)
+    assert read_soundings(path).tolist() == [[0, 0, 1], [0, 10, 2], [10, 0, 3], [10, 10, 4], [10, 20, 5]]
+    np.savez(path, north_m=[0.0, 10.0], east_m=[0.0, 10.0], depth_m=depth)
+    with pytest.raises(
+        ValueError, match=r"depth_m has shape \(2, 3\), north_m \(2,\), east_m \(2,\); expected \(ny, nx\)"
+    ):
+        read_soundings(path)
+    np.savez(path, north_m=[0.0, 10.0])
+    with pytest.raises(ValueError, match="arrays are north_m; expected east_m"):
+        read_soundings(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("north_m,east_m\n1,2\n", r":1: columns are north_m, east_m; expected east_m,north_m,depth_m"),
+        ("north_m,east_m,depth_m\n1,2,x\n", r":2: depth_m is 'x'; expected a finite number"),
+        ("north_m,east_m,depth_m\n1,2,3\n1,2\n", r":3: 2 fields '1,2'; expected 3"),
+        ("north_m,east_m,depth_m\n1,2,nan\n", r":2: depth_m is 'nan'; expected a finite number"),
+        ("north_m,east_m,depth_m\n", "1 lines; expected a header"),
+        ("", "0 lines; expected a header"),
+    ],
+)
+def test_bad_files_are_named(tmp_path, text, message):
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_soundings(path)
+    with pytest.raises(ParameterError, match=r"gp\.survey_file: .*bad\.csv"):
+        OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
+
+
+@pytest.mark.parametrize("names", [("northing", "easting"), ("Northing_m", "Easting_m"), ("y_m", "x_m")])
+def test_projected_metres_are_taken_as_they_are(tmp_path, names):
+    path = tmp_path / "utm.csv"
+    path.write_text(f"{names[0]},{names[1]},depth\n5262000,523000,7.5\n5262010,523020,8\n")
+    assert read_soundings(path).tolist() == [[5262000.0, 523000.0, 7.5], [5262010.0, 523020.0, 8.0]]
+
+
+def test_degrees_place_what_is_projected(tmp_path):
+    lat, lon = geodetic_from_local(np.array([-10.0, 10.0]), np.array([0.0, 30.0]), 47.5, 9.3)
+    path = tmp_path / "utm.csv"
+    rows = "".join(
+        f"{5262000 + i},523000,{a:.9f},{o:.9f},{i + 3}\n" for i, (a, o) in enumerate(zip(lat, lon, strict=True))
+    )
+    path.write_text("northing,easting,lat,lon,depth\n" + rows)
+    soundings, origin = read_soundings_anywhere(path)
+    assert origin == pytest.approx((47.5, (lon[0] + lon[1]) / 2.0), abs=1e-9)
+    assert soundings == pytest.approx(np.array([[-10.0, -15.0, 3.0], [10.0, 15.0, 4.0]]), abs=1e-3)
+    places = local_places(read_table(path), origin=(47.5, 9.3))
+    assert places.from_degrees
+    assert np.column_stack([places.north_m, places.east_m]) == pytest.approx(
+        np.array([[-10.0, 0.0], [10.0, 30.0]]), abs=1e-3
+    )
+
+
+def test_metres_are_preferred_to_degrees_and_get_their_origin(tmp_path):
+    north, east = np.array([0.0, 50.0, 20.0, 80.0]), np.array([0.0, 10.0, 60.0, 90.0])
+    lat, lon = geodetic_from_local(north, east, -33.0, 151.0)
+    path = tmp_path / "both.csv"
+    rows = "".join(f"{n},{e},{a:.9f},{o:.9f},3\n" for n, e, a, o in zip(north, east, lat, lon, strict=True))
+    path.write_text("north_m,east_m,lat,lon,depth_m\n" + rows)
+    assert read_soundings(path)[:, :2].tolist() == np.column_stack([north, east]).tolist()
+    assert local_places(read_table(path)).origin == pytest.approx((-33.0, 151.0), abs=1e-7)
+
+
+def test_marks_for_no_data_are_refused_in_a_table_and_left_out_of_a_grid(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text("north_m,east_m,depth_m\n1,2,3\n1,2,-9999\n")
+    with pytest.raises(
+        SoundingsError, match=r"s\.csv:3: depth_m is -9999, as on 1 of 2 lines: a usual mark for no data"
+    ):
+        read_soundings(path)
+    np.savez(tmp_path / "g.npz", north_m=[0.0, 10.0], east_m=[0.0], elevation_m=[[-9999.0], [-4.0]])
+    assert read_soundings(tmp_path / "g.npz").tolist() == [[10.0, 0.0, 4.0]]
