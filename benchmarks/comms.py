@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.plan import Plan
 from auv_lse_common.seeds import stream
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
@@ -71,7 +72,7 @@ class Sizes:
 FULL = Sizes()
 SMOKE = Sizes(calls=2, repeats=2, seconds=(60, 130), packets=5, teams=(2,), selection_s=110, lakes=1)
 
-PLAN = Packet(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), naive_path=0xF1)
+PLAN = Plan(step=7, heading_rad=0.3, north_m=120.0, east_m=80.0, actions=(5, 3, 9), naive_path=0xF1)
 NORTH_M, EAST_M = 700.0, 600.0
 
 
@@ -89,7 +90,7 @@ def best_of(call: Callable[[], object], number: int, repeats: int) -> float:
 def codec(sizes: Sizes = FULL) -> list[Row]:
     """Time of encoding and decoding a full packet."""
     rng = np.random.default_rng(0)
-    packet = dataclasses.replace(PLAN, samples=rng.uniform(0.0, 500.0, (19, 3)))
+    packet = Packet(PLAN, rng.uniform(0.0, 500.0, (19, 3)))
     both = best_of(lambda: decode(encode(packet, LIMITS), LIMITS), sizes.calls, sizes.repeats)
     tagger, data = Tagger(bytes(32), 6), encode(packet, reserve=6)
     steps = iter(range(10**9))

@@ -16,10 +16,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
 from auv_lse_comms.packet.fields import (
     HEADER_STRUCT,
-    NO_NAIVE_PATH,
     PACKET_BYTES,
     SAMPLE_BYTES,
     capacity,
@@ -45,15 +45,15 @@ def packet(rng: np.random.Generator) -> Packet:
     n_actions = int(rng.integers(0, 30))
     n = int(rng.integers(0, capacity(n_actions) + 1))
     low, high = (-100.0, -100.0, -10.0), (800.0, 700.0, 60.0)
-    return Packet(
+    plan = Plan(
         step=int(rng.integers(0, 101)),
         heading_rad=float(rng.uniform(-np.pi, np.pi)),
         north_m=float(rng.uniform(-100.0, 800.0)),
         east_m=float(rng.uniform(-100.0, 700.0)),
         actions=tuple(rng.integers(0, 11, n_actions).tolist()),
-        naive_path=int(rng.choice([*LIMITS.naive_paths, NO_NAIVE_PATH])),
-        samples=rng.uniform(low, high, (n, 3)),
+        naive_path=int(rng.choice([*LIMITS.naive_paths, NONE])),
     )
+    return Packet(plan, rng.uniform(low, high, (n, 3)))
 
 
 def _random_length(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
@@ -87,7 +87,7 @@ def _burst(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, 
 
 def _wrong_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     data = bytearray(good)
-    data[HEADER_STRUCT.size + len(sent.actions)] = int(rng.integers(0xF4, 0xFF))
+    data[HEADER_STRUCT.size + len(sent.plan.actions)] = int(rng.integers(0xF4, 0xFF))
     return bytes(data), {"naive_path"}
 
 
@@ -100,7 +100,7 @@ def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple
 
 def _not_finite(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     places = [2, 6, 10]
-    start = samples_start(len(sent.actions))
+    start = samples_start(len(sent.plan.actions))
     places += [start + 4 * i for i in range(3 * len(sent.samples))]
     at = int(rng.choice(places))
     value = float(rng.choice([np.nan, np.inf, -np.inf]))
@@ -116,7 +116,7 @@ def _outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes
 def _sample_outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     if not len(sent.samples):
         return good, set()
-    at = samples_start(len(sent.actions)) + 4 * int(rng.integers(0, 3 * len(sent.samples)))
+    at = samples_start(len(sent.plan.actions)) + 4 * int(rng.integers(0, 3 * len(sent.samples)))
     value = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(3.0, 30.0))
     return good[:at] + struct.pack("<f", value) + good[at + 4 :], {"sample"}
 
@@ -124,12 +124,12 @@ def _sample_outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tupl
 def _gap(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     if len(sent.samples) < 2:
         return good, set()
-    at = samples_start(len(sent.actions)) + SAMPLE_BYTES * int(rng.integers(0, len(sent.samples) - 1))
+    at = samples_start(len(sent.plan.actions)) + SAMPLE_BYTES * int(rng.integers(0, len(sent.samples) - 1))
     return good[:at] + b"\xff" * SAMPLE_BYTES + good[at + SAMPLE_BYTES :], {"gap"}
 
 
 def _spare(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
-    stop = samples_start(len(sent.actions)) + SAMPLE_BYTES * capacity(len(sent.actions))
+    stop = samples_start(len(sent.plan.actions)) + SAMPLE_BYTES * capacity(len(sent.plan.actions))
     if stop == PACKET_BYTES:
         return good, set()
     data = bytearray(good)

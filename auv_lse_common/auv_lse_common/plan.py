@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,15 @@ class Plan:
     naive_path: int
 
     def __post_init__(self) -> None:
-        """Rounds the state to float32."""
-        for name in ("heading_rad", "north_m", "east_m"):
-            object.__setattr__(self, name, float(np.float32(getattr(self, name))))
-        object.__setattr__(self, "actions", tuple(int(a) for a in self.actions))
+        """Rounds the state to float32; a number beyond its range becomes infinite, which no packet holds.
+
+        Raises:
+            TypeError: if an action is not an integer.
+        """
+        with np.errstate(over="ignore"):
+            for name in ("heading_rad", "north_m", "east_m"):
+                object.__setattr__(self, name, float(np.float32(getattr(self, name))))
+        object.__setattr__(self, "actions", tuple(operator.index(action) for action in self.actions))
 
     @classmethod
     def at(cls, step: int, state: Array, actions: tuple[int, ...], naive_path: int) -> Plan:

@@ -21,6 +21,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 
 from auv_lse_common.params import ParameterError, check_sections, merge, nest, to_mapping
+from auv_lse_common.plan import Plan
+from auv_lse_msgs.msg import Plan as PlanMessage
 
 #: Every message counts: reliable, and room for a burst (depth 1 drops bursts).
 EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
@@ -71,6 +73,32 @@ def diagnostics(now_s: float, node: str, level: bytes, message: str, values: Map
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
     )
     return DiagnosticArray(header=header(now_s), status=[status])
+
+
+def plan_message(now_s: float, vehicle: int, plan: Plan) -> PlanMessage:
+    """Plan message of a vehicle's plan."""
+    return PlanMessage(
+        header=header(now_s),
+        vehicle=vehicle,
+        step=plan.step,
+        heading_rad=plan.heading_rad,
+        north_m=plan.north_m,
+        east_m=plan.east_m,
+        actions=list(plan.actions),
+        naive_path=plan.naive_path,
+    )
+
+
+def plan_from_message(message: PlanMessage) -> Plan:
+    """The plan of a Plan message."""
+    return Plan(
+        step=message.step,
+        heading_rad=message.heading_rad,
+        north_m=message.north_m,
+        east_m=message.east_m,
+        actions=tuple(message.actions),
+        naive_path=message.naive_path,
+    )
 
 
 class ConfiguredNode(Node):

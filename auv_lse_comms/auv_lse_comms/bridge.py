@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auv_lse_common.plan import Plan
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 from auv_lse_comms.packet.fields import capacity
@@ -27,23 +27,6 @@ Array = NDArray[np.float64]
 _LOSS_GAIN = 0.1
 
 
-class PlanLike(Protocol):
-    """A plan as the planner makes it: where it begins, its actions, and the naive path that continues it."""
-
-    @property
-    def step(self) -> int: ...  # noqa: D102  # see Packet
-    @property
-    def heading_rad(self) -> float: ...  # noqa: D102
-    @property
-    def north_m(self) -> float: ...  # noqa: D102
-    @property
-    def east_m(self) -> float: ...  # noqa: D102
-    @property
-    def actions(self) -> tuple[int, ...]: ...  # noqa: D102
-    @property
-    def naive_path(self) -> int: ...  # noqa: D102
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Received:
     """A packet of a teammate.
@@ -51,7 +34,7 @@ class Received:
     Attributes:
         source: Number of the sender.
         stamp_s: When it was received (s).
-        packet: The sender's plan (step, state, actions, naive_path) and samples, shape (n, 3).
+        packet: The sender's plan, and its samples, shape (n, 3).
     """
 
     source: int
@@ -99,7 +82,7 @@ class ModemBridge:
         self._limits = limits
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
         self._receivers = receivers
-        self._plan: Packet | None = None
+        self._plan: Plan | None = None
         # stamp_s, north_m, east_m, depth_m, worth when last asked about, and that before the last packet was made
         self._unsent = np.zeros((0, 6))
         self._queued: list[Array] = []  # soundings not yet among them
@@ -134,22 +117,14 @@ class ModemBridge:
                 self._unsent = self._unsent[np.argsort(self._unsent[:, 0], kind="stable")]
         return self._unsent
 
-    def set_plan(self, plan: PlanLike) -> None:
-        """Takes the vehicle's current best path, said in the next packets until another one comes.
+    def set_plan(self, plan: Plan) -> None:
+        """Takes the vehicle's current plan, which the next packets carry until another one comes.
 
         Raises:
-            PacketError: (a ValueError) if no packet can say it; the plan before it stays.
+            PacketError: (a ValueError) if no packet can hold it; the plan before it stays.
         """
-        header = Packet(
-            step=plan.step,
-            heading_rad=plan.heading_rad,
-            north_m=plan.north_m,
-            east_m=plan.east_m,
-            actions=tuple(int(action) for action in plan.actions),
-            naive_path=plan.naive_path,
-        )
-        encode(header, self._limits, self._config.reserve)
-        self._plan = header
+        encode(Packet(plan), self._limits, self._config.reserve)
+        self._plan = plan
 
     def add_soundings(self, soundings: ArrayLike) -> int:
         """Queues the vehicle's own soundings for sending.
@@ -283,7 +258,7 @@ class ModemBridge:
         if asleep:
             self.counts["slots.missed.asleep"] += asleep
 
-    def _compose(self, plan: Packet) -> bytes:
+    def _compose(self, plan: Plan) -> bytes:
         room = capacity(len(plan.actions), self._config.reserve)
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
@@ -292,15 +267,7 @@ class ModemBridge:
             self._receivers.send(self.loss)
         else:
             chosen = every_nth(len(unsent), room)
-        packet = Packet(
-            step=plan.step,
-            heading_rad=plan.heading_rad,
-            north_m=plan.north_m,
-            east_m=plan.east_m,
-            actions=plan.actions,
-            naive_path=plan.naive_path,
-            samples=unsent[chosen, 1:4],
-        )
+        packet = Packet(plan, unsent[chosen, 1:4])
         payload = encode(packet, self._limits, self._config.reserve)
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address)

@@ -7,16 +7,14 @@ from typing import Any
 
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, run, seconds
+from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, plan_from_message, plan_message, run, seconds
 from auv_lse_comms.bridge import Received
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import PacketError
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ros_conversions import (
-    packet_of_plan,
     sounding_row,
     tdma_status,
-    team_plan,
     team_samples,
     transmission,
 )
@@ -159,7 +157,7 @@ class ModemNode(ConfiguredNode):
             self._status.publish(tdma_status(now_s, self._bridge))
 
     def _publish(self, received: Received) -> None:
-        self._team_plans.publish(team_plan(received))
+        self._team_plans.publish(plan_message(received.stamp_s, received.source, received.packet.plan))
         self._published["plans"] += 1
         if len(received.packet.samples):
             self._team_samples.publish(team_samples(received))
@@ -169,7 +167,7 @@ class ModemNode(ConfiguredNode):
         """Takes the vehicle's plan; in its own slot gives the modem a packet."""
         if self._plan is not None:
             try:
-                self._bridge.set_plan(packet_of_plan(self._plan))
+                self._bridge.set_plan(plan_from_message(self._plan))
             except PacketError as error:
                 self.get_logger().error(f"plan of step {self._plan.step} cannot be sent: {error}")
             self._plan = None

@@ -7,8 +7,7 @@ import numpy as np
 from auv_lse_common.ros_conversions import floats, header, seconds
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.mavlink import sounder
-from auv_lse_comms.packet.codec import Packet
-from auv_lse_msgs.msg import ModemTx, Plan, SampleArray, Sounding, TdmaStatus
+from auv_lse_msgs.msg import ModemTx, SampleArray, Sounding, TdmaStatus
 
 
 def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
@@ -20,33 +19,6 @@ def sounding_message(sounding: sounder.Sounding) -> Sounding:
     """A sounding made of a vehicle's odometry and altitudes."""
     return Sounding(
         header=header(sounding.stamp_s), north_m=sounding.north_m, east_m=sounding.east_m, depth_m=sounding.depth_m
-    )
-
-
-def packet_of_plan(message: Plan) -> Packet:
-    """The plan's part of a packet."""
-    return Packet(
-        step=message.step,
-        heading_rad=message.heading_rad,
-        north_m=message.north_m,
-        east_m=message.east_m,
-        actions=tuple(int(action) for action in message.actions),
-        naive_path=message.naive_path,
-    )
-
-
-def team_plan(received: Received) -> Plan:
-    """Plan of the team mate that sent the packet."""
-    packet = received.packet
-    return Plan(
-        header=header(received.stamp_s),
-        vehicle=received.source,
-        step=packet.step,
-        heading_rad=packet.heading_rad,
-        north_m=packet.north_m,
-        east_m=packet.east_m,
-        actions=list(packet.actions),
-        naive_path=packet.naive_path,
     )
 
 

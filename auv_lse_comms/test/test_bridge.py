@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from auv_lse_common.plan import Plan
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 
 Array = NDArray[np.float64]
 TDMA = TdmaConfig()
-PLAN = Packet(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), naive_path=0xF1)
+PLAN = Plan(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), naive_path=0xF1)
 
 
 def bridge(address: int = 1, vehicles: int = 3, **packet: object) -> ModemBridge:
@@ -36,7 +37,7 @@ def test_says_plan_and_samples_once_in_each_own_slot() -> None:
     sent = [(t, p) for t in np.arange(0.0, 60.0, 0.25).tolist() if (p := b.poll(t)) is not None]
     assert [t for t, _ in sent] == [10.5, 40.5]
     first, second = (decode(p) for _, p in sent)
-    assert dataclasses.replace(first, samples=PLAN.samples) == PLAN
+    assert first.plan == PLAN
     assert first.samples[:, 2].tolist() == [0, 1, 2, 3, 4]
     assert len(second.samples) == 0
     assert b.counts["slots.used"] == b.counts["sent"] == 2
@@ -49,7 +50,7 @@ def test_says_the_latest_plan() -> None:
     b.set_plan(dataclasses.replace(PLAN, step=5, actions=(4,)))
     payload = b.poll(1.0)
     assert payload is not None
-    assert (decode(payload).step, decode(payload).actions) == (5, (4,))
+    assert (decode(payload).plan.step, decode(payload).actions) == (5, (4,))
 
 
 def test_backlog_after_a_gap_spreads_over_it() -> None:
@@ -124,12 +125,12 @@ def test_a_plan_that_no_packet_can_say_is_refused_and_the_old_one_stays() -> Non
         b.set_plan(dataclasses.replace(PLAN, step=70000))
     payload = b.poll(1.0)
     assert payload is not None
-    assert decode(payload).step == 4
+    assert decode(payload).plan.step == 4
 
 
 def test_receives_plan_and_samples() -> None:
     b = bridge(1)
-    packet = dataclasses.replace(PLAN, samples=np.arange(6.0).reshape(2, 3))
+    packet = Packet(PLAN, np.arange(6.0).reshape(2, 3))
     received = b.receive(12.5, 2, encode(packet))
     assert received is not None
     assert (received.source, received.stamp_s, received.packet) == (2, 12.5, packet)
@@ -138,15 +139,15 @@ def test_receives_plan_and_samples() -> None:
 
 def test_refused_packets_are_counted_by_reason() -> None:
     b = ModemBridge(TDMA, PacketConfig(), 1, 3, limits=Limits(n_actions=11, north_m=(-100.0, 100.0)))
-    good = encode(PLAN)
+    good = encode(Packet(PLAN))
     for source, payload in (
         (2, good[:-1]),
         (2, b""),
         (1, good),
         (0, good),
         (4, good),
-        (2, encode(dataclasses.replace(PLAN, actions=(11,)))),
-        (3, encode(dataclasses.replace(PLAN, north_m=101.0))),
+        (2, encode(Packet(dataclasses.replace(PLAN, actions=(11,))))),
+        (3, encode(Packet(dataclasses.replace(PLAN, north_m=101.0)))),
         (3, good[:2] + b"\x00\x00\xc0\x7f" + good[6:]),
     ):
         assert b.receive(1.0, source, payload) is None
@@ -304,7 +305,7 @@ def test_useful_selection_asks_the_receivers() -> None:
     assert payload is not None
     assert decode(payload).samples[:, 2].tolist() == [0.0, *range(22, 40)]
     assert receivers.log == ["sent 19 at 0.2"]
-    b.receive(12.0, 2, encode(dataclasses.replace(PLAN, samples=np.ones((7, 3)))))
+    b.receive(12.0, 2, encode(Packet(PLAN, np.ones((7, 3)))))
     assert receivers.log == ["sent 19 at 0.2", "heard 7 at 0.2"]
     b.not_sent()
     b.not_sent()
@@ -319,7 +320,7 @@ def test_loss_is_estimated_from_the_slots_of_others(loss: float) -> None:
     for t in range(40 * 200):
         owner = b.tdma.slot(float(t)).owner
         if owner in (2, 3) and t % 10 == 4 and rng.random() >= loss:
-            assert b.receive(float(t), owner, encode(PLAN)) is not None
+            assert b.receive(float(t), owner, encode(Packet(PLAN))) is not None
         b.poll(float(t))
         estimates.append(b.loss)
     assert estimates[0] == 0.5
@@ -350,7 +351,7 @@ def test_a_team_over_a_lossy_wire(vehicles: int) -> None:
                 if b.address != source and rng.random() > 0.3:
                     received = b.receive(t + 3.0, source, payload)
                     assert received is not None
-                    assert received.packet.step == t
+                    assert received.packet.plan.step == t
                     heard[b.address - 1].update(received.packet.samples[:, 2].tolist())
                     delivered[b.address - 1] += 1
     for i, b in enumerate(team):

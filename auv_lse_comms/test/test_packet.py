@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
 
@@ -67,15 +68,8 @@ def test_golden_packet_packed_by_hand(layout: str) -> None:
     text, actions, naive_path, samples = GOLDEN[layout]
     data = bytes.fromhex(text)
     assert len(data) == 252
-    packet = Packet(
-        step=42,
-        heading_rad=0.5,
-        north_m=100.0,
-        east_m=-2.5,
-        actions=actions,
-        naive_path=naive_path,
-        samples=np.array(samples).reshape(-1, 3),
-    )
+    plan = Plan(step=42, heading_rad=0.5, north_m=100.0, east_m=-2.5, actions=actions, naive_path=naive_path)
+    packet = Packet(plan, np.array(samples).reshape(-1, 3))
     assert encode(packet) == data
     assert decode(data) == packet
 
@@ -90,7 +84,7 @@ def test_golden_packet_with_room_for_a_tag() -> None:
 
 
 def test_capacity_is_the_papers() -> None:
-    assert fields.capacity(3) == 19  # PAPER.md section 5
+    assert fields.capacity(3) == 19  # the paper, section 5
     assert fields.capacity(10) == 18
     assert fields.capacity(3, reserve=6) == 19
     assert fields.capacity(10, reserve=6) == 18
@@ -119,15 +113,15 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
     n_actions = draw(st.integers(0, fields.MAX_ACTIONS - reserve))
     n = draw(st.integers(0, fields.capacity(n_actions, reserve)))
     rows = [[draw(single(f.low, f.high)) for f in fields.SAMPLE] for _ in range(n)]
-    return Packet(
+    plan = Plan(
         step=draw(st.integers(0, 65535)),
         heading_rad=draw(single(fields.HEADER[1].low, fields.HEADER[1].high)),
         north_m=draw(single(fields.HEADER[2].low, fields.HEADER[2].high)),
         east_m=draw(single(fields.HEADER[3].low, fields.HEADER[3].high)),
         actions=tuple(draw(st.lists(st.integers(0, 239), min_size=n_actions, max_size=n_actions))),
         naive_path=draw(st.integers(0xF0, 0xFF)),
-        samples=np.array(rows, dtype=float).reshape(n, 3),
     )
+    return Packet(plan, np.array(rows, dtype=float).reshape(n, 3))
 
 
 @settings(max_examples=150, deadline=None)
@@ -155,7 +149,16 @@ def test_numbers_are_rounded_to_float32_and_no_further(rows: list[tuple[float, f
     assert np.array_equal(got, samples.astype(np.float32).astype(float))
 
 
-PLAIN = Packet(step=1, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(1, 2, 3))
+PLAIN = Packet(Plan(step=1, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(1, 2, 3), naive_path=NONE))
+
+
+def changed(change: dict[str, object]) -> Packet:
+    """`PLAIN` with other samples, or with another field of its plan."""
+    if "samples" in change:
+        return dataclasses.replace(PLAIN, **change)
+    return dataclasses.replace(PLAIN, plan=dataclasses.replace(PLAIN.plan, **change))
+
+
 LIMITS = Limits(
     steps=100,
     n_actions=11,
@@ -197,7 +200,7 @@ LIMITS = Limits(
 )
 def test_sender_raises_out_of_range(change: dict[str, object], reason: str, message: str) -> None:
     with pytest.raises(PacketError, match=message) as caught:
-        encode(dataclasses.replace(PLAIN, **change))
+        encode(changed(change))
     assert caught.value.reason == reason
     assert reason in REASONS
 
@@ -205,7 +208,7 @@ def test_sender_raises_out_of_range(change: dict[str, object], reason: str, mess
 @pytest.mark.parametrize("change", [{"step": 1.5}, {"actions": (1.0,)}, {"naive_path": "f0"}])
 def test_sender_raises_on_what_is_not_an_integer(change: dict[str, object]) -> None:
     with pytest.raises(TypeError):
-        encode(dataclasses.replace(PLAIN, **change))
+        encode(changed(change))
 
 
 @pytest.mark.parametrize(
@@ -223,7 +226,7 @@ def test_sender_raises_on_what_is_not_an_integer(change: dict[str, object]) -> N
     ],
 )
 def test_limits_hold_on_both_sides(change: dict[str, object], reason: str) -> None:
-    packet = dataclasses.replace(PLAIN, **change)
+    packet = changed(change)
     with pytest.raises(PacketError) as sending:
         encode(packet, LIMITS)
     with pytest.raises(PacketError) as receiving:
@@ -240,10 +243,10 @@ def test_limits_hold_after_rounding() -> None:
         encode(dataclasses.replace(PLAIN, samples=samples), limits)
 
 
-def test_every_naive_path_none_included_is_told_apart() -> None:
+def test_every_naive_path_and_none_have_a_byte_of_their_own() -> None:
     for naive_path in range(0xF0, 0x100):
-        assert decode(encode(dataclasses.replace(PLAIN, naive_path=naive_path))).naive_path == naive_path
-    assert decode(encode(PLAIN), LIMITS).naive_path == 0xFF
+        assert decode(encode(changed({"naive_path": naive_path}))).plan.naive_path == naive_path
+    assert decode(encode(PLAIN), LIMITS).plan.naive_path == 0xFF
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from auv_lse_common.params import ParameterError
-from auv_lse_comms.packet.codec import Packet
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.settings import bridge_of
 
 MISSION: dict[str, Any] = {
@@ -16,7 +17,7 @@ MISSION: dict[str, Any] = {
     "motion": {"actions_deg": [-30.0, 0.0, 30.0]},
     "area": {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 400.0, 0.0, 400.0]},
 }
-PLAN = Packet(step=50, heading_rad=0.0, north_m=350.0, east_m=-50.0, actions=(2,))
+PLAN = Plan(step=50, heading_rad=0.0, north_m=350.0, east_m=-50.0, actions=(2,), naive_path=NONE)
 
 
 def test_limits_come_from_the_mission() -> None:
@@ -30,9 +31,9 @@ def test_limits_come_from_the_mission() -> None:
         ({"east_m": -61.0}, "position"),
     ):
         with pytest.raises(ValueError, match=reason):
-            bridge.set_plan(Packet(**{**{f: getattr(PLAN, f) for f in PLAN.__slots__}, **change}))
+            bridge.set_plan(dataclasses.replace(PLAN, **change))
     bridge_of({**MISSION, "packet": {"check_limits": False}}, "m.yaml", 2).set_plan(
-        Packet(step=1, heading_rad=0.0, north_m=5e3, east_m=0.0, actions=())
+        dataclasses.replace(PLAN, north_m=5e3)
     )
 
 
@@ -89,7 +90,7 @@ def test_a_team_with_a_key(tmp_path: Path) -> None:
     key.write_text("ab" * 32)
     key.chmod(0o600)
     one, two = (bridge_of({**MISSION, "packet": {"tag": True, "key_file": str(key)}}, "m.yaml", a) for a in (1, 2))
-    one.set_plan(Packet(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(1, 1, 1)))
+    one.set_plan(PLAN)
     payload = one.poll(1.0)
     assert payload is not None
     assert two.receive(3.0, 1, payload) is not None

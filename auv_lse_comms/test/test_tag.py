@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, PacketError, encode
 from auv_lse_comms.packet.tag import KeyFileError, Tagger, read_key
 
@@ -17,7 +18,10 @@ KEY = bytes(range(32))
 
 def packet(step: int = 7, east_m: float = 0.0) -> bytes:
     return encode(
-        Packet(step=step, heading_rad=0.1, north_m=1.0, east_m=east_m, actions=(1, 2, 3), samples=np.ones((19, 3))),
+        Packet(
+            Plan(step=step, heading_rad=0.1, north_m=1.0, east_m=east_m, actions=(1, 2, 3), naive_path=NONE),
+            np.ones((19, 3)),
+        ),
         reserve=6,
     )
 

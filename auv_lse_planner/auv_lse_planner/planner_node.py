@@ -11,7 +11,17 @@ from nav_msgs.msg import Odometry, Path
 
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import section
-from auv_lse_common.ros_conversions import EVERY, LATCHED, NEWEST, ConfiguredNode, diagnostics, run, seconds
+from auv_lse_common.ros_conversions import (
+    EVERY,
+    LATCHED,
+    NEWEST,
+    ConfiguredNode,
+    diagnostics,
+    plan_from_message,
+    plan_message,
+    run,
+    seconds,
+)
 from auv_lse_common.seeds import stream
 from auv_lse_gp.ros_conversions import centers_from_message
 from auv_lse_msgs.msg import Bound, KernelCenters, LockstepDone, LockstepTick, Plan, Waypoint
@@ -20,8 +30,6 @@ from auv_lse_planner.ros_conversions import (
     bound_message,
     navigation,
     path_message,
-    plan_from_message,
-    plan_message,
     waypoint_message,
 )
 from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.leg import Leg
-from auv_lse_common.plan import Plan
 from auv_lse_common.ros_conversions import header
 from auv_lse_msgs.msg import Bound, Waypoint
-from auv_lse_msgs.msg import Plan as PlanMessage
 from auv_lse_planner.vehicle_planner import BoundRecord
 
 
@@ -24,32 +22,6 @@ def navigation(message: Odometry) -> tuple[float, float, float, float]:
     q = pose.orientation
     heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
     return heading, pose.position.y, pose.position.x, math.hypot(twist.linear.x, twist.linear.y)
-
-
-def plan_message(now_s: float, vehicle: int, plan: Plan) -> PlanMessage:
-    """Plan message of a vehicle's plan."""
-    return PlanMessage(
-        header=header(now_s),
-        vehicle=vehicle,
-        step=plan.step,
-        heading_rad=plan.heading_rad,
-        north_m=plan.north_m,
-        east_m=plan.east_m,
-        actions=list(plan.actions),
-        naive_path=plan.naive_path,
-    )
-
-
-def plan_from_message(message: PlanMessage) -> Plan:
-    """The plan of a Plan message."""
-    return Plan(
-        step=message.step,
-        heading_rad=message.heading_rad,
-        north_m=message.north_m,
-        east_m=message.east_m,
-        actions=tuple(int(action) for action in message.actions),
-        naive_path=message.naive_path,
-    )
 
 
 def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, last: bool) -> Waypoint:

@@ -45,7 +45,7 @@ def test_packets_are_those_of_the_protocol(mission):
         assert slot.owner == sent.source
         packet = decode(sent.payload)
         step = [d.step for d in run.vehicles[sent.source - 1].decisions if d.now_s <= sent.stamp_s][-1]
-        assert packet.step <= step  # an incumbent stays anchored where it was made
+        assert packet.plan.step <= step  # an incumbent stays anchored where it was made
     arrived = {(r.source, r.payload) for r in run.received}
     assert arrived <= {(s.source, s.payload) for s in run.sent}
     heard = sum(len(v.received) for v in run.vehicles)

@@ -123,7 +123,7 @@ def test_two_independent_readers_find_every_packet_whole_and_in_its_slot(
         assert tdma[source].slot(stamp).owner == source
         assert tdma[source].may_send(stamp)
         packet = decode(payload)
-        assert 0 <= packet.step <= STEPS
+        assert 0 <= packet.plan.step <= STEPS
     ticks = counts["/clock"]
     for k in (1, 2, 3):
         assert counts[f"/auv{k}/odometry"] == counts[f"/truth/auv{k}/odometry"] == ticks, "nothing is lost on the way"

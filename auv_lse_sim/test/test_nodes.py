@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
@@ -22,6 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 
+from auv_lse_common.plan import Plan as MatePlan
 from auv_lse_common.ros_conversions import LATCHED, header
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_msgs.msg import Bound, KernelCenters, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus, Waypoint
@@ -111,7 +113,8 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
             stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
             assert stamp % 4.0 < 2.0, "slots 0, 2, 4 ... of 2 s are vehicle 1's"
         packet = decode(bytes(tx[0].payload))
-        assert (packet.step, packet.actions, packet.naive_path, len(packet.samples)) == (3, (5, 5, 0), 0xF0, 19)
+        assert (packet.plan.step, packet.plan.actions, packet.plan.naive_path) == (3, (5, 5, 0), 0xF0)
+        assert len(packet.samples) == 19
 
         failed = b.publisher(ModemTx, "/auv1/modem/failed")
         failed.publish(ModemTx(header=header(time.time()), source=1))
@@ -121,7 +124,8 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         assert (second == third).all(), "what the modem did not send is sent again"
 
         mate = Packet(
-            step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), naive_path=0xFF, samples=[[1.0, 2.0, 14.0]]
+            MatePlan(step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), naive_path=0xFF),
+            np.array([[1.0, 2.0, 14.0]]),
         )
         for payload in (b"", bytes(252), b"\xff" * 252, encode(mate)[:-1], encode(mate)):
             rx.publish(ModemRx(header=header(time.time()), source=2, payload=payload))

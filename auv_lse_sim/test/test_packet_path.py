@@ -30,27 +30,9 @@ ACTION_SETS = {
 
 def through_packet(plan: Plan, samples: Array) -> Plan:
     """The plan as a receiver has it: from the bytes and the source address alone."""
-    data = encode(
-        Packet(
-            step=plan.step,
-            heading_rad=plan.heading_rad,
-            north_m=plan.north_m,
-            east_m=plan.east_m,
-            actions=plan.actions,
-            naive_path=plan.naive_path,
-            samples=samples,
-        )
-    )
+    data = encode(Packet(plan, samples))
     assert len(data) == 252
-    got = decode(data)
-    return Plan(
-        step=got.step,
-        heading_rad=got.heading_rad,
-        north_m=got.north_m,
-        east_m=got.east_m,
-        actions=got.actions,
-        naive_path=got.naive_path,
-    )
+    return decode(data).plan
 
 
 class Boat:
@@ -66,8 +48,8 @@ class Boat:
         """States (L + 1, 3) from mission step `step` to the mission's end, or to the plan's without naive path."""
         own = list(actions[: MISSION_STEPS - step])
         end = self.motion.roll(state, own)[-1]
-        tail = self.naive.actions(end, naive_path, MISSION_STEPS - step - len(own))
-        return self.motion.roll(state, [*own, *tail.tolist()])
+        naive = self.naive.actions(end, naive_path, MISSION_STEPS - step - len(own))
+        return self.motion.roll(state, [*own, *naive.tolist()])
 
 
 @pytest.mark.parametrize("kind", ACTION_SETS)

@@ -12,7 +12,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.plan import Plan
-from auv_lse_common.ros_conversions import doubles, floats, header, seconds, stamp
+from auv_lse_common.ros_conversions import doubles, floats, header, plan_from_message, plan_message, seconds, stamp
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.depth_map import Field
 from auv_lse_gp.online import Centers
@@ -23,8 +23,6 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.ros_conversions import (
     navigation,
     path_message,
-    plan_from_message,
-    plan_message,
     waypoint_message,
 )
 from auv_lse_sim.ros_conversions import altitude_message, leg_of_waypoint, odometry_message, pressure_message

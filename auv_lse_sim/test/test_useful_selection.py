@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from auv_lse_common.params import ParameterError
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.receivers_risk import ReceiversRisk
@@ -23,7 +23,7 @@ MISSION: dict[str, Any] = {
     "area": {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 400.0, 0.0, 400.0]},
     "packet": {"selection": "useful", "expected_loss": 0.0},
 }
-PLAN = Packet(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(1, 1, 1))
+PLAN = Plan(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(1, 1, 1), naive_path=NONE)
 OWN_SLOT_S, OTHER_SLOT_S, NEXT_OWN_SLOT_S = 1.0, 11.0, 21.0
 
 
@@ -43,7 +43,7 @@ def test_samples_of_a_packet_that_was_not_sent_are_worth_what_they_were(waiting:
     first = bridge.poll(OWN_SLOT_S)
     assert first is not None
     if heard:
-        mates = encode(dataclasses.replace(PLAN, samples=soundings(heard, seed=2)[:, 1:]))
+        mates = encode(Packet(PLAN, soundings(heard, seed=2)[:, 1:]))
         assert bridge.receive(OTHER_SLOT_S, 2, mates) is not None
         assert never.receive(OTHER_SLOT_S, 2, mates) is not None
     bridge.not_sent()

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.packet.fields import (
     ACTION,
     FILL,
@@ -20,12 +21,11 @@ from auv_lse_comms.packet.fields import (
     HEADER,
     HEADER_STRUCT,
     MAX_ACTIONS,
-    NO_NAIVE_PATH,
     PACKET_BYTES,
     SAMPLE,
     SAMPLE_BYTES,
     TERMINAL,
-    Field,
+    PacketField,
     capacity,
     samples_start,
 )
@@ -87,7 +87,7 @@ class Limits:
     steps: int = int(HEADER[0].high)
     n_actions: int = FIRST_TERMINAL
     max_length: int = MAX_ACTIONS
-    naive_paths: tuple[int, ...] = tuple(range(FIRST_TERMINAL, NO_NAIVE_PATH + 1))
+    naive_paths: tuple[int, ...] = tuple(range(FIRST_TERMINAL, NONE + 1))
     north_m: tuple[float, float] = (SAMPLE[0].low, SAMPLE[0].high)
     east_m: tuple[float, float] = (SAMPLE[1].low, SAMPLE[1].high)
     depth_m: tuple[float, float] = (SAMPLE[2].low, SAMPLE[2].high)
@@ -111,7 +111,7 @@ class Limits:
                 raise ValueError(f"limits {name} = {value}: expected low <= high within {table.low:g}..{table.high:g}")
         if not 0 <= self.max_length <= MAX_ACTIONS:
             raise ValueError(f"limits max_length = {self.max_length}: expected 0..{MAX_ACTIONS}")
-        if any(not FIRST_TERMINAL <= h <= NO_NAIVE_PATH for h in self.naive_paths):
+        if any(not FIRST_TERMINAL <= h <= NONE for h in self.naive_paths):
             raise ValueError(f"limits naive_paths = {self.naive_paths}: expected ids in 0xF0..0xFF")
         object.__setattr__(self, "_low", np.array([self.north_m[0], self.east_m[0], self.depth_m[0]]))
         object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
@@ -134,36 +134,23 @@ class Limits:
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Packet:
-    """What one packet says.
+    """What one packet says: its sender's plan, and some of what the sender measured.
 
     Attributes:
-        step: Mission step of the initial state.
-        heading_rad: Heading there (rad, clockwise from north), -2 pi to 2 pi.
-        north_m: North there (m).
-        east_m: East there (m).
-        actions: Indices in the action set, of the actions from there on.
-        naive_path: Terminal byte: id (0xF0 to 0xFE) of the naive path that continues, 0xFF for none.
+        plan: Where the sender's path begins, its actions, and the naive path that continues it.
         samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
     """
 
-    step: int
-    heading_rad: float
-    north_m: float
-    east_m: float
-    actions: tuple[int, ...]
-    naive_path: int = NO_NAIVE_PATH
+    plan: Plan
     samples: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __eq__(self, other: object) -> bool:
-        """Equal in every field and sample."""
+        """Equal in plan and samples."""
         if not isinstance(other, Packet):
             return NotImplemented
-        return (
-            (self.step, self.heading_rad, self.north_m, self.east_m, tuple(self.actions), self.naive_path)
-            == (other.step, other.heading_rad, other.north_m, other.east_m, tuple(other.actions), other.naive_path)
-        ) and np.array_equal(self.samples, other.samples)
+        return self.plan == other.plan and np.array_equal(self.samples, other.samples)
 
     __hash__ = None  # type: ignore[assignment]  # holds an array
 
@@ -172,22 +159,21 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     """The packet's 252 bytes.
 
     Args:
-        packet: What to say. Numbers are rounded to float32, nothing else is changed.
+        packet: What to say. Samples are rounded to float32 (as the plan is already); nothing else is changed.
         limits: Closer limits than the field table's.
         reserve: Bytes at the end left (0xFF) for a tag.
 
     Raises:
         PacketError: (a ValueError) naming the field, its value and what was expected. Nothing is clamped, wrapped
             or left out.
-        TypeError: if the step, an action or the naive path is not an integer.
+        TypeError: if the step or the naive path is not an integer.
     """
-    step = operator.index(packet.step)
-    naive_path = operator.index(packet.naive_path)
-    actions = [operator.index(action) for action in packet.actions]
+    plan = packet.plan
+    step, naive_path, actions = operator.index(plan.step), operator.index(plan.naive_path), plan.actions
     _check("step", step, HEADER[0])
     _check("naive_path", naive_path, TERMINAL)
     if any(not ACTION.low <= action <= ACTION.high for action in actions):
-        raise PacketError("action", f"actions {actions}: expected indices 0..{ACTION.high:g}")
+        raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
     if len(actions) > MAX_ACTIONS - reserve:
         raise PacketError("terminal", f"{len(actions)} actions: expected at most {MAX_ACTIONS - reserve}")
     samples = np.asarray(packet.samples, dtype=float)
@@ -195,20 +181,18 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
         raise PacketError("sample", f"samples of shape {samples.shape}: expected (n, {len(SAMPLE)})")
     if len(samples) > (room := capacity(len(actions), reserve)):
         raise PacketError("sample", f"{len(samples)} samples: expected at most {room} with {len(actions)} actions")
-    numbers = (packet.heading_rad, packet.north_m, packet.east_m)
     with np.errstate(over="ignore"):
-        small = np.array(numbers, dtype=float).astype("<f4")
         small_samples = samples.astype("<f4")
-    start: list[float] = small.tolist()
-    _check_start(step, start[0], start[1], start[2], limits)
+    start = (plan.heading_rad, plan.north_m, plan.east_m)
+    _check_start(step, *start, limits)
     _check_path(actions, naive_path, limits)
     _check_samples(small_samples, limits)
-    head = HEADER_STRUCT.pack(step, *start) + bytes(actions) + bytes([naive_path]) + small_samples.tobytes()
-    return head.ljust(PACKET_BYTES, bytes([FILL]))
+    used = HEADER_STRUCT.pack(step, *start) + bytes(actions) + bytes([naive_path]) + small_samples.tobytes()
+    return used.ljust(PACKET_BYTES, bytes([FILL]))
 
 
 def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, reserve: int = 0) -> Packet:
-    """The packet that 252 bytes say.
+    """The packet that 252 bytes hold.
 
     Args:
         data: Bytes from the water, of any length and content.
@@ -248,18 +232,11 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
         if data[place : place + SAMPLE_BYTES] == _UNUSED:
             raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
         raise
-    return Packet(
-        step=step,
-        heading_rad=heading,
-        north_m=north,
-        east_m=east,
-        actions=actions,
-        naive_path=naive_path,
-        samples=samples.astype(float),
-    )
+    plan = Plan(step=step, heading_rad=heading, north_m=north, east_m=east, actions=actions, naive_path=naive_path)
+    return Packet(plan, samples.astype(float))
 
 
-def _check(reason: str, value: float, table: Field) -> None:
+def _check(reason: str, value: float, table: PacketField) -> None:
     if not table.low <= value <= table.high:
         expected = f"{table.low:g}..{table.high:g} {table.unit}".rstrip()
         raise PacketError(reason, f"{table.name} = {value}: expected {expected}")
@@ -288,7 +265,7 @@ def _check_path(actions: Sequence[int], naive_path: int, limits: Limits | None) 
         raise PacketError("action", f"action {max(actions)}: the set has {limits.n_actions}")
     if len(actions) > limits.max_length:
         raise PacketError("terminal", f"{len(actions)} actions: expected at most {limits.max_length}")
-    if naive_path != NO_NAIVE_PATH and naive_path not in limits.naive_paths:
+    if naive_path != NONE and naive_path not in limits.naive_paths:
         known = ", ".join(f"0x{h:02X}" for h in limits.naive_paths)
         raise PacketError("naive_path", f"naive path 0x{naive_path:02X}: expected 0xFF or one of {known}")
 

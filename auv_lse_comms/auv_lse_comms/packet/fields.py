@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from auv_lse_common.plan import NONE
+
 #: Bytes of every packet: one frame of the Micromodem holds 256.
 PACKET_BYTES = 252
 #: The lowest terminal byte. Below it a byte of the path is an action.
 FIRST_TERMINAL = 0xF0
-#: Terminal byte of a path that no naive path continues.
-NO_NAIVE_PATH = 0xFF
 #: Fills what is not used.
 FILL = 0xFF
 
@@ -21,11 +21,11 @@ _CODES = {"uint8": "B", "uint16": "H", "float32": "f"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Field:
+class PacketField:
     """One number on the wire, little-endian.
 
     Attributes:
-        name: What `Packet` calls it.
+        name: Its name in `Plan`, or in a sample.
         type: "uint8", "uint16" or "float32".
         unit: SI unit, "" for none.
         low: Smallest value, inclusive, as the type holds it.
@@ -57,8 +57,8 @@ def _float32(value: float) -> float:
 
 #: Where the sender's path begins.
 HEADER = (
-    Field(name="step", type="uint16", low=0, high=0xFFFF, meaning="mission step of the initial state"),
-    Field(
+    PacketField(name="step", type="uint16", low=0, high=0xFFFF, meaning="mission step of the initial state"),
+    PacketField(
         name="heading_rad",
         type="float32",
         unit="rad",
@@ -66,24 +66,24 @@ HEADER = (
         high=_float32(2.0 * math.pi),
         meaning="heading there, clockwise from north",
     ),
-    Field(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
-    Field(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),
+    PacketField(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
+    PacketField(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),
 )
 #: Repeated once per action.
-ACTION = Field(name="actions", type="uint8", low=0, high=FIRST_TERMINAL - 1, meaning="index in the action set")
+ACTION = PacketField(name="actions", type="uint8", low=0, high=FIRST_TERMINAL - 1, meaning="index in the action set")
 #: Once, after the actions.
-TERMINAL = Field(
+TERMINAL = PacketField(
     name="naive_path",
     type="uint8",
     low=FIRST_TERMINAL,
-    high=NO_NAIVE_PATH,
+    high=NONE,
     meaning="ends the actions: 0xFF no more path, else the id of the naive path that continues to the mission's end",
 )
 #: Repeated once per sample; an unused place holds 12 bytes 0xFF.
 SAMPLE = (
-    Field(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
-    Field(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),
-    Field(name="depth_m", type="float32", unit="m", low=-1e3, high=12e3, meaning="water depth, positive down"),
+    PacketField(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
+    PacketField(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),
+    PacketField(name="depth_m", type="float32", unit="m", low=-1e3, high=12e3, meaning="water depth, positive down"),
 )
 
 HEADER_STRUCT = struct.Struct("<" + "".join(field.code for field in HEADER))
@@ -129,7 +129,7 @@ def markdown(n_actions: int) -> str:
     rows = ["| bytes | type | field | unit | range | meaning |", "|---|---|---|---|---|---|"]
     at = 0
 
-    def row(field: Field, name: str, count: int = 1) -> None:
+    def row(field: PacketField, name: str, count: int = 1) -> None:
         nonlocal at
         last = at + field.size * count - 1
         span = f"{at}" if last == at else f"{at}-{last}"

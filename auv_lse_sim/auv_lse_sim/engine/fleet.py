@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for
-from auv_lse_common.plan import Plan
 from auv_lse_common.seeds import stream
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.packet.codec import PacketError
@@ -91,16 +90,7 @@ class Crew:
             self.revision = self.map.revision
             self.planner.set_centers(self.map.centers, now_s)
         for received in heard:
-            packet = received.packet
-            plan = Plan(
-                step=packet.step,
-                heading_rad=packet.heading_rad,
-                north_m=packet.north_m,
-                east_m=packet.east_m,
-                actions=packet.actions,
-                naive_path=packet.naive_path,
-            )
-            self.planner.hear(received.stamp_s, received.source, plan)
+            self.planner.hear(received.stamp_s, received.source, received.packet.plan)
         o = output.odometry
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
         self.planner.odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m, o.speed_mps)
