@@ -50,7 +50,7 @@ def test_says_the_latest_plan() -> None:
     b.set_plan(dataclasses.replace(PLAN, step=5, actions=(4,)))
     payload = b.poll(1.0)
     assert payload is not None
-    assert (decode(payload).plan.step, decode(payload).actions) == (5, (4,))
+    assert (decode(payload).plan.step, decode(payload).plan.actions) == (5, (4,))
 
 
 def test_backlog_after_a_gap_spreads_over_it() -> None:
