@@ -10,12 +10,9 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_comms.mavlink import link as ml
+from auv_lse_comms.mavlink import events
 from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.mavlink.conversion import (
-    Datum,
-    Odometry,
-    Origin,
     Target,
     altitude_m,
     mission_item,
@@ -23,6 +20,8 @@ from auv_lse_comms.mavlink.conversion import (
     target_of_item,
     target_of_position,
 )
+from auv_lse_comms.mavlink.datum import Datum, Origin, origin_of
+from auv_lse_comms.mavlink.events import AutopilotEstimate
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.mavlink.wire import MavlinkCodec
 
@@ -98,7 +97,7 @@ class Autopilot:
 def test_a_position_east_of_the_vehicle_keeps_its_axes():
     pilot = Autopilot().up()
     pilot.at(12.0, -34.0, depth=3.5, yaw=-1.25, speed=2.0, yaw_speed=0.25)
-    (odometry,) = pilot.of(Odometry)
+    (odometry,) = pilot.of(AutopilotEstimate)
     assert (odometry.north_m, odometry.east_m, odometry.depth_m) == pytest.approx((12.0, -34.0, 3.5))
     assert odometry.heading_rad == pytest.approx(-1.25)
     assert odometry.speed_mps == pytest.approx(2.0)
@@ -113,11 +112,11 @@ def test_an_origin_that_cannot_be_right_is_refused(lat, lon):
         pilot.say(mavlink.MAVLink_gps_global_origin_message(lat, lon, 0, 0))
     assert pilot.link.datum == known
     assert pilot.link.counts["origins_refused"] == 3
-    (problem,) = pilot.of(ml.Problem)
+    (problem,) = pilot.of(events.Problem)
     assert "the autopilot's origin is refused: latitude" in problem.text
     assert ("11.1 km from the mission's" in problem.text) == (lat == 466000000)
     pilot.at(1.0, 2.0)
-    (odometry,) = pilot.of(Odometry)
+    (odometry,) = pilot.of(AutopilotEstimate)
     assert (odometry.north_m, odometry.east_m) == pytest.approx((1.0, 2.0))
 
 
@@ -144,10 +143,10 @@ def test_another_origin_of_the_autopilot_is_allowed_for_both_ways():
     per_deg = 111132.954 - 559.822 * math.cos(math.radians(93.0)) + 1.175 * math.cos(math.radians(186.0))
     pilot = Autopilot(own_origin=Origin(lat_deg=46.501, lon_deg=6.6)).up()
     pilot.at(0.0, 0.0)
-    (odometry,) = pilot.of(Odometry)
+    (odometry,) = pilot.of(AutopilotEstimate)
     assert odometry.north_m == pytest.approx(0.001 * per_deg, abs=0.01)
     assert odometry.east_m == pytest.approx(0.0, abs=1e-3)
-    assert any("origin lies 111.2 m north" in p.text for p in pilot.of(ml.Problem))
+    assert any("origin lies 111.2 m north" in p.text for p in pilot.of(events.Problem))
     pilot.link.command(pilot.now_s, A)
     (target,) = pilot.heard("SET_POSITION_TARGET_LOCAL_NED")
     assert target.x == pytest.approx(20.0 - 0.001 * per_deg, abs=0.01)
@@ -196,14 +195,14 @@ def test_only_the_sensor_that_looks_down_is_an_altimeter():
     pilot = Autopilot().up()
     pilot.say(distance(500, orientation=0))
     pilot.say(distance(1234))
-    (altitude,) = pilot.of(ml.Altitude)
+    (altitude,) = pilot.of(events.Altitude)
     assert (altitude.altitude_m, altitude.min_m, altitude.max_m) == pytest.approx((12.34, 0.2, 50.0))
 
 
 def test_pressure_in_pascal():
     pilot = Autopilot().up()
     pilot.say(mavlink.MAVLink_scaled_pressure2_message(5000, 1405.5, 0.0, 1000))
-    assert pilot.of(ml.Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
+    assert pilot.of(events.Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
 
 
 def test_global_position_that_does_not_agree_is_told_once():
@@ -211,10 +210,10 @@ def test_global_position_that_does_not_agree_is_told_once():
     for _ in range(3):
         pilot.at(0.0, 0.0)
         pilot.say(mavlink.MAVLink_global_position_int_message(5000, 465000000, 66000000, 0, 0, 0, 0, 0, 0))
-    assert pilot.of(ml.Problem) == []
+    assert pilot.of(events.Problem) == []
     for _ in range(3):
         pilot.say(mavlink.MAVLink_global_position_int_message(5000, 465010000, 66000000, 0, 0, 0, 0, 0, 0))
-    (problem,) = pilot.of(ml.Problem)
+    (problem,) = pilot.of(events.Problem)
     assert "111.2 m apart" in problem.text
 
 
@@ -225,23 +224,23 @@ def test_stamps_are_the_autopilots_when_its_clock_agrees():
     pilot = Autopilot().up()
     pilot.say(mavlink.MAVLink_system_time_message(round((NOW_S + 0.5) * 1e6), 5000))
     pilot.at(0.0, 0.0)
-    assert pilot.of(Odometry)[-1].stamp_s == pytest.approx(NOW_S + 0.5)
+    assert pilot.of(AutopilotEstimate)[-1].stamp_s == pytest.approx(NOW_S + 0.5)
     pilot.say(mavlink.MAVLink_system_time_message(round((NOW_S + 3600.0) * 1e6), 5000))
     pilot.at(0.0, 0.0)
-    assert pilot.of(Odometry)[-1].stamp_s == NOW_S  # an hour off: the time of receipt
+    assert pilot.of(AutopilotEstimate)[-1].stamp_s == NOW_S  # an hour off: the time of receipt
     pilot.say(mavlink.MAVLink_system_time_message(0, 5000))  # it does not know
     pilot.at(0.0, 0.0)
-    assert pilot.of(Odometry)[-1].stamp_s == NOW_S
+    assert pilot.of(AutopilotEstimate)[-1].stamp_s == NOW_S
 
 
 def test_a_place_without_a_fresh_heading_gives_no_odometry():
     pilot = Autopilot(stale_after_s=3.0).up()
     pilot.say(mavlink.MAVLink_local_position_ned_message(5000, 1.0, 2.0, 3.0, 0, 0, 0))
-    assert pilot.of(Odometry) == []
+    assert pilot.of(AutopilotEstimate) == []
     pilot.at(1.0, 2.0)
     pilot.wait(3.5)
     pilot.say(mavlink.MAVLink_local_position_ned_message(5000, 1.0, 2.0, 3.0, 0, 0, 0))
-    assert len(pilot.of(Odometry)) == 1
+    assert len(pilot.of(AutopilotEstimate)) == 1
     assert pilot.link.counts["stale_attitude"] == 2
     pilot.at(math.nan, 2.0)
     assert pilot.link.counts["bad_positions"] == 1
@@ -264,13 +263,13 @@ def test_the_link_is_lost_and_found():
     assert pilot.link.state is LinkState.UP
     pilot.wait(0.3, beat=False)
     assert pilot.link.state is LinkState.DOWN
-    assert len(pilot.of(ml.LinkLost)) == 1
+    assert len(pilot.of(events.LinkLost)) == 1
     pilot.wait(30.0, beat=False)
-    assert len(pilot.of(ml.LinkLost)) == 1
+    assert len(pilot.of(events.LinkLost)) == 1
     pilot.beat(armed=False)
     assert pilot.link.state is LinkState.UP
     assert not pilot.link.armed
-    assert len(pilot.of(ml.LinkUp)) == 2
+    assert len(pilot.of(events.LinkUp)) == 2
 
 
 def test_others_on_the_network_are_not_the_autopilot():
@@ -299,7 +298,7 @@ def test_what_the_autopilot_complains_of_is_told():
     pilot = Autopilot().up()
     pilot.say(mavlink.MAVLink_statustext_message(4, b"Leak detected"))
     pilot.say(mavlink.MAVLink_statustext_message(6, b"all is well"))
-    assert [p.text for p in pilot.of(ml.Problem)] == ["autopilot: Leak detected"]
+    assert [p.text for p in pilot.of(events.Problem)] == ["autopilot: Leak detected"]
 
 
 @settings(max_examples=200, deadline=None)
@@ -341,7 +340,7 @@ def test_a_target_is_sent_at_once_and_repeated_and_the_next_waits_until_it_is_re
     assert targets(pilot) == []
     pilot.at(16.1, 0.0)
     assert targets(pilot) == [(40.0, 0.0)]
-    assert [e.target for e in pilot.of(ml.TargetSent)] == [A, B]
+    assert [e.target for e in pilot.of(events.TargetSent)] == [A, B]
     pilot.at(39.9, 0.0)
     pilot.wait(1.1)
     assert targets(pilot) == [(40.0, 0.0)]  # there is no other yet
@@ -429,7 +428,7 @@ def test_a_mission_is_counted_asked_for_and_accepted(legacy):
     assert [m.seq for m in pilot.heard("MISSION_ITEM_INT")] == [0, 1]
     acknowledge(pilot)
     assert pilot.link.quiet
-    assert [e.target for e in pilot.of(ml.TargetSent)] == [A, B]
+    assert [e.target for e in pilot.of(events.TargetSent)] == [A, B]
 
 
 def test_ardupilot_gets_its_home_item_first():
@@ -446,7 +445,7 @@ def test_an_upload_without_answer_is_repeated_reported_and_begun_again():
     pilot.wait(2.5)
     assert len(pilot.heard("MISSION_COUNT")) == 2
     pilot.wait(1.0)
-    assert any("no answer after 2 repeats" in p.text for p in pilot.of(ml.Problem))
+    assert any("no answer after 2 repeats" in p.text for p in pilot.of(events.Problem))
     pilot.wait(1.5)
     assert len(pilot.heard("MISSION_COUNT")) >= 1
     assert pilot.link.counts["uploads_failed"] == 1
@@ -458,7 +457,7 @@ def test_a_refused_mission_is_told_by_name_and_tried_again(result, name):
     pilot.link.command(pilot.now_s, A)
     pilot.heard()
     acknowledge(pilot, result)
-    assert any(name in p.text for p in pilot.of(ml.Problem))
+    assert any(name in p.text for p in pilot.of(events.Problem))
     assert pilot.heard("MISSION_COUNT") == []  # not at once: it would only be refused again
     pilot.wait(1.2)
     assert len(pilot.heard("MISSION_COUNT")) == 1
@@ -468,7 +467,7 @@ def test_an_item_that_does_not_exist_ends_the_upload():
     pilot = Autopilot(mode="mission").up()
     pilot.link.command(pilot.now_s, A)
     request(pilot, 9)
-    assert any("asks for item 9 of 2" in p.text for p in pilot.of(ml.Problem))
+    assert any("asks for item 9 of 2" in p.text for p in pilot.of(events.Problem))
 
 
 def test_an_upload_is_dropped_with_the_link_and_begun_anew():
@@ -508,12 +507,12 @@ def test_reached_ends_are_left_out_of_the_next_mission():
 )
 def test_a_mission_origin_that_is_no_place_is_named(area):
     with pytest.raises(ParameterError, match=r"m.yaml: area: got origin_lat_deg, origin_lon_deg = .*; expected both"):
-        ml.origin_of({"area": area}, "m.yaml")
+        origin_of({"area": area}, "m.yaml")
 
 
 def test_the_missions_origin():
-    assert ml.origin_of({"area": {"origin_lat_deg": 46.5, "origin_lon_deg": 6.6}}, "m.yaml") == ORIGIN
-    assert ml.origin_of({"area": {}}, "m.yaml") is ml.origin_of({}, "m.yaml") is None
+    assert origin_of({"area": {"origin_lat_deg": 46.5, "origin_lon_deg": 6.6}}, "m.yaml") == ORIGIN
+    assert origin_of({"area": {}}, "m.yaml") is origin_of({}, "m.yaml") is None
 
 
 def test_missions_need_an_origin():

@@ -12,9 +12,9 @@ from auv_lse_comms.transport import (
     Address,
     AddressError,
     Connection,
+    PortWatcher,
     TransportError,
     UdpPort,
-    Watcher,
     open_transport,
     read_address,
 )
@@ -221,7 +221,7 @@ def test_watcher_wakes_once_per_arrival_and_stops():
     a = UdpPort("udpin", "127.0.0.1", 0)
     b = UdpPort("udpout", "127.0.0.1", a.local_port)
     woken = threading.Semaphore(0)
-    watcher = Watcher(a, woken.release)
+    watcher = PortWatcher(a, woken.release)
     assert not woken.acquire(timeout=0.05)
     for _ in range(3):
         b.write(b"x")
@@ -253,7 +253,7 @@ def test_a_watcher_stopped_between_its_bytes_and_its_wait_ends():
             super().clear()
 
     selected = threading.Event()
-    watcher = Watcher(a, lambda: None)
+    watcher = PortWatcher(a, lambda: None)
     watcher._handled = LateClear()
     b.write(b"x")
     assert selected.wait(5.0)

@@ -14,7 +14,8 @@ from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.events import PacketReceived, TransmitDone, TransmitFailed, TransmitStarted
 from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.micromodem.state import State
-from auv_lse_sim.emulated.modem_emulator import EmulatorRack, PtyShell, perfect_water
+from auv_lse_sim.emulated.host_ports import PtyPort
+from auv_lse_sim.emulated.modem_rack import ModemRack, perfect_water
 
 pytest.importorskip("acomms", reason="acomms (test only) is not installed")
 
@@ -59,7 +60,7 @@ os._exit(0)
 
 def test_acomms_and_our_driver_hear_each_other_through_emulated_modems(tmp_path):
     transmit, water = perfect_water(lambda: rack, delay_s=0.1)
-    rack = EmulatorRack({1: PtyShell(), 2: PtyShell()}, transmit, time.time())
+    rack = ModemRack({1: PtyPort(), 2: PtyPort()}, transmit, time.time())
     port = ModemPort(ModemConfig(kind="micromodem", port=rack.ports[2]), 2)
     arguments = [sys.executable, "-W", "ignore", "-c", SCRIPT, rack.ports[1], str(tmp_path), OURS.hex()]
     peer = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

@@ -8,7 +8,8 @@ import pytest
 from sim_helpers import FunctionGround
 
 from auv_lse_common.params import ParameterError
-from auv_lse_comms.mavlink.conversion import Odometry, Target
+from auv_lse_comms.mavlink.conversion import Target
+from auv_lse_comms.mavlink.events import AutopilotEstimate
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.micromodem.events import PacketReceived, ReceptionFailed
 from auv_lse_comms.micromodem.port import ModemPort
@@ -186,8 +187,10 @@ def test_a_vehicle_flies_its_targets_and_its_odometry_comes_back(emulated):
     assert sea.links.heard(1)[0] >= 1
     for number in range(1, 31):
         sea.tick()
-        sea.until(lambda number=number: len([1 for k, _ in sea.of(Odometry) if k == 1]) == number, "no odometry")
-    last = [e for k, e in sea.of(Odometry) if k == 1][-1]
+        sea.until(
+            lambda number=number: len([1 for k, _ in sea.of(AutopilotEstimate) if k == 1]) == number, "no odometry"
+        )
+    last = [e for k, e in sea.of(AutopilotEstimate) if k == 1][-1]
     estimate = sea.outputs[1].odometry
     assert (last.north_m, last.east_m) == pytest.approx((estimate.north_m, estimate.east_m), abs=1e-3)
     assert last.stamp_s == 30.0

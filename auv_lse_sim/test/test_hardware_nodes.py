@@ -21,12 +21,15 @@ from ros_bench import Bench, bench
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.ros_conversions import header
-from auv_lse_comms.mavlink.conversion import Origin
+from auv_lse_comms.mavlink.datum import Origin
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.log import read_entries, replay_log
 from auv_lse_msgs.msg import ModemRx, ModemTx, Waypoint
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report
-from auv_lse_sim.emulated.modem_emulator import Arrival, EmulatorRack, PtyShell
+from auv_lse_sim.emulated.host_ports import PtyPort
+from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.modem_emulator import HeardPacket
+from auv_lse_sim.emulated.modem_rack import ModemRack
 
 pytestmark = pytest.mark.ros
 
@@ -51,7 +54,7 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
         tx = b.publisher(ModemTx, "/auv2/modem/tx")
         rx = b.collect(ModemRx, "/auv2/modem/rx")
         diagnostics = b.collect(DiagnosticArray, "/auv2/diagnostics")
-        rack = EmulatorRack({2: PtyShell(link)}, lambda k, packet: sent.append(packet), time.time())
+        rack = ModemRack({2: PtyPort(link)}, lambda k, packet: sent.append(packet), time.time())
 
         def until(condition, what):
             def served():
@@ -71,7 +74,9 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
         tx.publish(ModemTx(header=header(time.time()), source=2, destination=0, payload=PAYLOAD))
         until(lambda: sent, "the packet did not reach the water")
         assert (sent[0].source, sent[0].destination, sent[0].payload) == (2, 0, PAYLOAD)
-        rack.arrive(2, Arrival(start_s=time.time() - 2.0, source=1, destination=0, payload=PAYLOAD[::-1], snr_db=7.5))
+        rack.arrive(
+            2, HeardPacket(start_s=time.time() - 2.0, source=1, destination=0, payload=PAYLOAD[::-1], snr_db=7.5)
+        )
         until(lambda: rx, "nothing was received")
         assert (rx[0].source, rx[0].destination, bytes(rx[0].payload), rx[0].snr_db) == (1, 0, PAYLOAD[::-1], 7.5)
         assert math.isnan(rx[0].travel_s)
@@ -81,7 +86,7 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
         rack.close()  # unplugged
         diagnostics.clear()
         b.until(lambda: diagnostics and diagnostics[-1].status[0].level != b"\x00", "word that the port is gone")
-        rack = EmulatorRack({2: PtyShell(link)}, lambda k, packet: sent.append(packet), time.time())
+        rack = ModemRack({2: PtyPort(link)}, lambda k, packet: sent.append(packet), time.time())
         diagnostics.clear()
         until(ready, "the modem was not found again")
         tx.publish(ModemTx(header=header(time.time()), source=2, destination=0, payload=PAYLOAD))

@@ -11,12 +11,16 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.leg import Leg
 from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import Odometry, Origin, Target
-from auv_lse_comms.mavlink.link import Altitude, LinkState, Pressure, VehicleLink
+from auv_lse_comms.mavlink.conversion import Target
+from auv_lse_comms.mavlink.datum import Origin
+from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, Pressure
+from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.transport import UdpPort
 from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report, TargetLeg, leg_to
+from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.target_leg import leg_to
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 MOTION = MotionTable(MotionConfig())
@@ -50,7 +54,7 @@ def test_the_end_of_a_planners_leg_gives_that_leg_back(heading, action):
 def test_every_target_can_be_reached_and_is(heading, north, east):
     target = Target(north_m=north, east_m=east, depth_m=4.0, heading_rad=0.0)
     leg = leg_to(heading, 0.0, 0.0, target, 15.0)
-    assert leg.end[1:] == pytest.approx((north, east), abs=0.06)  # ON_CIRCLE_M
+    assert leg.end_state[1:] == pytest.approx((north, east), abs=0.06)  # ON_CIRCLE_M
     assert leg.straight_m >= 0.0
     assert abs(leg.action_rad) < 2.0 * math.pi
 
@@ -59,7 +63,7 @@ class Sea:
     """One link and one autopilot, joined by bytes; `lose` says which datagrams never arrive."""
 
     def __init__(self, lose=lambda: False, **values):
-        self.legs: list[TargetLeg] = []
+        self.legs: list[Leg] = []
         self.vehicle = MavlinkVehicle(2, START, 15.0, ORIGIN, self.legs.append)
         self.link = VehicleLink(LinkConfig(kind="mavlink", **values), 2, ORIGIN)
         self.lose = lose
@@ -103,11 +107,11 @@ def test_what_the_vehicle_reports_is_what_the_link_tells():
     sea = Sea()
     sea.tick(north=321.0, east=-54.0, heading=-2.5)
     sea.tick(north=321.0, east=-54.0, heading=-2.5 + 2 * math.pi)  # headings come back in -pi to pi
-    for odometry in sea.of(Odometry):
+    for odometry in sea.of(AutopilotEstimate):
         assert (odometry.north_m, odometry.east_m, odometry.depth_m) == pytest.approx((321.0, -54.0, 4.0), abs=1e-4)
         assert odometry.heading_rad == pytest.approx(-2.5, abs=1e-6)
         assert odometry.speed_mps == pytest.approx(1.5, abs=1e-6)
-    assert [o.stamp_s for o in sea.of(Odometry)] == [101.0, 102.0]
+    assert [o.stamp_s for o in sea.of(AutopilotEstimate)] == [101.0, 102.0]
     assert sea.of(Altitude)[0].altitude_m == pytest.approx(11.5, abs=0.005)
     assert sea.of(Pressure)[0].pressure_pa == pytest.approx(140551.6, abs=0.1)
     assert sea.link.datum.autopilot == ORIGIN
@@ -136,9 +140,9 @@ def test_a_hundred_legs_through_the_link_are_the_planners_legs(mode):
     assert len(sea.legs) == 100
     for flown, planned in zip(sea.legs, legs, strict=True):
         assert flown.step == planned.step
-        assert flown.end[1:] == pytest.approx(planned.state_at(planned.length_m)[1:], abs=0.012)
+        assert flown.end_state[1:] == pytest.approx(planned.state_at(planned.length_m)[1:], abs=0.012)
         assert math.remainder(flown.heading_rad - planned.heading_rad, 2 * math.pi) == pytest.approx(0.0, abs=0.01)
-    assert len(sea.of(Odometry)) == 101
+    assert len(sea.of(AutopilotEstimate)) == 101
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])
@@ -156,7 +160,7 @@ def test_datagrams_that_are_lost_delay_but_do_not_change_the_path(mode):
                 break
     assert [leg.step for leg in sea.legs] == list(range(8))
     for flown, planned in zip(sea.legs, legs, strict=True):
-        assert flown.end[1:] == pytest.approx(planned.state_at(planned.length_m)[1:], abs=0.012)
+        assert flown.end_state[1:] == pytest.approx(planned.state_at(planned.length_m)[1:], abs=0.012)
 
 
 def test_a_target_inside_one_turning_circle_is_reached_by_the_other():
@@ -166,7 +170,7 @@ def test_a_target_inside_one_turning_circle_is_reached_by_the_other():
     north, east = north - 5 * math.sin(heading), east + 5 * math.cos(heading)
     sea.link.command(sea.now_s, Target(north_m=north, east_m=east, depth_m=4.0, heading_rad=0.0))
     sea.flow()
-    assert sea.legs[0].end[1:] == pytest.approx((north, east), abs=1e-3)
+    assert sea.legs[0].end_state[1:] == pytest.approx((north, east), abs=1e-3)
     assert sea.legs[0].action_rad < -math.pi
 
 
@@ -225,7 +229,7 @@ def test_twenty_vehicles_over_real_udp():
         for tick in range(1, 6):
             for k in team:
                 dock.report(k, float(tick), report)
-            while not all(sum(isinstance(e, Odometry) for e in told[k]) == tick for k in team):
+            while not all(sum(isinstance(e, AutopilotEstimate) for e in told[k]) == tick for k in team):
                 assert time.monotonic() < until
                 carry(float(tick))
         for k in team:
@@ -233,7 +237,7 @@ def test_twenty_vehicles_over_real_udp():
         while not all(len(legs[k]) == 1 for k in team):
             assert time.monotonic() < until
             carry(5.0)
-        assert all(legs[k][0].end[1] == pytest.approx(10.0 + k, abs=1e-4) for k in team)
+        assert all(legs[k][0].end_state[1] == pytest.approx(10.0 + k, abs=1e-4) for k in team)
     finally:
         dock.close()
         for ear in ears.values():

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_comms.mavlink.conversion import Origin
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report
+from auv_lse_comms.mavlink.datum import Origin
+from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
 
 if importlib.util.find_spec("mavsdk") is None:
     pytest.skip("mavsdk (>=3.17,<4, test only) is not installed", allow_module_level=True)

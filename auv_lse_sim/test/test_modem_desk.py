@@ -8,7 +8,7 @@ from auv_lse_comms.micromodem.events import PacketReceived
 from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.micromodem.state import State
 from auv_lse_sim.emulated import modem_desk
-from auv_lse_sim.emulated.modem_emulator import PtyShell
+from auv_lse_sim.emulated.host_ports import PtyPort
 
 
 def test_two_drivers_talk_over_the_desk_and_ctrl_c_takes_it_away(tmp_path):
@@ -44,9 +44,9 @@ def test_two_drivers_talk_over_the_desk_and_ctrl_c_takes_it_away(tmp_path):
 
 
 def test_a_port_that_cannot_be_offered_is_named(capsys):
-    from auv_lse_sim.emulated.modem_emulator import TcpShell
+    from auv_lse_sim.emulated.host_ports import TcpServerPort
 
-    taken = TcpShell()
+    taken = TcpServerPort()
     number = int(taken.port.rsplit(":", 1)[1])
     assert modem_desk.main(["--tcp", str(number)]) == 2
     assert "port 1 cannot be offered" in capsys.readouterr().err
@@ -55,5 +55,5 @@ def test_a_port_that_cannot_be_offered_is_named(capsys):
 
 def test_it_ends_when_told():
     left = iter((True, True, False))
-    rack = modem_desk.run({1: PtyShell()}, 1.0, lambda: 5.0, lambda: next(left))
+    rack = modem_desk.run({1: PtyPort()}, 1.0, lambda: 5.0, lambda: next(left))
     assert rack.modems[1].counts["boots"] == 1

@@ -26,15 +26,9 @@ from auv_lse_comms.micromodem.rates import packet_duration_s
 from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.micromodem.transmit_messages import Cycle
 from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
-from auv_lse_sim.emulated.modem_emulator import (
-    MAX_UNREAD_BYTES,
-    Arrival,
-    EmulatorRack,
-    ModemEmulator,
-    PtyShell,
-    TcpShell,
-    perfect_water,
-)
+from auv_lse_sim.emulated.host_ports import MAX_UNREAD_BYTES, PtyPort, TcpServerPort
+from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator
+from auv_lse_sim.emulated.modem_rack import ModemRack, perfect_water
 
 NOW_S = 5000.0
 PAYLOAD = bytes(range(252))
@@ -119,7 +113,7 @@ def test_every_usable_rate_both_ways(rate, size, frames):
     assert (wire.sent[0].payload, wire.sent[0].frames) == (payload, frames)
     wire.pass_time(8.0)
     wire.modem.arrive(
-        Arrival(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=5.0, rate=rate, frames=frames)
+        HeardPacket(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=5.0, rate=rate, frames=frames)
     )
     wire.flow()
     (packet,) = wire.of(PacketReceived)
@@ -129,7 +123,7 @@ def test_every_usable_rate_both_ways(rate, size, frames):
 
 def test_what_cannot_be_decoded_is_told_as_a_failed_reception():
     wire = Wire()
-    wire.modem.arrive(Arrival(start_s=NOW_S, source=1, destination=0, payload=None, snr_db=-4.0))
+    wire.modem.arrive(HeardPacket(start_s=NOW_S, source=1, destination=0, payload=None, snr_db=-4.0))
     wire.flow()
     assert [(e.reason, e.snr_db) for e in wire.of(ReceptionFailed)] == [("bad CRC", -4.0)]
 
@@ -137,7 +131,7 @@ def test_what_cannot_be_decoded_is_told_as_a_failed_reception():
 def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
     modem = ModemEmulator(pytest.fail)
     modem.boot(NOW_S)
-    modem.arrive(Arrival(start_s=NOW_S, source=1, destination=0, payload=PAYLOAD))
+    modem.arrive(HeardPacket(start_s=NOW_S, source=1, destination=0, payload=PAYLOAD))
     said = modem.outgoing()
     assert b"CARXD" in said
     assert b"CACST" not in said
@@ -187,7 +181,7 @@ def test_synchronous_transmissions_wait_for_the_second_and_give_travel_times():
     assert wire.sent == []
     wire.pass_time(0.6, step=0.1)
     assert wire.sent[0].start_s == pytest.approx(NOW_S + 1.0)
-    wire.modem.arrive(Arrival(start_s=NOW_S + 4.3, source=1, destination=0, payload=PAYLOAD, snr_db=5.0))
+    wire.modem.arrive(HeardPacket(start_s=NOW_S + 4.3, source=1, destination=0, payload=PAYLOAD, snr_db=5.0))
     wire.flow()
     assert wire.of(PacketReceived)[0].travel_s == pytest.approx(0.3, abs=1e-4)
 
@@ -232,7 +226,7 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
         wire.flow()
         wire.pass_time(15.0)
         payload = random.Random(slot).randbytes(252)
-        wire.modem.arrive(Arrival(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=9.0))
+        wire.modem.arrive(HeardPacket(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=9.0))
         wire.flow()
         wire.pass_time(15.0)
     started = [e.number for e in wire.of(TransmitStarted)]
@@ -279,15 +273,15 @@ def serve_until(condition, rack, ports, now_s=NOW_S, patience_s=10.0):
 
 def shells(kind, vehicles, folder):
     if kind == "tcp":
-        return {v: TcpShell() for v in vehicles}
-    return {v: PtyShell(folder / "modems" / f"auv{v}") for v in vehicles}
+        return {v: TcpServerPort() for v in vehicles}
+    return {v: PtyPort(folder / "modems" / f"auv{v}") for v in vehicles}
 
 
 @pytest.mark.parametrize("kind", ["pty", "tcp"])
 def test_a_team_talks_through_real_ports_while_simulated_time_stands_still(kind, tmp_path):
     team = (1, 2, 3)
     transmit, water = perfect_water(lambda: rack, delay_s=0.5)
-    rack = EmulatorRack(shells(kind, team, tmp_path), transmit, NOW_S)
+    rack = ModemRack(shells(kind, team, tmp_path), transmit, NOW_S)
     try:
         configs = {v: ModemConfig(kind="micromodem", port=rack.ports[v]) for v in team}
         ports = [ModemPort(configs[v], v) for v in team]
@@ -322,7 +316,7 @@ def test_a_team_talks_through_real_ports_while_simulated_time_stands_still(kind,
 def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
     first = shells(kind, (1,), tmp_path)[1]
     place = first.port
-    rack = EmulatorRack({1: first}, lambda v, t: None, NOW_S)
+    rack = ModemRack({1: first}, lambda v, t: None, NOW_S)
     config = ModemConfig(kind="micromodem", port=place, backoff_min_s=0.01, backoff_max_s=0.05)
     port = ModemPort(config, 1)
     serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
@@ -337,8 +331,8 @@ def test_a_port_that_goes_away_and_comes_back_is_found_again(kind, tmp_path):
         port.step(NOW_S, time.monotonic())
         time.sleep(0.002)
     assert port.connection.failures > 1
-    again = PtyShell(tmp_path / "modems" / "auv1") if kind == "pty" else TcpShell(int(place.rsplit(":", 1)[1]))
-    rack = EmulatorRack({1: again}, lambda v, t: None, NOW_S)
+    again = PtyPort(tmp_path / "modems" / "auv1") if kind == "pty" else TcpServerPort(int(place.rsplit(":", 1)[1]))
+    rack = ModemRack({1: again}, lambda v, t: None, NOW_S)
     serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
     port.close(NOW_S, time.monotonic())
     rack.close()
@@ -348,13 +342,13 @@ def test_a_line_log_of_a_real_port_replays(tmp_path):
     from auv_lse_comms.micromodem.log import read_entries, replay_log
 
     log = tmp_path / "logs" / "modem.log"
-    rack = EmulatorRack({1: PtyShell()}, lambda v, t: None, NOW_S)
+    rack = ModemRack({1: PtyPort()}, lambda v, t: None, NOW_S)
     config = ModemConfig(kind="micromodem", port=rack.ports[1], log_file=str(log))
     port = ModemPort(config, 1)
     serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
     port.send(NOW_S + 1.0, PAYLOAD, 0)
     told = serve_until(lambda: rack.transmitted[1] == 1, rack, [port], NOW_S + 1.0)
-    rack.arrive(1, Arrival(start_s=NOW_S, source=2, destination=0, payload=PAYLOAD, snr_db=3.0))
+    rack.arrive(1, HeardPacket(start_s=NOW_S, source=2, destination=0, payload=PAYLOAD, snr_db=3.0))
     told += serve_until(lambda: port.modem.counts["received"] == 1, rack, [port], NOW_S + 1.0)
     told += port.close(NOW_S + 2.0, time.monotonic())
     rack.close()
@@ -368,10 +362,10 @@ def test_a_line_log_of_a_real_port_replays(tmp_path):
 
 def test_a_pty_is_a_serial_device_and_its_link_goes_with_it(tmp_path):
     link = tmp_path / "auv1"
-    shell = PtyShell(link)
+    shell = PtyPort(link)
     assert stat.S_ISCHR(os.stat(shell.port).st_mode)
     assert shell.port == str(link)
-    other = PtyShell(link)  # takes the place of the first
+    other = PtyPort(link)  # takes the place of the first
     shell.close()
     assert link.exists()
     other.close()
@@ -380,7 +374,7 @@ def test_a_pty_is_a_serial_device_and_its_link_goes_with_it(tmp_path):
 
 
 def test_a_host_that_does_not_read_loses_old_lines_not_the_simulator():
-    shell = PtyShell()
+    shell = PtyPort()
     for _ in range(400):
         shell.write(b"$CATXF,252*51\r\n" * 100)
     assert shell._unread.dropped > 0
@@ -389,7 +383,7 @@ def test_a_host_that_does_not_read_loses_old_lines_not_the_simulator():
 
 
 def test_a_new_tcp_host_takes_the_place_of_the_old():
-    rack = EmulatorRack({1: TcpShell()}, lambda v, t: None, NOW_S)
+    rack = ModemRack({1: TcpServerPort()}, lambda v, t: None, NOW_S)
     ports = [ModemPort(ModemConfig(kind="micromodem", port=rack.ports[1]), 1) for _ in range(2)]
     serve_until(lambda: ports[0].modem.state is State.IDLE, rack, ports[:1])
     serve_until(lambda: ports[1].modem.state is State.IDLE, rack, ports[1:])
@@ -411,7 +405,7 @@ def test_every_number_said_is_one_that_can_be_read():
     for snr_db in (-40.0, -0.04, 0.0, 12.34, 99.9, math.nan, -math.inf):
         for payload in (PAYLOAD, None):
             modem.arrive(
-                Arrival(start_s=0.0, source=1, destination=0, payload=payload, snr_db=snr_db, doppler_mps=-1.5)
+                HeardPacket(start_s=0.0, source=1, destination=0, payload=payload, snr_db=snr_db, doppler_mps=-1.5)
             )
     sentences = SentenceReader().feed(modem.outgoing())
     assert len(sentences) == 7 * 2 * 5

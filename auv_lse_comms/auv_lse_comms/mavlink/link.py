@@ -27,21 +27,20 @@ from __future__ import annotations
 import enum
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
 
-from auv_lse_common.params import ParameterError
 from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import (
-    Datum,
-    Odometry,
-    Origin,
-    Target,
-    altitude_m,
-    mission_item,
-    position_target,
-    pressure_pa,
+from auv_lse_comms.mavlink.conversion import Target, altitude_m, mission_item, position_target, pressure_pa
+from auv_lse_comms.mavlink.datum import Datum, Origin
+from auv_lse_comms.mavlink.events import (
+    Altitude,
+    AutopilotEstimate,
+    Event,
+    LinkLost,
+    LinkUp,
+    Pressure,
+    Problem,
+    TargetSent,
 )
 from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
 from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
@@ -63,80 +62,6 @@ class LinkState(enum.Enum):
 
     DOWN = "down"
     UP = "up"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkUp:
-    """The autopilot is heard: its kind (MAV_AUTOPILOT) and vehicle type (MAV_TYPE)."""
-
-    autopilot: int
-    vehicle_type: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkLost:
-    """The autopilot has not been heard for `silent_s`."""
-
-    silent_s: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Altitude:
-    """Height over ground (m) by the sensor that looks down; NaN: no ground in its range."""
-
-    stamp_s: float
-    altitude_m: float
-    min_m: float
-    max_m: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pressure:
-    """Absolute pressure of the water (Pa)."""
-
-    stamp_s: float
-    pressure_pa: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TargetSent:
-    """The autopilot has been sent a new target (position_target) or has accepted a mission that ends there."""
-
-    target: Target
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
-    """Something an operator should read."""
-
-    text: str
-
-
-Event = Odometry | Altitude | Pressure | LinkUp | LinkLost | TargetSent | Problem
-
-
-def origin_of(parameters: Mapping[str, Any], where: str) -> Origin | None:
-    """The mission's origin, None if it has none.
-
-    Args:
-        parameters: Nested parameters; `area` belongs to another package, which checks the rest of it.
-        where: Where they came from, for messages.
-
-    Raises:
-        ParameterError: if it is no place on Earth, or only half of it is given.
-    """
-    area = parameters.get("area", {})
-    names = ("origin_lat_deg", "origin_lon_deg")
-    place: list[Any] = [area.get(name) if isinstance(area, Mapping) else math.nan for name in names]
-    if place == [None, None]:
-        return None
-    for value, largest in zip(place, (90.0, 180.0), strict=True):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= largest:
-            raise ParameterError(
-                f"{where}: area: got origin_lat_deg, origin_lon_deg = {place[0]!r}, {place[1]!r}; expected both, "
-                "-90 to 90 and -180 to 180 deg, or neither"
-            )
-    return Origin(lat_deg=float(place[0]), lon_deg=float(place[1]))
 
 
 class VehicleLink:
@@ -183,7 +108,7 @@ class VehicleLink:
         self._boot_offset_s: float | None = None
         self._attitude: Message | None = None
         self._attitude_s = -math.inf
-        self._place: Odometry | None = None
+        self._place: AutopilotEstimate | None = None
         self._targets: deque[Target] = deque(maxlen=MAX_TARGETS)
         self._unsent = False  # the first target, or the mission, has not been sent as it is now
         self._uploading: tuple[Target, ...] = ()
@@ -273,7 +198,7 @@ class VehicleLink:
 
     @property
     def placed(self) -> bool:
-        """Odometry is in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        """AutopilotEstimate is in the mission's frame: the autopilot's origin is known, or the mission has none."""
         return self.datum.mission is None or self.datum.autopilot is not None
 
     @property
@@ -433,7 +358,7 @@ class VehicleLink:
             self.counts["stale_attitude"] += 1
             return
         north_m, east_m = self.datum.from_local_ned(message.x, message.y)
-        self._place = Odometry(
+        self._place = AutopilotEstimate(
             stamp_s=self._stamp_s(message.time_boot_ms),
             heading_rad=float(self._attitude.yaw),
             north_m=north_m,

@@ -14,14 +14,14 @@ from auv_lse_common.frames import quaternion_from_heading
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, diagnostics, header, run, seconds
-from auv_lse_comms.mavlink import conversion as mavlink_conversion
-from auv_lse_comms.mavlink import link as mavlink_link
+from auv_lse_comms.mavlink import events
 from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.mavlink.conversion import Target
+from auv_lse_comms.mavlink.datum import origin_of
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.mavlink.sounder import Sounder
 from auv_lse_comms.ros_conversions import sounding_message
-from auv_lse_comms.transport import Connection, Transport, Watcher, open_transport, read_address
+from auv_lse_comms.transport import Connection, PortWatcher, Transport, open_transport, read_address
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, Sounding, Waypoint
 
 _POLL_PERIOD_S = 0.05
@@ -29,7 +29,7 @@ _DIAGNOSTICS_PERIOD_S = 5.0
 _BAUD = 115200
 
 
-def odometry_message(odometry: mavlink_conversion.Odometry, vehicle: int) -> Odometry:
+def odometry_message(odometry: events.AutopilotEstimate, vehicle: int) -> Odometry:
     """The autopilot's estimate as an Odometry in ENU; its covariance is not known (zeros)."""
     message = Odometry(header=header(odometry.stamp_s), child_frame_id=f"auv{vehicle}")
     position, attitude = message.pose.pose.position, message.pose.pose.orientation
@@ -40,7 +40,7 @@ def odometry_message(odometry: mavlink_conversion.Odometry, vehicle: int) -> Odo
     return message
 
 
-def altitude_message(altitude: mavlink_link.Altitude, vehicle: int) -> Range:
+def altitude_message(altitude: events.Altitude, vehicle: int) -> Range:
     """Altitude over ground as a Range; no ground in reach (NaN) is +inf (REP 117)."""
     message = Range(header=header(altitude.stamp_s), radiation_type=Range.ULTRASOUND, field_of_view=0.07)
     message.header.frame_id = f"auv{vehicle}/dvl"
@@ -49,7 +49,7 @@ def altitude_message(altitude: mavlink_link.Altitude, vehicle: int) -> Range:
     return message
 
 
-def pressure_message(pressure: mavlink_link.Pressure, vehicle: int) -> FluidPressure:
+def pressure_message(pressure: events.Pressure, vehicle: int) -> FluidPressure:
     """The water's absolute pressure."""
     message = FluidPressure(header=header(pressure.stamp_s), fluid_pressure=pressure.pressure_pa)
     message.header.frame_id = f"auv{vehicle}/pressure"
@@ -76,7 +76,7 @@ class VehicleLinkNode(ConfiguredNode):
         config = section(LinkConfig, self.parameters, "link", self.where)
         if config.kind != "mavlink":
             raise ParameterError(f"{self.where}: link.kind: got {config.kind!r}; expected 'mavlink'")
-        origin = mavlink_link.origin_of(self.parameters, self.where)
+        origin = origin_of(self.parameters, self.where)
         try:
             address = read_address(config.endpoint, _BAUD)
             self._link = VehicleLink(config, self.vehicle, origin)
@@ -87,7 +87,7 @@ class VehicleLinkNode(ConfiguredNode):
         self._sounded_from = self._link.datum
         self._mission_mode = config.mode == "mission"
         self._connection = Connection(lambda: open_transport(address), config.backoff_min_s, config.backoff_max_s)
-        self._watched: tuple[Transport, Watcher] | None = None
+        self._watched: tuple[Transport, PortWatcher] | None = None
         self._tick_s = 0.0
         self._handling: int | None = None  # lockstep: tick handled, its answer waits for the autopilot
         self._ticks: dict[int, float] = {}
@@ -182,7 +182,7 @@ class VehicleLinkNode(ConfiguredNode):
             self._watched[1].stop()
             self._watched = None
         if self._watched is None and transport is not None:
-            self._watched = (transport, Watcher(transport, self._bytes.trigger))
+            self._watched = (transport, PortWatcher(transport, self._bytes.trigger))
 
     # ------------------------------------------------------------------ what it tells
 
@@ -190,29 +190,29 @@ class VehicleLinkNode(ConfiguredNode):
         for event in self._link.events():
             self._tell(event)
 
-    def _tell(self, event: mavlink_link.Event) -> None:
+    def _tell(self, event: events.Event) -> None:
         log = self.get_logger()
         match event:
-            case mavlink_conversion.Odometry():
+            case events.AutopilotEstimate():
                 self._odometry.publish(odometry_message(event, self.vehicle))
                 self._gate.count("odometries")
                 self._sound(event)
-            case mavlink_link.Altitude():
+            case events.Altitude():
                 self._altitude.publish(altitude_message(event, self.vehicle))
                 if self._sounder is not None:
                     self._sounder.altitude(event.stamp_s, event.altitude_m)
-            case mavlink_link.Pressure():
+            case events.Pressure():
                 self._pressure.publish(pressure_message(event, self.vehicle))
-            case mavlink_link.LinkUp():
+            case events.LinkUp():
                 log.info(f"autopilot heard: MAV_AUTOPILOT {event.autopilot}, MAV_TYPE {event.vehicle_type}")
                 self._diagnose()
-            case mavlink_link.LinkLost():
+            case events.LinkLost():
                 log.error(f"link lost: nothing from the autopilot for {event.silent_s:.1f} s")
                 self._diagnose()
-            case mavlink_link.Problem():
+            case events.Problem():
                 log.warning(event.text)
 
-    def _sound(self, odometry: mavlink_conversion.Odometry) -> None:
+    def _sound(self, odometry: events.AutopilotEstimate) -> None:
         """Publishes the soundings that are complete; none before places are in the mission's frame."""
         if self._sounder is None or self._sounding is None or not self._link.placed:
             return

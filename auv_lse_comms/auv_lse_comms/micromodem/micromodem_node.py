@@ -13,7 +13,7 @@ from auv_lse_comms.micromodem import events
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.micromodem.state import State
-from auv_lse_comms.transport import Transport, Watcher
+from auv_lse_comms.transport import PortWatcher, Transport
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx
 
 _POLL_PERIOD_S = 0.05
@@ -39,7 +39,7 @@ class MicromodemNode(ConfiguredNode):
         self._greeted = False
         self._started: set[int] = set()
         self._lost = 0
-        self._watched: tuple[Transport, Watcher] | None = None
+        self._watched: tuple[Transport, PortWatcher] | None = None
         self._problem = ""
         self._rx = self.create_publisher(ModemRx, "modem/rx", EVERY)
         self._failed = self.create_publisher(ModemTx, "modem/failed", EVERY)
@@ -106,7 +106,7 @@ class MicromodemNode(ConfiguredNode):
             self._watched[1].stop()
             self._watched = None
         if self._watched is None and transport is not None:
-            self._watched = (transport, Watcher(transport, self._bytes.trigger))
+            self._watched = (transport, PortWatcher(transport, self._bytes.trigger))
 
     # ------------------------------------------------------------------ what it tells
 

@@ -10,13 +10,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from auv_lse_common.leg import Leg
 from auv_lse_common.params import ParameterError
-from auv_lse_comms.mavlink.conversion import Origin
+from auv_lse_comms.mavlink.datum import Origin
 from auv_lse_comms.transport import AddressError, read_address
-from auv_lse_sim.emulated.mavlink_vehicle import MavlinkDock, MavlinkVehicle, Report, TargetLeg
-from auv_lse_sim.emulated.modem_emulator import Arrival, EmulatorRack, PtyShell, Shell, TcpShell
+from auv_lse_sim.emulated.host_ports import HostPort, PtyPort, TcpServerPort
+from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+from auv_lse_sim.emulated.modem_emulator import HeardPacket
+from auv_lse_sim.emulated.modem_rack import ModemRack
 from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.channel import Arrival as ChannelArrival
+from auv_lse_sim.world.channel import Arrival
 from auv_lse_sim.world.world import VehicleOutput
 
 #: Pressure of the air (Pa), and of each metre of fresh water above a vehicle (Pa/m).
@@ -38,7 +42,7 @@ class EmulatedLinks:
         self,
         settings: Settings,
         transmit: Callable[[int, float, bytes], float],
-        fly: Callable[[int, TargetLeg], None],
+        fly: Callable[[int, Leg], None],
     ) -> None:
         """Opens the ports.
 
@@ -53,13 +57,13 @@ class EmulatedLinks:
         numbers = range(1, settings.mission.vehicles + 1)
         self.modems = tuple(k for k in numbers if settings.vehicle(k).modem.kind == "micromodem")
         self.autopilots = tuple(k for k in numbers if settings.vehicle(k).link.kind == "mavlink")
-        self.rack: EmulatorRack | None = None
+        self.rack: ModemRack | None = None
         self.dock: MavlinkDock | None = None
         self._settings = settings
         try:
             if self.modems:
                 shells = {k: _shell(settings.vehicle(k).modem.port) for k in self.modems}
-                self.rack = EmulatorRack(shells, lambda k, packet: transmit(k, packet.start_s, packet.payload))
+                self.rack = ModemRack(shells, lambda k, packet: transmit(k, packet.start_s, packet.payload))
             if self.autopilots:
                 autopilots = {k: self._autopilot(k, fly) for k in self.autopilots}
                 self.dock = MavlinkDock(
@@ -69,7 +73,7 @@ class EmulatedLinks:
             self.close()
             raise ParameterError(f"{settings.where}: emulated links: {error}") from error
 
-    def _autopilot(self, k: int, fly: Callable[[int, TargetLeg], None]) -> MavlinkVehicle:
+    def _autopilot(self, k: int, fly: Callable[[int, Leg], None]) -> MavlinkVehicle:
         vehicle, area = self._settings.vehicle(k).vehicle, self._settings.area
         origin = None
         if area.origin_lat_deg is not None and area.origin_lon_deg is not None:
@@ -97,12 +101,12 @@ class EmulatedLinks:
         if self.rack is not None:
             self.rack.poll(now_s)
 
-    def arrive(self, k: int, arrival: ChannelArrival) -> None:
+    def arrive(self, k: int, arrival: Arrival) -> None:
         """A vehicle's modem has heard something, readable or not."""
         assert self.rack is not None
         self.rack.arrive(
             k,
-            Arrival(
+            HeardPacket(
                 start_s=arrival.start_s,
                 source=arrival.source,
                 destination=0,
@@ -149,12 +153,12 @@ class EmulatedLinks:
             self.dock.close()
 
 
-def _shell(port: str) -> Shell:
+def _shell(port: str) -> HostPort:
     address = read_address(port)
     if address.kind == "tcp" and address.place in _OWN:
-        return TcpShell(address.number)
+        return TcpServerPort(address.number)
     if address.kind == "serial" and not address.place.startswith("/dev/"):
-        return PtyShell(Path(address.place))
+        return PtyPort(Path(address.place))
     raise AddressError(
         f"modem.port {port!r}: an emulated modem can be offered at a path outside /dev (a link to a pty), or at "
         "tcp://127.0.0.1:PORT"

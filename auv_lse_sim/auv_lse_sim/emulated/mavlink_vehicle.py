@@ -1,37 +1,33 @@
-"""A simulated vehicle's autopilot as seen over MAVLink: telemetry out, position targets and missions in, on UDP.
+"""A simulated vehicle's autopilot as seen over MAVLink: telemetry out, position targets and missions in.
 
-`MavlinkVehicle` is pure: the simulation reports the vehicle's state once a tick (`report`) and is told of each leg to
-fly (`fly`). `MavlinkDock` holds one per vehicle with its UDP port. It behaves as an AUV's autopilot does towards a
+The simulation reports the vehicle's state once a tick (`report`) and is given each leg to fly (`fly`);
+`mavlink_dock.py` joins one autopilot per vehicle to its UDP port. It behaves as an AUV's autopilot does towards a
 companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, DISTANCE_SENSOR,
 SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE, TIMESYNC.
 
 A new target or mission item is flown after the one before it (the sender sends it when the vehicle is about to reach
-that one), by the shortest arc and straight of the vehicle's turn radius: for the ends of the planner's legs, which
+that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs, which
 are arcs and straights of that radius, that is the leg itself, to the rounding of the message (float32: 0.03 mm at
-500 m; mission items: 1 cm).
+500 m; mission items: 1 cm). A target's depth is not flown: a simulated vehicle keeps its own.
 """
 
 from __future__ import annotations
 
 import math
-import select
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
-from auv_lse_comms.mavlink.conversion import DOWN, Datum, Origin, Target, target_of_item, target_of_position
-from auv_lse_comms.mavlink.wire import MavlinkCodec, mavlink
-from auv_lse_comms.transport import UdpPort, read_address
-
-Message = Any
+from auv_lse_common.leg import Leg
+from auv_lse_comms.mavlink.conversion import DOWN, Target, target_of_item, target_of_position
+from auv_lse_comms.mavlink.datum import Datum, Origin
+from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
+from auv_lse_sim.emulated.target_leg import leg_to
 
 #: A target nearer than this to one already flown to, or under way, is that one again (m): a mission item's rounding.
 SAME_M = 0.05
 #: A target's heading is taken for the leg's end if it is within this of the leg's own (rad).
 SAME_RAD = 0.1
-#: An end that lies inside the turning circle by less than this is taken to lie on it (m).
-ON_CIRCLE_M = 0.05
 #: Targets remembered to recognize their repetition.
 REMEMBERED = 8
 #: A mission has at most this many items.
@@ -39,80 +35,6 @@ MAX_ITEMS = 512
 #: The uploader is asked again for an item after so long without it (s), so often.
 ITEM_TIMEOUT_S = 1.0
 ITEM_REPEATS = 5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TargetLeg:
-    """A leg made of a target: an arc, then a straight, from where the leg before it ends.
-
-    Attributes:
-        step: Number of the leg, from 0.
-        heading_rad: Heading where it begins (clockwise from north).
-        north_m: North where it begins.
-        east_m: East where it begins.
-        action_rad: Change of heading along the arc, positive to starboard.
-        radius_m: Radius of the arc.
-        straight_m: Length of the straight after it.
-        depth_m: Depth to travel at, positive down.
-    """
-
-    step: int
-    heading_rad: float
-    north_m: float
-    east_m: float
-    action_rad: float
-    radius_m: float
-    straight_m: float
-    depth_m: float
-
-    @property
-    def end(self) -> tuple[float, float, float]:
-        """Heading (rad), north, east (m) where it ends."""
-        side = math.copysign(1.0, self.action_rad)
-        heading = self.heading_rad + self.action_rad
-        north = self.north_m + side * self.radius_m * (math.sin(heading) - math.sin(self.heading_rad))
-        east = self.east_m - side * self.radius_m * (math.cos(heading) - math.cos(self.heading_rad))
-        return (
-            heading,
-            north + self.straight_m * math.cos(heading),
-            east + self.straight_m * math.sin(heading),
-        )
-
-
-def leg_to(
-    heading_rad: float, north_m: float, east_m: float, target: Target, radius_m: float, step: int = 0
-) -> TargetLeg:
-    """The shortest leg (one arc, then a straight) from a state to a target.
-
-    There always is one: the two turning circles touch at the state, so no target lies inside both.
-    """
-    d_north, d_east = target.north_m - north_m, target.east_m - east_m
-    forward = d_north * math.cos(heading_rad) + d_east * math.sin(heading_rad)
-    starboard = d_east * math.cos(heading_rad) - d_north * math.sin(heading_rad)
-    best: tuple[float, float, float] | None = None  # length, turn, straight
-    for side in (1.0, -1.0):
-        across = side * starboard - radius_m  # from the circle's centre, in its own sense of turn
-        distance = math.hypot(forward, across)
-        if distance < radius_m - ON_CIRCLE_M:
-            continue
-        straight = math.sqrt(max(0.0, distance**2 - radius_m**2))
-        turn = (math.atan2(across, forward) + math.atan2(radius_m, straight)) % (2.0 * math.pi)
-        if 2.0 * math.pi - turn < 1e-3:
-            turn -= 2.0 * math.pi  # straight ahead, to rounding
-        length = abs(turn) * radius_m + straight
-        if best is None or length < best[0]:
-            best = (length, side * turn, straight)
-    assert best is not None
-    return TargetLeg(
-        step=step,
-        heading_rad=heading_rad,
-        north_m=north_m,
-        east_m=east_m,
-        action_rad=best[1],
-        radius_m=radius_m,
-        straight_m=best[2],
-        depth_m=target.depth_m,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,7 +78,7 @@ class MavlinkVehicle:
         start: tuple[float, float, float],
         radius_m: float,
         origin: Origin | None,
-        fly: Callable[[TargetLeg], None],
+        fly: Callable[[Leg], None],
         *,
         own_origin: Origin | None = None,
     ) -> None:
@@ -284,7 +206,7 @@ class MavlinkVehicle:
         self._recent.append(target)
         # The next leg begins at the target as it was meant, not as it comes out of the geometry: from leg to leg a
         # heading that is a little off would be off by more and more.
-        heading = leg.end[0]
+        heading = float(leg.end_state[0])
         if abs(math.remainder(target.heading_rad - heading, 2.0 * math.pi)) <= SAME_RAD:
             heading = target.heading_rad
         self._state = (heading, target.north_m, target.east_m)
@@ -458,69 +380,3 @@ HANDLERS: dict[str, Callable[[MavlinkVehicle, Message], None]] = {
     "SET_GPS_GLOBAL_ORIGIN": MavlinkVehicle._on_set_origin,
     "TIMESYNC": MavlinkVehicle._on_timesync,
 }
-
-
-class MavlinkDock:
-    """One simulated autopilot per vehicle, each on its UDP port; has no thread and no clock.
-
-    The owner calls `serve` whenever `fileno` is readable, and `report` once a tick, both with the simulation's time.
-    """
-
-    def __init__(self, vehicles: Mapping[int, MavlinkVehicle], endpoints: Mapping[int, str]) -> None:
-        """Opens the ports.
-
-        Args:
-            vehicles: Autopilots by vehicle.
-            endpoints: Their ports: "udpin://127.0.0.1:PORT" waits there (0: a free one), "udpout://127.0.0.1:PORT"
-                calls there.
-
-        Raises:
-            TransportError: if a port is taken.
-        """
-        self.vehicles = dict(vehicles)
-        self._ports: dict[int, UdpPort] = {}
-        self._epoll = select.epoll()
-        for vehicle in self.vehicles:
-            address = read_address(endpoints[vehicle])
-            self._ports[vehicle] = UdpPort(address.kind, address.place, address.number)
-            self._epoll.register(self._ports[vehicle].fileno(), select.EPOLLIN)
-
-    @property
-    def local_ports(self) -> dict[int, int]:
-        """UDP port number of each vehicle on this side."""
-        return {vehicle: port.local_port for vehicle, port in self._ports.items()}
-
-    def fileno(self) -> int:
-        """A file descriptor that is readable when `serve` has something to do."""
-        return self._epoll.fileno()
-
-    def serve(self, now_s: float) -> int:
-        """Reads every port and answers; returns the number of bytes read. Never waits."""
-        total = 0
-        for vehicle, port in self._ports.items():
-            data = port.read()
-            if data:
-                total += len(data)
-                self.vehicles[vehicle].receive(now_s, data)
-            self._flush(vehicle)
-        return total
-
-    def greet(self, vehicle: int, now_s: float) -> None:
-        """Sends a vehicle's heartbeat."""
-        self.vehicles[vehicle].greet(now_s)
-        self._flush(vehicle)
-
-    def report(self, vehicle: int, now_s: float, report: Report) -> None:
-        """Sends a vehicle's telemetry of one tick."""
-        self.vehicles[vehicle].report(now_s, report)
-        self._flush(vehicle)
-
-    def close(self) -> None:
-        """Closes the ports."""
-        for port in self._ports.values():
-            port.close()
-        self._epoll.close()
-
-    def _flush(self, vehicle: int) -> None:
-        for datagram in self.vehicles[vehicle].outgoing():
-            self._ports[vehicle].write(datagram)

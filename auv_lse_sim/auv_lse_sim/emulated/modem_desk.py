@@ -15,7 +15,8 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from auv_lse_sim.emulated.modem_emulator import EmulatorRack, PtyShell, Shell, TcpShell, perfect_water
+from auv_lse_sim.emulated.host_ports import HostPort, PtyPort, TcpServerPort
+from auv_lse_sim.emulated.modem_rack import ModemRack, perfect_water
 
 _TICK_S = 0.05
 
@@ -26,8 +27,8 @@ def host_clock_s() -> float:
 
 
 def run(
-    shells: dict[int, Shell], delay_s: float, clock_s: Callable[[], float], going: Callable[[], bool]
-) -> EmulatorRack:
+    shells: dict[int, HostPort], delay_s: float, clock_s: Callable[[], float], going: Callable[[], bool]
+) -> ModemRack:
     """Serves the modems until `going` says no; closes the ports.
 
     Args:
@@ -40,7 +41,7 @@ def run(
         The rack, closed, for its counts.
     """
     transmit, water = perfect_water(lambda: rack, delay_s)
-    rack = EmulatorRack(shells, transmit, clock_s())
+    rack = ModemRack(shells, transmit, clock_s())
     with contextlib.suppress(KeyboardInterrupt), contextlib.closing(rack):
         while going():
             select.select([rack], [], [], _TICK_S)
@@ -61,13 +62,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--tcp", type=int, metavar="PORT", help="TCP on PORT, PORT+1, ... of 127.0.0.1 instead of ptys")
     parser.add_argument("--delay", type=float, default=1.0, metavar="S", help="travel time (default: 1 s)")
     options = parser.parse_args(arguments)
-    shells: dict[int, Shell] = {}
+    shells: dict[int, HostPort] = {}
     try:
         for number in range(1, options.modems + 1):
             if options.tcp is not None:
-                shells[number] = TcpShell(options.tcp + number - 1)
+                shells[number] = TcpServerPort(options.tcp + number - 1)
             else:
-                shells[number] = PtyShell(options.folder / f"modem{number}" if options.folder is not None else None)
+                shells[number] = PtyPort(options.folder / f"modem{number}" if options.folder is not None else None)
     except OSError as error:
         print(f"error: port {len(shells) + 1} cannot be offered: {error}", file=sys.stderr)
         return 2

@@ -1,30 +1,23 @@
-"""An emulated WHOI Micromodem-2: the modem's side of the sentences, on a pty or on TCP, joined to a channel.
+"""An emulated WHOI Micromodem-2: the modem's side of the sentences, joined to a channel.
 
-`ModemEmulator` is pure: bytes and times in, bytes out, and one callable, `transmit`, through which a packet goes
-into the simulated water; what the water brings back comes in by `arrive`. `PtyShell` and `TcpShell` carry its bytes.
-`EmulatorRack` holds one emulator and shell per vehicle and serves them all without threads.
+`ModemEmulator` takes bytes and times and gives bytes. A packet goes into the simulated water by the callable
+`transmit`; what comes out of the water is handed in by `arrive`. `host_ports.py` carries the bytes, `modem_rack.py`
+serves one emulated modem per vehicle.
 
 The time is the caller's: simulated time in a mission. Answers come at once, however fast time runs; what takes time
 in the water (a transmission, the wait for data) ends in `poll`. Not modelled: the speed of the serial line (a 252-byte
 frame takes 0.28 s each way at 19200 Bd), acknowledgements, ranging, mini-packets.
 
-Settings start as a modem fresh from the box: address 0, no statistics. A driver that does not configure it gets
+Settings start as in a modem fresh from the box: address 0, no statistics. A driver that does not configure it gets
 neither packets nor `$CACST`.
 """
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
-import select
-import socket
-import tty
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Protocol
 
 from auv_lse_comms.micromodem.fields import SentenceError, clock_time, read_iso_time
 from auv_lse_comms.micromodem.messages import Message
@@ -54,8 +47,6 @@ VERSION = "2.0.27087"
 DATA_TIMEOUT_S = 2.0
 #: With REV on, the revision is said this often (s).
 REVISION_PERIOD_S = 120.0
-#: Bytes kept for a host that does not read; more are dropped, oldest first, as a full line buffer does.
-MAX_UNREAD_BYTES = 1 << 16
 
 #: Settings known, and what they are at first.
 SETTINGS = {"SRC": "0", "CST": "0", "RXP": "0", "REV": "0", "XST": "0", "MFD": "0", "ASD": "0", "SNV": "0"}
@@ -86,7 +77,7 @@ class Transmission:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Arrival:
+class HeardPacket:
     """A packet that comes out of the water.
 
     Attributes:
@@ -201,7 +192,7 @@ class ModemEmulator:
             self._revision_s = now_s
             self._say(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
 
-    def arrive(self, arrival: Arrival) -> None:
+    def arrive(self, arrival: HeardPacket) -> None:
         """Tells the host of a packet from the water, as much of it as the settings let it."""
         good = arrival.payload is not None
         self.counts["heard" if good else "heard_bad"] += 1
@@ -434,290 +425,3 @@ COMMANDS: dict[str, Callable[[ModemEmulator, float, Sentence], None]] = {
     "CCCYC": ModemEmulator._on_cycle,
     "CCTXD": ModemEmulator._on_frame,
 }
-
-
-# ----------------------------------------------------------------------------------------------- shells
-
-
-class Shell(Protocol):
-    """A port on which a host can reach an emulated modem."""
-
-    @property
-    def port(self) -> str:
-        """Where the host finds it, as `modem.port` takes it."""
-        ...
-
-    def filenos(self) -> Iterable[int]:
-        """File descriptors to wait on."""
-        ...
-
-    def read(self) -> bytes:
-        """What the host has written; b"" if nothing."""
-        ...
-
-    def write(self, data: bytes) -> None:
-        """Writes what the host takes at once; keeps the rest for the next call (b"" tries again)."""
-        ...
-
-    def close(self) -> None:
-        """Takes the port away."""
-        ...
-
-
-class _Unread:
-    """Bytes on their way to a host that reads slowly, or not at all."""
-
-    def __init__(self) -> None:
-        self._data = bytearray()
-        self.dropped = 0
-
-    def write(self, data: bytes, put: Callable[[bytes], int]) -> None:
-        """Puts old bytes, then `data`; keeps what does not go."""
-        self._data += data
-        while self._data:
-            try:
-                count = put(bytes(self._data))
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError:
-                self._data.clear()
-                break
-            del self._data[:count]
-        if len(self._data) > MAX_UNREAD_BYTES:
-            self.dropped += len(self._data) - MAX_UNREAD_BYTES
-            del self._data[: len(self._data) - MAX_UNREAD_BYTES]
-
-
-class PtyShell:
-    """A pseudo-terminal: to the host a serial device like any other."""
-
-    def __init__(self, link: Path | None = None) -> None:
-        """Makes the terminal.
-
-        Args:
-            link: Symbolic link to make to it (replacing one that is there), so that its name is known beforehand.
-        """
-        self._master, self._slave = os.openpty()  # the slave stays open here: the host may come and go
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self._unread = _Unread()
-        self._link = link
-        self._device = os.ttyname(self._slave)
-        if link is not None:
-            link.parent.mkdir(parents=True, exist_ok=True)
-            with contextlib.suppress(FileNotFoundError):
-                link.unlink()
-            link.symlink_to(self._device)
-
-    @property
-    def port(self) -> str:
-        """The link, or the device."""
-        return str(self._link) if self._link is not None else self._device
-
-    def filenos(self) -> Iterable[int]:
-        """See `Shell`."""
-        return (self._master,)
-
-    def read(self) -> bytes:
-        """See `Shell`."""
-        try:
-            return os.read(self._master, 65536)
-        except BlockingIOError:
-            return b""
-
-    def write(self, data: bytes) -> None:
-        """See `Shell`."""
-        self._unread.write(data, lambda part: os.write(self._master, part))
-
-    def close(self) -> None:
-        """See `Shell`."""
-        if self._master < 0:
-            return
-        os.close(self._master)
-        os.close(self._slave)
-        self._master = -1
-        if self._link is not None:
-            with contextlib.suppress(OSError):
-                if os.readlink(self._link) == self._device:
-                    self._link.unlink()
-
-
-class TcpShell:
-    """A TCP server on the loopback interface for one host at a time; a new one takes the place of the old."""
-
-    def __init__(self, port: int = 0) -> None:
-        """Listens on 127.0.0.1:`port`; 0 takes a free one."""
-        self._server = socket.create_server(("127.0.0.1", port))
-        self._server.setblocking(False)
-        self._client: socket.socket | None = None
-        self._unread = _Unread()
-
-    @property
-    def port(self) -> str:
-        """`tcp://127.0.0.1:PORT`."""
-        return f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
-
-    def filenos(self) -> Iterable[int]:
-        """See `Shell`."""
-        return (self._server.fileno(),) if self._client is None else (self._server.fileno(), self._client.fileno())
-
-    def read(self) -> bytes:
-        """See `Shell`; also takes a new host's call."""
-        with contextlib.suppress(BlockingIOError):
-            client, _ = self._server.accept()
-            if self._client is not None:
-                self._client.close()
-            client.setblocking(False)
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._client = client
-            self._unread = _Unread()
-        if self._client is None:
-            return b""
-        try:
-            data = self._client.recv(65536)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._client.close()
-            self._client = None
-        return data
-
-    def write(self, data: bytes) -> None:
-        """See `Shell`; without a host the bytes go nowhere, as on an open line."""
-        client = self._client
-        if client is not None:
-            self._unread.write(data, client.send)
-
-    def close(self) -> None:
-        """See `Shell`."""
-        if self._client is not None:
-            self._client.close()
-        self._server.close()
-
-
-# ----------------------------------------------------------------------------------------------- rack
-
-
-class EmulatorRack:
-    """One emulated modem per vehicle, each on its port, all joined to one channel; has no thread and no clock.
-
-    The owner calls `serve` whenever a port may have something to say (its `fileno` becomes readable), and `poll` once
-    a tick; both with the simulation's time.
-    """
-
-    def __init__(
-        self, shells: Mapping[int, Shell], transmit: Callable[[int, Transmission], float | None], now_s: float = 0.0
-    ) -> None:
-        """Boots one modem per shell.
-
-        Args:
-            shells: Ports by vehicle.
-            transmit: Takes (vehicle, packet) into the water; returns the duration (s), or None for the nominal one.
-            now_s: The simulation's time.
-        """
-        self.shells = dict(shells)
-        self.modems: dict[int, ModemEmulator] = {}
-        self.transmitted: Counter[int] = Counter()
-        self.delivered: Counter[int] = Counter()
-        self._transmit = transmit
-        self._epoll = select.epoll()
-        self._watched: dict[int, int] = {}
-        for vehicle in self.shells:
-            self.modems[vehicle] = ModemEmulator(self._joined(vehicle))
-            self.modems[vehicle].boot(now_s)
-            self._flush(vehicle)
-
-    @property
-    def ports(self) -> dict[int, str]:
-        """Where each vehicle's driver finds its modem, as `modem.port` takes it."""
-        return {vehicle: shell.port for vehicle, shell in self.shells.items()}
-
-    def fileno(self) -> int:
-        """A file descriptor that is readable when `serve` has something to do."""
-        return self._epoll.fileno()
-
-    def serve(self, now_s: float) -> int:
-        """Reads every port and answers; returns the number of bytes read. Never waits."""
-        total = 0
-        for vehicle, shell in self.shells.items():
-            while data := shell.read():
-                total += len(data)
-                self.modems[vehicle].receive(now_s, data)
-            self._flush(vehicle)
-        return total
-
-    def poll(self, now_s: float) -> None:
-        """Lets time pass on every modem."""
-        for vehicle, modem in self.modems.items():
-            modem.poll(now_s)
-            self._flush(vehicle)
-
-    def arrive(self, vehicle: int, arrival: Arrival) -> None:
-        """A packet has reached a vehicle: its modem tells the driver. Good ones for it count as delivered."""
-        modem = self.modems[vehicle]
-        if arrival.payload is not None and arrival.destination in (BROADCAST, modem.address):
-            self.delivered[vehicle] += 1
-        modem.arrive(arrival)
-        self._flush(vehicle)
-
-    def close(self) -> None:
-        """Takes the ports away."""
-        for shell in self.shells.values():
-            shell.close()
-        self._epoll.close()
-
-    def _joined(self, vehicle: int) -> Callable[[Transmission], float | None]:
-        def transmit(transmission: Transmission) -> float | None:
-            self.transmitted[vehicle] += 1
-            return self._transmit(vehicle, transmission)
-
-        return transmit
-
-    def _flush(self, vehicle: int) -> None:
-        self.shells[vehicle].write(self.modems[vehicle].outgoing())
-        self._watch()
-
-    def _watch(self) -> None:
-        wanted = {number for shell in self.shells.values() for number in shell.filenos()}
-        for number in set(self._watched) - wanted:
-            del self._watched[number]
-            with contextlib.suppress(OSError):  # closing a file has taken it out already
-                self._epoll.unregister(number)
-        for number in wanted - set(self._watched):
-            self._watched[number] = 1
-            self._epoll.register(number, select.EPOLLIN)
-
-
-def perfect_water(
-    rack: Callable[[], EmulatorRack], delay_s: float = 0.5
-) -> tuple[Callable[[int, Transmission], None], Callable[[float], None]]:
-    """A channel for tests and the desk: everyone hears everything, `delay_s` later.
-
-    Returns:
-        `transmit` for an `EmulatorRack`, and `tick(now_s)`, which delivers what has arrived by then.
-    """
-    under_way: deque[tuple[float, int, Arrival]] = deque()
-
-    def transmit(vehicle: int, packet: Transmission) -> None:
-        end_s = packet.start_s + delay_s + packet_duration_s(packet.rate, len(packet.payload))
-        for other in rack().modems:
-            if other != vehicle:
-                arrival = Arrival(
-                    start_s=packet.start_s + delay_s,
-                    source=packet.source,
-                    destination=packet.destination,
-                    payload=packet.payload,
-                    snr_db=20.0,
-                    rate=packet.rate,
-                    frames=packet.frames,
-                )
-                under_way.append((end_s, other, arrival))
-
-    def tick(now_s: float) -> None:
-        for item in [item for item in under_way if item[0] <= now_s]:
-            under_way.remove(item)
-            rack().arrive(item[1], item[2])
-
-    return transmit, tick

@@ -14,13 +14,13 @@ from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import FluidPressure, Range
 
+from auv_lse_common.leg import Leg
 from auv_lse_common.lockstep import Gate
 from auv_lse_common.params import ParameterError, read_parameter_file
 from auv_lse_common.ros_conversions import EVERY, LATCHED, ConfiguredNode, header, run, seconds, stamp
-from auv_lse_comms.transport import Watcher
+from auv_lse_comms.transport import PortWatcher
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemRx, ModemTx, SimStatus, Sounding, Waypoint
 from auv_lse_sim.emulated.links import EmulatedLinks
-from auv_lse_sim.emulated.mavlink_vehicle import TargetLeg
 from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.ros_conversions import (
     altitude_message,
@@ -81,7 +81,7 @@ class SimNode(ConfiguredNode):
                 self.create_subscription(Waypoint, n + "waypoint", partial(self._on_waypoint, k), EVERY)
         self._bytes = self.create_guard_condition(self._on_bytes)
         ports = [port for port in (self._links.rack, self._links.dock) if port is not None]
-        self._watchers = [Watcher(port, self._bytes.trigger) for port in ports]
+        self._watchers = [PortWatcher(port, self._bytes.trigger) for port in ports]
         self._wire_time(names)
         self._publish_status(SimStatus.WAITING, "for the mission's nodes")
 
@@ -220,7 +220,7 @@ class SimNode(ConfiguredNode):
         self._on_transmission(k, ModemTx(header=header(start_s), source=k, payload=payload))
         return self._world.channel.duration_s(len(payload))
 
-    def _on_target(self, k: int, leg: TargetLeg) -> None:
+    def _on_target(self, k: int, leg: Leg) -> None:
         self._world.command(k, leg)
 
     def destroy_node(self) -> None:

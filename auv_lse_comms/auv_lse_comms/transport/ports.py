@@ -1,46 +1,23 @@
-"""Ports that carry bytes: serial, TCP, UDP. Thin: open, read what is there, write, close; and open again for ever.
-
-Nothing here knows what the bytes mean. Reads never wait. Every failure becomes a `TransportError` that names the
-port, so that `Connection` can close it, wait (longer each time, up to a limit) and open it again.
-
-Addresses:
-
-    /dev/ttyUSB0, serial:///dev/ttyUSB0[:BAUD]     a serial device (8N1, no flow control); a pty serves too
-    tcp://HOST:PORT                                calls a TCP server
-    udpin://BIND:PORT                              waits on a UDP port; answers whoever spoke last
-    udpout://HOST:PORT                             sends to a UDP port; takes answers from there
-
-A path in /dev/ may hold colons (/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0): only a number of 3 to 7 digits
-after the last one is a baud rate.
-"""
+"""Open ports: a serial device, a TCP connection, a UDP socket."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import re
 import select
 import socket
-import threading
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
+
+from auv_lse_comms.transport.address import Address
 
 READ_BYTES = 65536
 CONNECT_TIMEOUT_S = 3.0
 #: A peer that takes nothing for so long is taken for dead (s).
 WRITE_TIMEOUT_S = 2.0
 
-_HOST_PORT = re.compile(r"(tcp|udpin|udpout)://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})\Z")
-_SERIAL = re.compile(r"(?:serial://)?(/dev/\S+?|/[^\s:]+)(?::([1-9]\d{2,6}))?\Z")
-
 
 class TransportError(OSError):
-    """A port that cannot be opened, or has failed; names it."""
-
-
-class AddressError(ValueError):
-    """Text that is no address of a port; says what was expected."""
+    """A port that cannot be opened, or has failed; its message names the port."""
 
 
 class Transport(Protocol):
@@ -61,41 +38,6 @@ class Transport(Protocol):
     def close(self) -> None:
         """Closes the port; a second time does nothing."""
         ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Address:
-    """Where a port is: kind ("serial", "tcp", "udpin", "udpout"), device or host, port number or baud rate."""
-
-    kind: str
-    place: str
-    number: int
-
-    def __str__(self) -> str:
-        """As it is written in the parameters."""
-        return f"{self.kind}://{self.place}:{self.number}"
-
-
-def read_address(text: str, baud: int = 19200) -> Address:
-    """The address that `text` names (see the module's text).
-
-    Args:
-        text: The address.
-        baud: Speed of a serial device whose address names none.
-
-    Raises:
-        AddressError: naming the text and the forms that are known.
-    """
-    match = _HOST_PORT.match(text)
-    if match and 0 <= int(match[3]) <= 65535:
-        return Address(kind=match[1], place=match[2].strip("[]"), number=int(match[3]))
-    match = _SERIAL.match(text)
-    if match:
-        return Address(kind="serial", place=match[1], number=int(match[2] or baud))
-    raise AddressError(
-        f"address {text!r}: expected /dev/NAME or serial:///dev/NAME, with :BAUD (3 to 7 digits) after it or without, "
-        "tcp://HOST:PORT, udpin://BIND:PORT or udpout://HOST:PORT"
-    )
 
 
 class SerialPort:
@@ -200,7 +142,7 @@ class TcpPort:
 
 
 class UdpPort:
-    """A UDP socket: bound and answering the last speaker (`udpin`), or sending to one place (`udpout`)."""
+    """A UDP socket: bound and answering the last sender (`udpin`), or sending to one place (`udpout`)."""
 
     def __init__(self, kind: str, host: str, port: int) -> None:
         """Binds or aims.
@@ -247,7 +189,7 @@ class UdpPort:
             except BlockingIOError:
                 break
             except ConnectionRefusedError:
-                continue  # nobody listened when we last wrote: UDP does not mind, nor do we
+                continue  # nobody listened when we last wrote, which UDP allows
             except OSError as error:
                 raise TransportError(f"{self._name}: cannot be read: {error}") from error
             if not self._connected:
@@ -256,7 +198,7 @@ class UdpPort:
         return b"".join(parts)
 
     def write(self, data: bytes) -> None:
-        """Sends one datagram; nowhere, if nobody has spoken yet."""
+        """Sends one datagram; nowhere, before anything has come in."""
         if self._peer is None:
             return
         try:
@@ -285,130 +227,3 @@ def open_transport(address: Address) -> Transport:
     if address.kind == "tcp":
         return TcpPort(address.place, address.number)
     return UdpPort(address.kind, address.place, address.number)
-
-
-class Connection:
-    """A port that is opened again whenever it fails, for ever, waiting longer after each failure in a row.
-
-    `poll` with a steady clock opens it when it is time; `read` and `write` close it when it fails.
-
-    Attributes:
-        transport: The open port, or None.
-        problem: Why it is not open, for messages; "" while it is.
-        failures: Failures in a row: to open, or of a port that was open.
-    """
-
-    def __init__(self, open_port: Callable[[], Transport], backoff_min_s: float, backoff_max_s: float) -> None:
-        """Opens with `open_port`, which raises TransportError."""
-        self.transport: Transport | None = None
-        self.problem = "not opened yet"
-        self.failures = 0
-        self._open_port = open_port
-        self._backoff_s = (backoff_min_s, backoff_max_s)
-        self._retry_s: float | None = None
-
-    def poll(self, steady_s: float) -> bool:
-        """Opens the port if it is closed and the wait is over; returns True if it has just been opened."""
-        if self.transport is not None or (self._retry_s is not None and steady_s < self._retry_s):
-            return False
-        try:
-            self.transport = self._open_port()
-        except TransportError as error:
-            self._fail(str(error), steady_s)
-            return False
-        self.problem = ""
-        return True
-
-    def read(self, steady_s: float) -> bytes:
-        """What has come; b"" if nothing has, or the port has just failed."""
-        if self.transport is None:
-            return b""
-        try:
-            data = self.transport.read()
-        except TransportError as error:
-            self.close(steady_s, str(error))
-            return b""
-        if data:
-            self.failures = 0
-        return data
-
-    def write(self, data: bytes, steady_s: float) -> None:
-        """Writes, if the port is open."""
-        if self.transport is None or not data:
-            return
-        try:
-            self.transport.write(data)
-        except TransportError as error:
-            self.close(steady_s, str(error))
-
-    def close(self, steady_s: float, reason: str) -> None:
-        """Closes the port; it is opened again after the wait."""
-        if self.transport is not None:
-            self.transport.close()
-            self.transport = None
-            self._fail(reason, steady_s)
-
-    @property
-    def wait_s(self) -> float:
-        """The wait after the failures so far, s."""
-        low, high = self._backoff_s
-        return min(high, low * 2.0 ** min(self.failures - 1, 60)) if self.failures else 0.0
-
-    def _fail(self, reason: str, steady_s: float) -> None:
-        self.problem = reason
-        self.failures += 1
-        self._retry_s = steady_s + self.wait_s
-
-
-class Readable(Protocol):
-    """Something with a file descriptor that becomes readable."""
-
-    def fileno(self) -> int:
-        """The file descriptor."""
-        ...
-
-
-class Watcher:
-    """A thread that waits for bytes on a port and calls `wake` (from that thread) when there are some.
-
-    The owner reads them and calls `handled`, after which the thread waits again. `stop` ends it.
-    """
-
-    def __init__(self, transport: Readable, wake: Callable[[], None]) -> None:
-        """Starts watching."""
-        self._transport = transport
-        self._wake = wake
-        self._handled = threading.Event()
-        self._stopped = False
-        self._stop_read, self._stop_write = os.pipe()
-        self._thread = threading.Thread(target=self._watch, name="port watcher", daemon=True)
-        self._thread.start()
-
-    def handled(self) -> None:
-        """What was there has been read."""
-        self._handled.set()
-
-    def stop(self) -> None:
-        """Ends the thread and waits for it; to be called before the port is closed."""
-        if self._stopped:
-            return
-        self._stopped = True
-        os.write(self._stop_write, b"x")
-        self._handled.set()
-        self._thread.join()
-        os.close(self._stop_read)
-        os.close(self._stop_write)
-
-    def _watch(self) -> None:
-        while True:
-            try:
-                readable, _, _ = select.select([self._transport.fileno(), self._stop_read], [], [])
-            except (OSError, ValueError):
-                return  # the port was closed under us
-            if self._stop_read in readable:
-                return
-            self._handled.clear()
-            if self._stopped:  # since select returned: `stop` had set `_handled`, which is now cleared
-                return
-            self._wake()
-            self._handled.wait()

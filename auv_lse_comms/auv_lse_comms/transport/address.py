@@ -1,0 +1,57 @@
+"""Addresses of ports, as they stand in the parameters.
+
+    /dev/ttyUSB0, serial:///dev/ttyUSB0[:BAUD]     a serial device (8N1, no flow control), or a pty
+    tcp://HOST:PORT                                calls a TCP server
+    udpin://BIND:PORT                              waits on a UDP port; answers the last sender
+    udpout://HOST:PORT                             sends to a UDP port; takes answers from there
+
+A path in /dev/ may hold colons (/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0): only a number of 3 to 7 digits
+after the last one is a baud rate.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+_HOST_PORT = re.compile(r"(tcp|udpin|udpout)://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})\Z")
+_SERIAL = re.compile(r"(?:serial://)?(/dev/\S+?|/[^\s:]+)(?::([1-9]\d{2,6}))?\Z")
+
+
+class AddressError(ValueError):
+    """A text that is no address of a port; names it and what was expected."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Address:
+    """Where a port is: kind ("serial", "tcp", "udpin", "udpout"), device or host, port number or baud rate."""
+
+    kind: str
+    place: str
+    number: int
+
+    def __str__(self) -> str:
+        """As it is written in the parameters."""
+        return f"{self.kind}://{self.place}:{self.number}"
+
+
+def read_address(text: str, baud: int = 19200) -> Address:
+    """The address that `text` names (see the module's text).
+
+    Args:
+        text: The address.
+        baud: Speed of a serial device whose address names none.
+
+    Raises:
+        AddressError: naming the text and the forms that are known.
+    """
+    match = _HOST_PORT.match(text)
+    if match and 0 <= int(match[3]) <= 65535:
+        return Address(kind=match[1], place=match[2].strip("[]"), number=int(match[3]))
+    match = _SERIAL.match(text)
+    if match:
+        return Address(kind="serial", place=match[1], number=int(match[2] or baud))
+    raise AddressError(
+        f"address {text!r}: expected /dev/NAME or serial:///dev/NAME, with :BAUD (3 to 7 digits) after it or without, "
+        "tcp://HOST:PORT, udpin://BIND:PORT or udpout://HOST:PORT"
+    )

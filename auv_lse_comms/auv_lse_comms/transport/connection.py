@@ -1,0 +1,80 @@
+"""A port that is opened again whenever it fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from auv_lse_comms.transport.ports import Transport, TransportError
+
+
+class Connection:
+    """A port that is opened again and again whenever it fails, after a wait that grows with each failure in a row.
+
+    `poll` with a steady clock opens it when it is time; `read` and `write` close it when it fails.
+
+    Attributes:
+        transport: The open port, or None.
+        problem: Why it is not open, for messages; "" while it is.
+        failures: Failures in a row: to open, or of a port that was open.
+    """
+
+    def __init__(self, open_port: Callable[[], Transport], backoff_min_s: float, backoff_max_s: float) -> None:
+        """Opens with `open_port`, which raises TransportError."""
+        self.transport: Transport | None = None
+        self.problem = "not opened yet"
+        self.failures = 0
+        self._open_port = open_port
+        self._backoff_s = (backoff_min_s, backoff_max_s)
+        self._retry_s: float | None = None
+
+    def poll(self, steady_s: float) -> bool:
+        """Opens the port if it is closed and the wait is over; returns True if it has just been opened."""
+        if self.transport is not None or (self._retry_s is not None and steady_s < self._retry_s):
+            return False
+        try:
+            self.transport = self._open_port()
+        except TransportError as error:
+            self._fail(str(error), steady_s)
+            return False
+        self.problem = ""
+        return True
+
+    def read(self, steady_s: float) -> bytes:
+        """The bytes that have come; b"" if none have, or the port has just failed."""
+        if self.transport is None:
+            return b""
+        try:
+            data = self.transport.read()
+        except TransportError as error:
+            self.close(steady_s, str(error))
+            return b""
+        if data:
+            self.failures = 0
+        return data
+
+    def write(self, data: bytes, steady_s: float) -> None:
+        """Writes, if the port is open."""
+        if self.transport is None or not data:
+            return
+        try:
+            self.transport.write(data)
+        except TransportError as error:
+            self.close(steady_s, str(error))
+
+    def close(self, steady_s: float, reason: str) -> None:
+        """Closes the port; it is opened again after the wait."""
+        if self.transport is not None:
+            self.transport.close()
+            self.transport = None
+            self._fail(reason, steady_s)
+
+    @property
+    def wait_s(self) -> float:
+        """The wait after the failures so far, s."""
+        low, high = self._backoff_s
+        return min(high, low * 2.0 ** min(self.failures - 1, 60)) if self.failures else 0.0
+
+    def _fail(self, reason: str, steady_s: float) -> None:
+        self.problem = reason
+        self.failures += 1
+        self._retry_s = steady_s + self.wait_s

@@ -1,0 +1,172 @@
+"""Ports on which a host reaches an emulated modem: a pseudo-terminal, or a TCP server."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import tty
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Protocol
+
+#: Bytes kept for a host that does not read; more are dropped, oldest first, as a full line buffer does.
+MAX_UNREAD_BYTES = 1 << 16
+
+
+class HostPort(Protocol):
+    """A port on which a host can reach an emulated modem."""
+
+    @property
+    def port(self) -> str:
+        """Where the host finds it, as `modem.port` takes it."""
+        ...
+
+    def filenos(self) -> Iterable[int]:
+        """File descriptors to wait on."""
+        ...
+
+    def read(self) -> bytes:
+        """What the host has written; b"" if nothing."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Writes what the host takes at once; keeps the rest for the next call (b"" tries again)."""
+        ...
+
+    def close(self) -> None:
+        """Takes the port away."""
+        ...
+
+
+class _Unread:
+    """Bytes on their way to a host that reads slowly, or not at all."""
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+        self.dropped = 0
+
+    def write(self, data: bytes, put: Callable[[bytes], int]) -> None:
+        """Puts old bytes, then `data`; keeps what does not go."""
+        self._data += data
+        while self._data:
+            try:
+                count = put(bytes(self._data))
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                self._data.clear()
+                break
+            del self._data[:count]
+        if len(self._data) > MAX_UNREAD_BYTES:
+            self.dropped += len(self._data) - MAX_UNREAD_BYTES
+            del self._data[: len(self._data) - MAX_UNREAD_BYTES]
+
+
+class PtyPort:
+    """A pseudo-terminal: to the host a serial device like any other."""
+
+    def __init__(self, link: Path | None = None) -> None:
+        """Makes the terminal.
+
+        Args:
+            link: Symbolic link to make to it (replacing one that is there), so that its name is known beforehand.
+        """
+        self._master, self._slave = os.openpty()  # the slave stays open here: the host may come and go
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self._unread = _Unread()
+        self._link = link
+        self._device = os.ttyname(self._slave)
+        if link is not None:
+            link.parent.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(FileNotFoundError):
+                link.unlink()
+            link.symlink_to(self._device)
+
+    @property
+    def port(self) -> str:
+        """The link, or the device."""
+        return str(self._link) if self._link is not None else self._device
+
+    def filenos(self) -> Iterable[int]:
+        """See `HostPort`."""
+        return (self._master,)
+
+    def read(self) -> bytes:
+        """See `HostPort`."""
+        try:
+            return os.read(self._master, 65536)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """See `HostPort`."""
+        self._unread.write(data, lambda part: os.write(self._master, part))
+
+    def close(self) -> None:
+        """See `HostPort`."""
+        if self._master < 0:
+            return
+        os.close(self._master)
+        os.close(self._slave)
+        self._master = -1
+        if self._link is not None:
+            with contextlib.suppress(OSError):
+                if os.readlink(self._link) == self._device:
+                    self._link.unlink()
+
+
+class TcpServerPort:
+    """A TCP server on the loopback interface for one host at a time; a new one takes the place of the old."""
+
+    def __init__(self, port: int = 0) -> None:
+        """Listens on 127.0.0.1:`port`; 0 takes a free one."""
+        self._server = socket.create_server(("127.0.0.1", port))
+        self._server.setblocking(False)
+        self._client: socket.socket | None = None
+        self._unread = _Unread()
+
+    @property
+    def port(self) -> str:
+        """`tcp://127.0.0.1:PORT`."""
+        return f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
+
+    def filenos(self) -> Iterable[int]:
+        """See `HostPort`."""
+        return (self._server.fileno(),) if self._client is None else (self._server.fileno(), self._client.fileno())
+
+    def read(self) -> bytes:
+        """See `HostPort`; also takes a new host's call."""
+        with contextlib.suppress(BlockingIOError):
+            client, _ = self._server.accept()
+            if self._client is not None:
+                self._client.close()
+            client.setblocking(False)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._client = client
+            self._unread = _Unread()
+        if self._client is None:
+            return b""
+        try:
+            data = self._client.recv(65536)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._client.close()
+            self._client = None
+        return data
+
+    def write(self, data: bytes) -> None:
+        """See `HostPort`; without a host the bytes go nowhere, as on an open line."""
+        client = self._client
+        if client is not None:
+            self._unread.write(data, client.send)
+
+    def close(self) -> None:
+        """See `HostPort`."""
+        if self._client is not None:
+            self._client.close()
+        self._server.close()

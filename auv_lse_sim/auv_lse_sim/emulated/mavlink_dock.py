@@ -1,0 +1,75 @@
+"""The simulated autopilots of a team, each on its UDP port."""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Mapping
+
+from auv_lse_comms.transport import UdpPort, read_address
+from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
+
+
+class MavlinkDock:
+    """One simulated autopilot per vehicle, each on its UDP port; has no thread and no clock.
+
+    The owner calls `serve` whenever `fileno` is readable, and `report` once a tick, both with the simulation's time.
+    """
+
+    def __init__(self, vehicles: Mapping[int, MavlinkVehicle], endpoints: Mapping[int, str]) -> None:
+        """Opens the ports.
+
+        Args:
+            vehicles: Autopilots by vehicle.
+            endpoints: Their ports: "udpin://127.0.0.1:PORT" waits there (0: a free one), "udpout://127.0.0.1:PORT"
+                calls there.
+
+        Raises:
+            TransportError: if a port is taken.
+        """
+        self.vehicles = dict(vehicles)
+        self._ports: dict[int, UdpPort] = {}
+        self._epoll = select.epoll()
+        for vehicle in self.vehicles:
+            address = read_address(endpoints[vehicle])
+            self._ports[vehicle] = UdpPort(address.kind, address.place, address.number)
+            self._epoll.register(self._ports[vehicle].fileno(), select.EPOLLIN)
+
+    @property
+    def local_ports(self) -> dict[int, int]:
+        """UDP port number of each vehicle on this side."""
+        return {vehicle: port.local_port for vehicle, port in self._ports.items()}
+
+    def fileno(self) -> int:
+        """A file descriptor that is readable when `serve` has something to do."""
+        return self._epoll.fileno()
+
+    def serve(self, now_s: float) -> int:
+        """Reads every port and answers; returns the number of bytes read. Never waits."""
+        total = 0
+        for vehicle, port in self._ports.items():
+            data = port.read()
+            if data:
+                total += len(data)
+                self.vehicles[vehicle].receive(now_s, data)
+            self._flush(vehicle)
+        return total
+
+    def greet(self, vehicle: int, now_s: float) -> None:
+        """Sends a vehicle's heartbeat."""
+        self.vehicles[vehicle].greet(now_s)
+        self._flush(vehicle)
+
+    def report(self, vehicle: int, now_s: float, report: Report) -> None:
+        """Sends a vehicle's telemetry of one tick."""
+        self.vehicles[vehicle].report(now_s, report)
+        self._flush(vehicle)
+
+    def close(self) -> None:
+        """Closes the ports."""
+        for port in self._ports.values():
+            port.close()
+        self._epoll.close()
+
+    def _flush(self, vehicle: int) -> None:
+        for datagram in self.vehicles[vehicle].outgoing():
+            self._ports[vehicle].write(datagram)
