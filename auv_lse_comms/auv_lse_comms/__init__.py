@@ -1,1 +1,36 @@
-"""Acoustic communication: packets, slots, the bridge to the modem, drivers of modem and vehicle link."""
+"""Acoustic communication of a team: the 252-byte packet, time slots, and the bridge between a vehicle and its modem.
+
+The names below are what a user of the library needs; docs/examples/packet.md uses them alone. Three subpackages are for
+themselves: `micromodem` drives a WHOI Micromodem-2, `mavlink` talks to an autopilot, `transport` opens their ports.
+"""
+
+from auv_lse_comms.bridge import ModemBridge, Received
+from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.packet.fields import PACKET_BYTES, capacity
+from auv_lse_comms.packet.selection import Receivers
+from auv_lse_comms.packet.tag import KeyFileError, Tagger, read_key
+from auv_lse_comms.settings import bridge_of
+from auv_lse_comms.tdma import Slot, Tdma
+
+__all__ = [
+    "PACKET_BYTES",
+    "REASONS",
+    "KeyFileError",
+    "Limits",
+    "ModemBridge",
+    "Packet",
+    "PacketConfig",
+    "PacketError",
+    "Received",
+    "Receivers",
+    "Slot",
+    "Tagger",
+    "Tdma",
+    "TdmaConfig",
+    "bridge_of",
+    "capacity",
+    "decode",
+    "encode",
+    "read_key",
+]

@@ -1,1 +1,62 @@
-"""A driver for the WHOI Micromodem-2: sentences, state machine, port, line log."""
+"""A driver for the WHOI Micromodem-2 that can be used alone.
+
+Theory of operation
+-------------------
+`Micromodem` is the driver. It opens no port and reads no clock: its owner gives it bytes and times and takes bytes and
+events from it (docs/examples/drive_a_modem.md). `state.py` has its states and the table of their transitions.
+
+    bytes     wire.py       lines to sentences, and back; damaged lines are counted
+    sentences fields.py, status_messages.py, transmit_messages.py, receive_messages.py, messages.py
+    messages  driver.py     hands each to the part that it concerns:
+                            configuration.py, clock.py, sending.py, receiving.py; they share a session.py
+    events    events.py     what the owner is told
+
+`ModemPort` (port.py) joins a driver to a serial or TCP port and a line log; `replay_log` (log.py) gives such a log to a
+new driver. `micromodem_node.py` is the ROS 2 node around a `ModemPort`.
+
+All but the node import nothing but the standard library, `auv_lse_common` (the parameters' checks) and, in port.py,
+`auv_lse_comms.transport`: no NumPy, no packet, no mission. An import contract in pyproject.toml holds this.
+"""
+
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.driver import Micromodem
+from auv_lse_comms.micromodem.events import (
+    ClockChecked,
+    Event,
+    ModemLost,
+    ModemReady,
+    PacketReceived,
+    Problem,
+    ReceptionFailed,
+    TransmitDone,
+    TransmitFailed,
+    TransmitStarted,
+)
+from auv_lse_comms.micromodem.log import LogEntry, LoggedModem, format_entry, read_entries, replay_log
+from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.state import State
+from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
+
+__all__ = [
+    "ClockChecked",
+    "Event",
+    "LogEntry",
+    "LoggedModem",
+    "Micromodem",
+    "ModemConfig",
+    "ModemLost",
+    "ModemPort",
+    "ModemReady",
+    "PacketReceived",
+    "Problem",
+    "ReceptionFailed",
+    "Sentence",
+    "SentenceReader",
+    "State",
+    "TransmitDone",
+    "TransmitFailed",
+    "TransmitStarted",
+    "format_entry",
+    "read_entries",
+    "replay_log",
+]
