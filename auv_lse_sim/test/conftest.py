@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from auv_lse_common.plan import Plan
 from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.judge.evaluation import ground_grid, mission_settings
@@ -56,11 +57,7 @@ def drive(vehicle, state, steps, drift_mps, rng):
             DecisionRecord(
                 now_s=max(start_s - 4.0, 0.0),
                 step=step,
-                heading_rad=float(np.float32(state[0])),
-                north_m=float(np.float32(state[1])),
-                east_m=float(np.float32(state[2])),
-                actions=tuple([action, STRAIGHT, STRAIGHT][: steps - step]),
-                naive_path=0xF0,
+                plan=Plan.at(step, state, tuple([action, STRAIGHT, STRAIGHT][: steps - step]), 0xF0),
                 jbar=100.0 - step,
                 reward_so_far=float(step),
                 lower_bound=100.0,

@@ -24,7 +24,7 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
         same(a.truth[:, :3], b.truth[:, :3])
         assert len(a.decisions) == len(b.decisions)
         for c, d in zip(a.decisions, b.decisions, strict=True):
-            assert (c.step, c.anchor_step, c.actions, c.naive_path) == (d.step, d.anchor_step, d.actions, d.naive_path)
+            assert (c.step, c.plan) == (d.step, d.plan)
             same(
                 (c.now_s, c.jbar, c.reward_so_far, c.lower_bound, c.wall_s),
                 (d.now_s, d.jbar, d.reward_so_far, d.lower_bound, d.wall_s),

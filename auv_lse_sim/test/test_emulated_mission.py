@@ -78,7 +78,7 @@ def test_through_mavlink_the_mission_is_the_same_to_the_rounding_of_its_messages
 ) -> None:
     other = fly(tmp_path / "run", "--modem", "emulated", "--vehicle-link", "mavlink")
     for a, b in zip(direct.vehicles, other.vehicles, strict=True):
-        assert [(d.step, d.actions) for d in a.decisions] == [(d.step, d.actions) for d in b.decisions]
+        assert [(d.step, d.plan.actions) for d in a.decisions] == [(d.step, d.plan.actions) for d in b.decisions]
         count = min(len(a.truth), len(b.truth))
         assert abs(len(a.truth) - len(b.truth)) <= 2
         assert abs(a.truth[:count, 1:3] - b.truth[:count, 1:3]).max() < 0.05

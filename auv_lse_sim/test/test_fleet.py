@@ -66,8 +66,8 @@ def test_same_seed_same_mission(mission):
     _, run = mission
     again = fleet().run()
     for a, b in zip(run.vehicles, again.vehicles, strict=True):
-        assert [(d.now_s, d.step, d.actions, d.jbar) for d in a.decisions] == [
-            (d.now_s, d.step, d.actions, d.jbar) for d in b.decisions
+        assert [(d.now_s, d.step, d.plan.actions, d.jbar) for d in a.decisions] == [
+            (d.now_s, d.step, d.plan.actions, d.jbar) for d in b.decisions
         ]
         assert np.array_equal(a.soundings, b.soundings)
     assert [s.payload for s in run.sent] == [s.payload for s in again.sent]

@@ -141,7 +141,7 @@ def test_both_wirings_decide_alike(mission: tuple[Path, subprocess.CompletedProc
     for ros, fleet in zip(by_ros.vehicles, by_fleet.vehicles, strict=True):
         assert len(ros.decisions) == len(fleet.decisions) == STEPS
         for a, b in zip(ros.decisions, fleet.decisions, strict=True):
-            assert (a.now_s, a.step, a.actions, a.naive_path) == (b.now_s, b.step, b.actions, b.naive_path)
+            assert (a.now_s, a.step, a.plan) == (b.now_s, b.step, b.plan)
             assert a.jbar == b.jbar
 
 

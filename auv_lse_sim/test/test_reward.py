@@ -49,7 +49,7 @@ def test_reward_is_the_drop_of_risk_at_the_legs_own_places(synthetic_run):
         places = []
         for vehicle in run.vehicles:
             end = vehicle.decisions[step]
-            places.append([end.north_m + 15.0 * np.pi / 2.0, end.east_m])  # the first legs go straight north
+            places.append([end.plan.north_m + 15.0 * np.pi / 2.0, end.plan.east_m])  # the first legs go straight north
         here = np.array(places)
         before = dense_risk(settings[0], data, here)
         for vehicle in run.vehicles:
@@ -100,7 +100,7 @@ def test_plans_without_naive_part_have_no_bound(synthetic_run):
 
     run = synthetic_run(steps=5)
     for vehicle in run.vehicles:
-        vehicle.decisions = [replace(d, naive_path=NONE) for d in vehicle.decisions]
+        vehicle.decisions = [replace(d, plan=replace(d.plan, naive_path=NONE)) for d in vehicle.decisions]
     settings, area = settings_of(run)
     curves = replay(run, settings, area)
     assert np.all(np.isnan(curves.bound))
@@ -116,7 +116,7 @@ def test_planned_paths_are_those_of_the_packet(synthetic_run):
     head, tail = path.places(decision)
     assert (len(head), len(tail)) == (3, 30 - 4 - 3)
     following = run.vehicles[0].decisions[5]
-    assert head[0] == pytest.approx([following.north_m, following.east_m], abs=1e-3)
+    assert head[0] == pytest.approx(following.plan.state[1:], abs=1e-3)
     assert np.all(area.clearance_m(tail) >= 0.0)
 
 
@@ -132,18 +132,16 @@ def test_places_are_those_of_going_leg_by_leg(synthetic_run):
         head, tail = path.places(decision)
         state, places = path.state(decision), []
         motion, naive = path.motion, path._naive
-        actions = list(decision.actions[: 30 - decision.step])
+        actions = list(decision.plan.actions[: 30 - decision.step])
         after = motion.roll(state, actions)[-1]
-        for action in [*actions, *naive.actions(after, decision.naive_path, 30 - decision.step - len(actions))]:
+        for action in [*actions, *naive.actions(after, decision.plan.naive_path, 30 - decision.step - len(actions))]:
             track = motion.tracks_m[action][np.rint(path._fractions * (motion.tracks_m.shape[1] - 1)).astype(int)]
             c, s = np.cos(state[0]), np.sin(state[0])
             places.append(state[1:] + track @ np.array([[c, s], [-s, c]]))
             state = motion.end_states(state, np.asarray(action))
         assert np.concatenate([head, tail]) == pytest.approx(np.concatenate(places), abs=1e-9)
         assert np.array_equal(path.leg(decision), np.concatenate([head, tail])[: len(path._fractions)])
-    assert path.state(run.vehicles[0].decisions[4])[1:] == pytest.approx(
-        [run.vehicles[0].decisions[4].north_m, run.vehicles[0].decisions[4].east_m]
-    )
+    assert path.state(run.vehicles[0].decisions[4])[1:] == pytest.approx(run.vehicles[0].decisions[4].plan.state[1:])
 
 
 def test_running_maximum_passes_over_unknowns():
@@ -161,7 +159,7 @@ def test_a_plan_that_is_kept_is_read_from_where_the_vehicle_is(synthetic_run):
     head, tail = path.places(first)
     everything = np.concatenate([head, tail])
     for step in (2, 3, 10):  # within the actions, at their end, on the naive part
-        kept = replace(first, step=step, plan_step=0)
+        kept = replace(first, step=step)
         head, tail = path.places(kept)
         assert len(head) == max(3 - step, 0)
         assert np.array_equal(np.concatenate([head, tail]), everything[step:])

@@ -10,9 +10,15 @@ from __future__ import annotations
 
 import bisect
 import math
-import statistics
 from collections import Counter, deque
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.pings import by_period, period_of, sounding_of
+
+Array = NDArray[np.float64]
 
 #: A ping needs odometry before and after it, not farther apart than this (s): 1 Hz with some jitter will do.
 MAX_GAP_S = 1.5
@@ -82,21 +88,17 @@ class Sounder:
         self._over = over
         count = bisect.bisect_right(self._pings, over, key=lambda ping: self._period(ping[0]))
         pings, self._pings = self._pings[:count], self._pings[count:]
-        periods: dict[int, list[tuple[float, float, float, float]]] = {}
-        for ping in pings:
-            placed = self._placed(*ping)
-            if placed is None:
-                self.counts["pings_unplaced"] += 1
-            else:
-                periods.setdefault(self._period(ping[0]), []).append(placed)
+        placed = [row for ping in pings if (row := self._placed(*ping)) is not None]
+        if len(placed) < len(pings):
+            self.counts["pings_unplaced"] += len(pings) - len(placed)
         # the odometry before the end of the last period that is over is the first that is still needed
         while len(self._odometry) > 1 and self._odometry[1][0] <= over * self._every_s:
             self._odometry.popleft()
-        return [sounding for period in periods.values() if (sounding := self._sounding(period)) is not None]
+        periods = by_period(np.array(placed).reshape(-1, 4), self._every_s)
+        return [sounding for period in periods if (sounding := self._sounding(period)) is not None]
 
     def _period(self, stamp_s: float) -> int:
-        """Number of the period: period n is ((n - 1) every_s, n every_s]."""
-        return math.ceil(stamp_s / self._every_s - 1e-6)
+        return int(period_of(stamp_s, self._every_s))
 
     def _placed(self, stamp_s: float, altitude_m: float) -> tuple[float, float, float, float] | None:
         """Stamp, north, east, water depth of a ping; None without odometry close before and after it."""
@@ -111,15 +113,10 @@ class Sounder:
         north, east, depth = (x + part * (y - x) for x, y in zip(a[1:], b[1:], strict=True))
         return stamp_s, north, east, depth + altitude_m
 
-    def _sounding(self, pings: list[tuple[float, float, float, float]]) -> Sounding | None:
+    def _sounding(self, pings: Array) -> Sounding | None:
         if len(pings) < self._least_pings:
             self.counts["periods_short"] += 1
             return None
         self.counts["soundings"] += 1
-        stamps, norths, easts, depths = zip(*pings, strict=True)
-        return Sounding(
-            stamp_s=sum(stamps) / len(pings),
-            north_m=sum(norths) / len(pings),
-            east_m=sum(easts) / len(pings),
-            depth_m=statistics.median(depths),
-        )
+        stamp_s, north_m, east_m, depth_m = sounding_of(pings).tolist()
+        return Sounding(stamp_s=stamp_s, north_m=north_m, east_m=east_m, depth_m=depth_m)

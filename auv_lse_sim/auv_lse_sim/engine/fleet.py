@@ -204,17 +204,12 @@ class Fleet:
             )
         if decided is not None:
             decision, wall_s = decided
-            bound, plan = decision.bound, decision.plan
+            bound = decision.bound
             log.decisions.append(
                 DecisionRecord(
                     now_s=now_s,
                     step=bound.step,
-                    plan_step=plan.step,
-                    heading_rad=plan.heading_rad,
-                    north_m=plan.north_m,
-                    east_m=plan.east_m,
-                    actions=plan.actions,
-                    naive_path=plan.naive_path,
+                    plan=decision.plan,
                     jbar=bound.jbar,
                     reward_so_far=bound.reward_so_far,
                     lower_bound=bound.lower_bound,

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from auv_lse_common.plan import NONE
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.online import IllConditionedError, OnlineGp, SoundingError
 from auv_lse_gp.risk import LevelSet
@@ -105,7 +105,7 @@ class PlannedPath:
         self._fractions = (np.arange(settings.planner.samples_per_leg) + 1.0) / settings.planner.samples_per_leg
         space = FreeSpace(area, self.motion, settings.area.raster_m)
         self._naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
-        self._rolled: dict[tuple[object, ...], _Rolled] = {}  # by what `_roll` reads of a decision
+        self._rolled: dict[Plan, _Rolled] = {}
 
     def leg_places(self, states: Array, actions: NDArray[np.int64]) -> Array:
         """Places (L, n, 2) that count in the reward of legs from `states` (L, 3); the last one of each is its end."""
@@ -116,33 +116,32 @@ class PlannedPath:
 
     def places(self, decision: DecisionRecord) -> tuple[Array, Array]:
         """Places of a plan from the decided leg to the end: of its actions (A, 2), of its naive part (B, 2)."""
-        rolled, gone = self._roll(decision), decision.step - decision.anchor_step
+        rolled, gone = self._roll(decision), decision.legs_gone
         head, tail = rolled.places_m[gone : rolled.own], rolled.places_m[max(gone, rolled.own) :]
         return head.reshape(-1, 2), tail.reshape(-1, 2)
 
     def leg(self, decision: DecisionRecord) -> Array:
         """Places (n, 2) of the decided leg, which is of the plan's naive part if its actions are used up."""
-        gone = decision.step - decision.anchor_step
+        gone = decision.legs_gone
         return self._roll(decision).places_m[gone : gone + 1].reshape(-1, 2)
 
     def state(self, decision: DecisionRecord) -> Array:
         """State (3,) in which the decided leg begins, or the path ends: heading (rad), north, east (m)."""
         states = self._roll(decision).states
-        state: Array = states[min(decision.step - decision.anchor_step, len(states) - 1)]
+        state: Array = states[min(decision.legs_gone, len(states) - 1)]
         return state
 
     def _roll(self, decision: DecisionRecord) -> _Rolled:
-        start = (decision.heading_rad, decision.north_m, decision.east_m)
-        key = (decision.anchor_step, *start, decision.actions, decision.naive_path)
-        if key not in self._rolled:
-            steps = self.steps - decision.anchor_step
-            actions = np.array(decision.actions[:steps], dtype=np.int64)
-            after = self.motion.roll(np.array(start), actions)[-1]
-            naive = self._naive.actions(after, decision.naive_path, steps - len(actions))
+        plan = decision.plan
+        if plan not in self._rolled:
+            steps = self.steps - plan.step
+            actions = np.array(plan.actions[:steps], dtype=np.int64)
+            after = self.motion.roll(plan.state, actions)[-1]
+            naive = self._naive.actions(after, plan.naive_path, steps - len(actions))
             path = np.concatenate([actions, naive])
-            states = self.motion.roll(np.array(start), path)
-            self._rolled[key] = _Rolled(states, self.leg_places(states[:-1], path), len(actions))
-        return self._rolled[key]
+            states = self.motion.roll(plan.state, path)
+            self._rolled[plan] = _Rolled(states, self.leg_places(states[:-1], path), len(actions))
+        return self._rolled[plan]
 
     def naive(self, state: Array, naive_path: int) -> Array:
         """Places (P, 2) of a naive path from a state over the whole mission."""
@@ -200,7 +199,7 @@ def replay(
     if map_m is not None:
         risk[0] = _risk(gp, level_set, map_m).mean()
     averaged = {round(steps * i / RISK_EVERY) for i in range(RISK_EVERY + 1)}
-    augmented = any(d.naive_path != NONE for v in run.vehicles for d in v.decisions)
+    augmented = any(d.plan.naive_path != NONE for v in run.vehicles for d in v.decisions)
     chosen = set(np.linspace(0, steps - 1, min(max(bounds, 2), steps)).round().astype(int).tolist()) if steps else set()
     for step in range(steps):
         plans = [own.get(step) for own in decisions]
@@ -252,12 +251,11 @@ def _naive_value(
     for vehicle, path in zip(run.vehicles, paths, strict=True):
         if not vehicle.decisions:
             continue
-        first = vehicle.decisions[0]
-        state = np.array([first.heading_rad, first.north_m, first.east_m])
+        first = vehicle.decisions[0].plan
         ids = [first.naive_path] if first.naive_path != NONE else [*LAWNMOWERS, *COVERING]
         best: tuple[float, Array] | None = None
         for naive_path in ids:
-            joint = np.concatenate([team, path.naive(state, naive_path)])
+            joint = np.concatenate([team, path.naive(first.state, naive_path)])
             before, after = _expected(gp, level_set, noise_m2, joint, np.empty((0, 2)))
             worth = float((before - after).sum())
             if best is None or worth > best[0]:

@@ -20,6 +20,7 @@ import yaml
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for, read_parameter_file
+from auv_lse_common.plan import Plan
 from auv_lse_common.recording import RecordingError, read_messages
 from auv_lse_sim.record.run_data import (
     DecisionRecord,
@@ -155,12 +156,14 @@ class _VehicleLog:
                 DecisionRecord(
                     now_s=now_s,
                     step=int(bound.step) if bound else int(plan.step),
-                    plan_step=int(plan.step),
-                    heading_rad=float(plan.heading_rad),
-                    north_m=float(plan.north_m),
-                    east_m=float(plan.east_m),
-                    actions=tuple(int(a) for a in plan.actions),
-                    naive_path=int(plan.naive_path),
+                    plan=Plan(
+                        step=int(plan.step),
+                        heading_rad=float(plan.heading_rad),
+                        north_m=float(plan.north_m),
+                        east_m=float(plan.east_m),
+                        actions=tuple(plan.actions),
+                        naive_path=int(plan.naive_path),
+                    ),
                     jbar=float(bound.jbar) if bound else math.nan,
                     reward_so_far=float(bound.reward_so_far) if bound else math.nan,
                     lower_bound=float(bound.lower_bound) if bound else math.nan,
@@ -289,12 +292,12 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             plan = types[own + "Plan"](
                 header=header(d.now_s),
                 vehicle=vehicle.vehicle,
-                step=d.anchor_step,
-                heading_rad=d.heading_rad,
-                north_m=d.north_m,
-                east_m=d.east_m,
-                actions=np.array(d.actions, dtype=np.uint8),
-                naive_path=d.naive_path,
+                step=d.plan.step,
+                heading_rad=d.plan.heading_rad,
+                north_m=d.plan.north_m,
+                east_m=d.plan.east_m,
+                actions=np.array(d.plan.actions, dtype=np.uint8),
+                naive_path=d.plan.naive_path,
             )
             yield d.now_s, ns + "/plan", own + "Plan", plan
             bound = types[own + "Bound"](

@@ -14,6 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.plan import Plan
+
 Array = NDArray[np.float64]
 
 
@@ -31,13 +33,8 @@ class DecisionRecord:
     Attributes:
         now_s: Mission time of the decision.
         step: Step the decided leg leads from (0 for the first).
-        plan_step: Step of the plan's initial state: a plan that is kept stays anchored where it began, so this can
-            be less than `step`; -1 stands for `step`.
-        heading_rad: Heading of the plan's initial state (rad, clockwise from north).
-        north_m: North of the plan's initial state.
-        east_m: East of the plan's initial state.
-        actions: Indices of the planned actions in the action set, from `plan_step` on.
-        naive_path: Id of the naive path that continues the plan (0xF0..0xFE), or 0xFF for none.
+        plan: The plan that was published. A plan that is kept stays anchored where it began, so its step can be less
+            than `step`.
         jbar: Value Jbar (or J without augmentation) of the plan by the planner's objective (units of risk).
         reward_so_far: Reward the planner credits itself with until now (units of risk).
         lower_bound: The planner's time-varying lower bound, reward so far + naive part of Jbar.
@@ -48,23 +45,18 @@ class DecisionRecord:
 
     now_s: float
     step: int
-    heading_rad: float
-    north_m: float
-    east_m: float
-    actions: tuple[int, ...]
-    naive_path: int
+    plan: Plan
     jbar: float
     reward_so_far: float
     lower_bound: float
     lower_bound_max: float
     wall_s: float = float("nan")
     method: str = ""
-    plan_step: int = -1
 
     @property
-    def anchor_step(self) -> int:
-        """Step of the plan's initial state."""
-        return self.step if self.plan_step < 0 else self.plan_step
+    def legs_gone(self) -> int:
+        """Legs of the plan that were travelled before this decision."""
+        return self.step - self.plan.step
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

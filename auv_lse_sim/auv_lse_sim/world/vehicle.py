@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.pings import by_period, period_of, sounding_of
 from auv_lse_planner.config import VehicleConfig
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.world import motion_model as mm
@@ -400,33 +400,20 @@ class SimVehicle:
         return self._soundings(pings[np.isfinite(echo)])
 
     def _soundings(self, pings: Array) -> Array:
+        """The soundings of the periods that are over; pings of the others wait."""
         every = self._sim.altimeter.sounding_every_s
         if every == 0.0:
             return pings
-        self._pings = np.concatenate([self._pings, pings]) if len(self._pings) else pings
-        if not len(self._pings):
-            return self._pings
-        window = np.ceil(self._pings[:, 0] / every - 1e-6)
-        done = math.floor(self._stamps[-1] / every + 1e-6)
-        count = int(np.searchsorted(window, done, side="right"))
-        edges = [0, *(np.flatnonzero(window[1:count] != window[: count - 1]) + 1).tolist(), count] if count else []
-        soundings = [self._sounding(self._pings[a:b]) for a, b in itertools.pairwise(edges)]
-        self._pings = self._pings[count:]
-        found = [s for s in soundings if s is not None]
-        return np.array(found) if found else np.empty((0, 4))
-
-    def _sounding(self, pings: Array) -> Array | None:
-        """One sounding of the pings (n, 4) of its time: where they are on average, and their median depth."""
-        n = len(pings)
+        waiting = np.concatenate([self._pings, pings])
+        over = math.floor(self._stamps[-1] / every + 1e-6)
+        count = int(np.searchsorted(period_of(waiting[:, 0], every), over, side="right"))
+        self._pings = waiting[count:]
+        periods = by_period(waiting[:count], every)
         if self._sim.altimeter.ideal or self._sim.ideal:
-            middle: Array = pings[n // 2]
-            return middle
-        if n < self._sim.altimeter.least_pings:
-            return None
-        sounding: Array = pings.sum(axis=0) / n
-        depths = np.sort(pings[:, 3])
-        sounding[3] = 0.5 * (depths[(n - 1) // 2] + depths[n // 2])
-        return sounding
+            soundings = [own[len(own) // 2] for own in periods]
+        else:
+            soundings = [sounding_of(own) for own in periods if len(own) >= self._sim.altimeter.least_pings]
+        return np.array(soundings).reshape(-1, 4)
 
     def odometry(self, now_s: float) -> Odometry:
         """The filter's estimate at the end of the last tick."""
