@@ -10,6 +10,7 @@ import pytest
 from auv_lse_common.plan import Plan
 from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_sim.campaign.cluster import cluster
 from auv_lse_sim.judge.evaluation import ground_grid, mission_settings
 from auv_lse_sim.record.run_data import DecisionRecord, PacketReceived, PacketSent, RunData, VehicleRun
 
@@ -113,6 +114,13 @@ def make_run(steps=30, drift_mps=0.002, with_truth=True):
     if with_truth:
         run.ground = ground_grid(mission_settings(parameters, 1)[0], Valley())
     return run
+
+
+@pytest.fixture(scope="module")
+def client():
+    """A cluster of two workers."""
+    with cluster(None, 2) as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

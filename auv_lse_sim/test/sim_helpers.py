@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.world.ground import Extent
 
 Array = NDArray[np.float64]
+
+#: Parameters of a mission that takes a moment.
+TINY = {
+    "mission.steps": 2,
+    "mission.vehicles": 2,
+    "planner.iterations": 10,
+    "gp.map_resolution_m": 20.0,
+    "area.polygon_m": [-50.0, -50.0, 200.0, -50.0, 200.0, 200.0, -50.0, 200.0],
+    "area.raster_m": 5.0,
+    "sim.ideal": True,
+}
+
+
+def spec_of(tmp_path: Path, **content: Any) -> CampaignSpec:
+    """A campaign of tiny missions."""
+    return CampaignSpec.from_mapping({"set": TINY, **content}, "test.yaml", tmp_path, "test")
 
 
 class FunctionGround:

@@ -2,11 +2,11 @@ import json
 import re
 from dataclasses import replace
 
-import pytest
-
 from auv_lse_sim.campaign import reproduce
-from auv_lse_sim.campaign.campaign import cluster
-from auv_lse_sim.campaign.reproduce import METHODS, SWEEPS, full_plan, main, quick_plan, sweep_name
+from auv_lse_sim.campaign import study as studies
+from auv_lse_sim.campaign.cluster import cluster
+from auv_lse_sim.campaign.reproduce import main
+from auv_lse_sim.campaign.study import quick_study
 
 TINY = {
     "mission.steps": 3,
@@ -18,59 +18,13 @@ TINY = {
 }
 
 
-def test_the_full_plan_is_what_was_asked_for():
-    plan = full_plan(50, 10, ("trials", "large", "sensitivity"))
-    trials = plan.campaigns["trials"]
-    assert len(trials.settings) == 2 * len(METHODS)
-    assert len(trials.seeds) == 50
-    jobs = trials.jobs()
-    assert len(jobs) == 400
-    augmented = next(j for j in jobs if j.group == "3 AUVs, augmented").patterns["/**"]
-    assert augmented["mission"]["steps"] == 100
-    assert (augmented["level_set"]["cost_false_safe"], augmented["level_set"]["cost_false_unsafe"]) == (10.0, 10.0)
-    assert augmented["tdma"]["slot_s"] == 10.0
-    assert {s.name for s in SWEEPS} == {"loss", "slot", "navigation", "team", "horizon", "iterations", "costs"}
-    loss = next(s for s in SWEEPS if s.name == "loss")
-    assert [v for v, _ in loss.points] == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
-    sensitivity = plan.campaigns["sensitivity"].jobs()  # refused if two settings were the same mission
-    assert len(sensitivity) == len(plan.campaigns["sensitivity"].settings) * 10
-    costs = {j.group: j.patterns["/**"]["level_set"] for j in sensitivity}["costs 4, best"]
-    assert costs["cost_false_safe"] == pytest.approx(16.0)
-    assert costs["cost_false_unsafe"] == pytest.approx(4.0)
-
-
-def test_sensitivities_of_chosen_methods_are_the_same_missions():
-    every = {j.id: j for j in full_plan(1, 2, ("sensitivity",)).campaigns["sensitivity"].jobs()}
-    some = full_plan(1, 2, ("sensitivity",), ("best",)).campaigns["sensitivity"].jobs()
-    assert len(some) * 3 == len(every)
-    assert all(every[j.id].group.endswith(", best") for j in some)
-
-
-def test_points_at_the_default_are_flown_once_for_all_sweeps():
-    loss, team = SWEEPS[0], next(s for s in SWEEPS if s.name == "team")
-    assert sweep_name(loss, 0.0, "best") == sweep_name(team, 3.0, "best") == "default, best"
-    assert sweep_name(team, 2.0, "best") == "team 2, best"
-
-
-def test_the_large_area_is_four_times_the_trials():
-    plan = full_plan(1, 1, ("trials", "large"))
-    from auv_lse_gp.area import corners
-
-    def area(flat):
-        low, high = corners("p", tuple(flat)).min(axis=0), corners("p", tuple(flat)).max(axis=0)
-        return float((high - low).prod())
-
-    trial, large = (plan.campaigns[name].jobs()[0].patterns["/**"]["area"]["polygon_m"] for name in ("trials", "large"))
-    assert area(large) == pytest.approx(4.0 * area(trial))
-
-
 def test_a_reproduction_in_miniature(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(reproduce, "SMALL", TINY)
-    monkeypatch.setattr(reproduce, "METHODS", ("augmented", "lawnmower"))
-    plan = replace(quick_plan(1e9), shown=((3, "augmented"),))
-    for name, spec in plan.campaigns.items():
-        plan.campaigns[name] = replace(spec, seeds=(1, 2) if name == "trials" else (1,))
-    monkeypatch.setattr(reproduce, "quick_plan", lambda budget_s: plan)
+    monkeypatch.setattr(studies, "SMALL", TINY)
+    monkeypatch.setattr(studies, "METHODS", ("augmented", "lawnmower"))
+    study = replace(quick_study(1e9), examples=((3, "augmented"),))
+    for name, spec in study.campaigns.items():
+        study.campaigns[name] = replace(spec, seeds=(1, 2) if name == "trials" else (1,))
+    monkeypatch.setattr(reproduce, "quick_study", lambda budget_s: study)
     with cluster(None, 2) as client:
         scheduler = ["--scheduler", client.scheduler.address]
         _reproduced_in_miniature(tmp_path, [*scheduler, "--quick", "--out", str(tmp_path / "r")], capsys)

@@ -10,12 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from auv_lse_sim.campaign.page import value_of
+from auv_lse_sim.campaign.rows import Row, value_of
 from auv_lse_sim.campaign.statistics import Interval, interval, paired
-
-Row = Mapping[str, Any]
 
 SUPPORTED, CONTRADICTED, UNDECIDED = "supported", "contradicted", "undecided"
 

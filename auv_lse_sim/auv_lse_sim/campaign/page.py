@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from auv_lse_sim.campaign.rows import Row, by_group, value_of
 from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.campaign.statistics import Interval, interval
 from auv_lse_sim.judge.figures import COLORS, DASHES, STYLE, WIDTH_IN, new_figure, save
@@ -35,24 +36,7 @@ MEASURES: tuple[tuple[str, str, bool], ...] = (
 )
 
 #: The measures that get a panel in the comparison.
-SHOWN = ("risk_third", "risk_after", "f1", "isobath_error_m")
-
-Row = Mapping[str, Any]
-
-
-def value_of(row: Row, column: str) -> float | None:
-    """A row's value in a column; the mean over vehicles where it has one per vehicle; None if unknown."""
-    value = row.get(column)
-    if isinstance(value, list):
-        known = [v for v in value if v is not None]
-        return float(np.mean(known)) if known else None
-    return None if value is None else float(value)
-
-
-def by_group(spec: CampaignSpec, rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Finished rows by setting, in the campaign's order; settings without any are left out."""
-    groups = {label: [r for r in rows if r["group"] == label and r["status"] == "ok"] for label, _ in spec.settings}
-    return {label: found for label, found in groups.items() if found}
+MAIN = ("risk_third", "risk_after", "f1", "isobath_error_m")
 
 
 def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
@@ -113,10 +97,10 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
     with matplotlib.rc_context(STYLE):
         longest = max(len(label) for label in groups)
         figure = new_figure(WIDTH_IN, 0.9 + 0.27 * len(groups) + (0.0 if len(groups) > 2 else 0.4))
-        axes = figure.subplots(1, len(SHOWN), sharey=True)
+        axes = figure.subplots(1, len(MAIN), sharey=True)
         names = {column: heading for column, heading, _ in MEASURES}
         rng = np.random.default_rng(0)
-        for axis, column in zip(axes, SHOWN, strict=True):
+        for axis, column in zip(axes, MAIN, strict=True):
             for place, rows in enumerate(groups.values()):
                 values = [v for v in (value_of(r, column) for r in rows) if v is not None]
                 _dot(axis, interval(values), values, place, rng)
@@ -209,14 +193,14 @@ def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) ->
 
 
 def sweep_figure(
-    lines: Mapping[str, Sequence[tuple[float, Sequence[Row]]]], label: str, shown: Sequence[str] = SHOWN
+    lines: Mapping[str, Sequence[tuple[float, Sequence[Row]]]], label: str, columns: Sequence[str] = MAIN
 ) -> Figure:
     """The main measures against a number: one line, of points (number, rows), for each name."""
     with matplotlib.rc_context(STYLE):
         figure = new_figure(WIDTH_IN, 2.3 if len(lines) < 2 else 2.6)
-        axes = figure.subplots(1, len(shown))
+        axes = figure.subplots(1, len(columns))
         names = {column: heading for column, heading, _ in MEASURES}
-        for axis, column in zip(axes, shown, strict=True):
+        for axis, column in zip(axes, columns, strict=True):
             for place, points in enumerate(lines.values()):
                 points = sorted(points, key=lambda p: p[0])
                 at = [x for x, _ in points]
@@ -266,8 +250,8 @@ def _all_rows(spec: CampaignSpec, rows: Sequence[Row]) -> str:
     order = {label: i for i, (label, _) in enumerate(spec.settings)}
     lines = []
     for r in sorted(rows, key=lambda r: (order[r["group"]], r["seed"] or 0)):
-        cells = [number(value_of(r, column)) for column in SHOWN]
+        cells = [number(value_of(r, column)) for column in MAIN]
         note = html.escape(r["error"] or "")
         lines.append([f"<code>{r['id']}</code>", html.escape(r["group"]), str(r["seed"]), r["status"], *cells, note])
-    header = ["id", "setting", "seed", "status", *(h for c, h, _ in MEASURES if c in SHOWN), "note"]
+    header = ["id", "setting", "seed", "status", *(h for c, h, _ in MEASURES if c in MAIN), "note"]
     return f"<details><summary>all {len(rows)} missions</summary>{table(header, lines)}</details>"

@@ -1,12 +1,13 @@
 """Result rows of a campaign: one Parquet file per mission, written when it ends and never changed.
 
-A row file is written under another name and moved into place, so it is there whole or not at all; a campaign that is
-killed loses only the missions in the air. `results.parquet` is all rows in one table, written anew when asked.
+A row file is written under another name and moved into place: it is there whole or not at all. A campaign that is
+killed loses only the missions that were being flown. `results.parquet` holds all rows in one table.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import os
 import types
@@ -15,9 +16,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow
 import pyarrow.parquet
 
+from auv_lse_sim.campaign.spec import CampaignSpec, Job
 from auv_lse_sim.judge.summary import Summary
 
 #: Columns that say which mission a row is of and how it went, before the columns of its summary.
@@ -48,6 +51,23 @@ def schema(varied: Mapping[str, Sequence[Any]]) -> pyarrow.Schema:
     return pyarrow.schema(columns)
 
 
+def columns_of(spec: CampaignSpec) -> Any:
+    """Columns of a campaign's rows."""
+    return schema({name: [_cell(v[name]) for _, v in spec.settings if name in v] for name in spec.varied})
+
+
+def names_of(job: Job) -> dict[str, Any]:
+    """The columns that name a mission in its campaign; a changed campaign file changes them."""
+    varied = {name: _cell(value) for name, value in job.varied.items()}
+    return {"id": job.id, "group": job.group, "seed": job.seed, **varied}
+
+
+def rows_of(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """The rows of a campaign's missions, in its order, under the names that its file gives them now."""
+    by_id = {row["id"]: row for row in rows}
+    return [{**by_id[job.id], **names_of(job)} for job in spec.jobs() if job.id in by_id]
+
+
 def _type_of(values: Sequence[Any]) -> pyarrow.DataType:
     kinds = {type(v) for v in values}
     if kinds <= {bool}:
@@ -65,6 +85,9 @@ def _summary_type(hint: Any) -> pyarrow.DataType:
     if typing.get_origin(hint) is tuple:
         return pyarrow.list_(pyarrow.float64())
     return {int: pyarrow.int64(), float: pyarrow.float64(), bool: pyarrow.bool_(), str: pyarrow.string()}[hint]
+
+
+Row = Mapping[str, Any]
 
 
 class Rows:
@@ -130,3 +153,22 @@ def _fit(value: Any, kind: pyarrow.DataType) -> Any:
     if pyarrow.types.is_list(kind):
         return [float(v) for v in value]
     return value
+
+
+def _cell(value: Any) -> Any:
+    return value if isinstance(value, bool | int | float | str) else json.dumps(value)
+
+
+def value_of(row: Row, column: str) -> float | None:
+    """A row's value in a column; the mean over vehicles where it has one per vehicle; None if unknown."""
+    value = row.get(column)
+    if isinstance(value, list):
+        known = [v for v in value if v is not None]
+        return float(np.mean(known)) if known else None
+    return None if value is None else float(value)
+
+
+def by_group(spec: CampaignSpec, rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Finished rows by setting, in the campaign's order; settings without any are left out."""
+    groups = {label: [r for r in rows if r["group"] == label and r["status"] == "ok"] for label, _ in spec.settings}
+    return {label: found for label, found in groups.items() if found}

@@ -1,0 +1,7 @@
+"""What a campaign fails with."""
+
+from __future__ import annotations
+
+
+class CampaignError(RuntimeError):
+    """A campaign that cannot go on: its folder is in use, its cluster is gone, a row is not there."""
