@@ -56,7 +56,7 @@ def _probe_s(patterns: Mapping[str, Any], factor: float) -> float:
 
 
 def fly_study(
-    study: Study, folder: Path, client: Any, finished: Callable[[str, CampaignState], None]
+    study: Study, folder: Path, client: Any, finished: Callable[[str, CampaignState], object]
 ) -> dict[str, CampaignState]:
     """Flies all campaigns of a study; within a budget, each gets its share of the time that is left.
 
