@@ -282,10 +282,8 @@ class Outcome:
 
 def regret(local: Knowledge, everything: Knowledge, level: LevelSet) -> float:
     """Expected cost, by all data, of a vehicle's classes over that of the best ones, mean over the places."""
-    safe = level.p_safe(everything.mean_m, everything.std_m)
-    cost = np.where(
-        level.safe(local.mean_m, local.std_m), level.cost_false_safe * (1.0 - safe), level.cost_false_unsafe * safe
-    )
+    safe = level.p_safe(*everything.predict())
+    cost = np.where(level.safe(*local.predict()), level.cost_false_safe * (1.0 - safe), level.cost_false_unsafe * safe)
     return float(cost.mean()) - everything.risk
 
 
@@ -338,8 +336,8 @@ def fly(
             depth = lake.depth_m(places[:, 0], places[:, 1]) + noise.normal(0.0, 0.1, rate_hz)
             rows = np.column_stack([t - 1.0 + share[:, 0], places, depth])[np.isfinite(depth)]
             if t % 4 == 0:
-                own[i].tell(rows[-1:, 1:])
-                everything.tell(rows[-1:, 1:])
+                own[i].add(rows[-1:, 1:])
+                everything.add(rows[-1:, 1:])
             bridge.add_soundings(rows)
             bridge.set_plan(PLAN)
         for sender, bridge in enumerate(team):
@@ -354,7 +352,7 @@ def fly(
                     continue
                 received = other.receive(t + 3.0, bridge.address, payload)
                 if received is not None:
-                    own[i].tell(received.packet.samples)
+                    own[i].add(received.packet.samples)
         if t % 50 == 0 and t > silent_s:
             excess.append(float(np.mean([k.risk for k in own])) - everything.risk)
             regrets.append(float(np.mean([regret(k, everything, level) for k in own])))

@@ -27,13 +27,14 @@ import numpy as np
 
 from auv_lse_gp import (
     AreaConfig,
-    Conditioned,
+    Centers,
     DepthMap,
     GpConfig,
     Kernel,
     LevelSet,
     OnlineGp,
     OperatingArea,
+    Posterior,
     bayes_risk,
     expected_bayes_risk,
     read_soundings,
@@ -126,7 +127,7 @@ def measure(sizes: Sizes = FULL, lake: Path | None = None) -> list[Row]:
         *real_time(sizes),
         *local_subset(survey, sizes),
         *merging(survey, sizes),
-        *conditioned(sizes),
+        *planned(sizes),
         *hyperparameters(survey, sizes),
     ]
 
@@ -149,8 +150,8 @@ def best_of(repeats: int, function: Callable[[], Any]) -> float:
 def start_up(sizes: Sizes = FULL) -> list[Row]:
     """Import of the package with all compiled code, from numba's cache."""
     code = (
-        "import auv_lse_gp, time; from auv_lse_gp import compiled;"
-        "compiled.AVAILABLE and (compiled.risk(), compiled.gp()); print(time.process_time())"
+        "import auv_lse_gp, time; from auv_lse_common.compiled import USE_NUMBA; from auv_lse_gp import lazy;"
+        "USE_NUMBA and (lazy.compiled_risk(), lazy.compiled_gp()); print(time.process_time())"
     )
     command = [sys.executable, "-c", code]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
@@ -522,7 +523,7 @@ def made_up_lines(seed: int) -> tuple[np.ndarray, np.ndarray]:
         15.0 + np.linalg.cholesky(Kernel(truth)(centers, centers) + np.eye(600) * 0.01) @ rng.normal(size=600),
         0.1,
     )
-    return places, gp.mean(places) + 0.3 * rng.normal(size=len(places))
+    return places, gp.posterior.mean_m(places) + 0.3 * rng.normal(size=len(places))
 
 
 def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
@@ -571,7 +572,7 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
         near = np.hypot(*(centers.places_m - query).T) < support
         gp = OnlineGp(config)
         gp.set_centers(centers.places_m[near], centers.depths_m[near], centers.noise_std_m[near])
-        off.append(abs(float(gp.mean(query[None])[0] - full.mean(query[None])[0])))
+        off.append(abs(float(gp.predict(query[None])[0][0] - full.predict(query[None])[0][0])))
     rows.append(
         row(
             "solving for the data within the support alone, wendland_c2: largest error",
@@ -598,7 +599,7 @@ def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
         for (north, east), depth in zip(places[~lines], (depths + rough)[~lines], strict=True):
             gp.add(north, east, depth)
         near = np.array([np.hypot(*(gp.centers.places_m - p).T).min() < 30.0 for p in places[lines]])
-        errors[merge] = float(np.sqrt(np.mean((gp.mean(places[lines]) - depths[lines])[near] ** 2)))
+        errors[merge] = float(np.sqrt(np.mean((gp.posterior.mean_m(places[lines]) - depths[lines])[near] ** 2)))
         text = "merged" if merge else "dropped"
         rows.append(
             row(
@@ -614,16 +615,23 @@ def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     return rows
 
 
-def conditioned(sizes: Sizes = FULL) -> list[Row]:
-    """Benefit of a path's end by extending its prefix, against conditioning on the whole path."""
+def planned(sizes: Sizes = FULL) -> list[Row]:
+    """Benefit of measuring along a path by planning its end after its prefix, against planning the whole path."""
     places, depths = made_up(sizes.data[0])
-    gp = OnlineGp(GpConfig(merge=False, min_spacing_m=0.0))
-    gp.set_centers(places, depths, 0.3)
+    posterior, level_set = Posterior(GpConfig()), LevelSet()
+    posterior.extend(Centers(places, depths, np.full(len(depths), 0.3)))
     path = np.column_stack([np.linspace(50, 450, 120), 200 + 60 * np.sin(np.linspace(0, 6, 120))])
-    prefix = Conditioned(gp).extend(path[:100])
-    level_set = LevelSet()
-    whole = best_of(sizes.repeats, lambda: Conditioned(gp).extend(path).benefit(level_set))
-    ends = best_of(sizes.repeats, lambda: prefix.extend(path[100:]).benefit(level_set))
+
+    def benefit_of(more: np.ndarray) -> None:
+        mark = len(posterior)
+        posterior.plan(more)
+        at = posterior.columns(path)
+        level_set.benefit(at.mean_m, np.sqrt(at.data_var_m2 - at.planned_var_m2), np.sqrt(at.planned_var_m2))
+        posterior.truncate(mark)
+
+    whole = best_of(sizes.repeats, lambda: benefit_of(path))
+    posterior.plan(path[:100])
+    ends = best_of(sizes.repeats, lambda: benefit_of(path[100:]))
     return [
         row(f"benefit of a path of 120 places, n = {len(places)}", 1e3 * whole, "ms"),
         row("the same, extending one of 100 places", 1e3 * ends, "ms", against="anew", ratio=whole / ends),

@@ -105,7 +105,7 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
             planner = boat.planner
             planner.set_centers(boat.gp.centers)
             planner._take_centers()
-            columns = planner._map_posterior().watched()
+            columns = planner._map_columns().columns()
             left = settings.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum()
             end = planner._risk_at_start - float(left)
             bound = promised

@@ -14,8 +14,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.online import Centers
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.methods import RECIPES
@@ -24,7 +25,6 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.proposals import Situation, search_path
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.uct import exhaustive_search
 
@@ -45,7 +45,7 @@ def shares(situations: int, tail: bool, iterations: int | None = None, first: in
         phase = rng.uniform(0.0, 6.0, 2)
         depths = 15.0 + 8.0 * np.sin(places[:, 0] / 60.0 + phase[0]) * np.cos(places[:, 1] / 75.0 + phase[1])
         posterior = Posterior(GpConfig())
-        posterior.set_centers(Centers(places, depths, np.full(count, 0.3)))
+        posterior.follow(Centers(places, depths, np.full(count, 0.3)))
         state = np.array([rng.uniform(-np.pi, np.pi), *rng.uniform(0.0, 480.0, 2)])
         left = int(rng.integers(3, 101))
         naive_paths = how.naive_paths if tail and left > 3 else ()

@@ -1,6 +1,6 @@
-"""Optional compilation: the inner loops run through numba where it is installed, and as plain Python where not.
+"""The one numba switch: inner loops run through numba where it is installed, and as plain Python or NumPy where not.
 
-The plain functions are the reference; tests call both (`function.py_func`) and compare them. The environment variable
+The plain functions are the reference; tests call both (`plain(function)`) and compare them. The environment variable
 AUV_LSE_NUMBA=0, set before the import, forces the plain ones.
 
 Numba's cache keeps what was compiled until the function's own file changes; what it called in another file stays as it
@@ -10,23 +10,37 @@ was then. So the cache's folder is named after the text of all files of the pack
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import os
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-try:
-    import numba
+#: Whether compiled code is used. `compiled` reads it when a function is decorated; auv_lse_gp reads it at every call,
+#: so that its tests can switch it and compare both.
+USE_NUMBA = os.environ.get("AUV_LSE_NUMBA", "1") != "0" and importlib.util.find_spec("numba") is not None
 
-    HAVE_NUMBA = os.environ.get("AUV_LSE_NUMBA", "1") != "0"
-except ImportError:  # numba is optional by design
-    HAVE_NUMBA = False
+
+def _choose_cache_folder() -> None:
+    """Puts numba's cache under /tmp if neither this package nor the home is writable: numba would refuse to compile."""
+    if "NUMBA_CACHE_DIR" in os.environ:
+        return
+    package, home = Path(__file__).parent, Path(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~")))
+    if not any(os.access(folder, os.W_OK) for folder in (package, home)):
+        os.environ["NUMBA_CACHE_DIR"] = str(Path(tempfile.gettempdir()) / f"auv_lse_numba_{os.getuid()}")
+
+
+if USE_NUMBA:
+    _choose_cache_folder()
 
 
 @cache
 def cache_folder(package: Path) -> str:
     """Where numba keeps what it compiles of these very files of `package` (its folder, with all below it)."""
+    import numba
+
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
@@ -46,8 +60,10 @@ def _package_of(file: Path) -> Path:
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` compiled by numba (strict IEEE arithmetic, kept in numba's cache), or itself without numba."""
-    if not HAVE_NUMBA:
+    if not USE_NUMBA:
         return function
+    import numba  # here and not above: auv_lse_gp alone starts without it
+
     before = numba.config.CACHE_DIR
     folder = cache_folder(_package_of(Path(function.__code__.co_filename).resolve()))
     numba.config.CACHE_DIR = folder  # read when a function is decorated; unwritable: numba looks elsewhere

@@ -1,11 +1,16 @@
 """Bayes-risk level-set estimation on an online Gaussian process."""
 
 from auv_lse_gp.area import AreaConfig, Grid, OperatingArea
-from auv_lse_gp.conditioned import Conditioned
+from auv_lse_gp.centers import Centers
+from auv_lse_gp.columns import Columns
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap, Field, Isobath, contours
+from auv_lse_gp.factor import IllConditionedError
+from auv_lse_gp.gate import SoundingError
+from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.kernels import Kernel
-from auv_lse_gp.online import Centers, Counts, IllConditionedError, OnlineGp, Outcome, SoundingError
+from auv_lse_gp.online import Counts, OnlineGp, Outcome
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import (
     LevelSet,
     bayes_estimate,
@@ -19,7 +24,7 @@ from auv_lse_gp.soundings import read_soundings
 __all__ = [
     "AreaConfig",
     "Centers",
-    "Conditioned",
+    "Columns",
     "Counts",
     "DepthMap",
     "Field",
@@ -27,11 +32,13 @@ __all__ = [
     "Grid",
     "IllConditionedError",
     "Isobath",
+    "KeptColumns",
     "Kernel",
     "LevelSet",
     "OnlineGp",
     "OperatingArea",
     "Outcome",
+    "Posterior",
     "SoundingError",
     "bayes_estimate",
     "bayes_risk",

@@ -170,11 +170,14 @@ def add_whitened(whitened, residuals, mean, variance):  # type: ignore[no-untype
             variance[j] -= row[j] * row[j]
 
 
-@njit("f8[::1](f8[:, ::1], i8, f8[::1])", cache=True, fastmath={"reassoc", "contract"})
-def forward(lower, size, right):  # type: ignore[no-untyped-def]  # numba's types
-    """Solves L x = right with the leading rows of `lower`, row by row: one pass over L, no copy of it."""
+@njit("f8[::1](f8[:, ::1], i8, i8, f8[::1])", cache=True, fastmath={"reassoc", "contract"})
+def forward(lower, begin, size, right):  # type: ignore[no-untyped-def]  # numba's types
+    """Solves L x = right for rows begin..size, row by row: one pass over L, no copy of it.
+
+    `right[:begin]` holds the part of x that is solved for already.
+    """
     x = right.copy()
-    for i in range(size):
+    for i in range(begin, size):
         total = 0.0
         row = lower[i]
         for j in range(i):

@@ -1,10 +1,7 @@
 """The map of a vehicle: soundings in; depth, its uncertainty, risk and isobath on a grid out.
 
-Theory of operation. The posterior of the whole grid is kept, and new centres are conditioned on all at once: with
-the rows R = L22^-1 (k(new, grid) - L21 L11^-1 k(old, grid)) of the whitened covariance that they add, the mean grows
-by R^T b_new and the variance shrinks by the sum of R^2. L21 L11^-1 is one small solve, so an update costs one pass of
-k(old, grid), whatever the number of new centres. The last few centres stay provisional, since merging still moves
-them: the state before them is kept, and they are conditioned on afresh each time.
+The posterior of the whole grid is kept and only brought up to date (`kept.KeptMoments`). The last few centers stay
+provisional, since merging still moves them.
 """
 
 from __future__ import annotations
@@ -13,22 +10,16 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import ndtri
 
 from auv_lse_gp.area import Grid, OperatingArea
+from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.online import (
-    CHUNK,
-    MERGE_WINDOW,
-    Centers,
-    Counts,
-    IllConditionedError,
-    OnlineGp,
-    Outcome,
-    SoundingError,
-    add_whitened,
-)
+from auv_lse_gp.factor import IllConditionedError
+from auv_lse_gp.gate import SoundingError
+from auv_lse_gp.kept import KeptMoments
+from auv_lse_gp.merging import MERGE_WINDOW
+from auv_lse_gp.online import Counts, OnlineGp, Outcome
 from auv_lse_gp.risk import LevelSet
 
 Array = NDArray[np.float64]
@@ -103,7 +94,7 @@ class DepthMap:
         self.grid = area.grid(gp_config.map_resolution_m)
         self.last_problem = ""
         self._places_m = self.grid.places_m
-        self._map = _GridPosterior(self.gp, self._places_m)
+        self._moments = KeptMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
         self._field: Field | None = None
 
     @property
@@ -113,7 +104,7 @@ class DepthMap:
 
     @property
     def centers(self) -> Centers:
-        """The kernel centres."""
+        """The kernel centers."""
         return self.gp.centers
 
     @property
@@ -144,7 +135,7 @@ class DepthMap:
         """The posterior on the grid, brought up to date."""
         revision = self.gp.revision
         if self._field is None or self._field.revision != revision:
-            mean, std = self._map.update()
+            mean, std = self._predict()
             risk, safe = self.level_set.risk(mean, std), self.level_set.p_safe(mean, std)
             fill = self.grid.fill
             self._field = Field(self.grid, fill(mean), fill(std), fill(risk), fill(safe), revision)
@@ -162,6 +153,14 @@ class DepthMap:
             deep_edge=contours(self.grid, score, quantile),
             band_probability=BAND_PROBABILITY,
         )
+
+    def _predict(self) -> tuple[Array, Array]:
+        """Mean and standard deviation (P,), (P,) at the grid's places."""
+        if self.gp.config.local and not self.gp.kernel.compact:
+            return self.gp.predict(self._places_m)
+        _ = self.gp.posterior  # brought up to date
+        mean, variance = self._moments.update()
+        return mean, np.sqrt(variance)
 
     def _add(self, north_m: float, east_m: float, depth_m: float) -> Outcome | None:
         try:
@@ -182,66 +181,6 @@ def contours(grid: Grid, values: Array, level: float) -> list[Array]:
         return []
     generator = contour_generator(x=grid.east_m, y=grid.north_m, z=np.ma.masked_invalid(values))
     return [np.asarray(line)[:, ::-1] for line in generator.lines(level)]
-
-
-class _GridPosterior:
-    """Mean and standard deviation at fixed places, kept up to date with an `OnlineGp`."""
-
-    def __init__(self, gp: OnlineGp, places_m: Array) -> None:
-        self._gp = gp
-        self._places_m = places_m
-        self._scaled = gp.kernel.scale(places_m)
-        self._prior_mean = np.asarray(gp.prior_mean(places_m), float)
-        self._provisional = MERGE_WINDOW if gp.config.merge else 0
-        self._forget()
-
-    def _forget(self) -> None:
-        self._settled = Centers(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-        self._mean = self._prior_mean.copy()
-        self._variance = np.array(self._gp.kernel.variance(self._places_m))
-
-    def update(self) -> tuple[Array, Array]:
-        gp = self._gp
-        if gp.config.local and not gp.kernel.compact:
-            return gp.predict(self._places_m)
-        centers = gp.centers
-        n, old = len(centers), len(self._settled)
-        if n < old or not (
-            np.array_equal(centers.places_m[:old], self._settled.places_m)
-            and np.array_equal(centers.depths_m[:old], self._settled.depths_m)
-            and np.array_equal(centers.noise_std_m[:old], self._settled.noise_std_m)
-        ):
-            self._forget()
-            old = 0
-        settle = max(old, n - self._provisional)
-        if n == old:
-            return self._mean.copy(), np.sqrt(np.maximum(self._variance, 0.0))
-        mean, variance = self._condition(old, settle, n)
-        self._settled = Centers(centers.places_m[:settle], centers.depths_m[:settle], centers.noise_std_m[:settle])
-        return mean, np.sqrt(np.maximum(variance, 0.0))
-
-    def _condition(self, old: int, settle: int, new: int) -> tuple[Array, Array]:
-        """Conditions on centres old..settle for good, and on settle..new for the answer only."""
-        gp = self._gp
-        if old == 0 and settle == new:
-            gp.condition_on_all(self._scaled, self._mean, self._variance)
-            return self._mean.copy(), self._variance.copy()
-        lower, whitened, centers = gp.cholesky, gp.whitened_residuals, gp.scaled_centers
-        weights = gp.solve_transposed_leading(lower[old:new, :old].T, old) if old else None  # (old, m): L11^-T L21^T
-        own, kept = lower[old:new, old:new], settle - old
-        mean, variance = np.empty_like(self._mean), np.empty_like(self._variance)
-        for begin in range(0, len(self._scaled), CHUNK):
-            part = slice(begin, begin + CHUNK)
-            if weights is None:
-                rows = gp.whiten(self._places_m[part])
-            else:
-                rows = gp.kernel.of_scaled(centers[old:new], self._scaled[part])
-                gp.kernel.subtract_weighted(centers[:old], weights, self._scaled[part], rows)
-                rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
-            add_whitened(rows[:kept], whitened[old:settle], self._mean[part], self._variance[part])
-            mean[part], variance[part] = self._mean[part], self._variance[part]
-            add_whitened(rows[kept:], whitened[settle:new], mean[part], variance[part])
-        return mean, variance
 
 
 def _rows(name: str, values: ArrayLike, width: int) -> Array:

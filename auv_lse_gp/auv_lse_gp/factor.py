@@ -1,4 +1,4 @@
-"""A Cholesky factor that grows: L L^T = K + N, a row for each centre, kept in a buffer that doubles when full.
+"""A Cholesky factor that grows: L L^T = K + N, a row for each measurement, kept in a buffer that doubles when full.
 
 Many right-hand sides are solved for by matrix products alone, which run three times as fast as LAPACK's triangular
 solve. With the rows of L in blocks, block b of X = L^-1 R is D_b R_b - M_b X_above, with D_b the inverse of the small
@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, blas, cholesky, solve_triangular
 
-from auv_lse_gp import compiled
+from auv_lse_common import compiled
+from auv_lse_gp.lazy import compiled_gp
 
 Array = NDArray[np.float64]
 
@@ -20,17 +21,18 @@ BLOCK = 128
 
 
 class IllConditionedError(ValueError):
-    """The covariance of the centres cannot be factorized in double precision; nothing is added to it silently."""
+    """The covariance of the centers cannot be factorized in double precision; nothing is added to it silently."""
 
 
 class Factor:
-    """Lower Cholesky factor L (n, n) of the centres' covariance with noise."""
+    """Lower Cholesky factor L (n, n) of the measurements' covariance with noise."""
 
     def __init__(self, capacity: int = 64) -> None:
         """Makes an empty factor with room for `capacity` rows."""
         self._buffer = np.zeros((capacity, capacity))
         self._blocks: list[tuple[Array, Array]] = []  # D_b^T and M_b^T, Fortran-ordered
         self._blocked = 0  # rows of L whose blocks are made
+        self._contiguous: Array | None = None  # L without the buffer's spare columns, for BLAS
         self.size = 0
 
     @property
@@ -38,9 +40,20 @@ class Factor:
         """L (n, n), a view: not to be written to, and overwritten by later changes."""
         return self._buffer[: self.size, : self.size]
 
+    def copy(self) -> Factor:
+        """The same factor, to be changed on its own."""
+        other = Factor(len(self._buffer))
+        other._buffer[: self.size, : self.size] = self.lower
+        other._blocks = list(self._blocks)  # the arrays in it are never written to
+        other._blocked, other._contiguous, other.size = self._blocked, self._contiguous, self.size
+        return other
+
     def truncate(self, size: int) -> None:
         """Forgets all rows from number `size` on."""
-        self.size = min(self.size, size)
+        if size >= self.size:
+            return
+        self.size = size
+        self._contiguous = None
         if size < self._blocked:
             self._blocked = size - size % BLOCK
             del self._blocks[self._blocked // BLOCK :]
@@ -49,13 +62,15 @@ class Factor:
         """Appends m rows.
 
         Args:
-            cross: Covariance (m, n) of the new centres with those in the factor.
+            cross: Covariance (m, n) of the new measurements with those in the factor.
             own: Covariance (m, m) among the new ones, with noise on the diagonal.
 
         Raises:
             IllConditionedError: if the result is not positive definite in double precision; the factor is unchanged.
         """
         old, new = self.size, self.size + len(own)
+        if new == old:
+            return
         self._reserve(new)
         rows = self.solve(cross.T).T
         remainder = own - rows @ rows.T
@@ -67,24 +82,35 @@ class Factor:
             corner = None
         if corner is None or not float(np.min(np.diag(corner))) ** 2 > floor:
             raise IllConditionedError(
-                f"the covariance of {new} centres is not positive definite in double precision: centres too close "
+                f"the covariance of {new} centers is not positive definite in double precision: centers too close "
                 f"together for their noise (smallest pivot wanted: {floor:.2g} m^2); expected a larger noise_std_m or "
                 "min_spacing_m. Nothing is added to the diagonal silently."
             )
         self._buffer[old:new, :old] = rows
         self._buffer[old:new, old:new] = np.tril(corner)
         self.size = new
+        self._contiguous = None
 
     def solve(self, right: Array) -> Array:
         """L^-1 right, for right (n, P) or (n,)."""
         if right.ndim == 1 or right.shape[1] == 1:
             flat = np.array(right, dtype=float).ravel()
-            if compiled.AVAILABLE:
-                flat = compiled.gp().forward(self._buffer, self.size, flat)
-            else:
-                flat = solve_triangular(self.lower, flat, lower=True, check_finite=False) if self.size else flat
-            return np.asarray(flat).reshape(right.shape)
+            return self.solve_from(0, flat).reshape(right.shape)
         return self.solve_in_place(np.array(right, dtype=float, order="C"))
+
+    def solve_from(self, begin: int, right: Array) -> Array:
+        """L^-1 right (n,), where the rows of `right` (n,) before number `begin` hold their part of the result already.
+
+        Appending m rows to L then costs O(n m).
+        """
+        if compiled.USE_NUMBA:
+            return np.asarray(compiled_gp().forward(self._buffer, begin, self.size, right))
+        solved = np.array(right, dtype=float)
+        if begin < self.size:
+            solved[begin:] -= self._buffer[begin : self.size, :begin] @ solved[:begin]
+            own = self._buffer[begin : self.size, begin : self.size]
+            solved[begin:] = solve_triangular(own, solved[begin:], lower=True, check_finite=False)
+        return solved
 
     def solve_in_place(self, right: Array) -> Array:
         """`solve` that overwrites `right` (n, P), C-ordered, and returns it.
@@ -96,6 +122,9 @@ class Factor:
             raise ValueError(f"right: got {right.dtype} {right.shape}; expected C-ordered float64 of {self.size} rows")
         if not right.size:
             return right
+        if right.shape[1] == 1:
+            right[:, 0] = self.solve_from(0, right[:, 0].copy())
+            return right
         self._make_blocks()
         for begin, (inverse, multiplier) in zip(range(0, self.size, BLOCK), self._blocks, strict=True):
             part = right[begin : begin + len(inverse)].T  # Fortran-ordered: BLAS works in place
@@ -103,6 +132,29 @@ class Factor:
             if begin:
                 blas.dgemm(-1.0, right[:begin].T, multiplier, beta=1.0, c=part, overwrite_c=1)
         return right
+
+    def solve_rows_in_place(self, rows: Array) -> Array:
+        """L^-1 r for each row r of `rows` (P, n), C-ordered, which are overwritten and returned."""
+        if rows.size:
+            if self._contiguous is None:
+                self._contiguous = np.ascontiguousarray(self.lower)
+            # BLAS takes our rows for columns: L^T is upper, and the right side is overwritten without a copy.
+            blas.dtrsm(1.0, self._contiguous.T, rows.T, lower=0, trans_a=1, overwrite_b=1)
+        return rows
+
+    def solve_transposed(self, right: Array, size: int | None = None) -> Array:
+        """L^-T right, for right (n,) or (n, P); with `size`, of the leading part of L of that size."""
+        n = self.size if size is None else size
+        solved = np.array(right, dtype=float)
+        lower = self._buffer[:n, :n]
+        for begin in reversed(range(0, n, BLOCK)):
+            end = min(begin + BLOCK, n)
+            if end < n:
+                solved[begin:end] -= lower[end:, begin:end].T @ solved[end:]
+            solved[begin:end] = solve_triangular(
+                lower[begin:end, begin:end], solved[begin:end], lower=True, trans="T", check_finite=False
+            )
+        return solved
 
     def _make_blocks(self) -> None:
         """Makes the blocks that have rows added since."""
@@ -118,20 +170,6 @@ class Factor:
             multiplier = inverse @ self._buffer[begin:end, :begin]
             self._blocks.append((np.asfortranarray(inverse.T), np.asfortranarray(multiplier.T)))
         self._blocked = self.size
-
-    def solve_transposed(self, right: Array, size: int | None = None) -> Array:
-        """L^-T right, for right (n,) or (n, P); with `size`, of the leading part of L of that size."""
-        n = self.size if size is None else size
-        solved = np.array(right, dtype=float)
-        lower = self._buffer[:n, :n]
-        for begin in reversed(range(0, n, BLOCK)):
-            end = min(begin + BLOCK, n)
-            if end < n:
-                solved[begin:end] -= lower[end:, begin:end].T @ solved[end:]
-            solved[begin:end] = solve_triangular(
-                lower[begin:end, begin:end], solved[begin:end], lower=True, trans="T", check_finite=False
-            )
-        return solved
 
     def _reserve(self, size: int) -> None:
         if size <= len(self._buffer):

@@ -12,8 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp import compiled
+from auv_lse_common import compiled
 from auv_lse_gp.config import KERNELS, GpConfig
+from auv_lse_gp.lazy import compiled_gp
 
 Array = NDArray[np.float64]
 
@@ -122,9 +123,9 @@ class Kernel:
 
     def of_scaled(self, a: Array, b: Array, out: Array | None = None) -> Array:
         """`__call__` of places already scaled, into `out` (A, B) if given."""
-        if compiled.AVAILABLE:
+        if compiled.USE_NUMBA:
             out = np.empty((len(a), len(b))) if out is None else out
-            compiled.gp().covariance(self.index, self.signal_variance_m2, a, b, out)
+            compiled_gp().covariance(self.index, self.signal_variance_m2, a, b, out)
             return out
         if out is not None:
             out[...] = self.of_scaled_numpy(a, b)
@@ -133,8 +134,8 @@ class Kernel:
 
     def subtract_weighted(self, a: Array, weights: Array, b: Array, out: Array) -> None:
         """out (m, B) -= weights (A, m)^T k(a, b), for places already scaled, of which b may be very many."""
-        if compiled.AVAILABLE and weights.shape[1] <= 16:
-            compiled.gp().subtract_weighted(
+        if compiled.USE_NUMBA and weights.shape[1] <= 16:
+            compiled_gp().subtract_weighted(
                 self.index, self.signal_variance_m2, a, np.ascontiguousarray(weights), b, out
             )
             return

@@ -1,11 +1,12 @@
 """What the other vehicles know, as a sender believes, and what one more sample would be worth to them.
 
 A sample's worth is the drop of the Bayes risk, summed over a coarse map of the operating area, that the receivers
-expect of it before they know its depth (PAPER.md section 1, with D1 what they know and D2 the sample's place).
+expect of it before they know its depth (the paper's section "Search objective", with D1 what they know and D2 the
+sample's place).
 
-Nobody tells a sender what got through. A sender that takes all for known leaves holes where packets were lost, and
-does worse than one that sends every n-th sample. So several receivers are supposed, each of which misses every packet,
-sent or heard, with the chance that packets are lost then; a sample's worth is its mean over them.
+No sender learns what got through. A sender that takes all for known leaves holes where packets were lost, and does
+worse than one that sends every n-th sample. So several receivers are supposed, each of which misses every packet, sent
+or heard, with the chance that packets are lost then; a sample's worth is its mean over them.
 """
 
 from __future__ import annotations
@@ -15,15 +16,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_triangular
 
 from auv_lse_common.params import section
 from auv_lse_common.seeds import stream
 from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.kernels import Kernel
-from auv_lse_gp.prior_mean import prior_mean
+from auv_lse_gp.kept import KeptColumns
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
+from auv_lse_gp.spacing import SpacingIndex
 
 Array = NDArray[np.float64]
 
@@ -36,7 +38,7 @@ SUPPOSED = 4
 
 
 class Knowledge:
-    """What one vehicle knows: an exact GP on the samples it has, one row of the Cholesky factor per sample.
+    """What one vehicle knows: an exact Gaussian process on the samples it has, and the risk of a map given them.
 
     Samples nearer than `gp.min_spacing_m` to an earlier one are left out, as a vehicle's map merges them.
 
@@ -44,9 +46,7 @@ class Knowledge:
         places_m: Where risk is summed, shape (G, 2): north, east.
     """
 
-    def __init__(
-        self, gp: GpConfig, level_set: LevelSet, area: OperatingArea, spacing_m: float = 20.0, capacity: int = 64
-    ) -> None:
+    def __init__(self, gp: GpConfig, level_set: LevelSet, area: OperatingArea, spacing_m: float = 20.0) -> None:
         """Starts with nothing but the prior.
 
         Args:
@@ -54,89 +54,47 @@ class Knowledge:
             level_set: The isobath and what errors cost.
             area: Where risk counts.
             spacing_m: Spacing of the places where it is summed.
-            capacity: Samples that room is made for at first.
         """
         self.places_m: Array = area.grid(spacing_m).places_m
         self._level_set = level_set
-        self._kernel = Kernel(gp)
-        self._prior = prior_mean(gp)
-        self._noise_m2 = gp.noise_std_m**2
-        self._spacing_m = gp.min_spacing_m
-        self._count = 0
-        self._told = np.zeros((capacity, 2))
-        self._factor = np.zeros((capacity, capacity))  # L of K + noise = L L^T
-        self._residuals = np.zeros(capacity)  # L^-1 (z - m)
-        self._white = np.zeros((capacity, len(self.places_m)))  # L^-1 K(told, places)
-        self._mean = np.array(self._prior(self.places_m), dtype=float)
-        self._variance = np.array(self._kernel.variance(self.places_m), dtype=float)
+        self._noise_std_m = gp.noise_std_m
+        self._posterior = Posterior(gp)
+        self._map = KeptColumns(self._posterior, self.places_m)
+        self._index = SpacingIndex(gp.min_spacing_m)
 
     def __len__(self) -> int:
-        """Number of samples told and kept."""
-        return self._count
+        """Number of samples that are known; the mark that `forget` takes."""
+        return len(self._posterior)
 
     @property
     def risk(self) -> float:
         """Bayes risk, mean over the places."""
-        return float(self._level_set.risk(self.mean_m, self.std_m).mean())
+        return float(self._level_set.risk(*self.predict()).mean())
 
-    @property
-    def mean_m(self) -> Array:
-        """Expected depth (m) at the places, shape (G,)."""
-        return self._mean.copy()
+    def predict(self) -> tuple[Array, Array]:
+        """Mean and standard deviation (G,), (G,) of the depth at the places."""
+        places = self._map.columns()
+        return places.mean_m, np.sqrt(places.data_var_m2)
 
-    @property
-    def std_m(self) -> Array:
-        """Standard deviation (m) of the depth at the places, shape (G,)."""
-        return np.asarray(np.sqrt(self._variance))
-
-    def mark(self) -> tuple[int, Array, Array]:
-        """Where it stands, for `forget`."""
-        return self._count, self._mean.copy(), self._variance.copy()
-
-    def forget(self, mark: tuple[int, Array, Array]) -> None:
-        """Forgets what it was told since `mark()`."""
-        self._count, self._mean, self._variance = mark[0], mark[1].copy(), mark[2].copy()
-
-    def _whiten(self, places_m: Array, covariance: Array) -> Array:
-        """L^-1 of a covariance (N, P) of what was told with places."""
-        n = self._count
-        if n == 0:
-            return covariance
-        return np.asarray(solve_triangular(self._factor[:n, :n], covariance, lower=True, check_finite=False))
-
-    def tell(self, samples_m: Array) -> None:
-        """It has these samples now.
+    def add(self, samples_m: Array) -> None:
+        """Takes samples that the vehicle has now.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
         """
+        kept = []
         for north, east, depth in np.asarray(samples_m, dtype=float).tolist():
-            self._tell(np.array([[north, east]]), depth)
+            if self._index.too_close(north, east) is None:
+                self._index.add(north, east)
+                kept.append((north, east, depth))
+        if kept:
+            rows = np.array(kept)
+            self._posterior.extend(Centers(rows[:, :2], rows[:, 2], np.full(len(rows), self._noise_std_m)))
 
-    def _tell(self, place_m: Array, depth_m: float) -> None:
-        n = self._count
-        if n and np.hypot(*(self._told[:n] - place_m).T).min() < self._spacing_m:
-            return
-        if n == len(self._told):
-            self._grow()
-        row = self._whiten(place_m, self._kernel(self._told[:n], place_m))[:, 0]
-        pivot = float(np.sqrt(self._kernel.variance(place_m)[0] + self._noise_m2 - row @ row))
-        self._factor[n, :n], self._factor[n, n] = row, pivot
-        white = (self._kernel(place_m, self.places_m)[0] - row @ self._white[:n]) / pivot
-        residual = (depth_m - float(self._prior(place_m)[0]) - float(row @ self._residuals[:n])) / pivot
-        self._told[n], self._white[n], self._residuals[n] = place_m[0], white, residual
-        self._mean += white * residual
-        self._variance = np.maximum(self._variance - white**2, 0.0)
-        self._count = n + 1
-
-    def _grow(self) -> None:
-        old = len(self._told)
-        self._told = np.concatenate([self._told, np.zeros((old, 2))])
-        self._residuals = np.concatenate([self._residuals, np.zeros(old)])
-        self._white = np.concatenate([self._white, np.zeros((old, len(self.places_m)))])
-        factor = np.zeros((2 * old, 2 * old))
-        factor[:old, :old] = self._factor
-        self._factor = factor
+    def forget(self, mark: int) -> None:
+        """Forgets all samples but the first `mark`."""
+        self._posterior.truncate(mark)
+        self._index.truncate(mark)
 
     def gains(self, samples_m: Array) -> Array:
         """Expected drop of its Bayes risk, summed over the places, by each sample alone, shape (n,).
@@ -148,18 +106,15 @@ class Knowledge:
         at = np.asarray(samples_m, dtype=float)[:, :2]
         if not len(at):
             return np.zeros(0)
-        n = self._count
-        row = self._whiten(at, self._kernel(self._told[:n], at))
-        variance = np.maximum(self._kernel.variance(at) - (row**2).sum(axis=0), 0.0) + self._noise_m2
-        cross = self._kernel(at, self.places_m) - row.T @ self._white[:n]
-        explained = np.minimum(cross**2 / variance[:, None], self._variance)
+        places, samples = self._map.columns(), self._posterior.columns(at)
+        mean, variance = places.mean_m, places.data_var_m2
+        cross = self._posterior.covariance(samples, places)
+        explained = np.minimum(cross**2 / (samples.data_var_m2 + self._posterior.noise_var_m2)[:, None], variance)
         cost = max(self._level_set.cost_false_safe, self._level_set.cost_false_unsafe)
-        open_places = self._level_set.risk(self._mean, np.sqrt(self._variance)) > _NEGLIGIBLE_RISK * cost
-        sample, place = np.nonzero((explained > _NEGLIGIBLE_SHARE * self._variance) & open_places)
+        risky = self._level_set.risk(mean, np.sqrt(variance)) > _NEGLIGIBLE_RISK * cost
+        sample, place = np.nonzero((explained > _NEGLIGIBLE_SHARE * variance) & risky)
         drop = explained[sample, place]
-        benefit = self._level_set.benefit(
-            self._mean[place], np.sqrt(drop), np.sqrt(np.maximum(self._variance[place] - drop, 0.0))
-        )
+        benefit = self._level_set.benefit(mean[place], np.sqrt(drop), np.sqrt(np.maximum(variance[place] - drop, 0.0)))
         return np.asarray(np.bincount(sample, weights=benefit, minlength=len(at)), dtype=float)
 
 
@@ -186,9 +141,9 @@ class ReceiversRisk:
         self._rng = rng
         self._receivers = [Knowledge(gp, level_set, area, spacing_m) for _ in range(SUPPOSED)]
         self._missed = [0] * SUPPOSED  # what each has missed, as a number: those with the same know the same
-        self._marks = [receiver.mark() for receiver in self._receivers]
+        self._marks = [len(receiver) for receiver in self._receivers]
         #: What the receivers knew and had missed before the last packet sent, while that can be taken back ...
-        self._before_sent: tuple[list[tuple[int, Array, Array]], list[int]] | None = None
+        self._before_sent: tuple[list[int], list[int]] | None = None
         #: ... and what was heard after it: samples, and which receivers missed them.
         self._heard_since: list[tuple[Array, list[bool]]] = []
 
@@ -231,7 +186,7 @@ class ReceiversRisk:
             samples_m: North, east, water depth (m), shape (n, 3).
         """
         for receiver in self._receivers:
-            receiver.tell(np.asarray(samples_m, dtype=float))
+            receiver.add(np.asarray(samples_m, dtype=float))
 
     def send(self, loss: float) -> None:
         """The packet is made; each of the supposed receivers misses it with the chance that packets are lost.
@@ -263,7 +218,7 @@ class ReceiversRisk:
             self._missed[i] = hash((self._missed[i], missed[i]))
             if missed[i]:
                 receiver.forget(self._marks[i])
-        self._marks = [receiver.mark() for receiver in self._receivers]
+        self._marks = [len(receiver) for receiver in self._receivers]
 
     def gains(self, samples_m: ArrayLike) -> Array:
         """Expected drop of the receivers' Bayes risk by each sample alone, mean over the receivers, shape (n,).

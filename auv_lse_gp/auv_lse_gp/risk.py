@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfinv, log_ndtr, ndtr, ndtri, owens_t
 
+from auv_lse_common import compiled
 from auv_lse_common.params import ParameterError, parameter
-from auv_lse_gp import compiled
+from auv_lse_gp.lazy import compiled_risk
 
 Array = NDArray[np.float64]
 
@@ -163,12 +164,12 @@ def expected_bayes_risk(
     c1, c2 = _costs(cost_false_safe, cost_false_unsafe)
     _not_negative(std_of_mean_m=of_mean, std_after_m=after)
     if method == "exact":
-        if compiled.AVAILABLE:
+        if compiled.USE_NUMBA:
             if c1.ndim == c2.ndim == 0 and c1 == c2:  # as a planner asks, a hundred places at a time
                 quantile = np.zeros(())
             else:
                 quantile = np.where(c1 == c2, 0.0, ndtri(c2 / (c1 + c2)))
-            return np.asarray(compiled.risk().expected_risk(mean, of_mean, after, level, c1, c2, quantile))
+            return np.asarray(compiled_risk().expected_risk(mean, of_mean, after, level, c1, c2, quantile))
         return expected_bayes_risk_numpy(mean, of_mean, after, level, c1, c2)
     if method == "exponential_quadratic":
         return _exponential_quadratic(mean, of_mean, after, level, c1, c2)

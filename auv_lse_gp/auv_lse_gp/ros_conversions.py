@@ -14,8 +14,8 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
 from auv_lse_common.ros_conversions import doubles, floats, header, seconds, stamp
+from auv_lse_gp.centers import Centers
 from auv_lse_gp.depth_map import Field, Isobath
-from auv_lse_gp.online import Centers
 from auv_lse_msgs.msg import KernelCenters, LevelSetField, SampleArray, Sounding
 
 _BAND_COLORS = {"lines": (0.0, 0.0, 0.0), "shallow_edge": (0.9, 0.6, 0.0), "deep_edge": (0.0, 0.45, 0.7)}

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OnlineGp, OperatingArea, Outcome, compiled, contours
+from auv_lse_common import compiled
+from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OnlineGp, OperatingArea, Outcome, contours
 from auv_lse_gp.config import KERNELS
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
@@ -14,9 +15,9 @@ AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0
 
 @pytest.fixture(params=[True, False], ids=["numba", "numpy"])
 def _path(request, monkeypatch):
-    if request.param and not compiled.AVAILABLE:
+    if request.param and not compiled.USE_NUMBA:
         pytest.skip("numba is not installed")
-    monkeypatch.setattr(compiled, "AVAILABLE", request.param)
+    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
 
 
 def depth(north, east):

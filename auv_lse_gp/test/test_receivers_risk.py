@@ -46,8 +46,8 @@ def dense_gain(told: Array, place: Array, grid: Array) -> float:
 def test_gains_against_dense_algebra(n: int) -> None:
     rng = np.random.default_rng(n)
     told = samples(rng, n)
-    receivers = Knowledge(GpConfig(length_scale_m=50.0, min_spacing_m=0.0), LEVEL, AREA, capacity=4)
-    receivers.tell(told)
+    receivers = Knowledge(GpConfig(length_scale_m=50.0, min_spacing_m=0.0), LEVEL, AREA)
+    receivers.add(told)
     candidates = samples(rng, 12)
     expected = [dense_gain(told, place, receivers.places_m) for place in candidates[:, :2]]
     # what is negligible at one place (1e-4 of its variance) may sum up to a little over the map
@@ -63,14 +63,14 @@ def test_gain_is_the_expected_drop_of_the_risk() -> None:
     rng = np.random.default_rng(5)
     told, place = samples(rng, 10), np.array([[90.0, 130.0]])
     before = Knowledge(GP, LEVEL, AREA)
-    before.tell(told)
+    before.add(told)
     mean, cov = dense(told, place)
     depths = rng.normal(mean[0], np.sqrt(cov[0, 0] + GP.noise_std_m**2), 1500)
     drops = []
     for depth in depths:
         after = Knowledge(GP, LEVEL, AREA)
-        after.tell(told)
-        after.tell(np.array([[90.0, 130.0, depth]]))
+        after.add(told)
+        after.add(np.array([[90.0, 130.0, depth]]))
         drops.append((before.risk - after.risk) * len(before.places_m))
     error = np.std(drops) / np.sqrt(len(drops))
     assert before.gains(np.array([[90.0, 130.0, 0.0]]))[0] == pytest.approx(np.mean(drops), abs=4.0 * error)
@@ -82,7 +82,7 @@ def test_what_is_told_is_worth_less_again() -> None:
     candidates = samples(rng, 40)
     first = receivers.gains(candidates)
     best = int(np.argmax(first))
-    receivers.tell(candidates[best : best + 1])
+    receivers.add(candidates[best : best + 1])
     again = receivers.gains(candidates)
     assert again[best] < 0.05 * first[best]
     near = np.hypot(*(candidates[:, :2] - candidates[best, :2]).T) < 30.0
@@ -91,26 +91,26 @@ def test_what_is_told_is_worth_less_again() -> None:
 
 
 def test_samples_too_close_are_left_out_and_none_is_fine() -> None:
-    receivers = Knowledge(GP, LEVEL, AREA, capacity=1)
-    receivers.tell(np.array([[10.0, 10.0, 12.0], [10.0, 13.9, 12.0], [10.0, 14.0, 12.0], [50.0, 50.0, 9.0]]))
+    receivers = Knowledge(GP, LEVEL, AREA)
+    receivers.add(np.array([[10.0, 10.0, 12.0], [10.0, 13.9, 12.0], [10.0, 14.0, 12.0], [50.0, 50.0, 9.0]]))
     assert len(receivers) == 3
-    receivers.tell(np.zeros((0, 3)))
+    receivers.add(np.zeros((0, 3)))
     assert receivers.gains(np.zeros((0, 3))).shape == (0,)
 
 
 def test_what_was_told_since_a_mark_is_forgotten() -> None:
     rng = np.random.default_rng(7)
     first, second, third, candidates = (samples(rng, n) for n in (10, 10, 5, 20))
-    once, twice = Knowledge(GP, LEVEL, AREA, capacity=2), Knowledge(GP, LEVEL, AREA, capacity=2)
-    once.tell(first)
-    mark = once.mark()
+    once, twice = Knowledge(GP, LEVEL, AREA), Knowledge(GP, LEVEL, AREA)
+    once.add(first)
+    mark = len(once)
     for _ in range(2):
-        once.tell(second)
+        once.add(second)
         once.forget(mark)
     for knowledge in (once, twice):
         if knowledge is twice:
-            twice.tell(first)
-        knowledge.tell(third)
+            twice.add(first)
+        knowledge.add(third)
     assert once.risk == twice.risk
     assert (once.gains(candidates) == twice.gains(candidates)).all()
 
@@ -141,7 +141,7 @@ def test_without_loss_all_receivers_have_all_and_with_total_loss_none_has_any() 
     sure = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
     sure.hear(heard, 0.0)
     reference = Knowledge(GP, LEVEL, AREA, spacing_m=20.0)
-    reference.tell(heard)
+    reference.add(heard)
     np.testing.assert_allclose(sure.gains(candidates), reference.gains(candidates), rtol=1e-12)
     deaf = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
     deaf.hear(heard, 1.0)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from auv_lse_common import compiled
 from auv_lse_common.params import ParameterError
 from auv_lse_gp import (
     LevelSet,
     bayes_estimate,
     bayes_risk,
     benefit_of_search,
-    compiled,
     expected_bayes_risk,
     p_safe,
 )
@@ -35,9 +35,9 @@ CASES = [
 
 @pytest.fixture(params=[True, False], ids=["numba", "numpy"])
 def _path(request, monkeypatch):
-    if request.param and not compiled.AVAILABLE:
+    if request.param and not compiled.USE_NUMBA:
         pytest.skip("numba is not installed")
-    monkeypatch.setattr(compiled, "AVAILABLE", request.param)
+    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
 
 
 @pytest.mark.usefixtures("_path")
@@ -80,7 +80,7 @@ def test_expected_risk_against_quadrature():
 
 
 def test_compiled_agrees_with_numpy():
-    if not compiled.AVAILABLE:
+    if not compiled.USE_NUMBA:
         pytest.skip("numba is not installed")
     rng = np.random.default_rng(1)
     n = 200_000

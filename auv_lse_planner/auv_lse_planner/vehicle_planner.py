@@ -25,8 +25,11 @@ from numpy.typing import NDArray
 from auv_lse_common.leg import Leg
 from auv_lse_common.plan import NONE, Plan
 from auv_lse_gp.area import Grid, OperatingArea
+from auv_lse_gp.centers import Centers
+from auv_lse_gp.columns import Columns
 from auv_lse_gp.factor import IllConditionedError
-from auv_lse_gp.online import Centers
+from auv_lse_gp.kept import KeptColumns
+from auv_lse_gp.posterior import Posterior
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.methods import Recipe, recipe
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -43,7 +46,6 @@ from auv_lse_planner.proposals import (
 )
 from auv_lse_planner.reward.map import MapReward
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.posterior import Columns, Posterior
 from auv_lse_planner.reward.surrogate import Surrogate
 from auv_lse_planner.search.dec_mcts import JOINT_DRAWS, KEPT_PLANS, search_dec_mcts
 from auv_lse_planner.team import Team
@@ -204,6 +206,7 @@ class VehiclePlanner:
         self._decided = 0
         self.plans_refused = 0
         self._map_grid: Grid | None = None
+        self._map: KeptColumns | None = None
         self._surrogate: Surrogate | None = None
         self._rough_grid = self.area.grid(settings.planner.map_spacing_m)
         self._risk_at_start = math.nan
@@ -240,7 +243,7 @@ class VehiclePlanner:
         if centers is None:
             return
         try:
-            self.posterior.set_centers(centers)
+            self.posterior.follow(centers)
             self._map_problem = ""
         except IllConditionedError as error:
             self._map_problem = f"map: {error}"
@@ -482,7 +485,7 @@ class VehiclePlanner:
             level_set = dataclasses.replace(level_set, method=how.risk_method)
         reward: PathReward | MapReward
         if how.objective == "map":
-            reward = MapReward(self._map_posterior(), level_set)
+            reward = MapReward(self._map_columns(), level_set)
             if math.isnan(self._risk_at_start):
                 self._risk_at_start = float(reward.risk_in_hand.sum())
             # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
@@ -550,7 +553,7 @@ class VehiclePlanner:
                 return search_map(situation, self.space, self.naive, reward, self._surrogate_for(reward), own)
             found = search_path(situation, self.space, self.naive, reward)
             if how.map_share > 0.0 and not found.deadline_hit:
-                by_map = MapReward(self._map_posterior(), reward.level_set)
+                by_map = MapReward(self._map_columns(), reward.level_set)
                 found = chosen_with_map(found, situation, self.space, by_map, how.map_share)
             return found
         if how.kind == "naive":
@@ -558,11 +561,11 @@ class VehiclePlanner:
             return naive_only(situation, self.space, self.naive, reward, naive_path)
         return one_leg(situation, self.space, self.naive, reward, how.score)
 
-    def _map_posterior(self) -> Posterior:
-        if self._map_grid is None:
+    def _map_columns(self) -> KeptColumns:
+        if self._map is None:
             self._map_grid = self.area.grid(self.planner.map_spacing_m)
-            self.posterior.watch(self._map_grid.places_m)
-        return self.posterior
+            self._map = KeptColumns(self.posterior, self._map_grid.places_m)
+        return self._map
 
     def _surrogate_for(self, reward: MapReward) -> Surrogate:
         if self._surrogate is None:

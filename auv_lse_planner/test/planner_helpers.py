@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kernels import Kernel
-from auv_lse_gp.online import Centers
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
 from auv_lse_planner.paths.free_space import FreeSpace

@@ -5,9 +5,10 @@ from planner_helpers import centers, world
 import auv_lse_planner.search.lattice as module
 from auv_lse_common.compiled import plain
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.kept import KeptColumns
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.reward.map import MapReward
-from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.reward.surrogate import Surrogate
 from auv_lse_planner.search.lattice import LatticeSearch
 
@@ -19,10 +20,9 @@ def _search(spacing=40.0, samples=1):
     a, _, space, _ = world()
     grid = a.grid(spacing)
     posterior = Posterior(GpConfig())
-    posterior.watch(grid.places_m)
-    posterior.set_centers(centers(rng, 40))
+    posterior.follow(centers(rng, 40))
     surrogate = Surrogate(grid, LevelSet())
-    surrogate.set(MapReward(posterior, LevelSet()))
+    surrogate.set(MapReward(KeptColumns(posterior, grid.places_m), LevelSet()))
     return space, surrogate, LatticeSearch(space, surrogate, samples)
 
 

@@ -3,9 +3,9 @@ import pytest
 from planner_helpers import centers, dense_posterior, expected_risk
 
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.posterior import Posterior, join
 
 
 def _situation(seed, data=60, team=0, level=None, credit="printed"):
@@ -13,7 +13,7 @@ def _situation(seed, data=60, team=0, level=None, credit="printed"):
     config = GpConfig()
     known = centers(rng, data)
     posterior = Posterior(config)
-    posterior.set_centers(known)
+    posterior.follow(known)
     others = rng.uniform(0, 400, (team, 2))
     posterior.plan(others)
     level = level or LevelSet()
@@ -55,20 +55,6 @@ def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
         assert reward.values_of_equal(columns, length) == pytest.approx(one_by_one, abs=1e-10)
 
 
-@pytest.mark.parametrize("credit", ["printed", "beyond"])
-@pytest.mark.parametrize("count", [1, 3])
-def test_paths_that_share_a_tail_are_worth_what_they_are_from_scratch(credit, count):
-    rng, config, known, others, level, reward = _situation(4, 120, 20, credit=credit)
-    tail_places = rng.uniform(0, 400, (97, 2))
-    heads = rng.uniform(0, 400, (6 * count, 2))
-    tail = reward.tail(reward.posterior.columns(tail_places))
-    values = reward.values_with_tail(reward.posterior.columns(heads), count, tail)
-    for i in range(6):
-        whole = np.concatenate([heads[i * count : (i + 1) * count], tail_places])
-        assert values[i] == pytest.approx(reward.value(reward.posterior.columns(whole)), abs=1e-9)
-        assert values[i] == pytest.approx(_dense_value(config, known, others, whole, level, credit).sum(), abs=1e-9)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_a_longer_path_is_never_worth_less_and_none_is_worth_nothing(seed):
     rng, *_, reward = _situation(seed, 40, 5)
@@ -81,7 +67,7 @@ def test_a_longer_path_is_never_worth_less_and_none_is_worth_nothing(seed):
 def test_team_credit_takes_off_what_team_mates_bring_anyway():
     rng = np.random.default_rng(6)
     posterior = Posterior(GpConfig())
-    posterior.set_centers(centers(rng, 30))
+    posterior.follow(centers(rng, 30))
     path = rng.uniform(0, 400, (10, 2))
     posterior.plan(path)  # a team mate goes exactly there
     columns = posterior.columns(path)
@@ -90,14 +76,6 @@ def test_team_credit_takes_off_what_team_mates_bring_anyway():
     posterior.forget_planned()
     alone = PathReward(posterior, LevelSet()).value(posterior.columns(path))
     assert printed.value(columns) > alone
-
-
-def test_joined_places_keep_their_order():
-    _, _, _, _, _, reward = _situation(7, 10)
-    a = reward.posterior.columns(np.array([[0.0, 0.0], [10.0, 0.0]]))
-    b = reward.posterior.columns(np.array([[20.0, 0.0]]))
-    whole = reward.posterior.columns(np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]]))
-    assert join([a, b]).white == pytest.approx(whole.white, abs=1e-12)
 
 
 def test_unknown_credit_is_refused():

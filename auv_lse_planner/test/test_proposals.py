@@ -8,12 +8,13 @@ from planner_helpers import centers, world
 
 from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.kept import KeptColumns
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.naive import COVERING, STRIPS
 from auv_lse_planner.proposals import Situation, chosen_with_map, search_map, search_path
 from auv_lse_planner.reward.map import MapReward
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.reward.surrogate import Surrogate
 
 
@@ -22,8 +23,7 @@ def scene():
     area, motion, space, naive = world()
     posterior = Posterior(GpConfig())
     grid = area.grid(20.0)
-    posterior.watch(grid.places_m)
-    posterior.set_centers(centers(np.random.default_rng(3), 40))
+    posterior.follow(centers(np.random.default_rng(3), 40))
     situation = Situation(
         state=np.array([0.4, 120.0, 150.0]),
         steps_left=40,
@@ -50,8 +50,8 @@ def _places(motion, state, actions):
 
 
 def test_the_choice_is_the_best_finalist_by_both_rewards(scene):
-    motion, space, naive, posterior, _, situation = scene
-    own, by_map = PathReward(posterior, LevelSet()), MapReward(posterior, LevelSet())
+    motion, space, naive, posterior, grid, situation = scene
+    own, by_map = PathReward(posterior, LevelSet()), MapReward(KeptColumns(posterior, grid.places_m), LevelSet())
     found = search_path(_fresh(situation), space, naive, own)
     chosen = chosen_with_map(found, situation, space, by_map, 1.0)
     finalists = found.ranking[:16]
@@ -65,8 +65,8 @@ def test_the_choice_is_the_best_finalist_by_both_rewards(scene):
 
 
 def test_a_share_of_nothing_leaves_the_searchs_choice_and_a_large_one_the_maps(scene):
-    motion, space, naive, posterior, _, situation = scene
-    own, by_map = PathReward(posterior, LevelSet()), MapReward(posterior, LevelSet())
+    motion, space, naive, posterior, grid, situation = scene
+    own, by_map = PathReward(posterior, LevelSet()), MapReward(KeptColumns(posterior, grid.places_m), LevelSet())
     found = search_path(_fresh(situation), space, naive, own)
     assert chosen_with_map(found, situation, space, by_map, 0.0).actions == found.actions
     maps = {a: by_map.value(posterior.columns(_places(motion, situation.state, a))) for a, _ in found.ranking[:16]}
@@ -75,7 +75,10 @@ def test_a_share_of_nothing_leaves_the_searchs_choice_and_a_large_one_the_maps(s
 
 def test_paths_proposed_by_their_own_reward_are_valued_on_the_map_to_the_missions_end(scene):
     motion, space, naive, posterior, grid, situation = scene
-    own, by_map = PathReward(posterior, LevelSet(), "beyond"), MapReward(posterior, LevelSet())
+    own, by_map = (
+        PathReward(posterior, LevelSet(), "beyond"),
+        MapReward(KeptColumns(posterior, grid.places_m), LevelSet()),
+    )
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(by_map)
     there = _fresh(situation, naive_paths=COVERING)
@@ -92,7 +95,10 @@ def test_paths_proposed_by_their_own_reward_are_valued_on_the_map_to_the_mission
 
 def test_the_first_finalist_that_beats_the_incumbent_is_taken(scene):
     _, space, naive, posterior, grid, situation = scene
-    own, by_map = PathReward(posterior, LevelSet(), "beyond"), MapReward(posterior, LevelSet())
+    own, by_map = (
+        PathReward(posterior, LevelSet(), "beyond"),
+        MapReward(KeptColumns(posterior, grid.places_m), LevelSet()),
+    )
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(by_map)
 
@@ -112,7 +118,7 @@ def test_the_first_finalist_that_beats_the_incumbent_is_taken(scene):
 
 def test_without_naive_paths_only_the_legs_searched_count(scene):
     motion, space, naive, posterior, grid, situation = scene
-    by_map = MapReward(posterior, LevelSet())
+    by_map = MapReward(KeptColumns(posterior, grid.places_m), LevelSet())
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(by_map)
     found = search_map(_fresh(situation), space, naive, by_map, surrogate)

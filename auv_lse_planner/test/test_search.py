@@ -5,11 +5,11 @@ import pytest
 from planner_helpers import centers, world
 
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.naive import LAWNMOWERS
 from auv_lse_planner.proposals import Situation, search_path
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.uct import TreeSearch, exhaustive_search
 
@@ -112,7 +112,7 @@ def test_tree_search_against_exhaustive_search_on_real_situations():
     for seed in range(6):
         rng = np.random.default_rng(seed)
         posterior = Posterior(GpConfig())
-        posterior.set_centers(centers(rng, 30 * seed))
+        posterior.follow(centers(rng, 30 * seed))
         reward = PathReward(posterior, LevelSet())
         state = np.array([rng.uniform(-3, 3), *rng.uniform(60, 300, 2)])
         left = int(rng.integers(3, 25))
@@ -129,7 +129,7 @@ def test_sequences_are_valued_with_their_naive_path():
     _, motion, _, naive = world()
     rng = np.random.default_rng(9)
     posterior = Posterior(GpConfig())
-    posterior.set_centers(centers(rng, 40))
+    posterior.follow(centers(rng, 40))
     reward = PathReward(posterior, LevelSet())
     state = np.array([0.3, 150.0, 150.0])
     both = PathSequences(reward, motion, naive, state, 20, LAWNMOWERS[:2], 2)
@@ -151,7 +151,7 @@ def test_promising_heads_are_the_best_of_all():
     _, motion, space, naive = world()
     rng = np.random.default_rng(10)
     posterior = Posterior(GpConfig())
-    posterior.set_centers(centers(rng, 60))
+    posterior.follow(centers(rng, 60))
     reward = PathReward(posterior, LevelSet())
     state = np.array([0.3, 150.0, 150.0])
     alone = PathSequences(reward, motion, naive, state, 2, (), 2)

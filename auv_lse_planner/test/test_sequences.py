@@ -7,11 +7,11 @@ from planner_helpers import centers, world
 from auv_lse_common.compiled import plain
 from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.naive import HOLD, LAWNMOWERS, STRIPS
 from auv_lse_planner.reward import path as path_reward
 from auv_lse_planner.reward.path import PathReward, small_inverse_diagonals
-from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.search.prefixes import Prefixes
 from auv_lse_planner.search.sequences import PathSequences
 
@@ -21,7 +21,7 @@ STATE = np.array([0.3, 150.0, 150.0])
 def _reward(data, team, credit, seed=3):
     rng = np.random.default_rng(seed)
     posterior = Posterior(GpConfig())
-    posterior.set_centers(centers(rng, data))
+    posterior.follow(centers(rng, data))
     posterior.plan(rng.uniform(0, 400, (team, 2)))
     return rng, PathReward(posterior, LevelSet(), credit)
 

@@ -5,9 +5,10 @@ from scipy.stats import spearmanr
 
 from auv_lse_common.compiled import plain
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.kept import KeptColumns
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.reward.map import MapReward
-from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.reward.surrogate import Surrogate, fill_row, risk_table, table_risk
 
 
@@ -16,11 +17,10 @@ def _situation(seed, data, team=0, level=None, spacing=20.0):
     a, motion, space, _ = world()
     grid = a.grid(spacing)
     posterior = Posterior(GpConfig())
-    posterior.watch(grid.places_m)
-    posterior.set_centers(centers(rng, data))
+    posterior.follow(centers(rng, data))
     posterior.plan(rng.uniform(0, 360, (team, 2)))
     level = level or LevelSet()
-    reward = MapReward(posterior, level)
+    reward = MapReward(KeptColumns(posterior, grid.places_m), level)
     surrogate = Surrogate(grid, level)
     surrogate.set(reward)
     return rng, motion, space, reward, surrogate, grid

@@ -8,7 +8,8 @@ from planner_helpers import centers, depth, settings
 
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_common.plan import Plan
-from auv_lse_gp.online import Centers, OnlineGp
+from auv_lse_gp.centers import Centers
+from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import METHODS, PlannerConfig, PlannerSettings
 from auv_lse_planner.methods import RECIPES, recipe
 from auv_lse_planner.vehicle_planner import VehiclePlanner

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auv_lse_common.compiled import HAVE_NUMBA, cache_folder, plain
+from auv_lse_common.compiled import USE_NUMBA, cache_folder, plain
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.world import motion_model as mm
 from auv_lse_sim.world import navigation as nav
@@ -162,7 +162,7 @@ def test_filter_is_consistent():
     assert 0.001 < result.drift < 0.02
 
 
-@pytest.mark.skipif(not HAVE_NUMBA, reason="numba is not installed")
+@pytest.mark.skipif(not USE_NUMBA, reason="numba is not installed")
 def test_compiled_code_is_kept_by_the_text_of_all_its_files():
     """Numba alone would go on using what it once compiled of another, since changed, file."""
     assert Path(mm.advance.stats.cache_path).is_relative_to(cache_folder(Path(nav.__file__).resolve().parents[1]))

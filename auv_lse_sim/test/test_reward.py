@@ -3,7 +3,7 @@ import pytest
 
 from auv_lse_common.plan import NONE
 from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.online import OnlineGp
+from auv_lse_gp.kernels import Kernel
 from auv_lse_sim.judge.evaluation import mission_settings
 from auv_lse_sim.judge.reward import PlannedPath, leg_times, replay, running_maximum
 
@@ -15,8 +15,6 @@ def settings_of(run):
 
 def dense_risk(settings, soundings, places):
     """Risk at places from the textbook formula, with every sounding a datum (no spacing rule)."""
-    from auv_lse_gp.kernels import Kernel
-
     kernel, gp = Kernel(settings.gp), settings.gp
     x, z = soundings[:, 1:3], soundings[:, 3]
     gram = kernel(x, x) + gp.noise_std_m**2 * np.eye(len(x))
@@ -86,8 +84,7 @@ def test_expected_whole_path_reward_of_the_first_plan_is_its_expected_benefit(sy
     places = np.concatenate(
         [np.concatenate(p.places(v.decisions[0])) for p, v in zip(paths, run.vehicles, strict=True)]
     )
-    gp = OnlineGp(settings[0].gp)
-    _, covariance = gp.posterior(places)
+    covariance = Kernel(settings[0].gp)(places, places)
     noise = settings[0].gp.noise_std_m ** 2 * np.eye(len(places))
     after = np.diag(covariance - covariance @ np.linalg.solve(covariance + noise, covariance))
     std = np.sqrt(np.diag(covariance) - after)

@@ -14,8 +14,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 from auv_lse_common.plan import Plan
 from auv_lse_common.ros_conversions import doubles, floats, header, plan_from_message, plan_message, seconds, stamp
 from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_gp.centers import Centers
 from auv_lse_gp.depth_map import Field
-from auv_lse_gp.online import Centers
 from auv_lse_gp.ros_conversions import centers_from_message, centers_message, field_message, risk_map_message
 from auv_lse_msgs.msg import Waypoint
 from auv_lse_planner.config import MotionConfig

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf
 
+from auv_lse_gp.columns import Columns
+from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.reward.path import noisy_covariances
-from auv_lse_planner.reward.posterior import Columns, Posterior
+from auv_lse_planner.reward.path import not_positive_definite
 
 Array = NDArray[np.float64]
 
@@ -23,19 +24,19 @@ Array = NDArray[np.float64]
 class MapReward:
     """Map reward for one decision: the data and the team mates' places are fixed."""
 
-    def __init__(self, posterior: Posterior, level_set: LevelSet) -> None:
-        """Takes the posterior as it stands, with the map watched and the team mates' places planned.
+    def __init__(self, kept: KeptColumns, level_set: LevelSet) -> None:
+        """Takes the posterior as it stands, with the team mates' places planned.
 
         Args:
-            posterior: The posterior.
+            kept: The map's places, kept up to date with the posterior.
             level_set: Level and costs.
         """
-        self.posterior = posterior
+        self.posterior = kept.posterior
         self.level_set = level_set
-        self.places = posterior.watched()
-        self._noise = posterior.noise_var_m2
+        self.places = kept.columns()
         self.risk_in_hand = level_set.risk(self.places.mean_m, np.sqrt(self.places.data_var_m2))
-        self.risk_before = self.expected(self.places.planned_var_m2) if posterior.planned_rows else self.risk_in_hand
+        planned = self.posterior.planned_rows > 0
+        self.risk_before = self.expected(self.places.planned_var_m2) if planned else self.risk_in_hand
 
     def expected(self, var_after_m2: Array) -> Array:
         """Expected risk at the map's places once their variances are `var_after_m2`, shape (..., M) both."""
@@ -46,11 +47,10 @@ class MapReward:
 
     def _reductions(self, columns: Columns) -> Array:
         """Whitened covariance (P, M) of the path's measurements with the map: row i is what place i adds to 0..i-1."""
-        matrix = self.posterior.lower_covariance(columns)
-        matrix[np.diag_indices(len(matrix))] += self._noise
+        matrix = self.posterior.measured_covariance(columns)
         factor, failed = dpotrf(matrix, lower=1, clean=1)
         if failed:
-            raise ValueError(f"covariance of {len(matrix)} planned places is not positive definite (pivot {failed})")
+            raise ValueError(not_positive_definite(len(matrix)))
         cross = self.posterior.covariance(columns, self.places)
         return np.asarray(solve_triangular(factor, cross, lower=True, check_finite=False, overwrite_b=True))
 
@@ -76,21 +76,12 @@ class MapReward:
             Values, shape (B,).
         """
         batch = len(columns) // length
-        matrices = noisy_covariances(self.posterior, columns, batch)
+        matrices = self.posterior.measured_covariances(columns, batch)
         try:
             factors = np.linalg.cholesky(matrices)
         except np.linalg.LinAlgError:
-            raise ValueError(f"covariance of {length} planned places is not positive definite") from None
+            raise ValueError(not_positive_definite(length)) from None
         cross = self.posterior.covariance(columns, self.places).reshape(batch, length, len(self.places))
         rows = np.linalg.solve(factors, np.eye(length)) @ cross  # L^-1 of a small L first: the map has many places
         after = np.maximum(self.places.planned_var_m2 - np.einsum("bpm,bpm->bm", rows, rows), 0.0)
         return np.asarray((self.risk_before - self.expected(after)).sum(axis=1))
-
-    def values_of_beginnings(self, columns: Columns, counts: list[int]) -> Array:
-        """J of the path's first `counts[i]` places, for each i: what its legs add one after another."""
-        rows = self._reductions(columns) ** 2 if len(columns) else np.zeros((0, len(self.places)))
-        values = []
-        for count in counts:
-            after = np.maximum(self.places.planned_var_m2 - rows[:count].sum(axis=0), 0.0)
-            values.append(float(np.sum(self.risk_before - self.expected(after))))
-        return np.array(values)

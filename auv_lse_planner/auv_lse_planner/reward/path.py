@@ -1,45 +1,30 @@
-"""The paper's reward of a path: the expected benefit of search at its own places (PAPER.md section 2).
+"""The paper's reward of a path: the expected benefit of search at its own places (docs/paper.md).
 
 J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the paths of the agents before, V the path.
 That is `credit="printed"`. With `credit="beyond"` the first term is E r(p | S u O): what V adds at its places beyond
 what the team mates' plans would bring anyway (a vehicle is then not paid for going where another goes).
 
 With M = cov(V, V | S u O) + sigma^2 I, the variance that is left at the path's places is
-sigma^2 - sigma^4 diag(M^-1); M grows by blocks, so a tail (naive path) that many paths share is factorized once.
+sigma^2 - sigma^4 diag(M^-1).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from auv_lse_common.compiled import compiled
+from auv_lse_gp.columns import Columns
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.reward.posterior import Columns, Posterior
 
 Array = NDArray[np.float64]
 
 #: Paths of at most so many places are factorized together by compiled loops, longer ones by LAPACK one by one.
 SMALL = 24
-
-
-@dataclass(frozen=True, slots=True)
-class Tail:
-    """Places that end many paths, factorized.
-
-    Attributes:
-        columns: The places.
-        inverse: Inverse of M = cov + sigma^2 I, shape (T, T).
-        inverse_diagonal: Its diagonal, shape (T,).
-    """
-
-    columns: Columns
-    inverse: Array
-    inverse_diagonal: Array
 
 
 class PathReward:
@@ -90,14 +75,8 @@ class PathReward:
 
     def var_after_m2(self, columns: Columns) -> Array:
         """Variance (P,) of the depth at the path's places once all of them are measured."""
-        inverse_diagonal = inverse_diagonal_of(self._matrix(columns))
+        inverse_diagonal = inverse_diagonal_of(self.posterior.measured_covariance(columns))
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
-
-    def _matrix(self, columns: Columns) -> Array:
-        """Lower triangle of M = cov + sigma^2 I among the places."""
-        matrix = self.posterior.lower_covariance(columns)
-        np.einsum("ii->i", matrix)[:] += self._noise
-        return matrix
 
     def values_of_equal(self, columns: Columns, length: int) -> Array:
         """J of several paths of equal length, all at once.
@@ -111,87 +90,20 @@ class PathReward:
         """
         batch = len(columns) // length
         if length <= SMALL:
-            matrices = noisy_covariances(self.posterior, columns, batch)
+            matrices = self.posterior.measured_covariances(columns, batch)
             diagonal = np.empty((batch, length))
             if not small_inverse_diagonals(matrices, diagonal):
-                raise ValueError(f"covariance of {length} planned places is not positive definite")
+                raise ValueError(not_positive_definite(length))
         else:
             parts = [columns.slice(i * length, (i + 1) * length) for i in range(batch)]
-            diagonal = np.array([inverse_diagonal_of(self._matrix(part)) for part in parts])
+            diagonal = np.array([inverse_diagonal_of(self.posterior.measured_covariance(part)) for part in parts])
         after = np.maximum(self._noise - self._noise**2 * diagonal.ravel(), 0.0)
         return np.asarray(self._gains(columns, after).reshape(batch, length).sum(axis=1))
 
-    # ------------------------------------------------------------------ a shared tail
 
-    def tail(self, columns: Columns) -> Tail:
-        """Factorizes a tail for `values_with_tail`."""
-        factor, failed = dpotrf(self._matrix(columns), lower=1, clean=1)
-        if failed:
-            raise ValueError(f"tail of {len(columns)} places: covariance not positive definite (pivot {failed})")
-        half, _ = dpotri(factor, lower=1)
-        inverse = np.tril(half) + np.tril(half, -1).T
-        return Tail(columns, inverse, np.diag(inverse).copy())
-
-    def values_with_tail(self, heads: Columns, count: int, tail: Tail | None) -> Array:
-        """J of many paths that share a tail and differ in their `count` first places.
-
-        Args:
-            heads: The first places of all paths, one after another, count * B of them.
-            count: First places of each path.
-            tail: The shared tail; None for none.
-
-        Returns:
-            Values, shape (B,).
-        """
-        batch = len(heads) // count
-        if tail is None:
-            tail = Tail(heads.slice(0, 0), np.empty((0, 0)), np.empty(0))
-        cross = self.posterior.covariance(tail.columns, heads)  # (T, B count)
-        own = noisy_covariances(self.posterior, heads, batch)
-        # M = [[A, c], [c^T, b]]: Schur complement of the tail's block A, s = b - c^T A^-1 c
-        solved = tail.inverse @ cross
-        by_path = solved.T.reshape(batch, count, -1)  # (B, count, T)
-        schur = own - by_path @ cross.T.reshape(batch, count, -1).transpose(0, 2, 1)
-        inverse = np.linalg.solve(schur, np.broadcast_to(np.eye(count), schur.shape))
-        # diag(M^-1): the head's is diag(s^-1), the tail's diag(A^-1) + diag(A^-1 c s^-1 c^T A^-1)
-        head_diagonal = np.einsum("bii->bi", inverse)
-        tail_diagonal = tail.inverse_diagonal + np.einsum("bit,bij,bjt->bt", by_path, inverse, by_path, optimize=True)
-        columns = _tiled(heads, tail.columns, batch, count)
-        diagonal = np.concatenate([head_diagonal, tail_diagonal], axis=1).ravel()
-        after = np.maximum(self._noise - self._noise**2 * diagonal, 0.0)
-        before = np.concatenate(
-            [
-                self.before(heads).reshape(batch, count),
-                np.broadcast_to(self.before(tail.columns), (batch, len(tail.columns))),
-            ],
-            axis=1,
-        )
-        return np.asarray((before - self._expected(columns, after).reshape(batch, -1)).sum(axis=1))
-
-
-def _tiled(heads: Columns, tail: Columns, batch: int, count: int) -> Columns:
-    def both(head: Array, end: Array) -> Array:
-        return np.concatenate([head.reshape(batch, count), np.broadcast_to(end, (batch, len(end)))], axis=1).ravel()
-
-    return Columns(
-        np.empty((0, 2)),
-        np.empty((0, 0)),
-        both(heads.mean_m, tail.mean_m),
-        both(heads.data_var_m2, tail.data_var_m2),
-        both(heads.planned_var_m2, tail.planned_var_m2),
-    )
-
-
-def noisy_covariances(posterior: Posterior, columns: Columns, batch: int) -> Array:
-    """M = cov + sigma^2 I among the places of each of `batch` paths of equal length c, shape (batch, c, c)."""
-    count = len(columns) // batch
-    white = columns.white.reshape(batch, count, columns.white.shape[1])
-    scaled = columns.scaled.reshape(batch, count, 2)
-    apart = scaled[:, :, None, :] - scaled[:, None, :, :]
-    matrices = posterior.kernel.of_scaled(np.zeros((1, 2)), apart.reshape(-1, 2)).reshape(batch, count, count)
-    matrices -= white @ white.transpose(0, 2, 1)
-    np.einsum("bii->bi", matrices)[:] += posterior.noise_var_m2
-    return matrices
+def not_positive_definite(places: int) -> str:
+    """What is wrong with the covariance of measurements at so many places, for an error message."""
+    return f"covariance of {places} planned places is not positive definite; expected gp.noise_std_m to be larger"
 
 
 def inverse_diagonal_of(matrix: Array) -> Array:
@@ -202,7 +114,7 @@ def inverse_diagonal_of(matrix: Array) -> Array:
     """
     factor, failed = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
     if failed:
-        raise ValueError(f"covariance of {len(matrix)} planned places is not positive definite (pivot {failed})")
+        raise ValueError(not_positive_definite(len(matrix)))
     inverse, _ = dtrtri(factor, lower=1, overwrite_c=1)
     return np.asarray(np.einsum("ij,ij->j", inverse, inverse))
 

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.plan import NONE
+from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.proposals import Proposal, Situation
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.posterior import Posterior
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.tree import ActionTree
 from auv_lse_planner.search.uct import Actions, run_search

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from auv_lse_common.plan import NONE
 from auv_lse_gp.area import Grid
+from auv_lse_gp.columns import ColumnPool, Columns, join_by_path
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.posterior import ColumnPool, Columns, joined_rows
 from auv_lse_planner.search.prefixes import Prefixes
 from auv_lse_planner.search.tree import every_sequence
 
@@ -77,7 +77,7 @@ class PathSequences:
         self._steps_left, self._naive_paths, self._samples = steps_left, naive_paths, samples_per_leg
         self._root = np.array(state, dtype=float)
         self._prefixes = Prefixes(motion, self._root)
-        self._pool = ColumnPool(reward.posterior.data_rows + reward.posterior.planned_rows)
+        self._pool = ColumnPool(len(reward.posterior))
         self.continuations: dict[Actions, Continuation] = {}
 
     def promising(
@@ -180,7 +180,7 @@ class PathSequences:
         begin = len(new)
         for row, tail in zip(values, tails, strict=True):
             end = begin + tail.shape[0] * tail.shape[1]
-            joined = joined_rows(heads, columns.slice(begin, end), len(actions))
+            joined = join_by_path(heads, columns.slice(begin, end), len(actions))
             row[:] = self._reward.values_of_equal(joined, len(joined) // len(actions))
             begin = end
         best: Array = values.max(axis=0)

@@ -1,4 +1,4 @@
-"""The team's reward and its lower bound, replayed from what was measured (PAPER.md sections 2 and 6).
+"""The team's reward and its lower bound, replayed from what was measured (docs/paper.md).
 
 Joint step i is leg i of every vehicle; D_{i-1} is what all vehicles measured on their legs before it. The replay knows
 all of it at once, which no vehicle did. Two readings of the paper's reward are computed, because only one of them can
@@ -22,11 +22,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from auv_lse_common.plan import NONE, Plan
 from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.online import IllConditionedError, OnlineGp, SoundingError
+from auv_lse_gp.factor import IllConditionedError
+from auv_lse_gp.gate import SoundingError
+from auv_lse_gp.online import OnlineGp
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -189,7 +190,6 @@ def replay(
     decisions = [{d.step: d for d in v.decisions} for v in run.vehicles]
     soundings = [_by_leg(v, path, steps) for v, path in zip(run.vehicles, paths, strict=True)]
     gp, blank = OnlineGp(settings[0].gp), OnlineGp(settings[0].gp)
-    noise_m2 = settings[0].gp.noise_std_m ** 2
     visited = np.empty((0, 2))
     prior_visited = np.empty(0)
     stepwise, whole = np.zeros(steps + 1), np.zeros(steps + 1)
@@ -207,7 +207,7 @@ def replay(
             parts = [path.places(plan) for path, plan in zip(paths, plans, strict=True) if plan is not None]
             heads = np.concatenate([head for head, _ in parts])
             tails = np.concatenate([tail for _, tail in parts])
-            before, after = _expected(gp, level_set, noise_m2, np.concatenate([heads, tails]), visited)
+            before, after = _expected(gp, level_set, np.concatenate([heads, tails]), visited)
             prior = _risk(blank, level_set, np.concatenate([heads, tails, visited]))
             if augmented:
                 bound[step] = stepwise[step] + float((before - after)[len(heads) : len(heads) + len(tails)].sum())
@@ -235,15 +235,13 @@ def replay(
         bound=bound,
         whole=whole,
         whole_bound=whole_bound,
-        naive_value=_naive_value(run, settings, paths, noise_m2),
+        naive_value=_naive_value(run, settings, paths),
         per_vehicle=per_vehicle,
         risk=risk,
     )
 
 
-def _naive_value(
-    run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPath], noise_m2: float
-) -> float:
+def _naive_value(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPath]) -> float:
     """Expected whole-path reward of everybody mowing the lawn: each takes the lawnmower that adds most, in order."""
     gp, level_set = OnlineGp(settings[0].gp), settings[0].level_set
     team = np.empty((0, 2))
@@ -256,7 +254,7 @@ def _naive_value(
         best: tuple[float, Array] | None = None
         for naive_path in ids:
             joint = np.concatenate([team, path.naive(first.state, naive_path)])
-            before, after = _expected(gp, level_set, noise_m2, joint, np.empty((0, 2)))
+            before, after = _expected(gp, level_set, joint, np.empty((0, 2)))
             worth = float((before - after).sum())
             if best is None or worth > best[0]:
                 best = (worth, joint)
@@ -291,16 +289,17 @@ def _risk(gp: OnlineGp, level_set: LevelSet, places: Array) -> Array:
     return level_set.risk(*gp.predict(places))
 
 
-def _expected(gp: OnlineGp, level_set: LevelSet, noise_m2: float, planned: Array, others: Array) -> tuple[Array, Array]:
+def _expected(gp: OnlineGp, level_set: LevelSet, planned: Array, others: Array) -> tuple[Array, Array]:
     """Risk now and once `planned` (V, 2) is measured too, at `planned` then `others` (O, 2); (V + O,) each."""
     places = np.concatenate([planned, others])
     if len(places) == 0:
         return np.empty(0), np.empty(0)
-    count = len(planned)
-    mean, covariance = gp.posterior(places)
-    variance = np.maximum(np.diag(covariance), 0.0)
-    matrix = covariance[:count, :count] + noise_m2 * np.eye(count)
-    gain = solve_triangular(np.linalg.cholesky(matrix), covariance[:count], lower=True)
-    left = np.clip(variance - np.einsum("vp,vp->p", gain, gain), 0.0, variance)
-    before = level_set.risk(mean, np.sqrt(variance))
-    return before, level_set.expected_risk(mean, np.sqrt(variance - left), np.sqrt(left))
+    posterior = gp.posterior
+    posterior.plan(planned)
+    try:
+        columns = posterior.columns(places)
+    finally:
+        posterior.forget_planned()
+    variance, left = columns.data_var_m2, columns.planned_var_m2
+    before = level_set.risk(columns.mean_m, np.sqrt(variance))
+    return before, level_set.expected_risk(columns.mean_m, np.sqrt(np.maximum(variance - left, 0.0)), np.sqrt(left))

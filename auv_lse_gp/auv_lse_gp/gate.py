@@ -1,0 +1,45 @@
+"""The gate that soundings pass before they enter the map: what cannot be a sounding, and what is an outlier."""
+
+from __future__ import annotations
+
+import math
+
+from auv_lse_gp.config import GpConfig
+
+
+class SoundingError(ValueError):
+    """A sounding that cannot be one: not finite, or absurd."""
+
+
+def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: float) -> None:
+    """Refuses what cannot be a sounding.
+
+    Raises:
+        SoundingError: if a number is not finite, or the depth out of the configured range.
+    """
+    if not (math.isfinite(north_m) and math.isfinite(east_m) and math.isfinite(depth_m)):
+        raise SoundingError(
+            f"sounding north_m={north_m!r}, east_m={east_m!r}, depth_m={depth_m!r}: expected finite numbers"
+        )
+    if not config.min_depth_m <= depth_m <= config.max_depth_m:
+        raise SoundingError(
+            f"sounding at north_m={north_m:.1f}, east_m={east_m:.1f}: depth_m={depth_m!r}; expected "
+            f"{config.min_depth_m:g} to {config.max_depth_m:g} m (gp.min_depth_m, gp.max_depth_m)"
+        )
+    if max(abs(north_m), abs(east_m)) > 1e6:
+        raise SoundingError(
+            f"sounding at north_m={north_m!r}, east_m={east_m!r}: expected within 1000 km of the local origin"
+        )
+
+
+def is_outlier(config: GpConfig, depth_m: float, mean_m: float, variance_m2: float) -> bool:
+    """Whether a sounding is farther off its prediction than `gp.outlier_sigmas`.
+
+    Args:
+        config: The gate and the noise of a sounding.
+        depth_m: The sounding.
+        mean_m: Predicted depth there.
+        variance_m2: Variance of that depth.
+    """
+    spread_m = math.sqrt(variance_m2 + config.noise_std_m**2)
+    return abs(depth_m - mean_m) > config.outlier_sigmas * spread_m

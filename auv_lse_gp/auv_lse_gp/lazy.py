@@ -1,0 +1,19 @@
+"""The modules of compiled (numba) code, imported when they are first used: numba takes a second to load."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def compiled_gp() -> Any:
+    """Compiled covariances and solves."""
+    from auv_lse_gp import compiled_gp as module
+
+    return module
+
+
+def compiled_risk() -> Any:
+    """Compiled expected Bayes risk."""
+    from auv_lse_gp import compiled_risk as module
+
+    return module

@@ -1,0 +1,54 @@
+"""Merging: a sounding that is too close to a kept center is averaged into it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_gp.kernels import Kernel
+
+Array = NDArray[np.float64]
+
+#: Soundings that one center is merged from, at most.
+MERGED_AT_MOST = 256
+
+#: Only the last so many centers are merged into. Older ones stay as they are, so that neither the factor nor a map has
+#: to be made anew when a vehicle crosses an old track (at 2000 centers that would take seconds).
+MERGE_WINDOW = 32
+
+
+class MergedCenter:
+    """A center and the soundings merged into it: together a measurement of the depth at their centroid.
+
+    Their mean depth is the depth at the centroid, for a plane bottom exactly; for a curved one its error has the
+    variance that the kernel gives to mean(f(p_i)) - f(centroid), which is added to the noise of the mean.
+    """
+
+    def __init__(self, kernel: Kernel, place_m: Array, depth_m: float, noise_std_m: float) -> None:
+        """Starts with one sounding at `place_m` (2,)."""
+        self._kernel = kernel
+        self._places_m = [place_m]
+        self._depth_sum_m = depth_m
+        self._noise_m2 = noise_std_m**2
+        self._pair_sum = kernel.signal_variance_m2  # sum over all pairs of k(p_i, p_j)
+
+    @property
+    def full(self) -> bool:
+        """Whether it takes no more: beyond, a sounding adds next to nothing."""
+        return len(self._places_m) >= MERGED_AT_MOST
+
+    def add(self, place_m: Array, depth_m: float) -> None:
+        """Merges a sounding at `place_m` (2,) into it."""
+        with_others = self._kernel(place_m[None], np.array(self._places_m)).sum()
+        self._pair_sum += 2.0 * float(with_others) + self._kernel.signal_variance_m2
+        self._places_m.append(place_m)
+        self._depth_sum_m += depth_m
+
+    def summary(self) -> tuple[Array, float, float]:
+        """Place (2,), depth and noise variance of the center."""
+        n = len(self._places_m)
+        places = np.array(self._places_m)
+        centroid = places.sum(axis=0) / n
+        to_centroid = float(self._kernel(centroid[None], places).sum()) / n
+        curvature = self._pair_sum / n**2 - 2.0 * to_centroid + self._kernel.signal_variance_m2
+        return centroid, self._depth_sum_m / n, self._noise_m2 / n + max(curvature, 0.0)
