@@ -1,4 +1,4 @@
-"""What one vehicle says and hears: its plan and soundings in, packets out in its own slots, and the team's back.
+"""One vehicle's side of the acoustic channel: packets out of its plan and soundings, and the team's packets in.
 
 One `ModemBridge` per vehicle. It reads no clock: `now_s` is the vehicle's own time, and must be the same clock as that
 of the TDMA epoch.
@@ -56,16 +56,16 @@ class ModemBridge:
         key: bytes | None = None,
         receivers: Receivers | None = None,
     ) -> None:
-        """Starts with nothing to say.
+        """Starts without a plan and without soundings.
 
         Args:
             tdma: Slots.
             packet: What goes into a packet and what is refused.
             address: Number of this vehicle, from 1, which is its modem's address.
             vehicles: Number of vehicles of the mission.
-            limits: What a mission's packets can hold; None checks the field table's ranges only.
+            limits: What a mission's packets can hold; None: the ranges of the field table.
             key: The team's key (`tag.read_key`), needed if `packet.tag`.
-            receivers: What the receivers know, needed if `packet.selection` is "useful".
+            receivers: What the receivers are supposed to know, needed if `packet.selection` is "useful".
 
         Raises:
             ValueError: if the key or `receivers` is missing, or the address is not a vehicle.
@@ -73,7 +73,7 @@ class ModemBridge:
         if packet.tag and key is None:
             raise ValueError("packet.tag = true: expected a key")
         if packet.selection == "useful" and receivers is None:
-            raise ValueError("packet.selection = 'useful': expected `receivers`, which says what a sample is worth")
+            raise ValueError("packet.selection = 'useful': expected `receivers`, which judges what a sample is worth")
         self.tdma = Tdma(tdma, address, vehicles)
         self.address = address
         self.vehicles = vehicles
@@ -83,7 +83,7 @@ class ModemBridge:
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
         self._receivers = receivers
         self._plan: Plan | None = None
-        # stamp_s, north_m, east_m, depth_m, worth when last asked about, and that before the last packet was made
+        # stamp_s, north_m, east_m, depth_m, gain when last computed, and the same before the last packet was made
         self._unsent = np.zeros((0, 6))
         self._queued: list[Array] = []  # soundings not yet among them
         self._last_queued: tuple[float, float] | None = None
@@ -91,9 +91,9 @@ class ModemBridge:
         self._last_slot: tuple[int, float] | None = None  # index and since_s of the slot it went out in
         self._slot: Slot | None = None  # the slot the last poll fell in
         self._used = False  # whether that slot's packet is out
-        self._why = "late"  # why not, if it is ours and is over without one
-        self._heard = False  # whether a packet was taken since that slot began
-        #: Share of the team's slots in which nothing was heard of late: what is lost, as far as one can tell.
+        self._why = "late"  # the reason, if the slot is our own and ends without a packet
+        self._heard = False  # whether a packet was accepted since that slot began
+        #: Estimated chance that a packet is lost: the share of the others' recent slots in which nothing was received.
         self.loss = packet.expected_loss
 
     @property
@@ -107,7 +107,7 @@ class ModemBridge:
         return self._in_time_order()[:, :4].copy()
 
     def _in_time_order(self) -> Array:
-        """The unsent samples, with what was queued since the last look."""
+        """The unsent samples, with those queued since the last call."""
         if self._queued:
             rows = np.concatenate(self._queued)
             rows = np.column_stack([rows, np.full((len(rows), 2), np.inf)])
@@ -129,9 +129,9 @@ class ModemBridge:
     def add_soundings(self, soundings: ArrayLike) -> int:
         """Queues the vehicle's own soundings for sending.
 
-        Those with a number that is not finite are dropped and counted as "samples.bad", those outside the limits,
-        which every receiver would refuse with their whole packet, as "samples.outside", those nearer to the last
-        queued than `min_spacing_m` as "samples.thinned".
+        Some are dropped and counted: as "samples.bad" those with a number that is not finite; as "samples.outside"
+        those outside the limits, with which every receiver would refuse the whole packet; as "samples.thinned" those
+        nearer to the last queued one than `min_spacing_m`.
 
         Args:
             soundings: Stamp (s), north, east (m), water depth (m, positive down), shape (n, 4), in time order.
@@ -140,7 +140,7 @@ class ModemBridge:
             How many were queued.
 
         Raises:
-            ValueError: if the shape is another one.
+            ValueError: if the shape is not (n, 4).
         """
         rows = np.asarray(soundings, dtype=float)
         if rows.size == 0:
@@ -174,7 +174,7 @@ class ModemBridge:
         return rows[keep]
 
     def receive(self, now_s: float, source: int, payload: bytes) -> Received | None:
-        """Takes what the modem heard.
+        """Reads a payload that the modem received.
 
         Args:
             now_s: Time (s).
@@ -182,12 +182,12 @@ class ModemBridge:
             payload: Any bytes.
 
         Returns:
-            The packet, or None if it was refused: counted under "rejected.<reason>" (`packet.REASONS`).
+            The packet; None if it was refused, which is counted as "rejected.<reason>" (`packet.codec.REASONS`).
         """
         try:
             if source == self.address or not 1 <= source <= self.vehicles:
                 raise PacketError("source", f"source {source}: expected a teammate, 1..{self.vehicles}")
-            # what it says is judged first, so that the tag remembers only packets that were taken
+            # the content is checked first, so that the tag remembers only packets that were accepted
             packet = decode(payload, self._limits, self._config.reserve)
             if self._tagger is not None:
                 self._tagger.check(payload, source)
@@ -205,9 +205,9 @@ class ModemBridge:
     def poll(self, now_s: float, ready: bool = True) -> bytes | None:
         """The packet to send now, at most one in each own slot.
 
-        Call it at least as often as slots come. Own slots that end without a packet are counted under
-        "slots.missed.<why>": "plan" (nothing to say yet), "busy" (the modem was not ready), "late" (the first poll in
-        the slot came when a transmission no longer fitted), "asleep" (no poll came in the whole slot), "modem" (see
+        Call it at least once in every slot. Own slots that end without a packet are counted as
+        "slots.missed.<reason>": "plan" (there is no plan yet), "busy" (the modem was not ready), "late" (at the first
+        poll in the slot a transmission no longer fitted), "asleep" (no poll came in the whole slot), "modem" (see
         `not_sent`).
 
         Args:
@@ -277,14 +277,14 @@ class ModemBridge:
         return payload
 
     def not_sent(self) -> None:
-        """The modem did not send the last packet after all: its samples are unsent again, its slot was missed."""
+        """The modem did not send the last packet: its samples are unsent again, and its slot counts as missed."""
         if self._last_sent is None:
             return
         unsent = np.concatenate([self._last_sent, self._in_time_order()])
         self._unsent = unsent[np.argsort(unsent[:, 0], kind="stable")]
         if self._receivers is not None:
             self._receivers.take_back()
-            # asked about while this packet's samples counted as known: that says nothing now
+            # computed while this packet's samples counted as known, which they no longer do
             self._unsent[:, 4] = self._unsent[:, 5]
         self.counts["samples.sent"] -= len(self._last_sent)
         self.counts["sent"] -= 1

@@ -39,7 +39,11 @@ class TdmaConfig:
         "to modem.start_timeout_s more",
     )
     max_range_m: float = parameter(
-        1500.0, unit="m", low=0.0, high=100e3, help="farthest two vehicles get: its travel time must fit the slot too"
+        1500.0,
+        unit="m",
+        low=0.0,
+        high=100e3,
+        help="largest distance of two vehicles, whose travel time must fit a slot",
     )
     sound_speed_mps: float = parameter(
         1500.0, unit="m/s", low=1300.0, high=1700.0, help="slowest sound speed to expect"
@@ -71,7 +75,7 @@ class TdmaConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PacketConfig:
-    """What goes into a packet, and what is refused when it comes out of the water."""
+    """What goes into a packet, and which received packets are refused."""
 
     selection: str = parameter(
         "every_nth",
@@ -80,7 +84,7 @@ class PacketConfig:
         "the receivers' Bayes risk is largest",
     )
     expected_loss: float = parameter(
-        0.2, low=0.0, high=1.0, help="chance that a packet is lost, as selection 'useful' supposes until it has heard"
+        0.2, low=0.0, high=1.0, help="chance that a packet is lost; selection 'useful' starts from it and estimates on"
     )
     min_spacing_m: float = parameter(
         0.0,
@@ -106,10 +110,10 @@ class PacketConfig:
         100.0, unit="m", low=0.0, high=100e3, help="how far outside the operating area's box a place may lie"
     )
     depth_min_m: float = parameter(
-        -10.0, unit="m", low=SAMPLE[2].low, high=SAMPLE[2].high, help="smallest water depth believed"
+        -10.0, unit="m", low=SAMPLE[2].low, high=SAMPLE[2].high, help="smallest water depth accepted"
     )
     depth_max_m: float = parameter(
-        1000.0, unit="m", low=SAMPLE[2].low, high=SAMPLE[2].high, help="largest water depth believed"
+        1000.0, unit="m", low=SAMPLE[2].low, high=SAMPLE[2].high, help="largest water depth accepted"
     )
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""A vehicle's acoustic bridge from the sections of a mission file."""
+"""Makes a vehicle's acoustic bridge from the sections of a mission file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _mapping(parameters: Mapping[str, Any], name: str, where: str) -> Mapping[st
 
 
 def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
-    """`mission.vehicles` or `mission.steps`, for which there is no default here: all vehicles must have the same.
+    """`mission.vehicles` or `mission.steps`, which have no default here, because all vehicles must have the same.
 
     Raises:
         ParameterError: if it is missing or no whole number of at least 1.

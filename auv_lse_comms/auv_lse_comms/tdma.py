@@ -9,9 +9,9 @@ so it has reached the farthest member a guard before the slot ends. If every clo
 time, everything sent in a slot is sent and has died away within that slot's true bounds: two slots never overlap, and
 nobody sends while something is still coming in.
 
-A change of settings is laid down with the time at which it takes effect: the start of a cycle of the old settings.
-From there the new settings count from their own epoch, so that a vehicle that knows only them finds the same slots; a
-slot that would have begun before the change is nobody's.
+A change of settings is scheduled for the start of a cycle of the old settings.
+From then on slots count from the new epoch, so that a vehicle that knows only the new settings finds the same slots. A
+slot that would have begun before the change belongs to nobody.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Slot:
     """One slot.
 
     Attributes:
-        index: Number of the slot, counted from the epoch; with `since_s` it names the slot for ever.
+        index: Number of the slot, counted from the epoch; unique together with `since_s`.
         owner: Number of the vehicle that may send, 0 for nobody.
         start_s: Its first instant (s).
         end_s: The first instant after it (s).
@@ -44,10 +44,10 @@ class Slot:
 
 
 class Tdma:
-    """The slots of one team as one of its vehicles sees them."""
+    """The slots of a team, for one of its vehicles."""
 
     def __init__(self, config: TdmaConfig, address: int, vehicles: int) -> None:
-        """Starts with these settings, in force since ever.
+        """Starts with these settings, in force at all times.
 
         Args:
             config: The settings. An empty order becomes 1, 2, ..., `vehicles`.
@@ -77,11 +77,11 @@ class Tdma:
 
     @property
     def pending(self) -> tuple[float, TdmaConfig] | None:
-        """The last change laid down: (time it takes effect, settings); None if there was none."""
+        """The last scheduled change: (time it takes effect, settings); None if there was none."""
         return self._settings[-1] if len(self._settings) > 1 else None
 
     def change(self, config: TdmaConfig, now_s: float, at_s: float | None = None) -> float:
-        """Lays down new settings; a change laid down earlier and not yet in force is replaced.
+        """Schedules new settings; they replace a change that was scheduled earlier and is not yet in force.
 
         Args:
             config: The new settings.
@@ -112,13 +112,13 @@ class Tdma:
         for since, config in reversed(self._settings):
             if now_s >= since:
                 return since, config
-        return self._settings[0]  # asked about a time before a change whose forerunner is forgotten
+        return self._settings[0]  # a time before a change whose earlier settings are forgotten
 
     def slot(self, now_s: float) -> Slot:
         """The slot that the time falls in."""
         since, config = self._at(now_s)
         index = math.floor((now_s - config.epoch_s) / config.slot_s)
-        # the product, not the quotient, says where a slot starts: all agree on it to the last bit
+        # the product, not the quotient, decides where a slot starts: all vehicles agree on it to the last bit
         if now_s < config.epoch_s + index * config.slot_s:
             index -= 1
         elif now_s >= config.epoch_s + (index + 1) * config.slot_s:

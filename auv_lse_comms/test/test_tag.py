@@ -96,7 +96,7 @@ def test_key_from_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o644, 0o601])
 def test_key_file_open_to_others_is_refused(tmp_path: Path, mode: int) -> None:
     path = write(tmp_path / "key", KEY.hex(), mode)
-    with pytest.raises(KeyFileError, match=f"mode 0{mode:o} lets others at the key; expected 0600: chmod 600"):
+    with pytest.raises(KeyFileError, match=f"mode 0{mode:o} gives others access to the key; expected 0600: chmod 600"):
         read_key(path)
 
 

@@ -35,7 +35,7 @@ def test_two_drivers_talk_over_the_desk_and_ctrl_c_takes_it_away(tmp_path):
             port.close(time.time(), time.monotonic())
         desk.send_signal(signal.SIGINT)
         assert desk.wait(10.0) == 0
-        assert "packets sent 1, heard 1" in desk.stdout.read()
+        assert "packets sent 1, received 1" in desk.stdout.read()
         assert list(tmp_path.iterdir()) == []
     finally:
         desk.kill()

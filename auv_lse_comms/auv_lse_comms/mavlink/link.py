@@ -1,8 +1,8 @@
-"""The vehicle's MAVLink link: a state machine from bytes and times to odometry, altitude and back to waypoints.
+"""The link to a vehicle's autopilot: bytes and times in; odometry, altitude and pressure out; waypoints back.
 
 Theory of operation
 -------------------
-The shell (a node) calls `receive` with bytes, `command` with each new leg's end, and `poll` often; after each it takes
+The owner (a node) calls `receive` with bytes, `command` with each new leg's end, and `poll` often; after each it takes
 `outgoing` (datagrams) and `events`. `now_s` is the host's clock, s since 1970 (UTC, or simulated).
 
     state   cause                                               next
@@ -16,8 +16,8 @@ if that agrees with the host's clock within `MAX_CLOCK_OFFSET_S`; else the time 
 
 Waypoints come as ends of legs, in order, each before the one before it is reached; one with the step of an earlier
 one replaces it and all after it. In mode "position_target" the
-current end is sent as SET_POSITION_TARGET_LOCAL_NED, at once and every `target_period_s`; the next one takes its place
-when the vehicle is within `acceptance_m` of it or has passed it. In mode "mission" all ends not yet reached are
+current end is sent as SET_POSITION_TARGET_LOCAL_NED, at once and every `target_period_s`; the next one replaces it when
+the vehicle is within `acceptance_m` of it or has passed it. In mode "mission" all ends not yet reached are
 uploaded as a mission whenever one is added. While the link is down targets are kept; the vehicle does what its
 autopilot's own failsafe says, and when the link is up again the current target, or the mission, is sent again.
 """
@@ -69,8 +69,8 @@ class VehicleLink:
 
     Attributes:
         state: Whether the autopilot is heard.
-        armed: Whether it says it is armed.
-        custom_mode: Its flight mode's number, as it counts them; -1 until heard.
+        armed: Whether it reports to be armed.
+        custom_mode: Its flight mode's number, by its own numbering; -1 while unknown.
         counts: What happened, by name.
         datum: The mission's origin and the autopilot's.
     """
@@ -113,7 +113,7 @@ class VehicleLink:
         self._unsent = False  # the first target, or the mission, has not been sent as it is now
         self._uploading: tuple[Target, ...] = ()
 
-    # ------------------------------------------------------------------ what the shell says
+    # ------------------------------------------------------------------ calls of the owner
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Takes bytes that came from the endpoint."""
@@ -128,7 +128,7 @@ class VehicleLink:
         self._advance()
 
     def command(self, now_s: float, target: Target) -> None:
-        """Queues the end of the next leg; one of a step that is queued already takes its place and what follows it.
+        """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
 
         Raises:
             ValueError: if a number in it is not finite.
@@ -308,7 +308,7 @@ class VehicleLink:
         self._upload.start(self._now_s, items)
 
     def _watch_upload(self) -> None:
-        """Tells of an upload that has just ended."""
+        """Reports an upload that has just ended."""
         if not self._uploading or self._upload.busy:
             return
         if self._upload.state is UploadState.DONE:
@@ -404,7 +404,7 @@ class VehicleLink:
             self._events.append(Problem(text=text))
 
     def _refuse_origin(self, origin: Origin, offset_m: float) -> None:
-        """Counts an origin that cannot be right, and tells of it once; the datum stays."""
+        """Counts an origin that cannot be right, and reports it once; the datum stays."""
         self.counts["origins_refused"] += 1
         if origin == self._refused_origin:
             return

@@ -6,7 +6,7 @@ COUNTED    MISSION_REQUEST_INT 0                 GIVING     item 0 sent
 GIVING     MISSION_REQUEST_INT n                 GIVING     item n sent; a repeated request is answered again
 COUNTED, GIVING
            MISSION_ACK accepted                  DONE
-           MISSION_ACK other                     FAILED     says which
+           MISSION_ACK other                     FAILED     with the result
            no request for `timeout_s`            the same   the last message sent again, `retries` times
            no request after that                 FAILED     "no answer"
 DONE, FAILED
@@ -80,7 +80,7 @@ class MissionUpload:
         self.problem = ""
         self._repeats = 0
         count = mavlink.MAVLink_mission_count_message(*self._to, len(items), mavlink.MAV_MISSION_TYPE_MISSION)
-        self._say(now_s, count)
+        self._ask(now_s, count)
 
     def request(self, now_s: float, number: int) -> None:
         """The autopilot asks for an item."""
@@ -91,7 +91,7 @@ class MissionUpload:
             return
         self.state = UploadState.GIVING
         self._repeats = 0
-        self._say(now_s, self._items[number])
+        self._ask(now_s, self._items[number])
 
     def acknowledge(self, result: int) -> None:
         """The autopilot accepts or refuses."""
@@ -113,14 +113,14 @@ class MissionUpload:
             self._fail(f"no answer after {self._repeats} repeats")
             return
         self._repeats += 1
-        self._say(now_s, self._last)
+        self._ask(now_s, self._last)
 
     def abandon(self, reason: str) -> None:
         """Gives up an upload that is under way: the link is lost."""
         if self.busy:
             self._fail(reason)
 
-    def _say(self, now_s: float, message: Message) -> None:
+    def _ask(self, now_s: float, message: Message) -> None:
         self._last = message
         self._sent_s = now_s
         self._send(message)

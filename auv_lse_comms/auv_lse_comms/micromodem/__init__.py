@@ -9,7 +9,7 @@ events from it (docs/examples/drive_a_modem.md). `state.py` has its states and t
     sentences fields.py, status_messages.py, transmit_messages.py, receive_messages.py, messages.py
     messages  driver.py     hands each to the part that it concerns:
                             configuration.py, clock.py, sending.py, receiving.py; they share a session.py
-    events    events.py     what the owner is told
+    events    events.py     what the owner gets
 
 `ModemPort` (port.py) joins a driver to a serial or TCP port and a line log; `replay_log` (log.py) gives such a log to a
 new driver. `micromodem_node.py` is the ROS 2 node around a `ModemPort`.

@@ -75,7 +75,7 @@ class ClockCheck:
         session.start("clock_period")
         if session.state is State.CLOCK:
             session.move(Cause.CLOCKED)
-            session.tell(ModemReady(version=session.version))
+            session.report(ModemReady(version=session.version))
 
     def poll(self) -> None:
         """Lets time pass: begins a check, sets the clock on the second, repeats what was not answered."""
@@ -96,7 +96,7 @@ class ClockCheck:
             if self._tries < CLOCK_TRIES:
                 self.ask(new=False)
             else:
-                session.tell(Problem(text="the modem does not answer about its clock"))
+                session.report(Problem(text="the modem does not answer about its clock"))
                 self.end()
 
     def on_time(self, message: ClockTime) -> None:
@@ -108,7 +108,7 @@ class ClockCheck:
         late_s = session.now_s - (message.utc_s + message.resolution_s)
         offset_s = early_s if early_s > 0.0 else -late_s if late_s > 0.0 else 0.0
         self.right = abs(offset_s) <= config.clock_tolerance_s
-        session.tell(
+        session.report(
             ClockChecked(offset_s=offset_s, within_tolerance=self.right, source=message.source, pps=message.pps)
         )
         self._tries += 1
@@ -117,7 +117,7 @@ class ClockCheck:
         if (self.right and not unset) or not config.set_clock or self._tries > CLOCK_TRIES:
             if not self.right:
                 session.counts["clock_off"] += 1
-                session.tell(Problem(text=f"the modem's clock is {offset_s:+.1f} s off the host's"))
+                session.report(Problem(text=f"the modem's clock is {offset_s:+.1f} s off the host's"))
             self.end()
         else:
             self.step = ClockStep.WAITING

@@ -50,7 +50,7 @@ class ModemConfig:
         2.0,
         unit="s",
         above=0.0,
-        help="a packet whose transmission has not begun this long after it was asked for is dropped: its slot has gone",
+        help="a packet whose transmission has not begun this long after it was asked for is dropped: its slot is over",
     )
     transmit_timeout_s: float = parameter(
         8.0, unit="s", above=0.0, help="longest wait for the end of a transmission after its start"
@@ -60,7 +60,7 @@ class ModemConfig:
     )
     backoff_min_s: float = parameter(0.2, unit="s", above=0.0, help="first wait before the port is opened again")
     backoff_max_s: float = parameter(10.0, unit="s", above=0.0, help="longest wait: doubled at every failure up to it")
-    log_file: str = parameter("", help="line log of everything said on the port, replayable; '': none")
+    log_file: str = parameter("", help="line log of all that goes over the port, which can be replayed; '': none")
 
     def __post_init__(self) -> None:
         """Refuses combinations that cannot work.

@@ -83,7 +83,7 @@ class Configuration:
             self.write()
             return
         session.counts["settings_refused"] += 1
-        session.tell(Problem(text=f"the modem does not take {setting.name},{setting.value}: {why}"))
+        session.report(Problem(text=f"the modem does not take {setting.name},{setting.value}: {why}"))
         if not vital:
             self._next()
             return

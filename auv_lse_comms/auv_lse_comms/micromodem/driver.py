@@ -47,11 +47,11 @@ MODULES = frozenset({"NMEA", "DATA_TIMEOUT", "TX", "RX", "PSK", "FSK", "AUX", "C
 
 
 class Micromodem:
-    """Drives one Micromodem-2; the module's text says how.
+    """Drives one Micromodem-2; see the module's text.
 
     Attributes:
         address: The modem's address, which is the vehicle's number.
-        reader: Cuts the lines; `reader.counts` tells what the wire did to them.
+        reader: Cuts the lines; `reader.counts` counts the damaged ones by kind.
         ignored: Sentences the driver has no use for, by type.
         handlers: What is done with each message. The table is the only way from a modem's text to code.
     """
@@ -91,7 +91,7 @@ class Micromodem:
             ReceptionStatistics: self._receiving.on_statistics,
         }
 
-    # ------------------------------------------------------------------ what the owner tells it
+    # ------------------------------------------------------------------ calls of the owner
 
     def opened(self, now_s: float) -> None:
         """The port is open: configures the modem."""
@@ -110,7 +110,7 @@ class Micromodem:
         session = self._session
         session.tick(now_s)
         if self.is_open:
-            session.tell(ModemLost(reason=reason))
+            session.report(ModemLost(reason=reason))
         self._sending.fail(f"connection lost: {reason}")
         session.take_outgoing()
         self._receiving.close("connection lost")
@@ -145,7 +145,7 @@ class Micromodem:
                 message = read_message(sentence)
             except SentenceError as error:
                 session.counts["bad_fields"] += 1
-                session.tell(Problem(text=str(error)))
+                session.report(Problem(text=str(error)))
                 continue
             if message is None:
                 self.ignored.add(sentence.type)
@@ -175,7 +175,7 @@ class Micromodem:
         """What has happened since the last call."""
         return self._session.take_events()
 
-    # ------------------------------------------------------------------ what the owner asks
+    # ------------------------------------------------------------------ what the owner can read
 
     @property
     def state(self) -> State:
@@ -199,7 +199,7 @@ class Micromodem:
 
     @property
     def activity(self) -> tuple[object, ...]:
-        """Changes whenever a call has done anything: written, told, started or ended a wait."""
+        """Changes whenever a call has done anything: written, reported, started or ended a wait."""
         return (self._clock.step, self._configuration.rebooting, *self._session.activity)
 
     @property
@@ -219,7 +219,7 @@ class Micromodem:
     def _reboot(self, why: str) -> None:
         session = self._session
         session.counts["reboots"] += 1
-        session.tell(ModemLost(reason=why))
+        session.report(ModemLost(reason=why))
         self._sending.fail(why)
         self._receiving.close(why)
         session.move(Cause.REBOOTED)
@@ -258,7 +258,7 @@ class Micromodem:
         elif message.kind == "PACKET_TIMEOUT":
             self._receiving.extend()  # its statistics follow and close it
         else:
-            self._session.tell(Problem(text=f"modem: {message.kind} {message.detail}".rstrip()))
+            self._session.report(Problem(text=f"modem: {message.kind} {message.detail}".rstrip()))
 
     def _on_error(self, message: ErrorReport) -> None:
         self.counts[f"error: {message.module if message.module in MODULES else 'other'}"] += 1
@@ -274,6 +274,6 @@ class Micromodem:
         if message.module == "NMEA" and self.state in STARTING:
             self._sending.abort(f"refused by the modem: {text}")
             return
-        self._session.tell(Problem(text=f"modem error: {text}"))
+        self._session.report(Problem(text=f"modem error: {text}"))
         if message.module == "NMEA":
             self._clock.on_refused()

@@ -75,7 +75,7 @@ class PacketReceived:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceptionFailed:
-    """Something was heard that made no packet."""
+    """A reception that gave no packet."""
 
     reason: str
     snr_db: float = math.nan

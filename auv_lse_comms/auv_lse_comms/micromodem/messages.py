@@ -30,7 +30,7 @@ class Message(Protocol):
     """What `read_message` gives: a dataclass that can also make its sentence."""
 
     def sentence(self) -> Sentence:
-        """The sentence that says this."""
+        """The sentence with this content."""
         ...
 
 
@@ -56,7 +56,7 @@ MESSAGES: dict[str, Callable[[Sequence[str]], Message]] = {
 
 
 def read_message(sentence: Sentence) -> Message | None:
-    """The message that a modem's sentence says, or None if the driver has no use for its type.
+    """The message in a modem's sentence, or None if the driver has no use for its type.
 
     Raises:
         SentenceError: if the fields do not fit the type; names the sentence, the field and its text.

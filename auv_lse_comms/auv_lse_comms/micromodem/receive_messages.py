@@ -188,7 +188,7 @@ class ReceptionStatistics:
 
 
 def clock_is_synchronous(clock: int) -> bool:
-    """Whether the clock status of `$CACST` and `$CAXST` (from firmware 2.0.26038) says set, and held by a PPS.
+    """Whether a clock status of `$CACST` or `$CAXST` (from firmware 2.0.26038) means: set, and held by a PPS.
 
     Bits 0-1: where the time comes from (2 user command, 3 user GPS: set). Bits 2-4: the PPS (3 external, 4 the
     modem's clock synchronized to the last external one).

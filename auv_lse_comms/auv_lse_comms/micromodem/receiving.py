@@ -57,7 +57,7 @@ class Receiving:
     """The reception under way at one modem, if there is one."""
 
     def __init__(self, session: Session, clock: ClockCheck) -> None:
-        """Tells `session`; times of arrival are taken from the modem while `clock` is right."""
+        """Reports to `session`; times of arrival are the modem's while `clock` is right."""
         self._session = session
         self._clock = clock
         self._reception: _Reception | None = None
@@ -81,7 +81,7 @@ class Receiving:
         if problem:
             session.counts["receptions_failed"] += 1
             session.counts[f"receptions_failed: {problem}"] += 1
-            session.tell(ReceptionFailed(reason=problem, snr_db=snr_db))
+            session.report(ReceptionFailed(reason=problem, snr_db=snr_db))
             return
         frames = [reception.frames[number] for number in sorted(reception.frames)]
         destination = frames[0].destination
@@ -95,7 +95,7 @@ class Receiving:
             session.counts["receptions_without_statistics"] += 1
         rate = statistics.rate if statistics is not None else reception.cycle.rate if reception.cycle else -1
         session.counts["received"] += 1
-        session.tell(
+        session.report(
             PacketReceived(
                 utc_s=self._end_s(statistics, len(payload)),
                 source=frames[0].source,
@@ -172,6 +172,6 @@ class Receiving:
         self.close("no frame was received", message)
 
     def extend(self) -> None:
-        """Something was heard of the reception under way, if there is one: its time starts anew."""
+        """The reception under way, if there is one, goes on: its time starts anew."""
         if self._reception is not None:
             self._session.start("reception")

@@ -1,6 +1,6 @@
 """Sends packets through a Micromodem, one cycle of sentences each (`state.py` shows the cycle).
 
-A packet that has not begun `start_timeout_s` after it was asked for is dropped, because its TDMA slot has gone: a late
+A packet that has not begun `start_timeout_s` after it was asked for is dropped, because its TDMA slot is over: a late
 $CADRQ is then left unanswered, and the modem gives up by itself ($CAERR,...,DATA_TIMEOUT). One packet can wait while
 the modem is busy; a second one is refused. Every packet asked for gets exactly one `TransmitStarted` or
 `TransmitFailed`, and every `TransmitStarted` exactly one `TransmitDone` or `TransmitFailed`.
@@ -108,7 +108,7 @@ class Sending:
             self.abort(f"its end was not reported within {config.transmit_timeout_s:g} s")
 
     def drop_late(self, why: str) -> None:
-        """Drops the packet that waits if its slot has gone."""
+        """Drops the packet that waits if its slot is over."""
         timeout_s = self._session.config.start_timeout_s
         if self._waiting is not None and self._session.waited_s("waiting") >= timeout_s:
             packet, self._waiting = self._waiting, None
@@ -128,7 +128,7 @@ class Sending:
 
     def _report_failure(self, number: int, reason: str) -> None:
         self._session.counts["failed"] += 1
-        self._session.tell(TransmitFailed(number=number, reason=reason))
+        self._session.report(TransmitFailed(number=number, reason=reason))
 
     # ------------------------------------------------------------------ the modem's sentences
 
@@ -160,11 +160,11 @@ class Sending:
         if packet is None or session.state is not State.GIVING:
             return
         packet.taken += 1
-        # the count says what arrived over the wire; a wrong one means that another packet would go out
+        # the count is what arrived over the wire; with a wrong one another packet would go out
         expected = len(packet.frames[min(packet.taken, len(packet.frames)) - 1])
         if message.count != expected:
             session.counts["short_frames"] += 1
-            session.tell(Problem(text=f"the modem took {message.count} of the frame's {expected} bytes"))
+            session.report(Problem(text=f"the modem took {message.count} of the frame's {expected} bytes"))
 
     def on_start(self, message: TransmitStart) -> None:
         """The transducer is on."""
@@ -183,7 +183,7 @@ class Sending:
         self._current = None
         session.move(Cause.FINISHED)
         session.counts["sent"] += 1
-        session.tell(TransmitDone(number=packet.number))
+        session.report(TransmitDone(number=packet.number))
 
     def on_statistics(self, message: TransmitStatistics) -> None:
         """The statistics of a transmission, or of one that never began."""
@@ -194,4 +194,4 @@ class Sending:
         self._session.move(Cause.STARTED)
         self._session.start("sending")
         self._session.counts["started"] += 1
-        self._session.tell(TransmitStarted(number=packet.number))
+        self._session.report(TransmitStarted(number=packet.number))

@@ -75,7 +75,7 @@ class Session:
         """Queues a sentence for the modem."""
         self._out += sentence.encode()
 
-    def tell(self, event: Event) -> None:
+    def report(self, event: Event) -> None:
         """Queues an event for the owner."""
         self._events.append(event)
 
@@ -92,7 +92,7 @@ class Session:
 
     @property
     def activity(self) -> tuple[object, ...]:
-        """Changes whenever something was written or told, or a wait started."""
+        """Changes whenever something was written or reported, or a wait started."""
         waits = tuple(self._since_s.values())
         return (self.state, len(self._out), len(self._events), self.strikes, waits)
 
@@ -105,4 +105,4 @@ class Session:
         if self.strikes > self.config.retries and not self.wants_reopen:
             self.wants_reopen = True
             self.counts["given_up"] += 1
-            self.tell(Problem(text=f"no answer from the modem to {self.strikes} commands: reopening"))
+            self.report(Problem(text=f"no answer from the modem to {self.strikes} commands: reopening"))

@@ -1,4 +1,4 @@
-"""What a Micromodem says of itself: revision, settings, clock, notices and errors."""
+"""What a Micromodem reports about itself: revision, settings, clock, notices and errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from auv_lse_comms.micromodem.wire import Sentence
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Revision:
-    """`$CAREV,hhmmss,IDENT,version`: said at start-up (ident INIT, then AUV) and, with REV on, now and then."""
+    """`$CAREV,hhmmss,IDENT,version`: sent at start-up (ident INIT, then AUV) and, with REV on, every few minutes."""
 
     time: str
     ident: str

@@ -46,7 +46,7 @@ class PacketError(ValueError):
     """
 
     def __init__(self, reason: str, message: str) -> None:
-        """Keeps the code beside the message."""
+        """With the code and a message."""
         super().__init__(f"{reason}: {message}")
         self.reason = reason
 
@@ -58,21 +58,21 @@ REASONS = {
     "not_finite": "a NaN or infinite number",
     "heading": "heading out of range",
     "position": "the path's start lies outside the area",
-    "action": "an action that is not in the set",
+    "action": "an action that is not in the action set",
     "terminal": "no terminal byte ends the actions, or more actions than the mission uses",
-    "naive_path": "a naive path nobody knows",
+    "naive_path": "an unknown naive path",
     "sample": "a sample outside the area or the range of depths",
-    "gap": "a used place for a sample after an unused one",
+    "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
     "source": "not from a member of the team, or from the receiver itself",
     "tag": "the tag does not fit: forged, altered, or another key",
-    "replay": "heard before, or older than the last from this sender",
+    "replay": "received before, or older than the last packet of this sender",
 }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a mission's packets can hold, closer than the field table.
+    """What a mission's packets can hold: narrower ranges than those of the field table.
 
     Attributes:
         steps: Largest mission step.
@@ -117,7 +117,7 @@ class Limits:
         object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
 
     def hold(self, samples_m: Array) -> NDArray[np.bool_]:
-        """Which samples (north, east, depth (m), shape (n, 3)) a packet can hold, shape (n,)."""
+        """Which samples a packet can hold, shape (n,); samples are north, east, depth (m), shape (n, 3)."""
         with np.errstate(over="ignore"):
             small = np.asarray(samples_m).astype("<f4")
         return np.asarray(((small >= self._low) & (small <= self._high)).all(axis=1))
@@ -159,9 +159,9 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     """The packet's 252 bytes.
 
     Args:
-        packet: What to say. Samples are rounded to float32 (as the plan is already); nothing else is changed.
-        limits: Closer limits than the field table's.
-        reserve: Bytes at the end left (0xFF) for a tag.
+        packet: The packet. Samples are rounded to float32 (as the plan is already); nothing else is changed.
+        limits: Narrower ranges than those of the field table.
+        reserve: Bytes at the end that stay free (0xFF) for a tag.
 
     Raises:
         PacketError: (a ValueError) naming the field, its value and what was expected. Nothing is clamped, wrapped
@@ -196,8 +196,8 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
 
     Args:
         data: Bytes from the water, of any length and content.
-        limits: Closer limits than the field table's.
-        reserve: Bytes at the end that hold a tag, and are not looked at here.
+        limits: Narrower ranges than those of the field table.
+        reserve: Bytes at the end that hold a tag, which is not checked here.
 
     Raises:
         PacketError: if the bytes are not a packet within the limits.

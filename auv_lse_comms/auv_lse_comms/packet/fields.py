@@ -14,7 +14,7 @@ from auv_lse_common.plan import NONE
 PACKET_BYTES = 252
 #: The lowest terminal byte. Below it a byte of the path is an action.
 FIRST_TERMINAL = 0xF0
-#: Fills what is not used.
+#: Fills unused bytes.
 FILL = 0xFF
 
 _CODES = {"uint8": "B", "uint16": "H", "float32": "f"}

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-#: Unsent samples whose worth is asked about for one packet.
+#: Unsent samples whose gain is computed for one packet.
 CONSIDERED = 200
-#: How many are asked about at once while choosing.
+#: Samples whose gain is computed in one call while choosing.
 _BATCH = 8
 
 
@@ -24,7 +24,7 @@ class Receivers(Protocol):
     """
 
     def hear(self, samples_m: Array, loss: float) -> None:
-        """A packet of a team mate with these samples was heard; others may have missed it.
+        """A packet of a team mate with these samples was received; others may have missed it.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
@@ -39,14 +39,14 @@ class Receivers(Protocol):
         """
 
     def send(self, loss: float) -> None:
-        """The packet with what was supposed is sent; it may get lost.
+        """The packet with the supposed samples is sent; it may get lost.
 
         Args:
             loss: Chance that a packet is lost at present.
         """
 
     def take_back(self) -> None:
-        """The last packet given to `send` was not sent after all: nobody has its samples."""
+        """The last packet given to `send` was not sent: no receiver has its samples."""
 
     def gains(self, samples_m: Array) -> Array:
         """Expected drop of the receivers' Bayes risk by each sample alone, shape (n,).
@@ -59,7 +59,8 @@ class Receivers(Protocol):
 def every_nth(unsent: int, room: int) -> Indices:
     """Every n-th of the unsent samples in time order, n from what fits: n = (unsent - 1) / (room - 1), not rounded.
 
-    The oldest is always among them, so none waits for ever, and a backlog is covered from its oldest to its newest.
+    The oldest is always among them, so that each is sent in the end. A backlog is covered from its oldest to its
+    newest.
 
     Args:
         unsent: Number of unsent samples.
@@ -75,19 +76,20 @@ def every_nth(unsent: int, room: int) -> Indices:
     return np.rint(np.linspace(0.0, unsent - 1.0, room)).astype(np.intp)
 
 
-def most_useful(samples_m: Array, room: int, receivers: Receivers, worth: Array) -> Indices:
-    """The samples worth most to the receivers, chosen one after the other, each given those chosen before.
+def most_useful(samples_m: Array, room: int, receivers: Receivers, last_gains: Array) -> Indices:
+    """The samples that are worth most to the receivers. Each is chosen with those chosen before it taken as known.
 
-    Lets `receivers` suppose what it chose. The oldest is always among them, so none waits for ever.
+    `receivers` is left supposing the chosen samples. The oldest is always among them, so that each is sent in the end.
 
-    Only the `CONSIDERED` that were worth most when last asked about are asked about again, and while choosing, only
-    those whose last answer exceeds the best new one: what receivers learn makes nearby samples worth less, as a rule.
+    To save time, gains are computed only for the `CONSIDERED` samples with the largest last gains, and while choosing
+    only for samples whose last gain exceeds the best new one. What receivers learn lowers the gain of nearby samples as
+    a rule, so a last gain is nearly always an upper bound.
 
     Args:
         samples_m: Unsent samples in time order, shape (n, 3).
         room: Samples that fit the packet.
-        receivers: What the receivers know.
-        worth: Each sample's gain when last asked about, infinite if never, shape (n,); updated in place.
+        receivers: What the receivers are supposed to know.
+        last_gains: Each sample's gain when last computed, infinite if it never was, shape (n,); updated in place.
 
     Returns:
         Ascending indices of min(n, room) different samples.
@@ -107,22 +109,22 @@ def most_useful(samples_m: Array, room: int, receivers: Receivers, worth: Array)
         gains = np.asarray(receivers.gains(samples_m[which]), dtype=float)
         if gains.shape != which.shape or not np.isfinite(gains).all():
             raise ValueError(f"gains of shape {gains.shape}: expected {which.shape}, one finite number per sample")
-        worth[which] = gains
+        last_gains[which] = gains
 
     chosen = [0]
     receivers.suppose(samples_m[:1])
     considered = max(CONSIDERED, room)
-    new = 1 + np.flatnonzero(np.isinf(worth[1:]))
-    if len(new) > considered:  # a backlog: look at it evenly
+    new = 1 + np.flatnonzero(np.isinf(last_gains[1:]))
+    if len(new) > considered:  # a backlog: consider samples spread evenly over it
         pool = new[every_nth(len(new), considered)]
     else:
-        pool = 1 + np.argsort(-worth[1:], kind="stable")[:considered]
+        pool = 1 + np.argsort(-last_gains[1:], kind="stable")[:considered]
     ask(pool)
     fresh = np.ones(len(pool), dtype=bool)
     for _ in range(room - 1):
-        while not fresh[best := int(np.argmax(worth[pool]))]:
+        while not fresh[best := int(np.argmax(last_gains[pool]))]:
             stale = np.flatnonzero(~fresh)
-            batch = stale[np.argsort(-worth[pool[stale]], kind="stable")[:_BATCH]]
+            batch = stale[np.argsort(-last_gains[pool[stale]], kind="stable")[:_BATCH]]
             ask(pool[batch])
             fresh[batch] = True
         chosen.append(int(pool[best]))

@@ -1,9 +1,9 @@
 """Optional tag at a packet's end: keyed BLAKE2s over the packet, its sender and the dive (RFC 7693).
 
-The mission step is among the bytes that are hashed. A receiver takes from each sender only steps that do not go
-back, and each packet of one step once; so what was forged, altered, or replayed is refused. What the tag does not
-do: it hides nothing, and a packet that was kept from a receiver and is played to it later, before a newer one came
-through, is taken: it is what the sender said.
+The mission step is among the hashed bytes. A receiver accepts from each sender only steps that do not decrease, and
+each packet of one step once. So forged, altered and replayed packets are refused. The tag does not encrypt. It also
+accepts a packet that an attacker withheld and replays before a newer one arrives: that packet is still what the sender
+sent.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ def read_key(path: str | Path) -> bytes:
                 raise KeyFileError(f"{path}: not a regular file; expected a file with the key")
             if status.st_mode & 0o077:
                 mode = stat.S_IMODE(status.st_mode)
-                raise KeyFileError(f"{path}: mode {mode:04o} lets others at the key; expected 0600: chmod 600 {path}")
+                raise KeyFileError(
+                    f"{path}: mode {mode:04o} gives others access to the key; expected 0600: chmod 600 {path}"
+                )
             if status.st_uid not in (0, os.geteuid()):
                 raise KeyFileError(f"{path}: belongs to user {status.st_uid}; expected this user or root")
             text = file.read(4096)
@@ -58,10 +60,10 @@ def read_key(path: str | Path) -> bytes:
 
 
 class Tagger:
-    """Signs packets and checks those of others; remembers what it has accepted of each sender."""
+    """Signs own packets and checks those of others; remembers which it has accepted of each sender."""
 
     def __init__(self, key: bytes, size: int, session: str = "") -> None:
-        """Keeps the key to itself.
+        """Takes the key, which no text of this object shows.
 
         Args:
             key: 16 to 32 bytes.
@@ -118,7 +120,7 @@ class Tagger:
         step = int(HEADER_STRUCT.unpack_from(data)[0])
         last, seen = self._accepted.get(source, (-1, set()))
         if step < last:
-            raise PacketError("replay", f"{HEADER[0].name} {step} of vehicle {source}: {last} was heard before")
+            raise PacketError("replay", f"{HEADER[0].name} {step} of vehicle {source}: {last} was received before")
         if step == last and tag in seen:
-            raise PacketError("replay", f"this packet of vehicle {source}, step {step}, was heard before")
+            raise PacketError("replay", f"this packet of vehicle {source}, step {step}, was received before")
         self._accepted[source] = (step, {tag} if step > last else seen | {tag})

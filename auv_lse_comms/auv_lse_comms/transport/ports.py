@@ -101,7 +101,7 @@ class TcpPort:
         """Connects; waits at most `CONNECT_TIMEOUT_S`.
 
         Raises:
-            TransportError: if nobody answers there.
+            TransportError: if there is no server.
         """
         self._name = f"tcp://{host}:{port}"
         try:

@@ -1,1 +1,1 @@
-"""Hardware that answers as the real one does: modems on serial ports, autopilots on UDP."""
+"""Emulated hardware: modems on serial ports, autopilots on UDP. Each answers as the real one does."""

@@ -35,7 +35,7 @@ class HostPort(Protocol):
         ...
 
     def close(self) -> None:
-        """Takes the port away."""
+        """Removes the port."""
         ...
 
 

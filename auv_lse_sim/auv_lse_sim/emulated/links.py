@@ -1,4 +1,4 @@
-"""What the simulator puts between the world and the vehicles' hardware drivers: emulated modems and autopilots.
+"""Emulated modems and autopilots, which stand between the simulated world and the vehicles' hardware drivers.
 
 Which vehicle has which comes from its own sections: `modem.kind: micromodem` gives it an emulated Micromodem-2 on the
 port that `modem.port` names (a link to a pty, or a TCP port of this machine); `link.kind: mavlink` gives it a simulated
@@ -102,7 +102,7 @@ class EmulatedLinks:
             self.rack.poll(now_s)
 
     def arrive(self, k: int, arrival: Arrival) -> None:
-        """A vehicle's modem has heard something, readable or not."""
+        """A packet has reached a vehicle's modem, readable or not."""
         assert self.rack is not None
         self.rack.arrive(
             k,
@@ -117,7 +117,7 @@ class EmulatedLinks:
         )
 
     def report(self, k: int, now_s: float, output: VehicleOutput) -> None:
-        """A vehicle's autopilot tells its driver how it is."""
+        """A vehicle's autopilot sends its telemetry."""
         assert self.dock is not None
         estimate = output.odometry
         self.dock.report(

@@ -66,7 +66,7 @@ class MavlinkVehicle:
     """One vehicle's autopilot.
 
     Attributes:
-        counts: "targets" (position targets heard, repeated ones too), "missions" (accepted), "legs" (given to fly),
+        counts: "targets" (position targets received, repeated ones too), "missions" (accepted), "legs" (given to fly),
             "refused".
         datum: The mission's origin and this autopilot's own.
         mission: Items of the mission accepted last.
@@ -82,7 +82,7 @@ class MavlinkVehicle:
         *,
         own_origin: Origin | None = None,
     ) -> None:
-        """Starts armed, in guided flight, hearing nobody.
+        """Starts armed, in guided flight, without a ground station.
 
         Args:
             system_id: MAVLink system id (the vehicle's number).
@@ -139,7 +139,7 @@ class MavlinkVehicle:
         data, self._out = self._out, []
         return data
 
-    # ------------------------------------------------------------------ saying
+    # ------------------------------------------------------------------ output
 
     @property
     def _boot_ms(self) -> int:
@@ -184,7 +184,7 @@ class MavlinkVehicle:
                     self._boot_ms, lat, lon, height_mm, height_mm, *velocity_cmps, heading_cdeg
                 )
             )
-        # what it does not see, it says as one more than its range
+        # no ground in range is sent as one more than the range
         limits_cm = (50, 10000)
         blind = math.isnan(report.altitude_m)
         range_cm = limits_cm[1] + 1 if blind else min(limits_cm[1] + 1, round(100.0 * report.altitude_m))
@@ -213,7 +213,7 @@ class MavlinkVehicle:
         self.counts["legs"] += 1
         self._fly(leg)
 
-    def _say_text(self, severity: int, text: str) -> None:
+    def _send_text(self, severity: int, text: str) -> None:
         self._send(mavlink.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))
 
     def _on_position_target(self, message: Message) -> None:
@@ -222,7 +222,7 @@ class MavlinkVehicle:
             target = target_of_position(message, self.datum)
         except ValueError as error:
             self.counts["refused"] += 1
-            self._say_text(mavlink.MAV_SEVERITY_WARNING, f"position target: {error}")
+            self._send_text(mavlink.MAV_SEVERITY_WARNING, f"position target: {error}")
             return
         self._go(target)
 
@@ -265,10 +265,10 @@ class MavlinkVehicle:
             return
         if not self._wanted:
             if self.mission and message.seq == len(self.mission) - 1:
-                self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)  # sent again: our acknowledgement was lost
+                self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)  # sent again: the acknowledgement was lost
             return
         if message.seq != len(self._incoming):
-            self._ask()  # repeated or out of order: that is not the one asked for
+            self._ask()  # repeated or out of order: not the one asked for
             return
         self._incoming.append(message)
         self._repeats = 0
@@ -282,12 +282,12 @@ class MavlinkVehicle:
         targets: list[Target] = []
         for item in items:
             if item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
-                continue  # a camera's or gimbal's business (ground stations mix them in): there is none here
+                continue  # for a camera or gimbal, which this vehicle does not have
             try:
                 targets.append(target_of_item(item, self.datum))
             except ValueError as error:
                 self.counts["refused"] += 1
-                self._say_text(mavlink.MAV_SEVERITY_WARNING, f"item {item.seq}: {error}")
+                self._send_text(mavlink.MAV_SEVERITY_WARNING, f"item {item.seq}: {error}")
                 self._acknowledge(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
                 return
         self.mission = items
@@ -333,7 +333,7 @@ class MavlinkVehicle:
         asker = (message.get_srcSystem(), message.get_srcComponent())
         self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *asker))
 
-    def _say_version(self) -> bool:
+    def _send_version(self) -> bool:
         able = (
             mavlink.MAV_PROTOCOL_CAPABILITY_MISSION_INT
             | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -343,7 +343,7 @@ class MavlinkVehicle:
         self._send(mavlink.MAVLink_autopilot_version_message(able, 1, 0, 0, 0, none, none, none, 0, 0, self._system_id))
         return True
 
-    def _say_origin(self) -> bool:
+    def _send_origin(self) -> bool:
         origin = self.datum.autopilot
         if origin is None:
             return False
@@ -355,7 +355,7 @@ class MavlinkVehicle:
         if self.datum.autopilot is None:
             own = Origin(lat_deg=message.latitude * 1e-7, lon_deg=message.longitude * 1e-7)
             self.datum = Datum(self.datum.mission, own)
-        self._say_origin()
+        self._send_origin()
 
     def _on_timesync(self, message: Message) -> None:
         if message.tc1 == 0:
@@ -364,11 +364,11 @@ class MavlinkVehicle:
 
 #: What `MAV_CMD_REQUEST_MESSAGE` can ask for.
 MESSAGES_ON_REQUEST: dict[int, Callable[[MavlinkVehicle], bool]] = {
-    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: MavlinkVehicle._say_version,
-    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MavlinkVehicle._say_origin,
+    mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: MavlinkVehicle._send_version,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MavlinkVehicle._send_origin,
 }
 
-#: What is done with each message heard; others are ignored.
+#: What is done with each message; others are ignored.
 HANDLERS: dict[str, Callable[[MavlinkVehicle, Message], None]] = {
     "SET_POSITION_TARGET_LOCAL_NED": MavlinkVehicle._on_position_target,
     "MISSION_COUNT": MavlinkVehicle._on_mission_count,

@@ -1,7 +1,7 @@
 """`python -m auv_lse_sim.emulated.modem_desk`: emulated modems in real time, for trying drivers without hardware.
 
-Each stands in water in which everybody hears everybody after a second. Nothing of a mission runs here: connect
-`micromodem_node`, WHOI's `acomms`, or a terminal to the ports it prints. Ctrl-C takes them away.
+Every modem hears every other one after a second. No mission runs: connect `micromodem_node`, WHOI's `acomms`, or a
+terminal to the printed ports. Ctrl-C ends it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def host_clock_s() -> float:
 def run(
     shells: dict[int, HostPort], delay_s: float, clock_s: Callable[[], float], going: Callable[[], bool]
 ) -> ModemRack:
-    """Serves the modems until `going` says no; closes the ports.
+    """Serves the modems while `going` is true; closes the ports.
 
     Args:
         shells: Ports by modem number.
@@ -75,7 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number, shell in shells.items():
         print(f"modem {number}: {shell.port}", flush=True)
     rack = run(shells, options.delay, host_clock_s, lambda: True)
-    print(f"packets sent {sum(rack.transmitted.values())}, heard {sum(rack.delivered.values())}")
+    print(f"packets sent {sum(rack.transmitted.values())}, received {sum(rack.delivered.values())}")
     return 0
 
 

@@ -45,7 +45,7 @@ from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
 VERSION = "2.0.27087"
 #: The modem waits so long for `$CCTXD` after `$CADRQ` (s).
 DATA_TIMEOUT_S = 2.0
-#: With REV on, the revision is said this often (s).
+#: With REV on, the revision is sent this often (s).
 REVISION_PERIOD_S = 120.0
 
 #: Settings known, and what they are at first.
@@ -84,7 +84,7 @@ class HeardPacket:
         start_s: When its first sound arrives (s, the simulation's clock).
         source: The sender's modem address.
         destination: Whom it is for, 0: all.
-        payload: What was sent; None if it was heard but could not be decoded.
+        payload: What was sent; None if it could not be decoded.
         snr_db: Signal to noise ratio (dB), not finite if unknown.
         rate: Packet rate number.
         frames: Number of frames.
@@ -130,7 +130,7 @@ class ModemEmulator:
         Args:
             transmit: Takes a packet into the water; returns its duration (s), or None for the nominal one.
             clock_error_s: Modem's clock less the simulation's, until it is set.
-            version: Firmware version said in `$CAREV`.
+            version: Firmware version in `$CAREV`.
         """
         self.settings = dict(SETTINGS)
         self.counts: Counter[str] = Counter()
@@ -150,15 +150,15 @@ class ModemEmulator:
         return int(self.settings["SRC"])
 
     def boot(self, now_s: float, forget: bool = False) -> None:
-        """Power on, or a restart: says so, drops what it was doing, and with `forget` its settings and clock too."""
+        """Power on, or a restart: drops what was under way, and with `forget` the settings and the clock too."""
         self.counts["boots"] += 1
         self._sending = None
         self._reader.reset()
         if forget:
             self.settings = dict(SETTINGS)
             self._clock_set = False
-        self._say(Revision(time=self._clock_text(now_s), ident="INIT", version=""))
-        self._say(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
+        self._write(Revision(time=self._clock_text(now_s), ident="INIT", version=""))
+        self._write(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
         self._revision_s = now_s
 
     def receive(self, now_s: float, data: bytes) -> None:
@@ -178,7 +178,7 @@ class ModemEmulator:
         self._bad_lines = bad_lines
 
     def poll(self, now_s: float) -> None:
-        """Lets time pass: ends transmissions, gives up waiting for data, says the revision."""
+        """Lets time pass: ends transmissions, gives up waiting for data, sends the revision."""
         sending = self._sending
         if sending is not None:
             if not sending.started:
@@ -190,10 +190,10 @@ class ModemEmulator:
                 self._end(sending)
         if self.settings["REV"] != "0" and now_s - self._revision_s >= REVISION_PERIOD_S:
             self._revision_s = now_s
-            self._say(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
+            self._write(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
 
     def arrive(self, arrival: HeardPacket) -> None:
-        """Tells the host of a packet from the water, as much of it as the settings let it."""
+        """Reports a packet from the water to the host, as far as the settings ask for it."""
         good = arrival.payload is not None
         self.counts["heard" if good else "heard_bad"] += 1
         size = RATES[arrival.rate].frame_bytes
@@ -205,7 +205,7 @@ class ModemEmulator:
             ratio_db=max(0, round(snr_db + 20)),
             spl_db=round(110 + snr_db),
         )
-        self._say(
+        self._write(
             Cycle(
                 source=arrival.source,
                 destination=arrival.destination,
@@ -215,14 +215,14 @@ class ModemEmulator:
             )
         )
         if self.settings["RXP"] != "0":
-            self._say(ReceptionStart(kind=0 if arrival.rate == 0 else 1))
+            self._write(ReceptionStart(kind=0 if arrival.rate == 0 else 1))
         if self.settings["MFD"] != "0":
-            self._say(detection)
+            self._write(detection)
         for number in range(1, arrival.frames + 1):
             if not good:
-                self._say(Notice(kind="BAD_CRC", detail=str(number)))
+                self._write(Notice(kind="BAD_CRC", detail=str(number)))
             elif arrival.destination in (BROADCAST, self.address):
-                self._say(
+                self._write(
                     FrameHeard(
                         source=arrival.source,
                         destination=arrival.destination,
@@ -232,7 +232,7 @@ class ModemEmulator:
                     )
                 )
         if self.settings["CST"] != "0":
-            self._say(
+            self._write(
                 ReceptionStatistics(
                     mode=MODE_GOOD if good else MODE_BAD_CRC,
                     utc_s=max(0.0, arrival.start_s + self._clock_error_s),
@@ -259,9 +259,9 @@ class ModemEmulator:
         self._out.clear()
         return data
 
-    # ------------------------------------------------------------------ saying
+    # ------------------------------------------------------------------ output
 
-    def _say(self, message: Message) -> None:
+    def _write(self, message: Message) -> None:
         self._out += message.sentence().encode()
 
     def _clock_text(self, now_s: float) -> str:
@@ -274,7 +274,7 @@ class ModemEmulator:
 
     def _refuse(self, now_s: float, number: int, why: str) -> None:
         self.counts["refused"] += 1
-        self._say(ErrorReport(time=self._clock_text(now_s), module="NMEA", number=number, detail=why))
+        self._write(ErrorReport(time=self._clock_text(now_s), module="NMEA", number=number, detail=why))
 
     # ------------------------------------------------------------------ commands
 
@@ -287,7 +287,7 @@ class ModemEmulator:
             self._refuse(now_s, 4, "SRC: out of range")
             return
         self.settings[setting.name] = setting.value
-        self._say(setting)
+        self._write(setting)
 
     def _on_query(self, now_s: float, sentence: Sentence) -> None:
         name = sentence.fields[0] if sentence.fields else ""
@@ -296,7 +296,7 @@ class ModemEmulator:
             self._refuse(now_s, 4, f"{name}: unknown setting")
             return
         for known in names:
-            self._say(Setting(name=known, value=self.settings[known]))
+            self._write(Setting(name=known, value=self.settings[known]))
 
     def _on_clock_set(self, now_s: float, sentence: Sentence) -> None:
         text = sentence.fields[0] if sentence.fields else ""
@@ -304,13 +304,13 @@ class ModemEmulator:
         wanted_s, _ = read_iso_time(text.rstrip("Z"), "time")
         self._clock_error_s = wanted_s - now_s
         self._clock_set = True
-        self._say(ClockSet(timed_out=False, utc_s=wanted_s))
+        self._write(ClockSet(timed_out=False, utc_s=wanted_s))
 
     def _on_clock_query(self, now_s: float, sentence: Sentence) -> None:
         source = "USER_CMD" if self._clock_set else "RTC"
         pps = "EXT" if self.settings["SNV"] != "0" else "RTC"
         utc_s = max(0.0, now_s + self._clock_error_s)
-        self._say(ClockTime(utc_s=utc_s, resolution_s=1.0, source=source, pps=pps))
+        self._write(ClockTime(utc_s=utc_s, resolution_s=1.0, source=source, pps=pps))
 
     def _on_cycle(self, now_s: float, sentence: Sentence) -> None:
         cycle = Cycle.read(sentence.fields)
@@ -321,7 +321,7 @@ class ModemEmulator:
         if self._sending is not None and self._sending.started:
             self._refuse(now_s, 6, "transmitting")
             return
-        self._say(cycle)
+        self._write(cycle)
         if cycle.source == self.address and self.address != 0:
             self._sending = _Outgoing(cycle=cycle, asked_s=now_s)
             self._request(now_s)
@@ -329,9 +329,11 @@ class ModemEmulator:
     def _on_frame(self, now_s: float, sentence: Sentence) -> None:
         frame = FrameGiven.read(sentence.fields)
         sending = self._sending
-        self._say(FrameTaken(source=frame.source, destination=frame.destination, ack=frame.ack, count=len(frame.data)))
+        self._write(
+            FrameTaken(source=frame.source, destination=frame.destination, ack=frame.ack, count=len(frame.data))
+        )
         if sending is None or sending.started:
-            return  # a real modem keeps it for the next cycle; nothing of ours would be right in that
+            return  # a real modem keeps it for the next cycle, which would be wrong here
         size = RATES[sending.cycle.rate].frame_bytes
         if not 1 <= len(frame.data) <= size:
             self._refuse(now_s, 7, f"frame of {len(frame.data)} bytes: expected 1 to {size}")
@@ -348,7 +350,7 @@ class ModemEmulator:
     def _request(self, now_s: float) -> None:
         assert self._sending is not None
         cycle = self._sending.cycle
-        self._say(
+        self._write(
             DataRequest(
                 time=self._clock_text(now_s),
                 source=cycle.source,
@@ -368,7 +370,7 @@ class ModemEmulator:
                 return  # waits for the second
         sending.start_s = now_s
         payload = b"".join(sending.frames)
-        self._say(TransmitStart(count=len(payload)))
+        self._write(TransmitStart(count=len(payload)))
         self.counts["transmitted"] += 1
         cycle = sending.cycle
         duration_s = self._transmit(
@@ -386,22 +388,22 @@ class ModemEmulator:
     def _end(self, sending: _Outgoing) -> None:
         self._sending = None
         count = sum(len(frame) for frame in sending.frames)
-        self._say(TransmitEnd(count=count))
-        self._say_transmit_statistics(sending, mode=0)
+        self._write(TransmitEnd(count=count))
+        self._write_transmit_statistics(sending, mode=0)
 
     def _data_timeout(self, now_s: float) -> None:
         sending, self._sending = self._sending, None
         assert sending is not None
         self.counts["data_timeouts"] += 1
         number = len(sending.frames) + 1
-        self._say(ErrorReport(time=self._clock_text(now_s), module="DATA_TIMEOUT", number=number, detail=""))
+        self._write(ErrorReport(time=self._clock_text(now_s), module="DATA_TIMEOUT", number=number, detail=""))
         sending.start_s = now_s
-        self._say_transmit_statistics(sending, mode=4)
+        self._write_transmit_statistics(sending, mode=4)
 
-    def _say_transmit_statistics(self, sending: _Outgoing, mode: int) -> None:
+    def _write_transmit_statistics(self, sending: _Outgoing, mode: int) -> None:
         if self.settings["XST"] == "0":
             return
-        self._say(
+        self._write(
             TransmitStatistics(
                 utc_s=max(0.0, sending.start_s + self._clock_error_s),
                 clock=self._clock_status,

@@ -15,7 +15,7 @@ from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator, Tran
 class ModemRack:
     """One emulated modem per vehicle, each on its port, all joined to one channel; has no thread and no clock.
 
-    The owner calls `serve` whenever a port may have something to say (its `fileno` becomes readable), and `poll` once
+    The owner calls `serve` whenever its `fileno` is readable, and `poll` once
     a tick; both with the simulation's time.
     """
 
@@ -67,7 +67,7 @@ class ModemRack:
             self._flush(vehicle)
 
     def arrive(self, vehicle: int, arrival: HeardPacket) -> None:
-        """A packet has reached a vehicle: its modem tells the driver. Good ones for it count as delivered."""
+        """A packet has reached a vehicle: its modem reports it. A good one for this modem counts as delivered."""
         modem = self.modems[vehicle]
         if arrival.payload is not None and arrival.destination in (BROADCAST, modem.address):
             self.delivered[vehicle] += 1
@@ -75,7 +75,7 @@ class ModemRack:
         self._flush(vehicle)
 
     def close(self) -> None:
-        """Takes the ports away."""
+        """Removes the ports."""
         for port in self._ports.values():
             port.close()
         self._epoll.close()

@@ -1,4 +1,4 @@
-"""The leg to a target: what a simulated autopilot flies when it is told where to go."""
+"""The leg to a target: what a simulated autopilot flies on the way to it."""
 
 from __future__ import annotations
 
