@@ -14,8 +14,7 @@ from auv_lse_common.leg import Leg
 from auv_lse_common.ros_conversions import header
 from auv_lse_msgs.msg import ModemRx, Sounding, Waypoint
 from auv_lse_sim.world.channel import Arrival
-from auv_lse_sim.world.vehicle import Odometry as NavigationOdometry
-from auv_lse_sim.world.vehicle import Truth
+from auv_lse_sim.world.vehicle import NavigationEstimate, Truth
 
 
 def sounding_message(row: NDArray[np.float64]) -> Sounding:
@@ -35,7 +34,7 @@ def arrival_message(arrival: Arrival) -> ModemRx:
     )
 
 
-def odometry_message(odometry: NavigationOdometry, depth_m: float, vehicle: int) -> Odometry:
+def odometry_message(odometry: NavigationEstimate, depth_m: float, vehicle: int) -> Odometry:
     """The vehicle's estimate of itself as an Odometry in ENU.
 
     Args:

@@ -1,22 +1,11 @@
-import json
-from dataclasses import fields
-from pathlib import Path
+"""A judged mission: the summary, and the maps behind it."""
 
 import numpy as np
 import pytest
 
 from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.depth_map import DepthMap, Field
-from auv_lse_sim.judge.evaluation import (
-    evaluate,
-    judge,
-    least_separation,
-    local_map,
-    mission_settings,
-    navigation_error,
-    true_positions,
-)
-from auv_lse_sim.judge.summary import Summary, markdown, table
+from auv_lse_gp.depth_map import DepthMap
+from auv_lse_sim.judge.evaluation import evaluate, local_map, mission_settings
 from auv_lse_sim.record.run_data import GroundGrid, RunData, VehicleRun
 
 
@@ -49,17 +38,6 @@ def test_summary_of_a_known_mission(evaluation, synthetic_run):
     assert all(own > s.risk_after for own in s.local_risk)
 
 
-def test_every_key_is_documented_and_the_json_is_strict(evaluation):
-    rows = table()
-    assert [key for key, _, _ in rows] == [f.name for f in fields(Summary)]
-    assert all(meaning for _, _, meaning in rows)
-    units = {key: unit for key, unit, _ in rows}
-    assert units["risk_after"] == "cost/place"
-    assert all(units[key] for key in ("team_reward", "misclassified_m2", "isobath_error_m", "sim_s"))
-    loaded = json.loads(evaluation.summary.to_json(), parse_constant=lambda c: pytest.fail(f"{c} in JSON"))
-    assert list(loaded) == [f.name for f in fields(Summary)]
-
-
 def test_a_mission_without_truth_is_judged_by_its_own_maps(synthetic_run):
     run = synthetic_run(steps=6, with_truth=False)
     for vehicle in run.vehicles:
@@ -87,33 +65,6 @@ def test_navigation_error_costs_what_true_positions_would_save(synthetic_run):
     assert drifting.isobath_error_m > drifting.isobath_error_true_positions_m
 
 
-def test_true_positions_are_interpolated_at_the_stamps(synthetic_run):
-    vehicle = synthetic_run(steps=2, drift_mps=0.5).vehicles[0]
-    moved = true_positions(vehicle)
-    assert np.allclose(moved[:, 1], vehicle.soundings[:, 1] - 0.5 * vehicle.soundings[:, 0])
-    assert np.array_equal(moved[:, [0, 3]], vehicle.soundings[:, [0, 3]])
-    assert np.allclose(navigation_error(vehicle), 0.5 * vehicle.odometry[:, 0])
-
-
-def test_judging_counts_cells_on_the_wrong_side(synthetic_run):
-    run = synthetic_run(steps=1)
-    settings = mission_settings(run.parameters, 1)[0]
-    grid = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area)).grid
-    depth = np.where(grid.north_m[:, None] < 60.0, 10.0, 20.0) * np.ones(len(grid.east_m))
-    mean = depth.copy()
-    mean[0, 0] = 16.0  # called safe, is not
-    mean[-1, :3] = 14.0  # called unsafe, is safe
-    field = Field(grid, mean, np.full_like(mean, 0.1), np.zeros_like(mean), np.zeros_like(mean), 0)
-    ground = GroundGrid(north_m=grid.north_m, east_m=grid.east_m, depth_m=depth, inside=grid.inside)
-    verdict = judge(field, settings, ground, grid.inside, [])
-    cells, deep = mean.size, int(np.count_nonzero(depth >= 15.0))
-    assert verdict.false_safe_m2 == 36.0
-    assert verdict.false_unsafe_m2 == 3 * 36.0
-    assert verdict.f1 == pytest.approx(2 * (deep - 3) / (2 * (deep - 3) + 4))
-    assert verdict.loss == pytest.approx(10.0 * 4 / cells)
-    assert verdict.depth_rmse_m == pytest.approx(np.sqrt((3 * 6.0**2 + 6.0**2) / cells))
-
-
 def test_local_map_takes_what_the_vehicle_took_in_its_order(synthetic_run):
     run = synthetic_run(steps=6)
     settings = mission_settings(run.parameters, 2)
@@ -135,28 +86,9 @@ def test_local_map_takes_what_the_vehicle_took_in_its_order(synthetic_run):
     )
 
 
-def test_least_separation_after_the_start(synthetic_run):
-    run = synthetic_run(steps=10)
-    a = VehicleRun(vehicle=1, truth=[[0.0, 0.0, 0.0, 0.0], [100.0, 0.0, 100.0, 0.0]])
-    b = VehicleRun(vehicle=2, truth=[[0.0, 0.0, 0.0, 0.0], [100.0, 30.0, 100.0, 0.0]])
-    assert least_separation([a, b]) == pytest.approx(18.0)  # 0.3 m/s apart, from 60 s on
-    assert least_separation([a]) is None
-    assert least_separation(run.vehicles) > 50.0
-
-
 def test_ground_on_another_grid_is_refused(synthetic_run):
     run = synthetic_run(steps=1)
     g = run.ground
     run.ground = GroundGrid(north_m=g.north_m[1:], east_m=g.east_m, depth_m=g.depth_m[1:], inside=g.inside[1:])
     with pytest.raises(ValueError, match=r"run\.ground: shape \(39, 50\); expected the map's \(40, 50\)"):
         evaluate(run)
-
-
-def test_wrong_columns_are_refused_where_they_come_in():
-    with pytest.raises(ValueError, match=r"auv3 soundings: shape \(2, 3\); expected \(n, 4\)"):
-        VehicleRun(vehicle=3, soundings=np.zeros((2, 3)))
-
-
-def test_the_documented_keys_are_the_keys():
-    document = Path(__file__).resolve().parents[2] / "docs" / "results.md"
-    assert markdown() in document.read_text(), "docs/results.md: its table is not summary.markdown()"

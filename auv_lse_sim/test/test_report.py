@@ -5,7 +5,8 @@ import struct
 import pytest
 import yaml
 
-from auv_lse_sim.judge.report import number, write_report
+from auv_lse_sim.judge.page_parts import number
+from auv_lse_sim.judge.report import write_report
 from auv_lse_sim.judge.summary import table
 
 

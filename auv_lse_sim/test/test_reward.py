@@ -5,7 +5,7 @@ from auv_lse_common.plan import NONE
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.kernels import Kernel
 from auv_lse_sim.judge.evaluation import mission_settings
-from auv_lse_sim.judge.reward import PlannedPath, leg_times, replay, running_maximum
+from auv_lse_sim.judge.reward import PlannedPath, leg_times, reward_curves, running_maximum
 
 
 def settings_of(run):
@@ -39,7 +39,7 @@ def test_reward_is_the_drop_of_risk_at_the_legs_own_places(synthetic_run):
         if "gp" in pattern:
             pattern["gp"] = {**pattern["gp"], "min_spacing_m": 0.0, "merge": False}
     settings, area = settings_of(run)
-    curves = replay(run, settings, area)
+    curves = reward_curves(run, settings, area)
     leg_s = 15.0 * np.pi / 2.0 / 1.5
     data = np.empty((0, 4))
     total, visited = 0.0, np.empty((0, 2))
@@ -66,7 +66,7 @@ def test_reward_is_the_drop_of_risk_at_the_legs_own_places(synthetic_run):
 def test_bounds_follow_the_plans(synthetic_run):
     run = synthetic_run(steps=8)
     settings, area = settings_of(run)
-    curves = replay(run, settings, area)
+    curves = reward_curves(run, settings, area)
     assert curves.stepwise[0] == curves.whole[0] == 0.0
     # At the start the whole path is planned: 16 places worth 5 each at most.
     assert 0.0 < curves.bound[0] < curves.whole_bound[0] < 80.0
@@ -89,7 +89,7 @@ def test_expected_whole_path_reward_of_the_first_plan_is_its_expected_benefit(sy
     after = np.diag(covariance - covariance @ np.linalg.solve(covariance + noise, covariance))
     std = np.sqrt(np.diag(covariance) - after)
     benefit = settings[0].level_set.benefit(np.full(len(places), 15.0), std, np.sqrt(after))
-    assert replay(run, settings, area).whole_bound[0] == pytest.approx(benefit.sum(), rel=1e-9)
+    assert reward_curves(run, settings, area).whole_bound[0] == pytest.approx(benefit.sum(), rel=1e-9)
 
 
 def test_plans_without_naive_part_have_no_bound(synthetic_run):
@@ -99,7 +99,7 @@ def test_plans_without_naive_part_have_no_bound(synthetic_run):
     for vehicle in run.vehicles:
         vehicle.decisions = [replace(d, plan=replace(d.plan, naive_path=NONE)) for d in vehicle.decisions]
     settings, area = settings_of(run)
-    curves = replay(run, settings, area)
+    curves = reward_curves(run, settings, area)
     assert np.all(np.isnan(curves.bound))
     assert np.isfinite(curves.naive_value)
     assert curves.naive_value > 0.0
@@ -169,16 +169,16 @@ def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
 
     run = synthetic_run(steps=4)
     settings, area = settings_of(run)
-    once = replay(run, settings, area)
+    once = reward_curves(run, settings, area)
     vehicle = run.vehicles[0]
     again = replace(vehicle.decisions[2], now_s=vehicle.decisions[2].now_s + 5.0)
     vehicle.decisions.insert(3, again)
-    assert replay(run, settings, area).stepwise[-1] == pytest.approx(once.stepwise[-1])
+    assert reward_curves(run, settings, area).stepwise[-1] == pytest.approx(once.stepwise[-1])
 
 
 @pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower", "best"])
 def test_credited_places_lie_on_the_flown_tracks(method):
-    """The replay rebuilds legs from plans alone: kept plans, naive tails and strips come out as they were flown."""
+    """The judge rebuilds legs from plans alone: kept plans, naive tails and strips come out as they were flown."""
     from scipy.spatial import cKDTree
 
     from auv_lse_sim.engine.fleet import Fleet

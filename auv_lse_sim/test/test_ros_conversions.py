@@ -26,7 +26,7 @@ from auv_lse_planner.ros_conversions import (
     waypoint_message,
 )
 from auv_lse_sim.ros_conversions import altitude_message, leg_of_waypoint, odometry_message, pressure_message
-from auv_lse_sim.world.vehicle import Odometry
+from auv_lse_sim.world.vehicle import NavigationEstimate
 
 pytestmark = pytest.mark.ros
 
@@ -47,7 +47,7 @@ def test_arrays_keep_their_numbers() -> None:
 def test_odometry_becomes_enu_with_its_covariance() -> None:
     # heading 30 deg, variances (heading 0.01, north 4, east 9), north-east covariance 1, heading-north 0.1
     covariance = np.array([[0.01, 0.1, 0.0], [0.1, 4.0, 1.0], [0.0, 1.0, 9.0]])
-    odometry = Odometry(
+    odometry = NavigationEstimate(
         stamp_s=2.0, heading_rad=math.radians(30), north_m=10.0, east_m=20.0, speed_mps=1.5, covariance=covariance
     )
     message = odometry_message(odometry, 3.0, 2)

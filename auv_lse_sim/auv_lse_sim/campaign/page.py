@@ -18,7 +18,7 @@ from auv_lse_sim.campaign.rows import Row, by_group, value_of
 from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.campaign.statistics import Interval, interval
 from auv_lse_sim.judge.figures import COLORS, DASHES, STYLE, WIDTH_IN, new_figure, save
-from auv_lse_sim.judge.report import embedded, facts, head, number, table
+from auv_lse_sim.judge.page_parts import embedded, facts, head, number, table
 
 #: What settings are compared in: column, heading, and whether more is better.
 MEASURES: tuple[tuple[str, str, bool], ...] = (

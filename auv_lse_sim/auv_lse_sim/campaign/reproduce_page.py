@@ -28,7 +28,7 @@ from auv_lse_sim.campaign.study_results import (
 from auv_lse_sim.judge import figures
 from auv_lse_sim.judge.evaluation import Evaluation
 from auv_lse_sim.judge.figures import save
-from auv_lse_sim.judge.report import embedded, facts, head, table
+from auv_lse_sim.judge.page_parts import embedded, facts, head, table
 
 #: Columns of the sensitivities' figures.
 DRAWN = ("risk_third", "risk_after", "isobath_error_m", "local_risk_error")

@@ -18,7 +18,7 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
     """Prior (top) and posterior (bottom) Bayes risk with the paths of one mission per method."""
     with matplotlib.rc_context(STYLE):
         first = next(iter(missions.values()))
-        extent, aspect = figures._extent(first)
+        extent, aspect = figures.map_extent(first)
         width = (WIDTH_IN - 1.1 - 0.17 * len(missions)) / len(missions)
         figure = new_figure(WIDTH_IN, 2.0 * (width * aspect + 0.2) + 0.75)
         axes = figure.subplots(2, len(missions), sharex=True, sharey=True, squeeze=False)
@@ -27,7 +27,7 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
         for column, (method, e) in enumerate(missions.items()):
             for axis, field, title in zip(axes[:, column], (e.prior, e.team), (method, ""), strict=True):
                 image = axis.imshow(
-                    figures._shown(field.risk, e),
+                    figures.judged_part(field.risk, e),
                     origin="lower",
                     extent=extent,
                     cmap=figures.RISK_COLORS,
@@ -35,15 +35,15 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
                     vmax=top,
                     aspect="equal",
                 )
-                figures._map_axes(axis, extent, title)
-                figures._tracks(axis, e)
-                figures._isobath(axis, e.truth, "true")
-            figures._isobath(axes[1, column], e.estimate, "estimate")
-        figures._outer_labels(axes.ravel(), len(missions))
+                figures.map_axes(axis, extent, title)
+                figures.draw_tracks(axis, e)
+                figures.draw_isobath(axis, e.truth, "true")
+            figures.draw_isobath(axes[1, column], e.estimate, "estimate")
+        figures.outer_labels(axes.ravel(), len(missions))
         bar = figure.colorbar(image, ax=axes.ravel().tolist(), shrink=0.85, pad=0.015, aspect=36)
         bar.set_label("Bayes risk per place (units of cost)")
         bar.outline.set_linewidth(0.5)
-        figures._legend(figure, first, truth=bool(first.truth), estimate=True)
+        figures.map_legend(figure, first, truth=bool(first.truth), estimate=True)
         return figure
 
 

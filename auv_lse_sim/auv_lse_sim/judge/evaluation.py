@@ -20,15 +20,15 @@ from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.depth_map import DepthMap, Field
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.judge import isobath
-from auv_lse_sim.judge.reward import Curves, replay
+from auv_lse_sim.judge.reward import Curves, reward_curves
 from auv_lse_sim.judge.summary import Summary
+from auv_lse_sim.judge.tracks import least_separation, navigation_error, path_length_m, true_positions
+from auv_lse_sim.judge.verdict import Verdict, judge
 from auv_lse_sim.record.run_data import DepthSource, GroundGrid, RunData, VehicleRun
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Separation of vehicles is not judged before this time (s): they all start at one place, at their own depths.
-SEPARATION_FROM_S = 60.0
 
 #: Number of places over which the risk is averaged at steps under way (at the end: over all).
 RISK_PLACES = 1500
@@ -50,7 +50,6 @@ class Evaluation:
         truth: Lines of the true isobath (empty without truth).
         scored: Cells judged, shape of the map.
         summary: The figures of merit.
-        seconds: Wall-clock time by part of the evaluation, for the impatient; filled in by the caller.
     """
 
     run: RunData
@@ -63,8 +62,11 @@ class Evaluation:
     estimate: list[Array]
     truth: list[Array]
     scored: Mask
-    summary: Summary
-    seconds: dict[str, float] = field(default_factory=dict)
+    summary: Summary = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Sums the rest up."""
+        self.summary = _summary(self)
 
 
 def mission_settings(parameters: Mapping[str, Mapping[str, Any]], vehicles: int) -> list[PlannerSettings]:
@@ -114,8 +116,8 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
     everything = np.concatenate([v.soundings for v in run.vehicles])
     team_map = _map(first, area, everything)
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
-    curves = replay(run, settings, area, bounds, _thinned(prior.grid, scored))
-    evaluation = Evaluation(
+    curves = reward_curves(run, settings, area, bounds, _thinned(prior.grid, scored))
+    return Evaluation(
         run=run,
         settings=settings,
         area=area,
@@ -126,10 +128,7 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
         estimate=team_map.isobath().lines,
         truth=_true_isobath(run, first, scored),
         scored=scored,
-        summary=None,  # type: ignore[arg-type]  # filled in below, from the rest
     )
-    evaluation.summary = _summary(evaluation)
-    return evaluation
 
 
 def _thinned(grid: Grid, scored: Mask) -> Array:
@@ -169,40 +168,6 @@ def _true_isobath(run: RunData, settings: PlannerSettings, scored: Mask) -> list
         return []
     depth = np.where(scored, run.ground.depth_m, np.nan)
     return isobath.trace(run.ground.north_m, run.ground.east_m, depth, settings.level_set.level_m)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
-    """A map against the true ground (areas in m2, distances in m)."""
-
-    f1: float
-    loss: float
-    false_safe_m2: float
-    false_unsafe_m2: float
-    depth_rmse_m: float
-    error: isobath.IsobathError
-
-
-def judge(field_: Field, settings: PlannerSettings, ground: GroundGrid, scored: Mask, truth: list[Array]) -> Verdict:
-    """Compares a map with the true ground on the cells `scored`; `truth` is the true isobath."""
-    level = settings.level_set
-    mean, std, depth = field_.mean_m[scored], field_.std_m[scored], ground.depth_m[scored]
-    called, deep = level.safe(mean, std), depth >= level.level_m
-    cell = field_.grid.resolution_m**2
-    false_safe, false_unsafe = np.count_nonzero(called & ~deep), np.count_nonzero(~called & deep)
-    hits = np.count_nonzero(called & deep)
-    both = 2 * hits + false_safe + false_unsafe
-    estimate = isobath.trace(
-        field_.grid.north_m, field_.grid.east_m, np.where(scored, field_.mean_m, np.nan), level.level_m
-    )
-    return Verdict(
-        f1=2 * hits / both if both else math.nan,
-        loss=(level.cost_false_safe * false_safe + level.cost_false_unsafe * false_unsafe) / max(len(mean), 1),
-        false_safe_m2=false_safe * cell,
-        false_unsafe_m2=false_unsafe * cell,
-        depth_rmse_m=float(np.sqrt(np.mean((mean - depth) ** 2))) if len(mean) else math.nan,
-        error=isobath.compare(estimate, truth),
-    )
 
 
 def _summary(e: Evaluation) -> Summary:
@@ -289,50 +254,9 @@ def _last(values: Array) -> float | None:
     return float(finite[-1]) if len(finite) else None
 
 
-def true_positions(vehicle: VehicleRun) -> Array:
-    """A vehicle's soundings (n, 4) with the positions where they were really made."""
-    stamps = vehicle.soundings[:, 0]
-    moved = vehicle.soundings.copy()
-    for column in (1, 2):
-        moved[:, column] = np.interp(stamps, vehicle.truth[:, 0], vehicle.truth[:, column])
-    return moved
-
-
 def _without_navigation_error(e: Evaluation) -> Verdict | None:
     """The verdict on the map from the soundings at their true positions; None without truth."""
     if e.run.ground is None or any(len(v.truth) == 0 for v in e.run.vehicles):
         return None
     soundings = np.concatenate([true_positions(v) for v in e.run.vehicles])
     return judge(_map(e.settings[0], e.area, soundings).field(), e.settings[0], e.run.ground, e.scored, e.truth)
-
-
-def navigation_error(vehicle: VehicleRun) -> Array:
-    """Horizontal error (m) of each odometry message, (n,); empty without truth."""
-    if len(vehicle.truth) == 0 or len(vehicle.odometry) == 0:
-        return np.empty(0)
-    north, east = (np.interp(vehicle.odometry[:, 0], vehicle.truth[:, 0], vehicle.truth[:, c]) for c in (1, 2))
-    return np.asarray(np.hypot(vehicle.odometry[:, 1] - north, vehicle.odometry[:, 2] - east))
-
-
-def track(vehicle: VehicleRun) -> Array:
-    """The best known track (n, 4): the true one where there is one, else odometry."""
-    return vehicle.truth if len(vehicle.truth) else vehicle.odometry
-
-
-def path_length_m(vehicle: VehicleRun) -> float:
-    """Distance (m) along the best known track."""
-    return float(np.hypot(*np.diff(track(vehicle)[:, 1:3], axis=0).T).sum())
-
-
-def least_separation(vehicles: list[VehicleRun]) -> float | None:
-    """Least horizontal distance (m) between two vehicles after `SEPARATION_FROM_S`; None for a lone one."""
-    tracks = [track(v) for v in vehicles if len(track(v))]
-    if len(tracks) < 2:
-        return None
-    end = min(t[-1, 0] for t in tracks)
-    times = np.arange(SEPARATION_FROM_S, end, 1.0)
-    if len(times) == 0:
-        return None
-    at = [np.column_stack([np.interp(times, t[:, 0], t[:, c]) for c in (1, 2)]) for t in tracks]
-    pairs = [(i, j) for i in range(len(at)) for j in range(i)]
-    return min(float(np.hypot(*(at[i] - at[j]).T).min()) for i, j in pairs)

@@ -20,7 +20,8 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
-from auv_lse_sim.judge.evaluation import Evaluation, navigation_error, track
+from auv_lse_sim.judge.evaluation import Evaluation
+from auv_lse_sim.judge.tracks import navigation_error, track
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 def risk_maps(e: Evaluation) -> Figure:
     """Prior and posterior Bayes risk with the paths, and the true and the estimated isobath."""
     with matplotlib.rc_context(STYLE):
-        extent, aspect = _extent(e)
+        extent, aspect = map_extent(e)
         panel_in, side_by_side = _panel(aspect, 2)
         columns = 2 if side_by_side else 1
         figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + _legend_in(e, 5))
@@ -77,9 +78,9 @@ def risk_maps(e: Evaluation) -> Figure:
         top = max(float(np.nanmax(e.prior.risk)), 1e-9)
         titles = (r"$\bf{a}$  Bayes risk before the mission", r"$\bf{b}$  Bayes risk given all soundings")
         image: Any = None
-        for axis, title, shown in zip(axes, titles, (e.prior, e.team), strict=True):
+        for axis, title, field in zip(axes, titles, (e.prior, e.team), strict=True):
             image = axis.imshow(
-                _shown(shown.risk, e),
+                judged_part(field.risk, e),
                 origin="lower",
                 extent=extent,
                 cmap=RISK_COLORS,
@@ -87,16 +88,16 @@ def risk_maps(e: Evaluation) -> Figure:
                 vmax=top,
                 aspect="equal",
             )
-            _map_axes(axis, extent, title)
-            _tracks(axis, e)
-        _isobath(axes[0], e.truth, "true")
-        _isobath(axes[1], e.truth, "true")
-        _isobath(axes[1], e.estimate, "estimate")
-        _outer_labels(axes, columns)
+            map_axes(axis, extent, title)
+            draw_tracks(axis, e)
+        draw_isobath(axes[0], e.truth, "true")
+        draw_isobath(axes[1], e.truth, "true")
+        draw_isobath(axes[1], e.estimate, "estimate")
+        outer_labels(axes, columns)
         bar = figure.colorbar(image, ax=axes.tolist(), shrink=0.9, pad=0.015, aspect=28)
         bar.set_label("Bayes risk per place (units of cost)")
         bar.outline.set_linewidth(0.5)
-        _legend(figure, e, truth=bool(e.truth), estimate=True)
+        map_legend(figure, e, truth=bool(e.truth), estimate=True)
         return figure
 
 
@@ -166,7 +167,7 @@ def risk_over_steps(e: Evaluation) -> Figure | None:
 def local_risk_error(e: Evaluation) -> Figure:
     """Per vehicle: posterior risk of its own final map less the risk given all soundings."""
     with matplotlib.rc_context(STYLE):
-        extent, aspect = _extent(e)
+        extent, aspect = map_extent(e)
         count = len(e.local)
         columns = min(count, 3 if aspect >= 0.5 else 2)
         rows = math.ceil(count / columns)
@@ -179,7 +180,7 @@ def local_risk_error(e: Evaluation) -> Figure:
         image: Any = None
         for index, (axis, difference) in enumerate(zip(axes, differences, strict=False)):
             image = axis.imshow(
-                _shown(difference, e),
+                judged_part(difference, e),
                 origin="lower",
                 extent=extent,
                 cmap=DIFFERENCE_COLORS,
@@ -188,28 +189,28 @@ def local_risk_error(e: Evaluation) -> Figure:
                 aspect="equal",
             )
             mean = e.summary.local_risk_error[index]
-            _map_axes(axis, extent, f"auv{e.run.vehicles[index].vehicle}   mean |error| {mean:.3f}")
-            _tracks(axis, e, only=index)
+            map_axes(axis, extent, f"auv{e.run.vehicles[index].vehicle}   mean |error| {mean:.3f}")
+            draw_tracks(axis, e, only=index)
         for axis in axes[count:]:
             axis.set_visible(False)
-        _outer_labels(axes[:count], columns)
+        outer_labels(axes[:count], columns)
         bar = figure.colorbar(image, ax=axes[:count].tolist(), shrink=0.9, pad=0.015, aspect=26 * rows)
         bar.set_label("own risk − risk given all\n(units of cost per place)")
         bar.outline.set_linewidth(0.5)
-        _legend(figure, e, truth=False, estimate=False)
+        map_legend(figure, e, truth=False, estimate=False)
         return figure
 
 
 def depth_map(e: Evaluation) -> Figure:
     """The estimated depth, its standard deviation, and its error where the truth is known."""
     with matplotlib.rc_context(STYLE):
-        extent, aspect = _extent(e)
+        extent, aspect = map_extent(e)
         panels = 3 if e.run.ground is not None else 2
         panel_in = (WIDTH_IN - 2.2) / panels * aspect + 1.05
         figure = new_figure(WIDTH_IN, panel_in + 0.45)
         axes = figure.subplots(1, panels, sharex=True, sharey=True)
         level = e.settings[0].level_set.level_m
-        shown: list[tuple[str, str, Array, dict[str, Any]]] = [
+        panel_list: list[tuple[str, str, Array, dict[str, Any]]] = [
             (r"$\bf{a}$  Estimated depth", "depth (m)", e.team.mean_m, {"cmap": "viridis_r"}),
             (
                 r"$\bf{b}$  Its standard deviation",
@@ -222,16 +223,16 @@ def depth_map(e: Evaluation) -> Figure:
             error = e.team.mean_m - e.run.ground.depth_m
             limit = float(np.nanpercentile(np.abs(error[e.scored]), 99.0)) or 1.0
             scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
-            shown.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
-        for axis, (title, label, values, scale) in zip(axes, shown, strict=True):
-            image = axis.imshow(_shown(values, e), origin="lower", extent=extent, aspect="equal", **scale)
-            _map_axes(axis, extent, title)
-            _isobath(axis, e.truth, "true")
-            _isobath(axis, e.estimate, "estimate")
+            panel_list.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
+        for axis, (title, label, values, scale) in zip(axes, panel_list, strict=True):
+            image = axis.imshow(judged_part(values, e), origin="lower", extent=extent, aspect="equal", **scale)
+            map_axes(axis, extent, title)
+            draw_isobath(axis, e.truth, "true")
+            draw_isobath(axis, e.estimate, "estimate")
             bar = figure.colorbar(image, ax=axis, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
             bar.set_label(label)
             bar.outline.set_linewidth(0.5)
-        _outer_labels(axes, panels)
+        outer_labels(axes, panels)
         lines = [_proxy("estimate", f"estimated {level:g} m isobath")]
         lines += [_proxy("true", "true one")] if e.truth else []
         figure.legend(handles=lines, loc="outside lower center", ncols=2, handlelength=2.6)
@@ -259,7 +260,7 @@ def navigation(e: Evaluation) -> Figure | None:
         return figure
 
 
-def _extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]:
+def map_extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]:
     """Extent (left, right, bottom, top) in m of the map's image, and its height / width."""
     grid = e.team.grid
     half = 0.5 * grid.resolution_m
@@ -279,11 +280,13 @@ def _panel(aspect: float, columns: int) -> tuple[float, bool]:
     return min(width * aspect, 7.5) + 0.25, side_by_side
 
 
-def _shown(values: Array, e: Evaluation) -> Any:
+def judged_part(values: Array, e: Evaluation) -> Any:
+    """Values (R, C) of the map with what is not judged masked out."""
     return np.ma.masked_where(~e.scored, values)
 
 
-def _map_axes(axis: Any, extent: Sequence[float], title: str) -> None:
+def map_axes(axis: Any, extent: Sequence[float], title: str) -> None:
+    """Sets title, frame and limits of a map's axes; `extent` as of `map_extent`."""
     axis.set_title(title)
     axis.set_facecolor("#ececec")
     axis.set_xlim(extent[0], extent[1])
@@ -292,7 +295,8 @@ def _map_axes(axis: Any, extent: Sequence[float], title: str) -> None:
         spine.set_visible(True)
 
 
-def _outer_labels(axes: Any, columns: int) -> None:
+def outer_labels(axes: Any, columns: int) -> None:
+    """Labels the outer axes of panels in `columns` columns: north on the left, east at the bottom."""
     for index, axis in enumerate(axes):
         if index % columns == 0:
             axis.set_ylabel("north (m)")
@@ -301,7 +305,8 @@ def _outer_labels(axes: Any, columns: int) -> None:
             axis.tick_params(labelbottom=True)
 
 
-def _tracks(axis: Any, e: Evaluation, only: int | None = None) -> None:
+def draw_tracks(axis: Any, e: Evaluation, only: int | None = None) -> None:
+    """Draws the vehicles' tracks with start and end; `only`: of the vehicle of that index."""
     thin = 1.25 if len(e.run.vehicles) <= 6 else 0.8
     for index, vehicle in enumerate(e.run.vehicles):
         if only is not None and index != only:
@@ -322,7 +327,8 @@ _ISOBATHS: dict[str, dict[str, Any]] = {
 }
 
 
-def _isobath(axis: Any, lines: Sequence[Array], kind: str) -> None:
+def draw_isobath(axis: Any, lines: Sequence[Array], kind: str) -> None:
+    """Draws an isobath's lines, each (n, 2) of north, east (m); `kind`: "true" or "estimate"."""
     other = "black" if kind == "true" else "white"
     style = _ISOBATHS[kind]
     for line in lines:
@@ -342,7 +348,8 @@ def _legend_in(e: Evaluation, others: int) -> float:
     return 0.17 * ((len(e.run.vehicles) + others - 1) // LEGEND_COLUMNS)
 
 
-def _legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) -> None:
+def map_legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) -> None:
+    """Adds the legend of vehicles and, where wanted, isobaths below a figure."""
     level = e.settings[0].level_set.level_m
     handles: list[Any] = [
         Line2D([], [], lw=1.6, label=f"auv{v.vehicle}", **vehicle_style(i)) for i, v in enumerate(e.run.vehicles)

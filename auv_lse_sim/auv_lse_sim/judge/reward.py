@@ -1,4 +1,4 @@
-"""The team's reward and its lower bound, replayed from what was measured (docs/paper.md).
+"""The team's reward and its lower bound, computed anew from what was measured (docs/paper.md).
 
 Joint step i is leg i of every vehicle; D_{i-1} is what all vehicles measured on their legs before it. The replay knows
 all of it at once, which no vehicle did. Two readings of the paper's reward are computed, because only one of them can
@@ -173,7 +173,7 @@ def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
     return np.array([*times, np.inf])
 
 
-def replay(
+def reward_curves(
     run: RunData, settings: Sequence[PlannerSettings], area: OperatingArea, bounds: int = 34, map_m: Array | None = None
 ) -> Curves:
     """Replays a mission's reward and bounds from its soundings.

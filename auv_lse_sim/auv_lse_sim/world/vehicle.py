@@ -59,7 +59,7 @@ class LegLike(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Odometry:
+class NavigationEstimate:
     """What the vehicle believes about itself at a time.
 
     Attributes:
@@ -415,10 +415,10 @@ class SimVehicle:
             soundings = [sounding_of(own) for own in periods if len(own) >= self._sim.altimeter.least_pings]
         return np.array(soundings).reshape(-1, 4)
 
-    def odometry(self, now_s: float) -> Odometry:
+    def odometry(self, now_s: float) -> NavigationEstimate:
         """The filter's estimate at the end of the last tick."""
         x = self._x
-        return Odometry(
+        return NavigationEstimate(
             stamp_s=now_s,
             heading_rad=float(x[HEADING]),
             north_m=float(x[NORTH]),

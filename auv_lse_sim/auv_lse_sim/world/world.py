@@ -17,7 +17,7 @@ from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.channel import Arrival, Channel, land_between
 from auv_lse_sim.world.current import Current
 from auv_lse_sim.world.ground import Ground
-from auv_lse_sim.world.vehicle import LegLike, Odometry, SimVehicle, Truth
+from auv_lse_sim.world.vehicle import LegLike, NavigationEstimate, SimVehicle, Truth
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ class VehicleOutput:
     """
 
     soundings: Array
-    odometry: Odometry
+    odometry: NavigationEstimate
     altitude_m: float
     pressure_depth_m: float
     arrivals: list[Arrival]
