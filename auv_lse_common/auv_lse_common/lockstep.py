@@ -1,22 +1,55 @@
-"""The lockstep gate: may a node handle a tick yet?
+"""Lockstep: the phases in which nodes handle a tick, and when each phase may begin.
 
-In lockstep the simulator announces with each tick how many messages it has published so far, and each node
-announces how many it has. DDS keeps the order of one topic but not across topics, so a node counts what has
-arrived and handles the tick only when every announced message is here. No clock is involved: a run repeats
-from its seed however the processes are scheduled.
+In lockstep the simulator announces with each tick how many messages it has published so far. Each node announces, with
+every phase of the tick that it has handled, how many messages it has published so far. DDS keeps the order of one topic
+but not across topics, so a node counts what has arrived and begins a phase only when every announced message is there.
+No clock is involved: a run repeats from its seed whatever the order in which the processes run.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Phase:
+    """What one node does in every tick.
+
+    Attributes:
+        waits_for: Topics that it must have read up to this tick.
+        announces: What `LockstepDone.first` and `.second` count when it is done: messages published so far, by topic.
+    """
+
+    waits_for: tuple[str, ...] = ()
+    announces: tuple[str, ...] = ()
+
+
+#: Topics of a vehicle whose messages the simulator counts in each tick's announcement (LockstepTick).
+TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry")
+
+#: The phases of a tick, by `LockstepDone.phase`; "vehicle_link" and "micromodem" where these drivers run.
+#: "kernel_centers" counts revisions, "targets" what the driver has sent to the autopilot, for which it has taken as
+#: many waypoints as its "waypoint" says. "micromodem_lost" comes as often as a packet never reached the water.
+PHASES = {
+    "modem": Phase(waits_for=("sounding", "modem/rx"), announces=("team/plans", "team/samples")),
+    "gp": Phase(waits_for=("sounding", "team/samples"), announces=("kernel_centers",)),
+    "planner": Phase(waits_for=("odometry", "team/plans", "kernel_centers"), announces=("plan", "waypoint")),
+    "modem_sent": Phase(waits_for=("plan",), announces=("modem/tx",)),
+    "vehicle_link": Phase(waits_for=("odometry",), announces=("targets", "waypoint")),
+    "micromodem": Phase(announces=("modem/failed",)),
+    "micromodem_lost": Phase(announces=("modem/failed",)),
+    "recorder": Phase(),
+}
 
 
 class Gate:
     """Counts arrivals per input and opens for a tick when every announced count has been reached."""
 
-    def __init__(self, inputs: tuple[str, ...]) -> None:
+    def __init__(self, inputs: Sequence[str]) -> None:
         """Args: inputs: names of the inputs whose counts must be announced for each tick."""
-        self._inputs = inputs
+        self.inputs = tuple(inputs)
         self._seen: Counter[str] = Counter()
         self._announced: dict[int, dict[str, int]] = {}
         self.tick = 0  # last tick handled
@@ -37,8 +70,8 @@ class Gate:
     def ready(self) -> int | None:
         """The next tick to handle, if everything it announces has arrived; else None."""
         tick = self.tick + 1
-        announced = self._announced.get(tick)
-        if announced is None or len(announced) < len(self._inputs):
+        announced = self._announced.get(tick, {})
+        if len(announced) < len(self.inputs):
             return None
         if any(self._seen[name] < total for name, total in announced.items()):
             return None
@@ -54,6 +87,80 @@ class Gate:
         announced = self._announced.get(self.tick + 1, {})
         return {
             name: f"{self._seen[name]} of {announced.get(name, 'unannounced')}"
-            for name in self._inputs
+            for name in self.inputs
             if name not in announced or self._seen[name] < announced[name]
         }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ready:
+    """A phase that may begin: its name, the tick's number, and the tick's stamp (s)."""
+
+    phase: str
+    tick: int
+    now_s: float
+
+
+class Ticks:
+    """The ticks as one node sees them: what was announced, what is there, and which of its phases may begin.
+
+    Attributes:
+        now_s: Stamp of the last tick announced (s), or a later time that a message told of; 0 before.
+    """
+
+    def __init__(self, phases: Sequence[str]) -> None:
+        """Args: phases: the node's own phases, keys of `PHASES`, in the order in which it handles them."""
+        self.now_s = 0.0
+        self._gates = {name: Gate(PHASES[name].waits_for) for name in phases}
+        self._stamps: dict[int, float] = {}
+
+    def begin(self, tick: int, now_s: float, totals: Mapping[str, int]) -> None:
+        """The simulator has announced `tick`.
+
+        Args:
+            tick: Its number, from 1.
+            now_s: Its stamp (s).
+            totals: Messages that the simulator has published so far for this vehicle, {topic: number}.
+        """
+        self._stamps[tick] = now_s
+        self.now_s = max(self.now_s, now_s)
+        self._announce(tick, totals)
+
+    def done(self, phase: str, tick: int, first: int, second: int) -> None:
+        """Another node has handled its `phase` of `tick`; `first` and `second` as in LockstepDone."""
+        self._announce(tick, dict(zip(PHASES[phase].announces, (first, second), strict=False)))
+
+    def arrived(self, topic: str, number: int = 1) -> None:
+        """`number` more messages of `topic` are there."""
+        for gate in self._gates.values():
+            gate.count(topic, number)
+
+    def arrived_up_to(self, topic: str, total: int) -> None:
+        """The messages of `topic` up to number `total` are there, or a later one that replaces them."""
+        for gate in self._gates.values():
+            gate.reach(topic, total)
+
+    def ready(self) -> Ready | None:
+        """The first phase that may begin now; None if each still waits."""
+        for phase, gate in self._gates.items():
+            tick = gate.ready()
+            if tick is not None and tick in self._stamps:
+                return Ready(phase=phase, tick=tick, now_s=self._stamps[tick])
+        return None
+
+    def handled(self, phase: str, tick: int) -> None:
+        """The node has handled its `phase` of `tick`."""
+        self._gates[phase].handled(tick)
+        over = min(gate.tick for gate in self._gates.values())
+        for old in [number for number in self._stamps if number <= over]:
+            del self._stamps[old]
+
+    def last(self, phase: str) -> int:
+        """Number of the last tick whose `phase` was handled; 0 before the first."""
+        return self._gates[phase].tick
+
+    def _announce(self, tick: int, totals: Mapping[str, int]) -> None:
+        for gate in self._gates.values():
+            for topic, total in totals.items():
+                if topic in gate.inputs:
+                    gate.announce(tick, topic, total)

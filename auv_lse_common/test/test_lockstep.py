@@ -1,4 +1,7 @@
-from auv_lse_common.lockstep import Gate
+import re
+from pathlib import Path
+
+from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Gate, Ready, Ticks
 
 
 def test_gate_opens_only_when_every_announced_message_has_arrived() -> None:
@@ -39,3 +42,66 @@ def test_a_revision_counts_as_all_before_it() -> None:
     gate.reach("centers", 6)
     gate.reach("centers", 2)
     assert gate.ready() == 1
+
+
+def test_a_gate_without_inputs_is_always_open() -> None:
+    gate = Gate(())
+    assert gate.ready() == 1
+    gate.handled(1)
+    assert gate.ready() == 2
+
+
+def planner_at_tick_1() -> Ticks:
+    ticks = Ticks(("planner",))
+    ticks.begin(1, 2.5, {"sounding": 7, "modem/rx": 0, "odometry": 1})
+    ticks.done("modem", 1, 1, 0)
+    ticks.done("gp", 1, 4, 0)
+    return ticks
+
+
+def test_a_phase_begins_when_all_that_it_waits_for_has_arrived() -> None:
+    ticks = planner_at_tick_1()
+    ticks.arrived("odometry")
+    ticks.arrived("team/plans")
+    assert ticks.ready() is None, "the map's fourth revision is missing"
+    ticks.arrived_up_to("kernel_centers", 4)
+    assert ticks.ready() == Ready(phase="planner", tick=1, now_s=2.5)
+    ticks.handled("planner", 1)
+    assert ticks.ready() is None
+    assert ticks.last("planner") == 1
+
+
+def test_what_others_announce_may_come_before_the_tick() -> None:
+    ticks = Ticks(("modem", "modem_sent"))
+    ticks.done("planner", 1, 0, 0)
+    assert ticks.ready() is None, "the tick has no stamp yet"
+    ticks.begin(1, 1.0, {"sounding": 0, "modem/rx": 0, "odometry": 1})
+    assert ticks.ready() == Ready(phase="modem", tick=1, now_s=1.0)
+    ticks.handled("modem", 1)
+    assert ticks.ready() == Ready(phase="modem_sent", tick=1, now_s=1.0)
+
+
+def test_a_phase_that_waits_for_nothing_waits_for_the_tick() -> None:
+    ticks = Ticks(("micromodem",))
+    assert ticks.ready() is None
+    ticks.begin(1, 1.0, {"sounding": 3, "modem/rx": 0, "odometry": 1})
+    assert ticks.ready() == Ready(phase="micromodem", tick=1, now_s=1.0)
+
+
+def test_the_time_never_goes_back() -> None:
+    ticks = planner_at_tick_1()
+    ticks.now_s = 3.0  # a message overtook the announcement of tick 2
+    ticks.begin(2, 2.75, {})
+    assert ticks.now_s == 3.0
+
+
+def test_every_input_of_a_phase_is_announced_by_the_simulator_or_by_another_phase() -> None:
+    announced = {*TICK_ANNOUNCES, *(topic for phase in PHASES.values() for topic in phase.announces)}
+    for name, phase in PHASES.items():
+        assert set(phase.waits_for) <= announced, name
+
+
+def test_the_message_has_a_constant_for_every_phase() -> None:
+    text = (Path(__file__).parents[2] / "auv_lse_msgs" / "msg" / "LockstepDone.msg").read_text()
+    constants = dict(re.findall(r'^string (\w+)="(\w+)"', text, re.MULTILINE))
+    assert constants == {name.upper(): name for name in PHASES}

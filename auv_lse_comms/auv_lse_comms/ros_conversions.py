@@ -4,22 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from auv_lse_common.ros_conversions import floats, header, seconds
+from auv_lse_common.ros_conversions import floats, header
 from auv_lse_comms.bridge import ModemBridge, Received
-from auv_lse_comms.mavlink import sounder
-from auv_lse_msgs.msg import ModemTx, SampleArray, Sounding, TdmaStatus
-
-
-def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
-    """Stamp (s), north, east, depth (m) of a Sounding."""
-    return (seconds(message.header.stamp), message.north_m, message.east_m, message.depth_m)
-
-
-def sounding_message(sounding: sounder.Sounding) -> Sounding:
-    """A sounding made of a vehicle's odometry and altitudes."""
-    return Sounding(
-        header=header(sounding.stamp_s), north_m=sounding.north_m, east_m=sounding.east_m, depth_m=sounding.depth_m
-    )
+from auv_lse_msgs.msg import ModemTx, SampleArray, TdmaStatus
 
 
 def team_samples(received: Received) -> SampleArray:

@@ -23,8 +23,8 @@ from pymavlink.dialects.v20 import common as mavlink
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from auv_lse_common.base_node import EVERY
 from auv_lse_common.params import ParameterError
-from auv_lse_common.ros_conversions import EVERY
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
 from auv_lse_comms.modem_node import ModemNode
@@ -133,7 +133,7 @@ def test_micromodem_node_sends_to_the_configured_destination(
     parameters = f"modem: {{kind: micromodem, port: /dev/does-not-exist, destination: {configured}}}"
     with spun(MicromodemNode, tmp_path / "p.yaml", parameters) as s:
         s.node._on_transmit(ModemTx(source=2, destination=asked, payload=bytes(252)))
-        assert s.node._port.modem._sending._waiting.destination == sent
+        assert s.node._modem.modem._sending._waiting.destination == sent
 
 
 def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: Path) -> None:

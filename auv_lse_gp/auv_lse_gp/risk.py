@@ -55,6 +55,11 @@ class LevelSet:
         if self.method not in METHODS:
             raise ParameterError(f"level_set.method: got {self.method!r}; expected one of {', '.join(METHODS)}")
 
+    @property
+    def largest_risk(self) -> float:
+        """The largest Bayes risk that a place can have: c1 c2 / (c1 + c2), where P(f >= l) = c1 / (c1 + c2)."""
+        return self.cost_false_safe * self.cost_false_unsafe / (self.cost_false_safe + self.cost_false_unsafe)
+
     def p_safe(self, mean_m: ArrayLike, std_m: ArrayLike) -> Array:
         """Probability that the depth is at least the level."""
         return p_safe(mean_m, std_m, self.level_m)

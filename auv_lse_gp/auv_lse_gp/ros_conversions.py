@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from auv_lse_common.ros_conversions import doubles, floats, header, seconds, stamp
+from auv_lse_common.ros_conversions import doubles, floats, header, stamp
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.depth_map import Field, Isobath
-from auv_lse_msgs.msg import KernelCenters, LevelSetField, SampleArray, Sounding
+from auv_lse_msgs.msg import KernelCenters, LevelSetField, SampleArray
 
 _BAND_COLORS = {"lines": (0.0, 0.0, 0.0), "shallow_edge": (0.9, 0.6, 0.0), "deep_edge": (0.0, 0.45, 0.7)}
-
-
-def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
-    """Stamp (s), north, east, depth (m) of a Sounding."""
-    return (seconds(message.header.stamp), message.north_m, message.east_m, message.depth_m)
 
 
 def sample_rows(message: SampleArray) -> NDArray[np.float64]:

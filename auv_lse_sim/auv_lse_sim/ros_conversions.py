@@ -6,20 +6,14 @@ import math
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.frames import quaternion_from_heading
 from auv_lse_common.leg import Leg
 from auv_lse_common.ros_conversions import header
-from auv_lse_msgs.msg import ModemRx, Sounding, Waypoint
+from auv_lse_msgs.msg import ModemRx, Waypoint
 from auv_lse_sim.world.channel import Arrival
 from auv_lse_sim.world.vehicle import NavigationEstimate, Truth
-
-
-def sounding_message(row: NDArray[np.float64]) -> Sounding:
-    """Sounding of stamp (s), north, east, depth (m)."""
-    return Sounding(header=header(float(row[0])), north_m=float(row[1]), east_m=float(row[2]), depth_m=float(row[3]))
 
 
 def arrival_message(arrival: Arrival) -> ModemRx:

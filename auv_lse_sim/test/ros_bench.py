@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.ros_conversions import EVERY
+from auv_lse_common.base_node import EVERY
 from auv_lse_sim.engine.launcher import ProcessGroup, local_environment, own_domain
 from auv_lse_sim.engine.processes import Process
 

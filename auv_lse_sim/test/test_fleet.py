@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from auv_lse_comms.packet.codec import decode
-from auv_lse_sim.engine.fleet import Fleet, stamped
+from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
 
@@ -135,9 +135,3 @@ def test_memory_stays_bounded():
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 150 * 20_000
-
-
-def test_stamps_round_as_ros_does():
-    assert stamped(1.0) == 1.0
-    assert stamped(12.1234567894) == 12.123456789
-    assert stamped(0.1 + 0.2) == stamped(0.3)

@@ -23,8 +23,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 
+from auv_lse_common.base_node import LATCHED
 from auv_lse_common.plan import Plan as MatePlan
-from auv_lse_common.ros_conversions import LATCHED, header
+from auv_lse_common.ros_conversions import header
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_msgs.msg import Bound, KernelCenters, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus, Waypoint
 

@@ -3,14 +3,38 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from auv_lse_common.health import Health, Level
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.driver import Micromodem
-from auv_lse_comms.micromodem.events import Event, Problem
+from auv_lse_comms.micromodem.events import Event as DriverEvent
+from auv_lse_comms.micromodem.events import (
+    ModemLost,
+    ModemReady,
+    Problem,
+    TransmitDone,
+    TransmitFailed,
+    TransmitStarted,
+)
 from auv_lse_comms.micromodem.log import LogEntry, LoggedModem, format_entry
+from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
+
+#: States in which the driver has no modem to send with.
+_NOT_READY = (State.CLOSED, State.CONFIGURING, State.CLOCK)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PacketLost:
+    """Packet `number` was not sent and never reached the water: nobody need wait for it."""
+
+    number: int
+
+
+Event = DriverEvent | PacketLost
 
 
 class ModemPort:
@@ -19,6 +43,11 @@ class ModemPort:
     `step` carries bytes both ways; `now_s` is the host's clock (UTC or simulated), `steady_s` one that never jumps, for
     the waits before the port is opened again. A line log that can no longer be written is closed and reported once; the
     modem goes on without it.
+
+    Attributes:
+        modem: The driver.
+        connection: The port.
+        packets_lost: How many packets never reached the water.
     """
 
     def __init__(self, config: ModemConfig, address: int) -> None:
@@ -33,6 +62,9 @@ class ModemPort:
         self.connection = Connection(lambda: open_transport(where), config.backoff_min_s, config.backoff_max_s)
         self._log: TextIO | None = None
         self._log_problem: Problem | None = None  # not reported yet
+        self.packets_lost = 0
+        self._started: set[int] = set()  # packets on their way through the water
+        self._problem = ""  # why the modem was lost
         self._driver: Micromodem | LoggedModem = self.modem
         if config.log_file:
             path = Path(config.log_file)
@@ -69,6 +101,22 @@ class ModemPort:
             self._driver.closed(now_s, self.connection.problem)
         return self._events()
 
+    @property
+    def quiet(self) -> bool:
+        """True if the modem is there and owes no answer that would come at once."""
+        return self.modem.quiet
+
+    def health(self) -> Health:
+        """The state of modem, port and lines."""
+        modem = self.modem
+        values = {"firmware": modem.version, "state": modem.state.value, **modem.counts}
+        values |= {f"line {name}": count for name, count in modem.reader.counts.items()}
+        values |= {f"ignored {name}": count for name, count in modem.ignored.counts.items()}
+        if modem.state not in _NOT_READY:
+            return Health(level=Level.OK, text=modem.state.value, values=values)
+        text = self._problem or self.connection.problem or modem.state.value
+        return Health(level=Level.ERROR, text=text, values=values)
+
     def close(self, now_s: float, steady_s: float) -> list[Event]:
         """Closes port and log for good."""
         self.connection.close(steady_s, "shutting down")
@@ -79,7 +127,21 @@ class ModemPort:
         return events
 
     def _events(self) -> list[Event]:
-        events = self._driver.events()
+        events: list[Event] = []
+        for event in self._driver.events():
+            events.append(event)
+            match event:
+                case ModemReady():
+                    self._problem = ""
+                case ModemLost():
+                    self._problem = event.reason
+                case TransmitStarted():
+                    self._started.add(event.number)
+                case TransmitFailed() if event.number not in self._started:
+                    self.packets_lost += 1
+                    events.append(PacketLost(number=event.number))
+                case TransmitDone() | TransmitFailed():
+                    self._started.discard(event.number)
         if self._log_problem is not None:
             events.append(self._log_problem)
             self._log_problem = None

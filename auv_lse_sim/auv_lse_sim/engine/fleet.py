@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for
 from auv_lse_common.seeds import stream
+from auv_lse_common.stamps import stamped
 from auv_lse_comms.bridge import ModemBridge, Received
-from auv_lse_comms.packet.codec import PacketError
+from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
+from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.receivers_risk import ReceiversRisk
+from auv_lse_planner.intake import PlannerIntake
 from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner
 from auv_lse_sim.record.run_data import DecisionRecord, GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
 from auv_lse_sim.settings import Settings
@@ -29,12 +32,6 @@ from auv_lse_sim.world.ground import Ground
 from auv_lse_sim.world.world import VehicleOutput, World
 
 Array = NDArray[np.float64]
-
-
-def stamped(time_s: float) -> float:
-    """A time as a ROS stamp holds it: to the nanosecond."""
-    nanoseconds = round(time_s * 1e9)
-    return float(nanoseconds // 10**9) + (nanoseconds % 10**9) * 1e-9
 
 
 @dataclass(slots=True)
@@ -48,66 +45,74 @@ class _Log:
     decisions: list[DecisionRecord] = field(default_factory=list)
 
 
-@dataclass(slots=True)
+def _samples(received: Received) -> Array:
+    """North, east, depth (m) of a packet's samples, (n, 3), as the packet's float32 hold them."""
+    return np.asarray(received.packet.samples, dtype=np.float32).astype(float).reshape(-1, 3)
+
+
 class Crew:
-    """The cores of one vehicle, wired by direct calls.
+    """The cores of one vehicle, wired by direct calls where the nodes exchange messages.
 
     Attributes:
         vehicle: Its number.
         bridge: Its modem bridge.
         map: Its map.
         planner: Its planner.
+        log: What is kept of it.
     """
 
-    vehicle: int
-    bridge: ModemBridge
-    map: DepthMap
-    planner: VehiclePlanner
-    revision: int = -1
-    log: _Log = field(default_factory=_Log)
+    def __init__(self, vehicle: int, bridge: ModemBridge, depth_map: DepthMap, planner: VehiclePlanner) -> None:
+        """Nothing has come in yet."""
+        self.vehicle = vehicle
+        self.bridge = bridge
+        self.map = depth_map
+        self.planner = planner
+        self.log = _Log()
+        self._to_bridge = BridgeIntake(bridge)
+        self._to_map = MapIntake(depth_map)
+        self._to_planner = PlannerIntake(planner)
+        self._revision = -1
 
     def hear(self, output: VehicleOutput) -> list[Received]:
-        """Bridge: own soundings, then arrivals (gp_node and modem_node sort them by stamp and source)."""
-        self.bridge.add_soundings(output.soundings)
-        heard = []
-        for arrival in sorted(output.arrivals, key=lambda a: (stamped(a.arrival_s), a.source)):
-            received = self.bridge.receive(stamped(arrival.arrival_s), arrival.source, arrival.payload)
-            if received is not None:
-                heard.append(received)
-        return heard
+        """The bridge takes own soundings and packets, as modem_node does; returns the packets that it accepts."""
+        self._to_bridge.add_soundings(output.soundings)
+        for arrival in output.arrivals:
+            self._to_bridge.add_packet(stamped(arrival.arrival_s), arrival.source, arrival.payload)
+        return self._to_bridge.hear()
 
-    def chart(self, output: VehicleOutput, heard: list[Received]) -> None:
-        """Map: own soundings by stamp, then the team's samples by arrival."""
-        if len(output.soundings):
-            self.map.add_soundings(output.soundings)
+    def update_map(self, output: VehicleOutput, heard: list[Received]) -> None:
+        """The map takes own soundings and the team's samples, as gp_node does."""
+        self._to_map.add_soundings(output.soundings)
         for received in heard:
             if len(received.packet.samples):
-                self.map.add_samples(np.asarray(received.packet.samples, dtype=np.float32).astype(float))
+                self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
+        self._to_map.step()
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
-        """Planner: centres if the map changed, team plans, odometry; if due, a decision and its wall-clock time."""
-        if self.map.revision != self.revision:
-            self.revision = self.map.revision
-            self.planner.set_centers(self.map.centers, now_s)
+        """The planner takes map, plans and odometry, as planner_node does.
+
+        Returns:
+            The decision and the wall clock that it took (s), if one is due.
+        """
+        if self.map.revision != self._revision:
+            self._revision = self.map.revision
+            self._to_planner.set_centers(self.map.centers)
         for received in heard:
-            self.planner.hear(received.stamp_s, received.source, received.packet.plan)
+            self._to_planner.add_plan(received.stamp_s, received.source, received.packet.plan)
         o = output.odometry
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
-        self.planner.odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m, o.speed_mps)
-        if not self.planner.due(now_s):
+        self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m, o.speed_mps)
+        if not self._to_planner.take(now_s):
             return None
         began = time.perf_counter()
         decision = self.planner.decide(now_s)
         return decision, time.perf_counter() - began
 
     def say(self, now_s: float, decision: Decision | None) -> bytes | None:
-        """Bridge: the plan, and in its own slot a packet."""
+        """The bridge takes the plan, as modem_node does; returns the packet to send in the vehicle's slot."""
         if decision is not None:
-            try:
-                self.bridge.set_plan(decision.plan)
-            except PacketError:
-                self.bridge.counts["plans.unsendable"] += 1
-        return self.bridge.poll(now_s)
+            self._to_bridge.set_plan(decision.plan)
+        return self._to_bridge.say(now_s)
 
 
 class Fleet:
@@ -138,7 +143,7 @@ class Fleet:
         return Crew(
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
-            map=DepthMap(own.gp, self.settings.level_set, self.area),
+            depth_map=DepthMap(own.gp, self.settings.level_set, self.area),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
         )
 
@@ -159,7 +164,7 @@ class Fleet:
         for crew in self.crews:
             output = outputs[crew.vehicle]
             heard = crew.hear(output)
-            crew.chart(output, heard)
+            crew.update_map(output, heard)
             decided = crew.decide(now_s, output, heard)
             payload = crew.say(now_s, decided[0] if decided else None)
             if decided:
@@ -188,7 +193,7 @@ class Fleet:
         if len(output.soundings):
             log.soundings.append(output.soundings)
         for received in heard:
-            samples = np.asarray(received.packet.samples, dtype=np.float32).astype(float).reshape(-1, 3)
+            samples = _samples(received)
             rows = np.empty((len(samples), 5))
             rows[:, 0], rows[:, 1], rows[:, 2:] = received.stamp_s, received.source, samples
             log.received.append(rows)

@@ -9,7 +9,8 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.ros_conversions import EVERY, LATCHED, seconds
+from auv_lse_common.base_node import EVERY, LATCHED
+from auv_lse_common.ros_conversions import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
 from auv_lse_sim.engine.display import Progress
 

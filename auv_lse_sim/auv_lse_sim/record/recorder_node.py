@@ -11,18 +11,18 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
+from auv_lse_common.base_node import EVERY, BaseNode, run
 from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import EVERY, ConfiguredNode, run
+from auv_lse_common.topics import recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_planner.config import MissionConfig
-from auv_lse_sim.engine.processes import LATCHED_TOPICS, recorded_topics
 from auv_lse_sim.record.config import RecordConfig
 from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_types
 
 _DISCOVERY_PERIOD_S = 2.0
 
 
-class RecorderNode(ConfiguredNode):
+class RecorderNode(BaseNode):
     """recorder_node: writes every topic of the mission, and any other it discovers, to `record.folder`."""
 
     def __init__(self) -> None:
@@ -42,8 +42,8 @@ class RecorderNode(ConfiguredNode):
         self._refused: set[str] = set()
         self._topics: set[str] = set()
         self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
-        for topic, kind in recorded_topics(mission.vehicles).items():
-            self._record(topic, kind, latched=topic.rsplit("/", 1)[-1] in LATCHED_TOPICS)
+        for name, topic in recorded_topics(mission.vehicles).items():
+            self._record(name, topic.kind, latched=topic.latched)
         if self.lockstep:
             self._done = self.create_publisher(LockstepDone, "/lockstep/done", EVERY)
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
@@ -101,7 +101,7 @@ class RecorderNode(ConfiguredNode):
                 self.get_logger().warning(f"{topic} ({', '.join(kinds)}) is not recorded: {error!r}")
 
     def _on_tick(self, message: LockstepTick) -> None:
-        self._done.publish(LockstepDone(node="recorder", tick=message.tick))
+        self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick))
 
     def destroy_node(self) -> None:
         """Ends the recording, so that it can be played, then the node."""

@@ -17,9 +17,9 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 import rclpy
 from rclpy.parameter import Parameter
 
-from auv_lse_common import ros_conversions
+from auv_lse_common import base_node
+from auv_lse_common.base_node import BaseNode, run
 from auv_lse_common.params import parameter, section
-from auv_lse_common.ros_conversions import ConfiguredNode, run
 
 pytestmark = pytest.mark.ros
 
@@ -35,15 +35,15 @@ class Config:
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Iterator[Callable[[str], ConfiguredNode]]:
+def make(tmp_path: Path) -> Iterator[Callable[[str], BaseNode]]:
     """Makes a node that gets the parameters given as YAML."""
     nodes = []
 
-    def make(parameters: str) -> ConfiguredNode:
+    def make(parameters: str) -> BaseNode:
         path = tmp_path / "p.yaml"
         path.write_text(f"/**:\n  ros__parameters:\n    {parameters}\n")
         rclpy.init(args=["--ros-args", "--params-file", str(path)])
-        nodes.append(ConfiguredNode("node_under_test"))
+        nodes.append(BaseNode("node_under_test"))
         return nodes[0]
 
     yield make
@@ -52,11 +52,11 @@ def make(tmp_path: Path) -> Iterator[Callable[[str], ConfiguredNode]]:
     rclpy.try_shutdown()
 
 
-def change(node: ConfiguredNode, name: str, value: object) -> Any:
+def change(node: BaseNode, name: str, value: object) -> Any:
     return node.set_parameters([Parameter(name, value=value)])[0]
 
 
-def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[str], ConfiguredNode]) -> None:
+def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[str], BaseNode]) -> None:
     node = make("planner: {deadline_s: 1.5}")
     now = section(Config, node.parameters, "planner", "test")
 
@@ -78,7 +78,7 @@ def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[st
     assert change(node, "planner.iterations", 50).successful, "the refusals left it as it was"
 
 
-def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: Callable[[str], ConfiguredNode]) -> None:
+def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: Callable[[str], BaseNode]) -> None:
     def refuse(parameters: dict[str, Any]) -> None:
         raise ValueError("tdma order (9,): [9] are not among the vehicles")
 
@@ -91,7 +91,7 @@ def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: C
 
 
 def test_a_node_that_cannot_be_made_ends_with_words(capfd: pytest.CaptureFixture[str]) -> None:
-    def make() -> ConfiguredNode:
+    def make() -> BaseNode:
         raise ValueError("vehicle: got 4; expected 1 to mission.vehicles = 3")
 
     assert run(make, []) == 2
@@ -100,12 +100,12 @@ def test_a_node_that_cannot_be_made_ends_with_words(capfd: pytest.CaptureFixture
 
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_in_lockstep_without_a_simulator_a_node_says_so_once(
-    make: Callable[[str], ConfiguredNode],
+    make: Callable[[str], BaseNode],
     capfd: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     lockstep: bool,
 ) -> None:
-    monkeypatch.setattr(ros_conversions, "_NO_SIMULATOR_S", 0.1)
+    monkeypatch.setattr(base_node, "_NO_SIMULATOR_S", 0.1)
     node = make(f"sim: {{lockstep: {str(lockstep).lower()}}}")
     end = time.monotonic() + 1.0
     while time.monotonic() < end:

@@ -1,0 +1,403 @@
+"""What the stack's nodes do alike: parameters, time, topics, lockstep, and the main that runs them."""
+
+from __future__ import annotations
+
+import array
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from auv_lse_common.lockstep import TICK_ANNOUNCES, Ticks
+from auv_lse_common.params import ParameterError, check_sections, merge, nest, to_mapping
+from auv_lse_common.ros_conversions import seconds
+from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, Topic
+from auv_lse_msgs.msg import LockstepDone, LockstepTick
+
+#: Every message counts: reliable, and room for a burst (depth 1 drops bursts).
+EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+#: For a state that is soon replaced: also hears drivers that publish with ROS's sensor QoS (best effort).
+NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: The last message also reaches readers that come later (latched).
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+#: A clock that nothing sets back, for timers that run whatever the mission's time does.
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+_ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
+#: Without lockstep, how often (s) a vehicle's node handles what has come in.
+_STEP_PERIOD_S = 0.1
+#: In lockstep, wall clock (s) without a simulator after which a node says what it waits for.
+_NO_SIMULATOR_S = 30.0
+
+
+def quality_of(topic: Topic) -> QoSProfile:
+    """The quality of service of one of the stack's topics."""
+    return LATCHED if topic.latched else EVERY
+
+
+class BaseNode(Node):
+    """A node whose parameters come strictly from the mission's file and are all visible once it runs.
+
+    Attributes:
+        where: Where its parameters come from, for messages.
+        parameters: Its parameters, nested by section.
+    """
+
+    def __init__(self, name: str) -> None:
+        """Reads the parameters given to the node; refuses a top-level section that nobody owns."""
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.where = f"parameters of {self.get_fully_qualified_name()}"
+        flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
+        own = {key: list(v) if isinstance(v, array.array) else v for key, v in flat.items()}
+        self.parameters = nest({k: v for k, v in own.items() if k.split(".")[0] not in _ROS_OWN})
+        check_sections(self.parameters, self.where)
+        self._tunable: tuple[str, ...] = ()
+        self._apply: Callable[[dict[str, Any]], None] | None = None
+        if self.lockstep:
+            self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator, clock=STEADY)
+
+    def _look_for_simulator(self) -> None:
+        """Lockstep: warns once if nobody gives the ticks that this node waits for."""
+        if self.count_publishers("/lockstep/tick") == 0:
+            self._lonely.cancel()
+            self.get_logger().warning(
+                f"sim.lockstep is true, but there has been no simulator for {_NO_SIMULATOR_S:g} s; this node does "
+                "nothing until a tick comes. On a vehicle, set sim.lockstep: false (or leave out the section sim)."
+            )
+
+    @property
+    def lockstep(self) -> bool:
+        """True if the simulator leads this node tick by tick (`sim.lockstep`)."""
+        return bool(self.parameters.get("sim", {}).get("lockstep", False))
+
+    @property
+    def recorded(self) -> int:
+        """1 if a recorder reads along in this mission (`record.folder` is set), else 0."""
+        return int(bool(self.parameters.get("record", {}).get("folder", "")))
+
+    def now_s(self) -> float:
+        """Seconds of the node's ROS clock."""
+        return self.get_clock().now().nanoseconds * 1e-9
+
+    def when_matched(self, readers: Mapping[Publisher, int], then: Callable[[], None]) -> None:
+        """Calls `then` once each publisher has at least its number of matched readers (discovery takes up to 3 s)."""
+        checks = 0
+
+        def check() -> None:
+            nonlocal checks
+            checks += 1
+            counts = {p.topic: (p.get_subscription_count(), number) for p, number in readers.items()}
+            waiting = {topic: f"{now} of {number}" for topic, (now, number) in counts.items() if now < number}
+            if not waiting:
+                timer.cancel()
+                then()
+            elif checks % 200 == 0:  # every 10 s
+                self.get_logger().warning(f"still waiting for readers of {waiting}")
+
+        timer = self.create_timer(0.05, check, clock=STEADY)
+
+    def show_parameters(
+        self,
+        sections: Mapping[str, Any],
+        tunable: tuple[str, ...] = (),
+        apply: Callable[[dict[str, Any]], None] | None = None,
+    ) -> None:
+        """Declares every parameter of the checked `sections` with its value, and lets the `tunable` ones change.
+
+        A tunable one without a value ("as the method says") is declared as not set, so that it can be set.
+
+        Args:
+            sections: {section: its configuration}.
+            tunable: Full names ("planner.iterations") that may change while the node runs.
+            apply: Called with all parameters, nested, when tunable ones change; raises ValueError to refuse.
+        """
+        self._tunable, self._apply = tunable, apply
+        for name, config in sections.items():
+            for key, value in _flatten(to_mapping(config), name).items():
+                if not self.has_parameter(key):
+                    self.declare_parameter(key, value, ParameterDescriptor(read_only=key not in tunable))
+            self.parameters = merge(self.parameters, {name: to_mapping(config)})
+        for key in tunable:
+            if not self.has_parameter(key):
+                self.declare_parameter(key, None, ParameterDescriptor(dynamic_typing=True))
+        self.add_on_set_parameters_callback(self._on_set)
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        changed = {p.name: p.value for p in changes if p.name.split(".")[0] not in _ROS_OWN}
+        for name in changed:
+            if name not in self._tunable:
+                reason = (
+                    f"{name} takes effect only at the start of the node; tunable: {', '.join(self._tunable) or 'none'}"
+                )
+                return SetParametersResult(successful=False, reason=reason)
+            if changed[name] is None:
+                reason = f"{name} cannot be unset while the node runs; expected a value"
+                return SetParametersResult(successful=False, reason=reason)
+        if changed and self._apply is not None:
+            wanted = merge(self.parameters, nest(changed))
+            try:
+                self._apply(wanted)
+            except ValueError as error:  # an exception that leaves this callback would end the node
+                return SetParametersResult(successful=False, reason=str(error))
+            self.parameters = wanted
+        return SetParametersResult(successful=True)
+
+
+def _flatten(nested: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in nested.items():
+        name = f"{prefix}.{key}"
+        flat.update(_flatten(value, name) if isinstance(value, Mapping) else {name: value})
+    return flat
+
+
+@dataclass(slots=True)
+class _Part:
+    """What a node does in one phase of a tick, and the tick whose answer it still owes."""
+
+    handle: Callable[[float], None]
+    totals: Callable[[], tuple[int, ...]]
+    finished: Callable[[], bool]
+    owed: int | None = None
+
+
+class VehicleNode(BaseNode):
+    """A node of one vehicle: its topics, and the phases in which it handles what has come in.
+
+    Without lockstep the phases are handled in order every 0.1 s of the node's ROS clock. In lockstep each is handled
+    when everything that the tick announces has arrived, and the node then tells its mates what it has published
+    (auv_lse_common.lockstep).
+    """
+
+    def __init__(self, name: str) -> None:
+        """Args: name: the node's name, under which auv_lse_common.topics lists it as a reader."""
+        super().__init__(name)
+        self._role = name
+        self._vehicle = self._number()
+        self._readers: dict[Publisher, int] = {}
+        self._parts: dict[str, _Part] = {}
+        self._ticks: Ticks | None = None
+        self._matched = self._greeted = False
+        if self.lockstep:
+            self._done = self.publisher(LockstepDone, "lockstep/done")
+
+    @property
+    def vehicle(self) -> int:
+        """Number of the vehicle, from the namespace (/auv2 -> 2)."""
+        return self._vehicle
+
+    def _number(self) -> int:
+        namespace = self.get_namespace()
+        digits = namespace[len(namespace.rstrip("0123456789")) :]
+        if not digits or not 1 <= int(digits) <= 255:
+            raise ParameterError(
+                f"namespace {namespace!r} of {self.get_name()}: expected one that ends in the vehicle's number, "
+                f"as /auv1 (ros2 run ... --ros-args -r __ns:=/auv1)"
+            )
+        return int(digits)
+
+    # ------------------------------------------------------------------ topics
+
+    def publisher(self, kind: type, topic: str) -> Publisher:
+        """A publisher of one of the vehicle's topics. In lockstep its readers are waited for."""
+        entry = VEHICLE_TOPICS[topic]
+        publisher = self.create_publisher(kind, topic, quality_of(entry))
+        self._readers[publisher] = len(entry.readers) + self.recorded * entry.recorded
+        return publisher
+
+    def listen(
+        self,
+        kind: type,
+        topic: str,
+        take: Callable[[Any], None],
+        *,
+        quality: QoSProfile | None = None,
+        total: Callable[[Any], int] | None = None,
+    ) -> None:
+        """Subscribes to one of the vehicle's topics.
+
+        Args:
+            kind: Message type.
+            topic: A key of `VEHICLE_TOPICS` that has this node among its readers.
+            take: Takes each message. In lockstep the message then counts as arrived.
+            quality: Quality of service without lockstep, if it is not the topic's own.
+            total: In lockstep, how many messages of the topic a message stands for; None: each counts for itself.
+
+        Raises:
+            ValueError: if the node is not among the topic's readers: in lockstep nobody would wait for it.
+        """
+        entry = VEHICLE_TOPICS[topic]
+        self._check_reader(topic, entry)
+        quality = quality_of(entry) if self.lockstep or quality is None else quality  # lockstep may miss none
+
+        def arrived(message: Any) -> None:
+            take(message)
+            self.arrived(topic, None if total is None else total(message))
+            self.wake()
+
+        self.create_subscription(kind, topic, arrived, quality)
+
+    def _check_reader(self, name: str, topic: Topic) -> None:
+        if not any(self._role in reader.split("|") for reader in topic.readers):
+            raise ValueError(f"{self._role} reads {name}, but auv_lse_common.topics does not list it as a reader")
+
+    # ------------------------------------------------------------------ phases
+
+    def phase(
+        self,
+        name: str,
+        handle: Callable[[float], None],
+        totals: Callable[[], tuple[int, ...]] = tuple,
+        finished: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """Adds a phase; the order of the calls is the order in which the phases are handled.
+
+        Args:
+            name: A key of `auv_lse_common.lockstep.PHASES`.
+            handle: Handles what has come in; takes the time (s).
+            totals: The phase's own counts, as `LockstepDone.first` and `.second`.
+            finished: Whether the vehicle's mission is over, as `LockstepDone.finished`.
+        """
+        self._parts[name] = _Part(handle, totals, finished)
+
+    def begin(self) -> None:
+        """Starts handling the phases; to be called when every topic is wired and every phase added."""
+        if not self.lockstep:
+            self.create_timer(_STEP_PERIOD_S, self._handle_all)
+            return
+        self._ticks = Ticks(tuple(self._parts))
+        self._check_reader("/lockstep/tick", MISSION_TOPICS["/lockstep/tick"])
+        self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
+        if self._role in VEHICLE_TOPICS["lockstep/done"].readers:
+            self.create_subscription(LockstepDone, "lockstep/done", self._on_done, EVERY)
+        self.when_matched(self._readers, self._on_matched)
+
+    def time_s(self) -> float:
+        """The mission's time (s): in lockstep that of the last tick, else the node's ROS clock."""
+        return self.now_s() if self._ticks is None else self._ticks.now_s
+
+    def reach_time(self, now_s: float) -> None:
+        """Lockstep: a message tells that the mission's time is `now_s` (s) at least; it may overtake its tick."""
+        if self._ticks is not None:
+            self._ticks.now_s = max(self._ticks.now_s, now_s)
+
+    def arrived(self, topic: str, total: int | None = None) -> None:
+        """Lockstep: a message of `topic` is there, or all up to number `total`."""
+        if self._ticks is None:
+            return
+        if total is None:
+            self._ticks.arrived(topic)
+        else:
+            self._ticks.arrived_up_to(topic, total)
+
+    def settled(self) -> bool:
+        """Whether the node may answer now for the phases it has handled; hardware may have to answer first."""
+        return True
+
+    def owe(self, phase: str) -> None:
+        """Lockstep: the last tick's `phase` has to be answered (again), once the node is settled."""
+        if self._ticks is not None and self._ticks.last(phase):
+            self._parts[phase].owed = self._ticks.last(phase)
+
+    def last_tick(self, phase: str) -> int:
+        """Lockstep: number of the last tick whose `phase` was handled; 0 before the first and without lockstep."""
+        return 0 if self._ticks is None else self._ticks.last(phase)
+
+    def wake(self) -> None:
+        """Something has come in. In lockstep handles each phase that may begin now, and answers for it."""
+        while self._ticks is not None and (ready := self._ticks.ready()) is not None:
+            self._ticks.handled(ready.phase, ready.tick)
+            part = self._parts[ready.phase]
+            part.handle(ready.now_s)
+            part.owed = ready.tick
+            self._answer()
+        self._answer()
+
+    def tell(self, phase: str, tick: int, totals: tuple[int, ...], finished: bool = False) -> None:
+        """Lockstep: publishes that `phase` of `tick` is handled, with its counts."""
+        first, second = (*totals, 0, 0)[:2]
+        self._done.publish(
+            LockstepDone(phase=phase, vehicle=self.vehicle, tick=tick, first=first, second=second, finished=finished)
+        )
+
+    def _answer(self) -> None:
+        if self._ticks is None or not self.settled():
+            return
+        if self._matched and not self._greeted:
+            self._greeted = True
+            self.tell(next(iter(self._parts)), 0, ())
+        for phase, part in self._parts.items():
+            if part.owed is not None:
+                tick, part.owed = part.owed, None
+                self.tell(phase, tick, part.totals(), part.finished())
+
+    def _handle_all(self) -> None:
+        now_s = self.now_s()
+        for part in self._parts.values():
+            part.handle(now_s)
+
+    def _on_matched(self) -> None:
+        self._matched = True
+        self.wake()
+
+    def _on_tick(self, message: LockstepTick) -> None:
+        announced = (message.soundings, message.arrivals, message.odometries)
+        totals = {topic: counts[self.vehicle - 1] for topic, counts in zip(TICK_ANNOUNCES, announced, strict=True)}
+        self._ticks.begin(message.tick, seconds(message.stamp), totals)
+        self.wake()
+
+    def _on_done(self, message: LockstepDone) -> None:
+        self._ticks.done(message.phase, message.tick, message.first, message.second)
+        self.wake()
+
+
+def spin(node: Node) -> None:
+    """Serves the node's callbacks until shutdown: the one place that chooses the executor."""
+    rclpy.spin(node)
+
+
+def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:
+    """A node's main: makes it, serves it until SIGINT, SIGTERM or shutdown, and cleans up.
+
+    Returns:
+        Exit code: 0 after an ordinary end, 2 if the node could not be made from its parameters.
+    """
+    if arguments is None:
+        arguments = sys.argv
+    if "-h" in arguments or "--help" in arguments:
+        print(f"{make.__doc__ or ''}\nParameters: --ros-args --params-file MISSION.yaml -r __ns:=/auv1")
+        return 0
+    # A script in the background ignores SIGINT, and its children inherit that: take the signal back.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    rclpy.init(args=arguments)
+    node: Node | None = None
+    try:
+        try:
+            node = make()
+        except ParameterError:
+            raise
+        except ValueError as error:  # a part that checks its own arguments: here they come from the parameters
+            raise ParameterError(str(error)) from error
+        spin(node)
+    except ParameterError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        # A second Ctrl-C while closing must not lose what is being written.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0

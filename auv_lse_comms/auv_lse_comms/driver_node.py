@@ -1,0 +1,122 @@
+"""What the nodes that drive hardware do alike: they carry bytes between the topics and a port."""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from typing import Any, Protocol
+
+from diagnostic_msgs.msg import DiagnosticArray
+
+from auv_lse_common.base_node import STEADY, VehicleNode
+from auv_lse_common.health import Health
+from auv_lse_common.ros_conversions import diagnostics
+from auv_lse_comms.transport import PortWatcher, Transport
+
+_POLL_PERIOD_S = 0.05
+_DIAGNOSTICS_PERIOD_S = 5.0
+
+
+class Port(Protocol):
+    """A device's driver on its port."""
+
+    @property
+    def transport(self) -> Transport | None:
+        """The open port, to wait on for bytes; None if it is closed."""
+        ...
+
+    @property
+    def quiet(self) -> bool:
+        """True if the device is there and owes no answer that would come at once."""
+        ...
+
+    def step(self, now_s: float, steady_s: float, poll: bool) -> list[Any]:
+        """Carries bytes both ways and, if `poll`, lets time pass; returns the events."""
+        ...
+
+    def health(self) -> Health:
+        """The state of device and port."""
+        ...
+
+    def close(self, now_s: float, steady_s: float) -> list[Any]:
+        """Closes the port for good."""
+        ...
+
+
+class DriverNode(VehicleNode):
+    """A node between the topics and a device: woken by bytes, by messages, and by a timer.
+
+    In lockstep the mission's time passes by ticks alone, and a tick is answered once the device is quiet.
+    """
+
+    def __init__(self, name: str, status_name: str) -> None:
+        """Args: name: the node's name. status_name: the name of its diagnostics and of its lockstep phase."""
+        super().__init__(name)
+        self._status_name = status_name
+        self._watched: tuple[Transport, PortWatcher] | None = None
+
+    def drive(self, port: Port) -> None:
+        """Begins to open the port; to be called when every topic is wired."""
+        self._port = port
+        self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
+        self._bytes = self.create_guard_condition(self._on_bytes)
+        self.phase(self._status_name, lambda now_s: self._exchange(poll=True), self.totals)
+        self.begin()
+        self.create_timer(_POLL_PERIOD_S, self._on_timer, clock=STEADY)
+        self.create_timer(_DIAGNOSTICS_PERIOD_S, self.diagnose, clock=STEADY)
+
+    @abstractmethod
+    def on_event(self, event: Any) -> None:
+        """Publishes or logs an event of the device."""
+
+    @abstractmethod
+    def totals(self) -> tuple[int, ...]:
+        """What the node's lockstep phase counts."""
+
+    def begin(self) -> None:
+        """In lockstep starts handling ticks; otherwise the node's own timer is enough."""
+        if self.lockstep:
+            super().begin()
+
+    def settled(self) -> bool:
+        """The device owes no answer."""
+        return self._port.quiet
+
+    def wake(self) -> None:
+        """Carries bytes and, in lockstep, handles the tick that is complete then."""
+        self._exchange(poll=False)
+        super().wake()
+
+    def polls(self) -> bool:
+        """Whether time passes by the timer: not in lockstep."""
+        return not self.lockstep
+
+    def diagnose(self) -> None:
+        """Publishes the state of device and port."""
+        self._diagnostics.publish(diagnostics(self.now_s(), self._status_name, self._port.health()))
+
+    def _on_timer(self) -> None:
+        self._exchange(poll=self.polls())
+        super().wake()
+
+    def _on_bytes(self) -> None:
+        self.wake()
+        if self._watched is not None:
+            self._watched[1].handled()
+
+    def _exchange(self, poll: bool) -> None:
+        for event in self._port.step(self.time_s(), time.monotonic(), poll):
+            self.on_event(event)
+        transport = self._port.transport
+        if self._watched is not None and self._watched[0] is not transport:
+            self._watched[1].stop()
+            self._watched = None
+        if self._watched is None and transport is not None:
+            self._watched = (transport, PortWatcher(transport, self._bytes.trigger))
+
+    def destroy_node(self) -> None:
+        """Stops watching and closes the port."""
+        if self._watched is not None:
+            self._watched[1].stop()
+        self._port.close(self.time_s(), time.monotonic())
+        super().destroy_node()

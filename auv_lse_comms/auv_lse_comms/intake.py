@@ -1,0 +1,65 @@
+"""What a vehicle's acoustic bridge does in a tick: takes what has come in, then says what is to be said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from auv_lse_common.plan import Plan
+from auv_lse_comms.bridge import ModemBridge, Received
+from auv_lse_comms.packet.codec import PacketError
+
+
+class BridgeIntake:
+    """Soundings, packets and plans that wait for the bridge, and the order in which it takes them.
+
+    Attributes:
+        bridge: The bridge.
+        problems: What could not be used in the last `hear` or `say`, for the log.
+    """
+
+    def __init__(self, bridge: ModemBridge) -> None:
+        """Nothing waits yet."""
+        self.bridge = bridge
+        self.problems: list[str] = []
+        self._soundings: list[Sequence[float]] = []
+        self._packets: list[tuple[float, int, bytes]] = []
+        self._plan: Plan | None = None
+
+    def add_soundings(self, rows: Iterable[Sequence[float]]) -> None:
+        """Own soundings: stamp (s), north, east, depth (m) of each."""
+        self._soundings.extend(rows)
+
+    def add_packet(self, stamp_s: float, source: int, payload: bytes) -> None:
+        """What the modem received: end of reception (s), number of the sender, the bytes."""
+        self._packets.append((stamp_s, source, payload))
+
+    def set_plan(self, plan: Plan) -> None:
+        """The vehicle's own plan; it replaces one that still waits."""
+        self._plan = plan
+
+    def hear(self) -> list[Received]:
+        """The bridge takes own soundings, then packets by stamp and source; returns those that it accepts."""
+        self.problems = []
+        bad = self.bridge.counts["samples.bad"]
+        if self._soundings:
+            self.bridge.add_soundings(self._soundings)
+            self._soundings = []
+        if self.bridge.counts["samples.bad"] > bad:
+            self.problems.append(
+                f"soundings that are not finite: {self.bridge.counts['samples.bad']} so far, none is sent"
+            )
+        packets, self._packets = sorted(self._packets, key=lambda packet: packet[:2]), []
+        heard = (self.bridge.receive(*packet) for packet in packets)
+        return [received for received in heard if received is not None]
+
+    def say(self, now_s: float) -> bytes | None:
+        """The bridge takes the plan; returns the packet to send now, if it is the vehicle's slot."""
+        self.problems = []
+        plan, self._plan = self._plan, None
+        if plan is not None:
+            try:
+                self.bridge.set_plan(plan)
+            except PacketError as error:
+                self.bridge.counts["plans.unsendable"] += 1
+                self.problems.append(f"plan of step {plan.step} cannot be sent: {error}")
+        return self.bridge.poll(now_s)

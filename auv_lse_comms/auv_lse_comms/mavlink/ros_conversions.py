@@ -1,0 +1,52 @@
+"""The autopilot's messages: the one place where its north/east/heading becomes ENU."""
+
+from __future__ import annotations
+
+import math
+
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import FluidPressure, Range
+
+from auv_lse_common.frames import quaternion_from_heading
+from auv_lse_common.ros_conversions import header
+from auv_lse_comms.mavlink.conversion import Target
+from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, Pressure
+from auv_lse_msgs.msg import Waypoint
+
+
+def odometry_message(odometry: AutopilotEstimate, vehicle: int) -> Odometry:
+    """The autopilot's estimate as an Odometry in ENU; its covariance is not known (zeros)."""
+    message = Odometry(header=header(odometry.stamp_s), child_frame_id=f"auv{vehicle}")
+    position, attitude = message.pose.pose.position, message.pose.pose.orientation
+    position.x, position.y, position.z = odometry.east_m, odometry.north_m, -odometry.depth_m
+    attitude.x, attitude.y, attitude.z, attitude.w = quaternion_from_heading(odometry.heading_rad)
+    message.twist.twist.linear.x = odometry.speed_mps
+    message.twist.twist.angular.z = -odometry.yaw_rate_radps
+    return message
+
+
+def altitude_message(altitude: Altitude, vehicle: int) -> Range:
+    """Altitude over ground as a Range; no ground in reach (NaN) is +inf (REP 117)."""
+    message = Range(header=header(altitude.stamp_s), radiation_type=Range.ULTRASOUND, field_of_view=0.07)
+    message.header.frame_id = f"auv{vehicle}/dvl"
+    message.min_range, message.max_range = altitude.min_m, altitude.max_m
+    message.range = math.inf if math.isnan(altitude.altitude_m) else altitude.altitude_m
+    return message
+
+
+def pressure_message(pressure: Pressure, vehicle: int) -> FluidPressure:
+    """The water's absolute pressure."""
+    message = FluidPressure(header=header(pressure.stamp_s), fluid_pressure=pressure.pressure_pa)
+    message.header.frame_id = f"auv{vehicle}/pressure"
+    return message
+
+
+def target_of_waypoint(message: Waypoint) -> Target:
+    """The end of a Waypoint's leg."""
+    return Target(
+        north_m=message.end_north_m,
+        east_m=message.end_east_m,
+        depth_m=message.depth_m,
+        heading_rad=message.end_heading_rad,
+        step=message.step,
+    )

@@ -1,0 +1,31 @@
+"""What gp_node's diagnostics say of a map."""
+
+from __future__ import annotations
+
+from auv_lse_common.health import Health, Level
+from auv_lse_gp.depth_map import DepthMap
+
+
+def map_health(depth_map: DepthMap, update_s: float, field_s: float) -> Health:
+    """The state of a map.
+
+    Args:
+        depth_map: The map.
+        update_s: Wall clock that its last update took (s).
+        field_s: Wall clock that field and isobath took (s).
+    """
+    counts = depth_map.counts
+    values = {
+        "centers": len(depth_map.gp),
+        "kept": counts.kept,
+        "too_close": counts.too_close,
+        "merged": counts.merged,
+        "outliers": counts.outliers,
+        "refused": counts.refused,
+        "last_refused": depth_map.last_problem,
+        "update_ms": f"{1e3 * update_s:.2f}",
+        "map_ms": f"{1e3 * field_s:.2f}",
+    }
+    if counts.refused:
+        return Health(level=Level.WARN, text=f"{counts.refused} soundings refused", values=values)
+    return Health(level=Level.OK, text="ok", values=values)

@@ -1,0 +1,259 @@
+"""The simulated side of a mission: what `sim_node` owns. Knows no ROS and no wall clock.
+
+It keeps the world, the emulated hardware, the mission's state and, in lockstep, what the next tick waits for: the
+waypoints and packets that the nodes announce for this tick, and the answers of the hardware drivers.
+"""
+
+from __future__ import annotations
+
+import enum
+
+from auv_lse_common.leg import Leg
+from auv_lse_common.lockstep import PHASES, Gate
+from auv_lse_common.stamps import stamped
+from auv_lse_sim.emulated.links import EmulatedLinks
+from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS, vehicle_nodes
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground import Ground
+from auv_lse_sim.world.world import VehicleOutput, World
+
+
+class MissionState(enum.Enum):
+    """Where a mission is."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    FINISHED = "finished"
+    FAILED = "failed"
+
+
+class Simulation:
+    """The world of a mission, its emulated hardware, and its ticks.
+
+    Attributes:
+        world: The world.
+        links: The emulated modems and autopilots.
+        vehicles: Numbers of the vehicles.
+        state: Where the mission is.
+        message: Why it waits or has failed.
+        tick: Number of the last tick; 0 before the first.
+        now_s: Its time (s).
+        steps: Legs travelled, per vehicle.
+        soundings: Soundings made so far, per vehicle.
+        arrivals: Packets received so far, per vehicle.
+        sent: Packets sent by all.
+        received: Packets received by all.
+        lost: Receptions that the channel lost.
+        problems: What could not be done since the last `take_problems`.
+    """
+
+    def __init__(self, settings: Settings, ground: Ground, lockstep: bool, recorded: bool) -> None:
+        """Makes the world and opens the emulated hardware's ports.
+
+        Args:
+            settings: The mission.
+            ground: What the vehicles sound.
+            lockstep: Whether a tick waits for the nodes.
+            recorded: Whether a recorder reads along.
+
+        Raises:
+            ParameterError: naming a port that cannot be offered, and why.
+        """
+        self.world = World.of(settings, ground)
+        self.vehicles = range(1, settings.mission.vehicles + 1)
+        self.links = EmulatedLinks(settings, self._on_emulated_packet, self.world.command)
+        self.state = MissionState.WAITING
+        self.message = "for the mission's nodes"
+        self.tick = 0
+        self.now_s = 0.0
+        self.steps, self.soundings, self.arrivals = ([0] * len(self.vehicles) for _ in range(3))
+        self.sent = self.received = self.lost = 0
+        self.problems: list[str] = []
+        self._settings = settings
+        self._lockstep, self._recorded = lockstep, recorded
+        self._finished = [False] * len(self.vehicles)
+        self._transmissions: list[tuple[float, int, bytes]] = []
+        self._greeted: set[tuple[int, str]] = set()
+        self._recorded_tick = 0
+        self._targets_heard = [0] * len(self.vehicles)
+        self._lost_by_modem = [0] * len(self.vehicles)
+        inputs = [f"packets of auv{k}" for k in self.vehicles]
+        inputs += [f"waypoints of auv{k}" for k in self.vehicles]
+        inputs += [f"targets of auv{k}" for k in self.links.autopilots]
+        inputs += [f"modem of auv{k}" for k in self.links.modems]
+        self._gate = Gate(inputs)
+
+    def nodes(self, k: int) -> tuple[str, ...]:
+        """Names of the nodes of vehicle `k`."""
+        return tuple(name for _, name in vehicle_nodes(k in self.links.modems, k in self.links.autopilots))
+
+    # ------------------------------------------------------------------ time
+
+    @property
+    def finished(self) -> bool:
+        """Whether every vehicle has travelled its last leg."""
+        return all(self._finished)
+
+    @property
+    def greeted(self) -> bool:
+        """Lockstep: whether every node of every vehicle has said that it is there."""
+        return len(self._greeted) == sum(len(self.nodes(k)) for k in self.vehicles)
+
+    def ready(self) -> bool:
+        """Lockstep: whether every vehicle has handled the last tick, and the recorder is not far behind."""
+        behind = self._recorded and self._recorded_tick < self.tick - RECORDER_LAG_TICKS
+        return self._lockstep and self.tick > 0 and not behind and self._gate.ready() is not None
+
+    def advance(self) -> dict[int, VehicleOutput]:
+        """One tick: transmits what waits, moves the world, and hands the emulated hardware its part.
+
+        Returns:
+            What the tick brings for each vehicle; nothing if the mission is over (see `state`).
+        """
+        if self._lockstep and self.tick:
+            self._gate.handled(self.tick)
+        self._transmit()
+        if self.finished:
+            self.state, self.message = MissionState.FINISHED, "every vehicle has travelled its last leg"
+            return {}
+        self.tick += 1
+        self.now_s = self.tick * self._settings.sim.tick_s
+        if self.now_s > self._settings.longest_s:
+            slow = [k for k in self.vehicles if not self._finished[k - 1]]
+            self.state, self.message = (
+                MissionState.FAILED,
+                f"vehicles {slow} have not finished by {self.now_s:.0f} s",
+            )
+            return {}
+        self.state, self.message = MissionState.RUNNING, ""
+        self.links.poll(self.now_s)
+        outputs = self.world.tick(self.now_s)
+        self.lost += len(self.world.lost)
+        for k, output in outputs.items():
+            self._count(k, output)
+        for k in self.links.modems:
+            self._gate.announce(self.tick, f"modem of auv{k}", self.tick)
+        return outputs
+
+    def deliver(self, k: int, output: VehicleOutput) -> None:
+        """Hands vehicle `k`'s emulated modem and autopilot, where it has them, what the tick brought."""
+        if k in self.links.modems:
+            noticed = [a for a in self.world.lost if a.receiver == k and a.audible]
+            for arrival in sorted((*output.arrivals, *noticed), key=lambda a: a.arrival_s):
+                self.links.arrive(k, arrival)
+        if k in self.links.autopilots:
+            self.links.report(k, self.now_s, output)
+
+    def missing(self) -> str:
+        """Lockstep: what the next tick waits for, in words."""
+        return ", ".join(f"{name}: {count}" for name, count in self._gate.missing().items())
+
+    def _count(self, k: int, output: VehicleOutput) -> None:
+        i, steps = k - 1, self._settings.mission.steps
+        self.soundings[i] += len(output.soundings)
+        self.arrivals[i] += len(output.arrivals)
+        self.received += len(output.arrivals)
+        if not self._lockstep:
+            self._finished[i] = output.truth.step >= steps - 1 and output.truth.loitering
+        self.steps[i] = steps if self._finished[i] else max(output.truth.step, 0)
+
+    # ------------------------------------------------------------------ what the vehicles do
+
+    def take_waypoint(self, k: int, leg: Leg | None) -> None:
+        """Vehicle `k` is to travel `leg` next; None: a waypoint that cannot be used."""
+        if leg is not None:
+            try:
+                self.world.command(k, leg)
+            except ValueError as error:
+                self.problems.append(f"auv{k}: {error}")
+        self._gate.count(f"waypoints of auv{k}")
+
+    def take_packet(self, k: int, stamp_s: float, payload: bytes) -> None:
+        """Vehicle `k` transmits a packet from `stamp_s` (s) on; it goes into the water before the next tick."""
+        self._gate.count(f"packets of auv{k}")
+        self._transmissions.append((stamp_s, k, payload))
+
+    def _transmit(self) -> None:
+        transmissions, self._transmissions = sorted(self._transmissions, key=lambda t: t[:2]), []
+        for stamp_s, k, payload in transmissions:
+            try:
+                self.world.transmit(k, max(stamp_s, self.now_s), payload)
+                self.sent += 1
+            except ValueError as error:
+                self.problems.append(f"packet of auv{k} at {stamp_s:.1f} s: {error}")
+
+    def take_problems(self) -> list[str]:
+        """What could not be done since the last call, for the log."""
+        problems, self.problems = self.problems, []
+        return problems
+
+    # ------------------------------------------------------------------ emulated modems and autopilots
+
+    def greet(self) -> None:
+        """Lets the drivers find their hardware before the mission's time runs."""
+        if self.tick == 0:
+            self.links.greet(self.now_s)
+
+    def serve(self) -> None:
+        """Reads what the drivers have written and answers; never waits."""
+        self.links.serve(self.now_s)
+        for k in self.links.autopilots:
+            targets, missions = self.links.heard(k)
+            heard = missions if self._settings.vehicle(k).link.mode == "mission" else targets
+            self._gate.count(f"targets of auv{k}", heard - self._targets_heard[k - 1])
+            self._targets_heard[k - 1] = heard
+
+    def _on_emulated_packet(self, k: int, start_s: float, payload: bytes) -> float:
+        self.take_packet(k, stamped(start_s), payload)
+        return self.world.channel.duration_s(len(payload))
+
+    # ------------------------------------------------------------------ lockstep
+
+    def take_done(self, k: int, phase: str, tick: int, totals: tuple[int, int], finished: bool) -> None:
+        """A node of vehicle `k` has handled its phase of a tick; arguments as in LockstepDone."""
+        if tick == 0:
+            self._greeted.add((k, phase))
+            return
+        counts = dict(zip(PHASES[phase].announces, totals, strict=False))
+        match phase:
+            case "planner":
+                self._finished[k - 1] = finished
+                if finished:
+                    self.steps[k - 1] = self._settings.mission.steps
+                self._gate.announce(tick, f"waypoints of auv{k}", counts["waypoint"])
+            case "modem_sent":
+                self._gate.announce(tick, f"packets of auv{k}", counts["modem/tx"])
+            case "vehicle_link":  # what it has sent to the autopilot, once it has that many waypoints
+                self._gate.announce(tick, f"targets of auv{k}", counts["targets"])
+                self._gate.reach(f"waypoints of auv{k}", counts["waypoint"])
+            case "micromodem":
+                self._gate.count(f"modem of auv{k}")
+            case "micromodem_lost":  # a packet that its driver could not send: nothing to wait for
+                self._gate.count(f"packets of auv{k}", counts["modem/failed"] - self._lost_by_modem[k - 1])
+                self._lost_by_modem[k - 1] = counts["modem/failed"]
+
+    def take_recorded(self, tick: int) -> None:
+        """The recorder has written everything up to `tick`."""
+        self._recorded_tick = max(self._recorded_tick, tick)
+
+
+class Speed:
+    """Simulated seconds per second of wall clock, over the last few seconds.
+
+    Attributes:
+        value: The speed; 0 until it is known.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is known yet."""
+        self.value = 0.0
+        self._marks: list[tuple[float, float]] = []
+
+    def note(self, sim_s: float, wall_s: float) -> None:
+        """At wall clock `wall_s` (s) the mission's time is `sim_s` (s)."""
+        if self._marks and wall_s - self._marks[-1][0] < 0.2:
+            return
+        self._marks = [*self._marks[-25:], (wall_s, sim_s)]
+        (wall_0, sim_0), (wall_1, sim_1) = self._marks[0], self._marks[-1]
+        if wall_1 > wall_0:
+            self.value = (sim_1 - sim_0) / (wall_1 - wall_0)

@@ -1,0 +1,71 @@
+"""The table of topics against the nodes' code: who reads what, and that every message type exists."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from auv_lse_common.topics import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, reader_count, recorded_topics
+
+ROOT = Path(__file__).resolve().parents[2]
+
+#: Subscriptions that the table does not list: they read whatever topic there is, or watch from outside.
+READ_ALONG = {"recorder_node", "watch_node"}
+
+
+def strings(node: ast.AST) -> str:
+    """The literal text in an expression: of `space + "modem/tx"` it is "modem/tx"."""
+    return "".join(n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and isinstance(n.value, str))
+
+
+def subscriptions() -> dict[str, set[str]]:
+    """{node: topics that its module, or a base class's, subscribes to}, by the source code."""
+    found: dict[str, set[str]] = {}
+    for path in ROOT.glob("auv_lse_*/auv_lse_*/**/*_node.py"):
+        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        methods = [c for c in calls if isinstance(c.func, ast.Attribute)]
+        topics = {strings(c.args[1]) for c in methods if c.func.attr in ("listen", "create_subscription")}
+        found[path.stem] = topics - {""}
+    return found
+
+
+def test_every_reader_in_the_table_subscribes_and_every_subscriber_is_in_the_table() -> None:
+    by_code = subscriptions()
+    assert by_code.pop("base_node") == {"lockstep/done", "/lockstep/tick"}
+    listed: dict[str, set[str]] = {}
+    for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items():
+        for reader in (node for entry in topic.readers for node in entry.split("|")):
+            listed.setdefault(reader, set()).add(name)
+    for node, topics in by_code.items():
+        if node in READ_ALONG or node == "driver_node":
+            continue
+        expected = listed[node] - {"/clock"}  # ROS itself subscribes
+        if node != "sim_node":
+            expected -= {"lockstep/done", "/lockstep/tick"}  # the base node subscribes
+        assert topics == expected, node
+    assert set(listed) - {"recorder_node"} <= set(by_code)
+
+
+def test_every_message_type_of_our_own_exists() -> None:
+    for topic in (*VEHICLE_TOPICS.values(), *MISSION_TOPICS.values(), TRUTH_TOPIC):
+        package, _, name = topic.kind.split("/")
+        if package == "auv_lse_msgs":
+            assert (ROOT / "auv_lse_msgs" / "msg" / f"{name}.msg").is_file(), topic.kind
+
+
+def test_readers_are_counted_among_the_nodes_that_run() -> None:
+    direct = ["gp_node", "planner_node", "modem_node", "sim_node"]
+    emulated = [*direct, "micromodem_node"]
+    assert reader_count(VEHICLE_TOPICS["sounding"], direct) == 2
+    assert reader_count(VEHICLE_TOPICS["lockstep/done"], emulated) == 4
+    assert reader_count(VEHICLE_TOPICS["modem/tx"], direct) == 1, "the simulator"
+    assert reader_count(VEHICLE_TOPICS["modem/tx"], emulated) == 1, "the driver in its place"
+    assert reader_count(MISSION_TOPICS["/lockstep/tick"], 3 * direct[:3] + ["recorder_node"]) == 10
+
+
+def test_the_recorder_records_every_vehicles_topics_and_the_truth() -> None:
+    topics = recorded_topics(2)
+    assert {"/clock", "/sim/status", "/auv1/plan", "/auv2/modem/tx", "/truth/auv2/odometry"} <= set(topics)
+    assert not any("lockstep" in name for name in topics)
+    assert topics["/auv1/plan"].latched
+    assert not topics["/auv1/modem/tx"].latched
