@@ -156,6 +156,5 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
             )
         )
         fly(b, dock, report, lambda: legs, "no leg")
-        assert legs[0].end[1:] == pytest.approx((60.0, -20.0), abs=0.012)
-        assert legs[0].depth_m == 4.0
+        assert legs[0].end_state[1:] == pytest.approx((60.0, -20.0), abs=0.012)
     dock.close()
