@@ -29,9 +29,10 @@ from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.receivers_risk import Knowledge, ReceiversRisk
 from auv_lse_gp.risk import LevelSet
-from auv_lse_sim.world.channel import Channel, Position, loss_at_range, snr_db
+from auv_lse_sim.world.channel import Channel, Position, snr_db
 from auv_lse_sim.world.config import ChannelConfig
 from auv_lse_sim.world.lake import SyntheticLake
+from benchmarks.channel_loss import loss_at_range
 from benchmarks.rows import Row, row
 
 Array = NDArray[np.float64]

@@ -15,16 +15,16 @@ from auv_lse_sim.world.channel import (
     RATES,
     Arrival,
     Channel,
-    ChannelConfig,
     Position,
     frame_error_rate,
     fresh_db_per_km,
     land_between,
-    loss_at_range,
     snr_db,
     thorp_db_per_km,
     transmission_loss_db,
 )
+from auv_lse_sim.world.config import ChannelConfig
+from benchmarks.channel_loss import loss_at_range
 
 PAYLOAD = bytes(range(252))
 #: Only distance matters: no chance, no errors.

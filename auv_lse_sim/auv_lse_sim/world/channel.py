@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
 from auv_lse_sim.world.config import ChannelConfig
 
@@ -123,21 +122,6 @@ def frame_error_rate(ratio_db: ArrayLike, rate: int) -> Array:
     """Chance that a frame of this rate is not read at each ratio (dB)."""
     levels, errors = zip(*RATES[rate].curve, strict=True)
     return np.asarray(np.interp(np.asarray(ratio_db, dtype=float), levels, errors))
-
-
-def loss_at_range(range_m: ArrayLike, config: ChannelConfig) -> Array:
-    """Chance that a lone packet of one frame is not read at each range, fading and random loss included."""
-    config = config.in_force
-    ratio = snr_db(range_m, config)
-    if not config.frame_errors:
-        error = np.zeros_like(ratio)
-    elif config.fading_db == 0.0:
-        error = frame_error_rate(ratio, config.rate)
-    else:
-        # mean over the fading by the midpoints of 1000 equally likely parts of the normal distribution
-        parts = ndtri((np.arange(1000) + 0.5) / 1000.0)
-        error = frame_error_rate(ratio[..., None] + config.fading_db * parts, config.rate).mean(axis=-1)
-    return np.asarray(1.0 - (1.0 - error) * (1.0 - config.packet_loss))
 
 
 def land_between(depth_m: Callable[[Array, Array], Array], spacing_m: float = 5.0) -> Blocked:
