@@ -40,7 +40,6 @@ Array = NDArray[np.float64]
 LIMITS = Limits(
     steps=100,
     n_actions=11,
-    naive_paths=tuple(range(0xF0, 0xFF)),
     north_m=(-150.0, 850.0),
     east_m=(-150.0, 750.0),
     depth_m=(-10.0, 1000.0),

@@ -29,7 +29,6 @@ from auv_lse_comms.packet.fields import (
 LIMITS = Limits(
     steps=100,
     n_actions=11,
-    naive_paths=(0xF0, 0xF1, 0xF2, 0xF3),
     north_m=(-100.0, 800.0),
     east_m=(-100.0, 700.0),
     depth_m=(-10.0, 60.0),
@@ -51,7 +50,7 @@ def packet(rng: np.random.Generator) -> Packet:
         north_m=float(rng.uniform(-100.0, 800.0)),
         east_m=float(rng.uniform(-100.0, 700.0)),
         actions=tuple(rng.integers(0, 11, n_actions).tolist()),
-        naive_path=int(rng.choice([*LIMITS.naive_paths, NONE])),
+        naive_path=int(rng.choice([0xF0, 0xF1, 0xF2, 0xF3, NONE])),
     )
     return Packet(plan, rng.uniform(low, high, (n, 3)))
 
@@ -83,12 +82,6 @@ def _flipped(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes
 def _burst(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     start, length = int(rng.integers(0, PACKET_BYTES)), int(rng.integers(1, 40))
     return (good[:start] + rng.bytes(length) + good[start + length :])[:PACKET_BYTES], set()
-
-
-def _wrong_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
-    data = bytearray(good)
-    data[HEADER_STRUCT.size + len(sent.plan.actions)] = int(rng.integers(0xF4, 0xFF))
-    return bytes(data), {"naive_path"}
 
 
 def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
@@ -145,7 +138,6 @@ DAMAGES: dict[str, Damage] = {
     "padded": _padded,
     "bits flipped": _flipped,
     "burst": _burst,
-    "wrong terminal": _wrong_terminal,
     "lost terminal": _lost_terminal,
     "NaN or infinite": _not_finite,
     "position outside": _outside,

@@ -101,11 +101,6 @@ class ModemBridge:
         """Samples waiting to be sent."""
         return len(self._in_time_order())
 
-    @property
-    def backlog(self) -> Array:
-        """The samples waiting to be sent: stamp (s), north, east, depth (m), shape (n, 4)."""
-        return self._in_time_order()[:, :4].copy()
-
     def _in_time_order(self) -> Array:
         """The unsent samples, with those queued since the last call."""
         if self._queued:
@@ -202,17 +197,15 @@ class ModemBridge:
             self._receivers.hear(packet.samples, self.loss)
         return Received(source=source, stamp_s=now_s, packet=packet)
 
-    def poll(self, now_s: float, ready: bool = True) -> bytes | None:
+    def poll(self, now_s: float) -> bytes | None:
         """The packet to send now, at most one in each own slot.
 
         Call it at least once in every slot. Own slots that end without a packet are counted as
-        "slots.missed.<reason>": "plan" (there is no plan yet), "busy" (the modem was not ready), "late" (at the first
-        poll in the slot a transmission no longer fitted), "asleep" (no poll came in the whole slot), "modem" (see
-        `not_sent`).
+        "slots.missed.<reason>": "plan" (there is no plan yet), "late" (at the first poll in the slot a
+        transmission no longer fitted), "asleep" (no poll came in the whole slot), "modem" (see `not_sent`).
 
         Args:
             now_s: Time (s).
-            ready: Whether the modem can take a packet now.
 
         Returns:
             252 bytes to send at once, or None.
@@ -222,16 +215,10 @@ class ModemBridge:
             self._close(slot)
             self._slot, self._why = slot, "late"
             self._used = (slot.index, slot.since_s) == self._last_slot  # a clock set back sends no slot twice
-        if slot.owner != self.address or self._used:
-            return None
-        first, last = self.tdma.window(slot)
-        if not first <= now_s <= last:
+        if self._used or not self.tdma.may_send(now_s):
             return None
         if self._plan is None:
             self._why = "plan"
-            return None
-        if not ready:
-            self._why = "busy"
             return None
         payload = self._compose(self._plan)
         self._used, self._last_slot = True, (slot.index, slot.since_s)

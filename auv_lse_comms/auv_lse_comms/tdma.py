@@ -75,35 +75,27 @@ class Tdma:
         """The settings in force, with the order written out."""
         return self._at(now_s)[1]
 
-    @property
-    def pending(self) -> tuple[float, TdmaConfig] | None:
-        """The last scheduled change: (time it takes effect, settings); None if there was none."""
-        return self._settings[-1] if len(self._settings) > 1 else None
-
-    def change(self, config: TdmaConfig, now_s: float, at_s: float | None = None) -> float:
+    def change(self, config: TdmaConfig, now_s: float) -> float:
         """Schedules new settings; they replace a change that was scheduled earlier and is not yet in force.
 
         Args:
             config: The new settings.
             now_s: Time now (s).
-            at_s: Earliest time of the change (s), for instance one agreed with the whole team; at once if None.
 
         Returns:
-            When they take effect (s): the first start of a cycle, of the settings in force, after `now_s` that is
-            not before `at_s`.
+            When they take effect (s): the first start of a cycle, of the settings in force, after `now_s`.
 
         Raises:
-            ValueError: if the order names a vehicle that is not of the mission, or a time is not finite.
+            ValueError: if the order names a vehicle that is not of the mission, or the time is not finite.
         """
         config = self._complete(config)
-        earliest = now_s if at_s is None else max(now_s, at_s)
-        if not (math.isfinite(now_s) and math.isfinite(now_s if at_s is None else at_s)):
-            raise ValueError(f"change of the tdma settings at {at_s} s, now {now_s} s: expected finite times")
+        if not math.isfinite(now_s):
+            raise ValueError(f"change of the tdma settings at {now_s} s: expected a finite time")
         since, old = self._at(now_s)
         self._settings = [(since, old)]
         slots = len(old.order)
-        index = slots * math.floor((earliest - old.epoch_s) / (old.slot_s * slots))
-        while (effective := old.epoch_s + index * old.slot_s) < earliest or effective <= now_s:
+        index = slots * math.floor((now_s - old.epoch_s) / (old.slot_s * slots))
+        while (effective := old.epoch_s + index * old.slot_s) <= now_s:
             index += slots
         self._settings.append((effective, config))
         return effective
@@ -127,26 +119,16 @@ class Tdma:
         owner = config.order[index % len(config.order)] if start >= since else 0
         return Slot(index=index, owner=owner, start_s=start, end_s=end, since_s=since)
 
-    def window(self, slot: Slot, duration_s: float | None = None) -> tuple[float, float]:
-        """First and last time (s) at which a transmission may start in the slot; if last < first, none fits.
-
-        Args:
-            slot: The slot.
-            duration_s: How long the transmission takes (s); `send_duration_s` if None.
-        """
+    def window(self, slot: Slot) -> tuple[float, float]:
+        """First and last time (s) at which a transmission may start in the slot."""
         config = self._at(slot.since_s)[1]
-        duration = config.send_duration_s if duration_s is None else duration_s
-        return slot.start_s + config.guard_s, slot.end_s - config.guard_s - config.travel_s - duration
+        first_s = slot.start_s + config.guard_s
+        return first_s, slot.end_s - config.guard_s - config.travel_s - config.send_duration_s
 
-    def may_send(self, now_s: float, duration_s: float | None = None) -> bool:
-        """Whether this vehicle may start a transmission now.
-
-        Args:
-            now_s: Time (s) of this vehicle's clock.
-            duration_s: How long the transmission takes (s); `send_duration_s` if None.
-        """
+    def may_send(self, now_s: float) -> bool:
+        """Whether this vehicle may start a transmission now (s, by its own clock)."""
         slot = self.slot(now_s)
-        first, last = self.window(slot, duration_s)
+        first, last = self.window(slot)
         return slot.owner == self.address and first <= now_s <= last
 
     def next_slot(self, now_s: float) -> Slot | None:

@@ -52,10 +52,9 @@ class SentenceReader:
     it never ended), "overlong", "not_a_sentence" (text without `$`, such as a boot banner), "bad_type".
     """
 
-    def __init__(self, max_line: int = MAX_LINE) -> None:
-        """Starts with nothing read; `max_line`: longest line taken, in characters."""
+    def __init__(self) -> None:
+        """Starts with nothing read."""
         self.counts: Counter[str] = Counter()
-        self._max_line = max_line
         self._line = bytearray()
         self._skipping = False
 
@@ -89,7 +88,7 @@ class SentenceReader:
     def _take(self, part: bytes) -> None:
         if self._skipping or not part:
             return
-        if len(self._line) + len(part) > self._max_line:
+        if len(self._line) + len(part) > MAX_LINE:
             self._line.clear()
             self._skipping = True
             self.counts["overlong"] += 1

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.plan import Plan
 from auv_lse_comms.packet.fields import (
     ACTION,
     FILL,
@@ -59,8 +59,8 @@ REASONS = {
     "heading": "heading out of range",
     "position": "the path's start lies outside the area",
     "action": "an action that is not in the action set",
-    "terminal": "no terminal byte ends the actions, or more actions than the mission uses",
-    "naive_path": "an unknown naive path",
+    "terminal": "no terminal byte ends the actions, or too many actions",
+    "naive_path": "a terminal byte below 0xF0 or above 0xFF",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
@@ -77,8 +77,6 @@ class Limits:
     Attributes:
         steps: Largest mission step.
         n_actions: Size of the action set.
-        max_length: Most actions in one packet.
-        naive_paths: Ids of the known naive paths (0xFF, none, is always allowed).
         north_m: Smallest and largest north (m) of places.
         east_m: Smallest and largest east (m) of places.
         depth_m: Smallest and largest water depth (m) of samples.
@@ -86,8 +84,6 @@ class Limits:
 
     steps: int = int(HEADER[0].high)
     n_actions: int = FIRST_TERMINAL
-    max_length: int = MAX_ACTIONS
-    naive_paths: tuple[int, ...] = tuple(range(FIRST_TERMINAL, NONE + 1))
     north_m: tuple[float, float] = (SAMPLE[0].low, SAMPLE[0].high)
     east_m: tuple[float, float] = (SAMPLE[1].low, SAMPLE[1].high)
     depth_m: tuple[float, float] = (SAMPLE[2].low, SAMPLE[2].high)
@@ -109,10 +105,6 @@ class Limits:
         ):
             if not table.low <= value[0] <= value[1] <= table.high:
                 raise ValueError(f"limits {name} = {value}: expected low <= high within {table.low:g}..{table.high:g}")
-        if not 0 <= self.max_length <= MAX_ACTIONS:
-            raise ValueError(f"limits max_length = {self.max_length}: expected 0..{MAX_ACTIONS}")
-        if any(not FIRST_TERMINAL <= h <= NONE for h in self.naive_paths):
-            raise ValueError(f"limits naive_paths = {self.naive_paths}: expected ids in 0xF0..0xFF")
         object.__setattr__(self, "_low", np.array([self.north_m[0], self.east_m[0], self.depth_m[0]]))
         object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
 
@@ -185,7 +177,7 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
         small_samples = samples.astype("<f4")
     start = (plan.heading_rad, plan.north_m, plan.east_m)
     _check_start(step, *start, limits)
-    _check_path(actions, naive_path, limits)
+    _check_actions(actions, limits)
     _check_samples(small_samples, limits)
     used = HEADER_STRUCT.pack(step, *start) + bytes(actions) + bytes([naive_path]) + small_samples.tobytes()
     return used.ljust(PACKET_BYTES, bytes([FILL]))
@@ -215,7 +207,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
         raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
     actions = tuple(data[HEADER_STRUCT.size : end])
     naive_path = data[end]
-    _check_path(actions, naive_path, limits)
+    _check_actions(actions, limits)
     start = samples_start(len(actions))
     places = capacity(len(actions), reserve)
     stop = start + places * SAMPLE_BYTES
@@ -258,16 +250,9 @@ def _check_start(step: int, heading: float, north: float, east: float, limits: L
             raise PacketError("position", f"{name} = {value:.2f}: expected {low:g}..{high:g} m, the area's limits")
 
 
-def _check_path(actions: Sequence[int], naive_path: int, limits: Limits | None) -> None:
-    if limits is None:
-        return
-    if actions and max(actions) >= limits.n_actions:
+def _check_actions(actions: Sequence[int], limits: Limits | None) -> None:
+    if limits is not None and actions and max(actions) >= limits.n_actions:
         raise PacketError("action", f"action {max(actions)}: the set has {limits.n_actions}")
-    if len(actions) > limits.max_length:
-        raise PacketError("terminal", f"{len(actions)} actions: expected at most {limits.max_length}")
-    if naive_path != NONE and naive_path not in limits.naive_paths:
-        known = ", ".join(f"0x{h:02X}" for h in limits.naive_paths)
-        raise PacketError("naive_path", f"naive path 0x{naive_path:02X}: expected 0xFF or one of {known}")
 
 
 def _check_samples(samples: NDArray[np.float32], limits: Limits | None) -> None:

@@ -34,11 +34,6 @@ class MavlinkDock:
             self._ports[vehicle] = UdpPort(address.kind, address.place, address.number)
             self._epoll.register(self._ports[vehicle].fileno(), select.EPOLLIN)
 
-    @property
-    def local_ports(self) -> dict[int, int]:
-        """UDP port number of each vehicle on this side."""
-        return {vehicle: port.local_port for vehicle, port in self._ports.items()}
-
     def fileno(self) -> int:
         """A file descriptor that is readable when `serve` has something to do."""
         return self._epoll.fileno()
