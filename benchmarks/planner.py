@@ -27,7 +27,7 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerSettings
-from auv_lse_planner.paths.naive import LAWNMOWERS
+from auv_lse_planner.paths.naive_ids import LAWNMOWERS
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 from benchmarks.rows import Row, row
@@ -95,7 +95,7 @@ def planner(method: str, count: int, **options: Any) -> VehiclePlanner:
     )
     made = VehiclePlanner(1, settings, np.random.default_rng(1))
     made.set_centers(centers(count))
-    made.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    made.odometry(0.0, 0.0, 0.0, 0.0)
     return made
 
 
@@ -105,7 +105,7 @@ def evaluations(sizes: Sizes = FULL) -> list[Row]:
     posterior.follow(centers(sizes.centers))
     reward = PathReward(posterior, LevelSet())
     made = planner("augmented", sizes.centers)
-    naive_places = made.naive.path_places(np.zeros(3), LAWNMOWERS[0], NAIVE, 1)
+    naive_places = made.rollout.path(made.settings.mission.steps - NAIVE, np.zeros(3), (), LAWNMOWERS[0]).places_m
     rng = np.random.default_rng(2)
     new = rng.uniform([0.0, 0.0], [500.0, 600.0], (3 * BATCH, 2))
     whole = np.concatenate([new[:3], naive_places])

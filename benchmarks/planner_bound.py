@@ -29,7 +29,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.posterior import Posterior
+from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks.planner_loop import fly, settings_for
@@ -59,6 +62,12 @@ class PriorLake:
         north, east = np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float))
         angle = north[..., None] * self._waves[:, 0] + east[..., None] * self._waves[:, 1] + self._phases
         return self._mean + self._scale * np.cos(angle).sum(axis=-1)
+
+
+def risk(posterior: Posterior, settings: PlannerSettings) -> float:
+    """Bayes risk over the map."""
+    columns = posterior.columns(OperatingArea(settings.area).grid(settings.planner.map_spacing_m).places_m)
+    return float(settings.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum())
 
 
 def mission(number: int, objective: str, rule: bool, steps: int, iterations: int) -> dict[str, Any]:
@@ -102,12 +111,10 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
         records = boat.planner.records
         promised = np.array([r.promised for r in records])
         if objective == "map":
-            planner = boat.planner
-            planner.set_centers(boat.gp.centers)
-            planner._take_centers()
-            columns = planner._map_columns().columns()
-            left = settings.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum()
-            end = planner._risk_at_start - float(left)
+            posterior = boat.planner.posterior
+            at_last_decision = risk(posterior, settings)
+            posterior.follow(boat.gp.centers)
+            end = records[-1].reward_so_far + at_last_decision - risk(posterior, settings)
             bound = promised
         else:
             end = float(promised[-1])  # the last leg's own reward is all that its Jbar holds

@@ -95,7 +95,7 @@ def fly(settings: PlannerSettings, ground: Any, seed: int, loss: float = 0.0, so
     ]
     now = 0
     for boat in boats:
-        boat.planner.odometry(0.0, boat.heading, boat.north, boat.east, v.speed_mps)
+        boat.planner.odometry(0.0, boat.heading, boat.north, boat.east)
     limit = int(3.0 * settings.mission.steps * boats[0].planner.motion.leg_length_m / v.speed_mps) + 100
     while not all(b.planner.finished for b in boats) and now < limit:
         for boat in boats:
@@ -129,7 +129,7 @@ def fly(settings: PlannerSettings, ground: Any, seed: int, loss: float = 0.0, so
                     boat.gp.add(boat.north, boat.east, depth)
                     boat.soundings.append((float(now), boat.north, boat.east, depth))
                     boat.unsent.append((boat.north, boat.east, depth))
-            boat.planner.odometry(float(now), boat.heading, boat.north, boat.east, v.speed_mps)
+            boat.planner.odometry(float(now), boat.heading, boat.north, boat.east)
     return _evaluate(settings, ground, boats)
 
 

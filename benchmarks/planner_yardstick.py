@@ -19,24 +19,28 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
-from auv_lse_planner.methods import RECIPES
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
-from auv_lse_planner.proposals import Situation, search_path
+from auv_lse_planner.paths.rollout import Rollout
+from auv_lse_planner.proposals import search_path
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.sequences import PathSequences
-from auv_lse_planner.search.uct import exhaustive_search
+from auv_lse_planner.search.tree import every_sequence
+from auv_lse_planner.situation import Situation
+
+#: Sequences of the exhaustive search that are valued together.
+BATCH = 64
 
 
-def shares(situations: int, tail: bool, iterations: int | None = None, first: int = 0) -> np.ndarray:
+def shares(situations: int, augmented: bool, iterations: int | None = None, first: int = 0) -> np.ndarray:
     """Value found / optimum in each situation: random data (0 to 150 centers), state and steps left (3 to 100)."""
     settings = PlannerSettings.from_parameters({"area": {}}, "benchmark")
     area, motion = OperatingArea(settings.area), MotionTable(settings.motion)
     space = FreeSpace(area, motion)
     naive = NaivePaths(space, PlannerConfig(), area.polygon)
     grid = area.grid(PlannerConfig().map_spacing_m)
-    how = RECIPES["augmented"]
+    planner = PlannerConfig(method="augmented", iterations=iterations).complete()
     result = []
     for number in range(first, first + situations):
         rng = np.random.default_rng([number, 11])
@@ -48,26 +52,22 @@ def shares(situations: int, tail: bool, iterations: int | None = None, first: in
         posterior.follow(Centers(places, depths, np.full(count, 0.3)))
         state = np.array([rng.uniform(-np.pi, np.pi), *rng.uniform(0.0, 480.0, 2)])
         left = int(rng.integers(3, 101))
-        naive_paths = how.naive_paths if tail and left > 3 else ()
+        naive_paths = planner.naive_paths if augmented and left > planner.horizon else ()
+        rollout = Rollout(motion, naive, left, planner.samples_per_leg)
         reward = PathReward(posterior, LevelSet())
         situation = Situation(
+            planner=planner,
+            step=0,
             state=state,
-            steps_left=left,
-            horizon=3,
+            horizon=planner.horizon,
             naive_paths=naive_paths,
-            iterations=iterations or how.iterations,
-            exploration=how.exploration,
-            batch=PlannerConfig().batch,
-            samples_per_leg=1,
-            finalists=1,
             rng=rng,
-            deadline=None,
-            seeds=[],
             grid=grid,
         )
-        found = search_path(situation, space, naive, reward).value
-        sequences = PathSequences(reward, motion, naive, state, left, naive_paths, 1)
-        best = exhaustive_search(space.choices, motion.end_state, sequences, state, 3).value
+        found = search_path(situation, space, rollout, reward).value
+        sequences = PathSequences(reward, rollout, 0, state, naive_paths)
+        every = [tuple(s) for s in every_sequence(space.arguments(), state, planner.horizon).tolist()]
+        best = max(sequences(every[i : i + BATCH]).max() for i in range(0, len(every), BATCH))
         result.append(found / best)
     return np.array(result)
 
@@ -78,10 +78,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--situations", type=int, default=200)
     parser.add_argument("--iterations", type=int, help="search budget; default: that of the method 'augmented'")
     options = parser.parse_args(arguments)
-    for tail in (True, False):
-        found = shares(options.situations, tail, options.iterations)
+    for augmented in (True, False):
+        found = shares(options.situations, augmented, options.iterations)
         print(
-            f"m = 3 {'with' if tail else 'without'} naive path: {np.mean(found >= 0.99):.1%} of {len(found)} "
+            f"m = 3 {'with' if augmented else 'without'} naive path: {np.mean(found >= 0.99):.1%} of {len(found)} "
             f"situations within 99 % of the optimum (least {found.min():.4f}, mean {found.mean():.4f})",
             flush=True,
         )

@@ -11,6 +11,27 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float, float, float]:
+    """A point of a leg in the frame of the body at its start.
+
+    Args:
+        action_rad: Heading change (rad, positive clockwise).
+        radius_m: Turning radius of the arc.
+        along_m: Distance gone along the leg: on the arc first, then on the straight, which has no end here.
+            Less than 0 is straight back from the start.
+
+    Returns:
+        Heading change until there (rad, positive clockwise), distance ahead and to starboard (m).
+    """
+    on_arc = min(max(along_m, 0.0), abs(action_rad) * radius_m)
+    on_straight = along_m - on_arc
+    angle = on_arc / radius_m
+    side = math.copysign(1.0, action_rad)
+    ahead = radius_m * math.sin(angle) + on_straight * math.cos(angle)
+    starboard = side * (radius_m * (1.0 - math.cos(angle)) + on_straight * math.sin(angle))
+    return side * angle, ahead, starboard
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
     """One action as travelled: an arc, then a straight.
@@ -45,14 +66,9 @@ class Leg:
 
     def state_at(self, along_m: float) -> Array:
         """Heading, north, east after `along_m` metres; beyond the end, straight on."""
-        arc = min(max(along_m, 0.0), self.arc_m)
-        rest = along_m - arc
-        angle = arc / self.radius_m
-        side = math.copysign(1.0, self.action_rad)
+        turned, ahead, starboard = leg_point(self.action_rad, self.radius_m, along_m)
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        ahead = self.radius_m * math.sin(angle) + rest * math.cos(angle)
-        starboard = side * (self.radius_m * (1.0 - math.cos(angle)) + rest * math.sin(angle))
-        heading = self.heading_rad + side * angle
+        heading = self.heading_rad + turned
         return np.array(
             [
                 (heading + math.pi) % (2.0 * math.pi) - math.pi,

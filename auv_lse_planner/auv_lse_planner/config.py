@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
 from auv_lse_common.params import merge, parameter, section
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
+from auv_lse_planner.methods import METHODS, PAPER, PROPOSALS
 
-#: Names of `planner.method`; what each stands for is in `methods.py`.
-METHODS = (
-    "augmented",
-    "plain",
-    "exponential_quadratic",
-    "best",
-    "bounded",
-    "map",
-    "lawnmower",
-    "random",
-    "myopic",
-    "max_variance",
-    "straddle",
-)
+if TYPE_CHECKING:
+    _T = TypeVar("_T")
+    FromMethod = Annotated[_T, "left out, it follows from the method"]
+else:
+    #: A parameter that follows from the method where it is left out (None); `PlannerConfig.complete` fills it in.
+    FromMethod = Optional
 
 #: Depths (m) that vehicles without one of their own take in turn (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
@@ -106,23 +99,27 @@ class MotionConfig:
 class PlannerConfig:
     """How a vehicle plans. What is left out (None) follows from the method; see `methods.py`."""
 
-    method: str = parameter("best", choices=METHODS, help="named configuration")
-    objective: str | None = parameter(None, choices=("path", "map"), help="reward: the paper's, or the map's risk")
-    credit: str | None = parameter(
+    method: str = parameter("best", choices=tuple(METHODS), help="named set of the parameters that are left out")
+    objective: FromMethod[str] = parameter(None, choices=("path", "map"), help="reward: the paper's, or the map's risk")
+    credit: FromMethod[str] = parameter(
         None,
         choices=("printed", "beyond"),
         help="'printed' counts all benefit at own places, 'beyond' only what team mates' plans would not bring",
     )
-    horizon: int | None = parameter(None, low=1, high=200, help="legs planned (paper: m)")
-    iterations: int | None = parameter(None, low=1, help="tree search iterations a decision")
-    tail: bool | None = parameter(None, help="whether a naive path to the mission's end continues the plan (augmented)")
-    naive_paths: tuple[int, ...] | None = parameter(
-        None, low=0xF0, high=0xFE, help="ids of the naive paths tried as tails (naive.py)"
+    horizon: FromMethod[int] = parameter(None, low=1, high=200, help="legs planned (paper: m)")
+    iterations: FromMethod[int] = parameter(None, low=1, help="tree search iterations a decision")
+    augmented: FromMethod[bool] = parameter(
+        None, help="whether a naive path continues the plan to the mission's end (paper: augmented)"
     )
-    incumbent: bool | None = parameter(
+    naive_paths: FromMethod[tuple[int, ...]] = parameter(
+        None, low=0xF0, high=0xFE, help="ids of the naive paths to choose from (naive.py)"
+    )
+    incumbent: FromMethod[bool] = parameter(
         None, help="whether the last plan is kept unless the new one is worth more on the same data"
     )
-    exploration: float | None = parameter(None, low=0.0, help="exploration constant of UCT, on values scaled to 0..1")
+    exploration: FromMethod[float] = parameter(
+        None, low=0.0, help="exploration constant of UCT, on values scaled to 0..1"
+    )
     batch: int = parameter(8, low=1, high=256, help="paths the search values together")
     samples_per_leg: int = parameter(1, low=1, high=20, help="measurement places along a leg that count in the reward")
     lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
@@ -130,17 +127,18 @@ class PlannerConfig:
         None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
     )
     map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
-    proposals: str | None = parameter(
+    proposals: FromMethod[str] = parameter(
         None,
-        choices=("surrogate", "path"),
-        help="objective 'map': whose search proposes paths: the map reward's surrogate, or the path's reward",
+        choices=PROPOSALS,
+        help="what proposes plans: a tree search on the map reward's surrogate or on the path's reward, "
+        "the naive path alone, or the next leg by chance or by a score",
     )
-    map_share: float | None = parameter(
+    map_share: FromMethod[float] = parameter(
         None,
         low=0.0,
         help="weight of the map's reward in the choice among the finalists of the path's reward (0: none)",
     )
-    finalists: int | None = parameter(
+    finalists: FromMethod[int] = parameter(
         None, low=1, high=64, help="paths of a search that the map's reward is asked about"
     )
     team_order: str = parameter(
@@ -159,6 +157,32 @@ class PlannerConfig:
     reanchor_m: float = parameter(
         10.0, unit="m", above=0.0, help="distance off the leg at which planning starts from odometry"
     )
+
+    def complete(self) -> PlannerConfig:
+        """This configuration with the method's values where they are left out: no `FromMethod` parameter is None.
+
+        Raises:
+            ValueError: if the parameters contradict each other.
+        """
+        values = {**PAPER, **METHODS[self.method]}
+        values |= {k: v for k in (*PAPER, "proposals") if (v := getattr(self, k)) is not None}
+        values.setdefault("proposals", "surrogate" if values["objective"] == "map" else "path")
+        if values["augmented"] and not values["naive_paths"]:
+            values["naive_paths"] = PAPER["naive_paths"]
+        if not values["augmented"] and values["proposals"] != "naive":
+            values["naive_paths"] = ()
+        if values["proposals"] == "surrogate" and values["objective"] != "map":
+            raise ValueError(
+                "planner.proposals: 'surrogate' stands in for the map's reward; got planner.objective "
+                f"{values['objective']!r}; expected 'map', or 'path' for both"
+            )
+        if self.coordination == "dec_mcts" and (values["proposals"] != "path" or values["objective"] != "path"):
+            raise ValueError(
+                f"planner.coordination: 'dec_mcts' searches by the path's reward; got planner.method {self.method!r} "
+                f"with objective {values['objective']!r} and proposals {values['proposals']!r}; expected 'augmented', "
+                "'plain' or objective 'path'"
+            )
+        return replace(self, **values)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

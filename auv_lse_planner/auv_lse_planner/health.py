@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from auv_lse_common.health import Health, Level
-from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner
+from auv_lse_planner.decision import Decision
+from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 
 def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], planning_s: float) -> Health:

@@ -19,7 +19,7 @@ class PlannerIntake:
         self.planner = planner
         self._centers: Centers | None = None
         self._plans: list[tuple[float, int, Plan]] = []
-        self._odometry: tuple[float, float, float, float, float] | None = None
+        self._odometry: tuple[float, float, float, float] | None = None
 
     def set_centers(self, centers: Centers) -> None:
         """The map's kernel centers; they replace those that still wait."""
@@ -29,9 +29,9 @@ class PlannerIntake:
         """A mate's plan: end of reception (s), number of the mate, the plan."""
         self._plans.append((stamp_s, vehicle, plan))
 
-    def set_odometry(self, stamp_s: float, heading_rad: float, north_m: float, east_m: float, speed_mps: float) -> None:
+    def set_odometry(self, stamp_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
         """The vehicle's navigation; it replaces what still waits."""
-        self._odometry = (stamp_s, heading_rad, north_m, east_m, speed_mps)
+        self._odometry = (stamp_s, heading_rad, north_m, east_m)
 
     def take(self, now_s: float) -> bool:
         """The planner takes the map, plans by stamp and vehicle, odometry; returns whether a decision is due then."""

@@ -17,10 +17,11 @@ from auv_lse_common.seeds import stream
 from auv_lse_gp.ros_conversions import centers_from_message
 from auv_lse_msgs.msg import Bound, KernelCenters, Plan, Waypoint
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.decision import Decision
 from auv_lse_planner.health import planner_health, warnings_of
 from auv_lse_planner.intake import PlannerIntake
 from auv_lse_planner.ros_conversions import bound_message, navigation, path_message, waypoint_message
-from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner
+from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
 _SECTIONS = ("mission", "level_set", "area", "gp", "motion", "planner", "vehicle")
@@ -62,7 +63,7 @@ class PlannerNode(VehicleNode):
         """Makes a decision that nobody takes: it loads the compiled code before the mission's first decision."""
         rehearsal = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "rehearsal"))
         start = settings.vehicle
-        rehearsal.odometry(0.0, start.start_heading_rad, start.start_north_m, start.start_east_m, start.speed_mps)
+        rehearsal.odometry(0.0, start.start_heading_rad, start.start_north_m, start.start_east_m)
         rehearsal.decide(0.0)
 
     def _tune(self, parameters: dict[str, Any]) -> None:
@@ -105,7 +106,7 @@ class PlannerNode(VehicleNode):
         self._waypoint.publish(waypoint_message(now_s, decision.leg, vehicle.speed_mps, vehicle.depth_m, last))
         self._bound.publish(bound_message(now_s, decision.bound, self._planning_s))
         if self._planner.path is not None:
-            self._path.publish(path_message(now_s, self._planner.path[0], vehicle.depth_m))
+            self._path.publish(path_message(now_s, self._planner.path.states, vehicle.depth_m))
         self._published += 1
         for warning in warnings_of(decision, self._planner.planner.deadline_s):
             self.get_logger().warning(warning)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
@@ -13,15 +11,15 @@ from auv_lse_common.frames import heading_from_quaternion, quaternion_from_headi
 from auv_lse_common.leg import Leg
 from auv_lse_common.ros_conversions import header
 from auv_lse_msgs.msg import Bound, Waypoint
-from auv_lse_planner.vehicle_planner import BoundRecord
+from auv_lse_planner.account import BoundRecord
 
 
-def navigation(message: Odometry) -> tuple[float, float, float, float]:
-    """Heading (rad, clockwise from north), north, east (m) and speed (m/s) of an ENU Odometry."""
-    pose, twist = message.pose.pose, message.twist.twist
+def navigation(message: Odometry) -> tuple[float, float, float]:
+    """Heading (rad, clockwise from north), north, east (m) of an ENU Odometry."""
+    pose = message.pose.pose
     q = pose.orientation
     heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
-    return heading, pose.position.y, pose.position.x, math.hypot(twist.linear.x, twist.linear.y)
+    return heading, pose.position.y, pose.position.x
 
 
 def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, last: bool) -> Waypoint:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.plan import Plan
+from auv_lse_planner.paths.rollout import PlannedPath
 
 Array = NDArray[np.float64]
 
@@ -18,8 +19,7 @@ class _Mate:
     plan: Plan
     first_heard_s: float
     last_heard_s: float
-    states: Array  # from the plan's step to the mission's end
-    actions: NDArray[np.int64]
+    path: PlannedPath
     reference_step: float  # the mate was at least at this step ...
     reference_s: float  # ... at this time
     earlier: list[_Mate]  # different plans heard before this one, the last first
@@ -35,7 +35,7 @@ class Team:
         order: str,
         leg_s: float,
         expiry_s: float,
-        rebuild: Callable[[Plan], tuple[Array, NDArray[np.int64]]],
+        follow: Callable[[Plan], PlannedPath],
         kept: int = 1,
     ) -> None:
         """Sets up without any plan known.
@@ -46,11 +46,11 @@ class Team:
             order: "id" (lower numbers come before), "rotating" (the order moves on by one each step), or "all".
             leg_s: Time a leg takes.
             expiry_s: Age at which a plan is dropped.
-            rebuild: States and actions of a plan to the mission's end.
+            follow: The path of a plan.
             kept: Different plans of each team mate that are kept (for Dec-MCTS; else the last one).
         """
         self._vehicle, self._vehicles, self._order = vehicle, vehicles, order
-        self._leg_s, self._expiry_s, self._rebuild, self._kept = leg_s, expiry_s, rebuild, kept
+        self._leg_s, self._expiry_s, self._follow, self._kept = leg_s, expiry_s, follow, kept
         self._mates: dict[int, _Mate] = {}
 
     def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
@@ -66,7 +66,6 @@ class Team:
             return
         if known is not None and plan.step < known.plan.step and now_s - known.last_heard_s < self._expiry_s:
             return
-        states, actions = self._rebuild(plan)
         reference_step, reference_s = float(plan.step), now_s
         if known is not None:
             # an unchanged part of an old plan may be sent long after its first step: keep the better estimate
@@ -76,7 +75,7 @@ class Team:
         earlier = [known, *known.earlier][: self._kept - 1] if known is not None else []
         for mate in earlier:
             mate.earlier = []
-        self._mates[vehicle] = _Mate(plan, now_s, now_s, states, actions, reference_step, reference_s, earlier)
+        self._mates[vehicle] = _Mate(plan, now_s, now_s, self._follow(plan), reference_step, reference_s, earlier)
 
     def _step_of(self, mate: _Mate, now_s: float) -> float:
         return mate.reference_step + (now_s - mate.reference_s) / self._leg_s
@@ -100,23 +99,26 @@ class Team:
         rank = {v: (v - 1 - step) % self._vehicles for v in range(1, self._vehicles + 1)}
         return [v for v in others if rank[v] < rank[self._vehicle]]
 
-    def legs_ahead(self, now_s: float, vehicle: int) -> tuple[Array, NDArray[np.int64]]:
-        """States (L, 3) and actions (L,) of the legs that a team mate has still to travel, by its clock."""
+    def places_ahead(self, now_s: float, vehicle: int) -> Array:
+        """Measurement places (P, 2) that a team mate has still to visit, by its clock."""
         mate = self._mates.get(vehicle)
         if mate is None or now_s - mate.last_heard_s >= self._expiry_s:
-            return np.empty((0, 3)), np.empty(0, dtype=np.int64)
+            return np.empty((0, 2))
         return self._ahead(mate, now_s)
 
-    def _ahead(self, mate: _Mate, now_s: float) -> tuple[Array, NDArray[np.int64]]:
+    def _ahead(self, mate: _Mate, now_s: float) -> Array:
         passed = int(max(0.0, self._step_of(mate, now_s) - mate.plan.step))
-        return mate.states[passed:-1], mate.actions[passed:]
+        return mate.path.from_step(mate.plan.step + passed).places_m
 
-    def draw(self, now_s: float, rng: np.random.Generator) -> list[tuple[Array, NDArray[np.int64]]]:
-        """Legs ahead of every team mate by one of its kept plans, drawn at random: the last twice as likely each."""
-        legs = []
+    def draw(self, now_s: float, rng: np.random.Generator) -> Array:
+        """Places (P, 2) ahead of all team mates by one kept plan of each, drawn at random.
+
+        A plan is twice as likely as the one that was heard before it.
+        """
+        places = [np.empty((0, 2))]
         for _, mate in sorted(self._mates.items()):
             kept = [m for m in (mate, *mate.earlier) if now_s - m.last_heard_s < self._expiry_s]
             if kept:
                 weights = 0.5 ** np.arange(len(kept))
-                legs.append(self._ahead(kept[int(rng.choice(len(kept), p=weights / weights.sum()))], now_s))
-        return legs
+                places.append(self._ahead(kept[int(rng.choice(len(kept), p=weights / weights.sum()))], now_s))
+        return np.concatenate(places)

@@ -13,6 +13,8 @@ from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.rollout import Rollout
+from auv_lse_planner.situation import Situation
 
 SMALL = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
 
@@ -38,6 +40,20 @@ def settings(planner=None, vehicles=1, steps=20, **sections) -> PlannerSettings:
             **sections,
         },
         "test",
+    )
+
+
+def rollout(steps, samples_per_leg=1, vehicles=1, **options):
+    """A `Rollout` over a mission of so many steps, and the free space."""
+    _, motion, space, naive = world(vehicles=vehicles, **options)
+    return Rollout(motion, naive, steps, samples_per_leg), space
+
+
+def situation(state, rng, step=0, naive_paths=(), **planner) -> Situation:
+    """A situation from parameters of the method "augmented" and others."""
+    config = PlannerConfig(**{"method": "augmented", **planner}).complete()
+    return Situation(
+        planner=config, step=step, state=state, horizon=config.horizon, naive_paths=tuple(naive_paths), rng=rng
     )
 
 

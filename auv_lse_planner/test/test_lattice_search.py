@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
-from planner_helpers import centers, world
+from planner_helpers import centers, rollout, world
 
 import auv_lse_planner.search.lattice as module
 from auv_lse_common.compiled import plain
+from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
@@ -32,6 +33,7 @@ def _run(search, iterations=300, seed=1, deadline=None, seeds=(), horizon=6):
 
 @pytest.mark.parametrize("samples", [1, 2])
 def test_values_are_the_surrogates_and_paths_are_feasible(samples):
+    roll, _ = rollout(20, samples)
     space, surrogate, search = _search(samples=samples)
     ranking, done, hit = _run(search)
     assert done == 300
@@ -41,11 +43,10 @@ def test_values_are_the_surrogates_and_paths_are_feasible(samples):
     assert len({a for a, _ in ranking}) == len(ranking)
     for actions, value in ranking[:10]:
         state = STATE
-        states = space.motion.roll(STATE, actions)
         for action in actions:
             assert action in space.feasible(state)
             state = space.motion.end_state(state, action)
-        places = space.motion.sample_places(states[:-1], np.array(actions), samples)
+        places = roll.path(0, STATE, actions, NONE).places_m
         assert value == pytest.approx(surrogate.value(places), rel=1e-5)
 
 

@@ -78,21 +78,12 @@ def test_loops_are_the_turning_circles(table):
     for side in (0, 1):
         ahead, starboard, reach = printed.loops_m[side]
         c, s = math.cos(state[0]), math.sin(state[0])
-        centre = np.array([state[1] + c * ahead - s * starboard, state[2] + s * ahead + c * starboard])
+        center = np.array([state[1] + c * ahead - s * starboard, state[2] + s * ahead + c * starboard])
         at = state
         for _ in range(5):
             track = printed.track(at, int(printed.loop_actions[side]), 1.0)
-            assert np.hypot(*(track - centre).T).max() <= reach + 1e-6
+            assert np.hypot(*(track - center).T).max() <= reach + 1e-6
             at = printed.end_state(at, int(printed.loop_actions[side]))
-
-
-def test_sample_places_end_at_the_legs_end(table):
-    states = table.roll(np.zeros(3), [5, 10, 2])
-    one = table.sample_places(states[:-1], np.array([5, 10, 2]), 1)
-    three = table.sample_places(states[:-1], np.array([5, 10, 2]), 3)
-    assert one == pytest.approx(states[1:, 1:])
-    assert three[2::3] == pytest.approx(one, abs=1e-9)
-    assert three[0] == pytest.approx([table.leg_length_m / 3, 0.0])
 
 
 @pytest.mark.parametrize(

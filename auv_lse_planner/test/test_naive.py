@@ -5,17 +5,10 @@ import pytest
 from planner_helpers import world
 
 from auv_lse_common.compiled import plain
+from auv_lse_common.plan import NONE
 from auv_lse_planner.config import MotionConfig, PlannerConfig
-from auv_lse_planner.paths.naive import (
-    COVERING,
-    HOLD,
-    IDS,
-    LAWNMOWERS,
-    NONE,
-    STRAIGHT_ON,
-    lawnmower,
-    straight_on,
-)
+from auv_lse_planner.paths.naive import lawnmower, straight_on
+from auv_lse_planner.paths.naive_ids import COVERING, HOLD, IDS, LAWNMOWERS, STRAIGHT_ON
 
 
 def _states(count, seed=1):
@@ -117,12 +110,12 @@ def test_an_area_without_room_still_gives_a_path():
 
 @pytest.mark.parametrize("naive_path", [LAWNMOWERS[1], COVERING[0], STRAIGHT_ON])
 def test_sums_along_paths_are_those_of_the_places(naive_path):
-    a, _, _, naive = world()
+    a, motion, _, naive = world()
     grid = a.grid(20.0)
     slope = 2.0 * grid.north_m[:, None] - 0.5 * grid.east_m[None, :]  # bilinear interpolation is exact on a plane
     states = _states(4, seed=8)
     sums = naive.sums_along(states, naive_path, 12, slope, grid)
     for state, total in zip(states, sums, strict=True):
-        places = naive.path_places(state, naive_path, 12, 1)
+        places = motion.roll(state, naive.actions(state, naive_path, 12))[1:, 1:]
         inside = np.clip(places, [grid.north_m[0], grid.east_m[0]], [grid.north_m[-1], grid.east_m[-1]])
         assert total == pytest.approx((2.0 * inside[:, 0] - 0.5 * inside[:, 1]).sum(), abs=0.5)

@@ -4,97 +4,94 @@ import dataclasses
 
 import numpy as np
 import pytest
-from planner_helpers import centers, world
+from planner_helpers import centers, situation, world
 
 from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.paths.naive import COVERING, STRIPS
-from auv_lse_planner.proposals import Situation, chosen_with_map, search_map, search_path
+from auv_lse_planner.paths.naive_ids import COVERING, STRIPS
+from auv_lse_planner.paths.rollout import Rollout
+from auv_lse_planner.proposals import chosen_with_map, search_map, search_path
 from auv_lse_planner.reward.map import MapReward
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.reward.surrogate import Surrogate
 
+STATE = np.array([0.4, 120.0, 150.0])
+
 
 @pytest.fixture(scope="module")
 def scene():
-    area, motion, space, naive = world()
+    """Free space, rollout over 40 legs, a map with 40 centers, its grid."""
+    a, motion, space, naive = world()
     posterior = Posterior(GpConfig())
-    grid = area.grid(20.0)
+    grid = a.grid(20.0)
     posterior.follow(centers(np.random.default_rng(3), 40))
-    situation = Situation(
-        state=np.array([0.4, 120.0, 150.0]),
-        steps_left=40,
+    return space, Rollout(motion, naive, 40, 1), posterior, grid
+
+
+def _situation(naive_paths=(), map_share=0.0, **changes):
+    made = situation(
+        STATE,
+        np.random.default_rng(4),
+        naive_paths=naive_paths,
         horizon=6,
-        naive_paths=(),
         iterations=120,
         exploration=0.5,
-        batch=8,
-        samples_per_leg=1,
         finalists=16,
-        rng=np.random.default_rng(4),
-        deadline=None,
-        seeds=[],
+        map_share=map_share,
     )
-    return motion, space, naive, posterior, grid, situation
+    return dataclasses.replace(made, **changes)
 
 
-def _fresh(situation, **changes):
-    return dataclasses.replace(situation, rng=np.random.default_rng(4), **changes)
-
-
-def _places(motion, state, actions):
-    return motion.roll(state, np.array(actions))[1:, 1:]
+def _places(rollout, actions, naive_path=NONE):
+    return rollout.path(0, STATE, actions, naive_path).places_m
 
 
 def test_the_choice_is_the_best_finalist_by_both_rewards(scene):
-    motion, space, naive, posterior, grid, situation = scene
+    space, rollout, posterior, grid = scene
     own, by_map = PathReward(posterior, LevelSet()), MapReward(KeptColumns(posterior, grid.places_m), LevelSet())
-    found = search_path(_fresh(situation), space, naive, own)
-    chosen = chosen_with_map(found, situation, space, by_map, 1.0)
+    found = search_path(_situation(), space, rollout, own)
+    chosen = chosen_with_map(found, _situation(map_share=1.0), rollout, by_map)
     finalists = found.ranking[:16]
-    maps = np.array([by_map.value(posterior.columns(_places(motion, situation.state, a))) for a, _ in finalists])
+    maps = np.array([by_map.value(posterior.columns(_places(rollout, a))) for a, _ in finalists])
     values = np.array([v for _, v in finalists])
     score = values / values.max() + maps / maps.max()
     assert chosen.actions == finalists[int(np.argmax(score))][0]
-    assert chosen.value == pytest.approx(own.value(posterior.columns(_places(motion, situation.state, chosen.actions))))
+    assert chosen.value == pytest.approx(own.value(posterior.columns(_places(rollout, chosen.actions))))
     assert chosen.actions != found.actions  # in this scene the map has another favourite
     assert sorted(chosen.ranking) == sorted(found.ranking)
 
 
 def test_a_share_of_nothing_leaves_the_searchs_choice_and_a_large_one_the_maps(scene):
-    motion, space, naive, posterior, grid, situation = scene
+    space, rollout, posterior, grid = scene
     own, by_map = PathReward(posterior, LevelSet()), MapReward(KeptColumns(posterior, grid.places_m), LevelSet())
-    found = search_path(_fresh(situation), space, naive, own)
-    assert chosen_with_map(found, situation, space, by_map, 0.0).actions == found.actions
-    maps = {a: by_map.value(posterior.columns(_places(motion, situation.state, a))) for a, _ in found.ranking[:16]}
-    assert chosen_with_map(found, situation, space, by_map, 1e9).actions == max(maps, key=maps.__getitem__)
+    found = search_path(_situation(), space, rollout, own)
+    assert chosen_with_map(found, _situation(map_share=0.0), rollout, by_map).actions == found.actions
+    maps = {a: by_map.value(posterior.columns(_places(rollout, a))) for a, _ in found.ranking[:16]}
+    assert chosen_with_map(found, _situation(map_share=1e9), rollout, by_map).actions == max(maps, key=maps.__getitem__)
 
 
 def test_paths_proposed_by_their_own_reward_are_valued_on_the_map_to_the_missions_end(scene):
-    motion, space, naive, posterior, grid, situation = scene
+    space, rollout, posterior, grid = scene
     own, by_map = (
         PathReward(posterior, LevelSet(), "beyond"),
         MapReward(KeptColumns(posterior, grid.places_m), LevelSet()),
     )
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(by_map)
-    there = _fresh(situation, naive_paths=COVERING)
-    found = search_map(there, space, naive, by_map, surrogate, own)
+    found = search_map(_situation(COVERING), space, rollout, by_map, surrogate, own)
     assert found.naive_path in COVERING
-    state = motion.roll(there.state, np.array(found.actions))[-1]
-    tail = naive.actions(state, found.naive_path, there.steps_left - len(found.actions))
-    whole = _places(motion, there.state, [*found.actions, *tail])
-    assert len(whole) == there.steps_left
+    whole = _places(rollout, found.actions, found.naive_path)
+    assert len(whole) == rollout.steps
     assert found.value == pytest.approx(by_map.value(posterior.columns(whole)))
-    proposed = search_path(_fresh(situation), space, naive, own).ranking[:16]
+    proposed = search_path(_situation(), space, rollout, own).ranking[:16]
     assert found.actions in [a for a, _ in proposed]
 
 
 def test_the_first_finalist_that_beats_the_incumbent_is_taken(scene):
-    _, space, naive, posterior, grid, situation = scene
+    space, rollout, posterior, grid = scene
     own, by_map = (
         PathReward(posterior, LevelSet(), "beyond"),
         MapReward(KeptColumns(posterior, grid.places_m), LevelSet()),
@@ -103,11 +100,11 @@ def test_the_first_finalist_that_beats_the_incumbent_is_taken(scene):
     surrogate.set(by_map)
 
     def search(**changes):
-        return search_map(_fresh(situation, naive_paths=COVERING, **changes), space, naive, by_map, surrogate, own)
+        return search_map(_situation(COVERING, **changes), space, rollout, by_map, surrogate, own)
 
     everything = search(to_beat=np.inf)
-    assert everything.evaluations == situation.finalists
-    liked = search_path(_fresh(situation), space, naive, own).actions  # share 0: the order is the path reward's
+    assert everything.evaluations == 16
+    liked = search_path(_situation(), space, rollout, own).actions  # share 0: the order is the path reward's
     assert search().actions == liked
     values = dict(everything.ranking[: everything.evaluations])
     beats = search(to_beat=values[liked] + 1e-9)
@@ -117,13 +114,13 @@ def test_the_first_finalist_that_beats_the_incumbent_is_taken(scene):
 
 
 def test_without_naive_paths_only_the_legs_searched_count(scene):
-    motion, space, naive, posterior, grid, situation = scene
+    space, rollout, posterior, grid = scene
     by_map = MapReward(KeptColumns(posterior, grid.places_m), LevelSet())
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(by_map)
-    found = search_map(_fresh(situation), space, naive, by_map, surrogate)
+    found = search_map(_situation(), space, rollout, by_map, surrogate)
     assert found.naive_path == NONE
-    places = _places(motion, situation.state, found.actions)
+    places = _places(rollout, found.actions)
     assert found.value == pytest.approx(by_map.value(posterior.columns(places)))
 
 

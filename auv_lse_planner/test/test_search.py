@@ -2,13 +2,13 @@ import itertools
 
 import numpy as np
 import pytest
-from planner_helpers import centers, world
+from planner_helpers import centers, rollout, situation
 
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.paths.naive import LAWNMOWERS
-from auv_lse_planner.proposals import Situation, search_path
+from auv_lse_planner.paths.naive_ids import LAWNMOWERS
+from auv_lse_planner.proposals import search_path
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.uct import TreeSearch, exhaustive_search
@@ -88,26 +88,8 @@ def test_progress_only_rises_and_ends_at_the_value():
     assert values[-1] == result.value
 
 
-def _situation(state, left, naive_paths, rng):
-    return Situation(
-        state=state,
-        steps_left=left,
-        horizon=3,
-        naive_paths=naive_paths,
-        iterations=150,
-        exploration=0.2,
-        batch=8,
-        samples_per_leg=1,
-        finalists=1,
-        rng=rng,
-        deadline=None,
-        seeds=[],
-    )
-
-
 def test_tree_search_against_exhaustive_search_on_real_situations():
     """A small version of the yardstick in benchmarks/planner_yardstick.py (200 situations there)."""
-    _, motion, space, naive = world()
     good = 0
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -117,48 +99,44 @@ def test_tree_search_against_exhaustive_search_on_real_situations():
         state = np.array([rng.uniform(-3, 3), *rng.uniform(60, 300, 2)])
         left = int(rng.integers(3, 25))
         naive_paths = (LAWNMOWERS[0],) if left > 3 else ()
-        sequences = PathSequences(reward, motion, naive, state, left, naive_paths, 1)
-        best = exhaustive_search(space.choices, motion.end_state, sequences, state, 3)
-        found = search_path(_situation(state, left, naive_paths, rng), space, naive, reward)
+        roll, space = rollout(left)
+        sequences = PathSequences(reward, roll, 0, state, naive_paths)
+        best = exhaustive_search(space.choices, space.motion.end_state, sequences, state, 3)
+        there = situation(state, rng, naive_paths=naive_paths, iterations=150)
+        found = search_path(there, space, roll, reward)
         good += found.value >= 0.99 * best.value
         assert found.value <= best.value + 1e-9
     assert good >= 5
 
 
 def test_sequences_are_valued_with_their_naive_path():
-    _, motion, _, naive = world()
+    roll, _ = rollout(20, samples_per_leg=2)
     rng = np.random.default_rng(9)
     posterior = Posterior(GpConfig())
     posterior.follow(centers(rng, 40))
     reward = PathReward(posterior, LevelSet())
     state = np.array([0.3, 150.0, 150.0])
-    both = PathSequences(reward, motion, naive, state, 20, LAWNMOWERS[:2], 2)
+    both = PathSequences(reward, roll, 0, state, LAWNMOWERS[:2])
     values = both([(5, 5, 6), (5, 4, 6), (5, 5, 6)])
     for sequence, value in zip([(5, 5, 6), (5, 4, 6)], values, strict=False):
-        per_tail = []
-        for naive_path in LAWNMOWERS[:2]:
-            head = motion.roll(state, sequence)
-            actions = np.concatenate([sequence, naive.actions(head[-1], naive_path, 17)])
-            states = motion.roll(state, actions)
-            places = motion.sample_places(states[:-1], actions, 2)
-            assert places == pytest.approx(both.path_places(sequence, naive_path))
-            per_tail.append(reward.value(posterior.columns(places)))
-        assert value == pytest.approx(max(per_tail), abs=1e-9)
-        assert both.continuations[sequence].naive_path == LAWNMOWERS[int(np.argmax(per_tail))]
+        alone = [reward.value(posterior.columns(roll.path(0, state, sequence, h).places_m)) for h in LAWNMOWERS[:2]]
+        assert value == pytest.approx(max(alone), abs=1e-9)
+        assert both.naive_path[sequence] == LAWNMOWERS[int(np.argmax(alone))]
 
 
-def test_promising_heads_are_the_best_of_all():
-    _, motion, space, naive = world()
+def test_promising_sequences_are_the_best_of_all():
+    short, space = rollout(2, samples_per_leg=2)
+    long, _ = rollout(20, samples_per_leg=2)
     rng = np.random.default_rng(10)
     posterior = Posterior(GpConfig())
     posterior.follow(centers(rng, 60))
     reward = PathReward(posterior, LevelSet())
     state = np.array([0.3, 150.0, 150.0])
-    alone = PathSequences(reward, motion, naive, state, 2, (), 2)
-    best = exhaustive_search(space.choices, motion.end_state, alone, state, 2)
-    heads = PathSequences(reward, motion, naive, state, 20, LAWNMOWERS[:1], 2).promising(space, 2, 5, 1)
-    assert heads[:5] == [a for a, _ in best.ranking[:5]]
-    assert {h[0] for h in heads} == set(space.choices(state))
+    alone = PathSequences(reward, short, 0, state, ())
+    best = exhaustive_search(space.choices, space.motion.end_state, alone, state, 2)
+    first = PathSequences(reward, long, 0, state, LAWNMOWERS[:1]).promising(space, 2, 5, 1)
+    assert first[:5] == [a for a, _ in best.ranking[:5]]
+    assert {sequence[0] for sequence in first} == set(space.choices(state))
     assert alone.promising(space, 10, 5, 1) == []
 
 

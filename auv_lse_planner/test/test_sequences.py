@@ -2,14 +2,13 @@ import itertools
 
 import numpy as np
 import pytest
-from planner_helpers import centers, world
+from planner_helpers import centers, rollout, world
 
 from auv_lse_common.compiled import plain
 from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.paths.naive import HOLD, LAWNMOWERS, STRIPS
 from auv_lse_planner.reward import path as path_reward
 from auv_lse_planner.reward.path import PathReward, small_inverse_diagonals
 from auv_lse_planner.search.prefixes import Prefixes
@@ -30,21 +29,20 @@ def _reward(data, team, credit, seed=3):
 @pytest.mark.parametrize(("data", "team"), [(0, 0), (0, 12), (60, 0), (200, 40)])
 @pytest.mark.parametrize(("naive_paths", "samples", "horizon"), [((), 1, 10), ((), 3, 10), ((0xF0, 0xF4), 1, 3)])
 def test_values_of_a_batch_are_the_exact_values_of_its_paths(data, team, credit, naive_paths, samples, horizon):
-    _, motion, space, naive = world()
+    roll, space = rollout(60, samples)
     rng, reward = _reward(data, team, credit)
-    sequences = PathSequences(reward, motion, naive, STATE, 60, naive_paths, samples)
+    sequences = PathSequences(reward, roll, 0, STATE, naive_paths)
     first = [tuple(int(a) for a in space.random_actions(STATE, rng.random(horizon))) for _ in range(8)]
-    second = [(*s[: horizon // 2], *([5] * (horizon - horizon // 2))) for s in first]  # known beginnings
+    second = [(*s[: horizon // 2], *([5] * (horizon - horizon // 2))) for s in first]  # known prefixes
     for batch in (first, second, first):
         values = sequences(batch)
         for sequence, value in zip(batch, values, strict=True):
             exact = [
-                reward.value(reward.posterior.columns(sequences.path_places(sequence, h)))
-                for h in naive_paths or [NONE]
+                reward.value(reward.posterior.columns(roll.path(0, STATE, sequence, naive_path).places_m))
+                for naive_path in naive_paths or [NONE]
             ]
             assert value == pytest.approx(max(exact), abs=1e-9)
-            assert sequences.continuations[sequence].value == value
-            assert sequences.continuations[sequence].naive_path == (naive_paths or [NONE])[int(np.argmax(exact))]
+            assert sequences.naive_path[sequence] == (naive_paths or [NONE])[int(np.argmax(exact))]
 
 
 @pytest.mark.parametrize("length", [1, 10, 24, 25])
@@ -76,7 +74,7 @@ def test_a_covariance_that_cannot_be_is_refused():
         reward.values_of_equal(columns, 3)
 
 
-def test_beginnings_are_numbered_once():
+def test_prefixes_are_numbered_once():
     _, motion, _, _ = world()
     prefixes = Prefixes(motion, STATE)
     sequences = np.array(list(itertools.product((0, 5, 7), repeat=3)))
@@ -88,22 +86,11 @@ def test_beginnings_are_numbered_once():
     for sequence, own in zip(sequences, numbers, strict=True):
         rolled = motion.roll(STATE, sequence)
         assert (prefixes.states(own) == rolled[1:]).all()
-    places = prefixes.leg_places(1, 2)
+    states, actions, ends = prefixes.last_legs(1)
     rolled = motion.roll(STATE, sequences[0])
-    assert places[:6] == pytest.approx(motion.sample_places(rolled[:-1], sequences[0], 2))
-
-
-@pytest.mark.parametrize("naive_path", [LAWNMOWERS[0], LAWNMOWERS[3], STRIPS[1], HOLD, NONE])
-def test_naive_paths_of_many_states_are_those_of_each(naive_path):
-    _, motion, _, naive = world(vehicles=3)
-    rng = np.random.default_rng(2)
-    states = np.stack([rng.uniform(-3, 3, 20), rng.uniform(-10, 370, 20), rng.uniform(-10, 470, 20)], axis=1)
-    actions = naive.actions_from(states, naive_path, 30)
-    places = naive.places_from(states, naive_path, 30, 2)
-    for state, own, at in zip(states, actions, places, strict=True):
-        assert own.tolist() == naive.actions(state, naive_path, 30).tolist()
-        rolled = motion.roll(state, own)
-        assert at == pytest.approx(motion.sample_places(rolled[:-1], own, 2).reshape(at.shape))
+    assert np.array_equal(states[:3], rolled[:-1])
+    assert actions[:3].tolist() == sequences[0].tolist()
+    assert np.array_equal(ends[:3], rolled[1:])
 
 
 def test_long_paths_take_the_other_way_and_are_worth_the_same(monkeypatch):

@@ -10,8 +10,8 @@ from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_common.plan import Plan
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.online import OnlineGp
-from auv_lse_planner.config import METHODS, PlannerConfig, PlannerSettings
-from auv_lse_planner.methods import RECIPES, recipe
+from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.methods import METHODS
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 
@@ -22,7 +22,7 @@ def _fly(planner, gp=None, ticks=2000, until=None, push=None):
     leg, queue, decisions = None, [], []
     for t in range(ticks):
         off = np.zeros(2) if push is None else push(t)
-        planner.odometry(float(t), state[0], state[1] + off[0], state[2] + off[1], v.speed_mps)
+        planner.odometry(float(t), state[0], state[1] + off[0], state[2] + off[1])
         if planner.finished or (until is not None and len(decisions) >= until):
             return decisions
         if planner.due(float(t)):
@@ -80,7 +80,7 @@ def test_decisions_are_due_after_the_delay_and_near_the_legs_end():
     s = settings(steps=3, vehicle={"start_delay_s": 5.0})
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
     assert not planner.due(10.0)  # no odometry
-    planner.odometry(0.0, 0.0, 0.0, 0.0, 0.0)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
     assert not planner.due(4.0)
     assert planner.due(5.0)
     first = planner.decide(5.0)
@@ -89,36 +89,36 @@ def test_decisions_are_due_after_the_delay_and_near_the_legs_end():
     lead = s.planner.replan_lead_s * s.vehicle.speed_mps
     for left, due in ((lead + 0.5, False), (lead - 0.5, True)):
         at = first.leg.state_at(first.leg.length_m - left)
-        planner.odometry(15.0, *at, 1.5)
+        planner.odometry(15.0, *at)
         assert planner.due(15.0) is due
     second = planner.decide(15.0)
     assert planner.leg == first.leg  # still on the first
     assert not planner.due(15.5)
     at = second.leg.state_at(1.0)
-    planner.odometry(20.0, *at, 1.5)
+    planner.odometry(20.0, *at)
     assert planner.leg == second.leg
 
 
 def test_without_fresh_odometry_it_stops_planning_and_says_so():
     planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
     assert any("odometry: none" in p for p in planner.problems(1.0).values())
-    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
     assert planner.problems(1.0) == {}
     assert planner.due(9.0)
     assert not planner.due(11.0)
     assert any("planning has stopped" in p for p in planner.problems(11.0).values())
-    planner.odometry(12.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(12.0, 0.0, 0.0, 0.0)
     assert planner.due(12.0)
-    planner.odometry(13.0, math.nan, 0.0, 0.0, 1.5)  # not a state: as if nothing had come
+    planner.odometry(13.0, math.nan, 0.0, 0.0)  # not a state: as if nothing had come
     assert planner.due(13.0)
 
 
 def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
     planner = VehiclePlanner(2, settings(vehicles=2), np.random.default_rng(1))
-    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
     planner.set_centers(centers(np.random.default_rng(1), 5), 0.0)
     assert any("no plan of vehicle 1" in p for p in planner.problems(1.0).values())
-    planner.odometry(100.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(100.0, 0.0, 0.0, 0.0)
     assert any(p.startswith("map: last 100 s ago") for p in planner.problems(100.0).values())
     assert planner.due(100.0)
     planner.decide(100.0)
@@ -160,10 +160,10 @@ def test_a_kept_plan_is_travelled_exactly_as_it_was_announced():
     kept = [d for d in decisions if d.bound.incumbent_kept]
     assert kept
     for d in kept:
-        states, actions = planner.rebuild(d.plan)  # what every receiver does
-        at = states[d.leg.step - d.plan.step]
+        path = planner.rollout.follow(d.plan)  # what every receiver does
+        at = path.from_step(d.leg.step).states[0]
         assert (d.leg.heading_rad, d.leg.north_m, d.leg.east_m) == tuple(at)
-        assert len(actions) == 30 - d.plan.step
+        assert len(path) == 30 - d.plan.step
 
 
 def test_plans_survive_the_packets_float32():
@@ -181,17 +181,17 @@ def test_plans_survive_the_packets_float32():
         )
         assert received == p
         other = VehiclePlanner(1, s, np.random.default_rng(99))
-        assert np.array_equal(other.rebuild(received)[0], planner.rebuild(p)[0])
+        assert np.array_equal(other.rollout.follow(received).states, planner.rollout.follow(p).states)
 
 
 def test_a_vehicle_driven_off_its_leg_plans_from_where_it_is():
     s = settings(steps=6)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
-    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
     first = planner.decide(0.0)
     at = first.leg.state_at(first.leg.length_m - 3.0)
     pushed = (at[1] + 30.0 * math.sin(at[0]), at[2] - 30.0 * math.cos(at[0]))
-    planner.odometry(14.0, at[0], *pushed, 1.5)
+    planner.odometry(14.0, at[0], *pushed)
     second = planner.decide(14.0)
     assert second.statistics.reanchored
     assert math.hypot(second.leg.north_m - pushed[0], second.leg.east_m - pushed[1]) < 6.1
@@ -200,7 +200,7 @@ def test_a_vehicle_driven_off_its_leg_plans_from_where_it_is():
 
 def test_a_start_elsewhere_than_configured_is_taken_from_odometry():
     planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
-    planner.odometry(0.0, 1.0, 200.0, 300.0, 1.5)
+    planner.odometry(0.0, 1.0, 200.0, 300.0)
     decision = planner.decide(0.0)
     assert decision.statistics.reanchored
     assert (decision.leg.north_m, decision.leg.east_m) == (200.0, 300.0)
@@ -218,22 +218,21 @@ def test_it_escapes_from_a_corner_without_an_exception():
 def test_shallow_ground_on_the_map_ends_the_incumbent():
     s = settings({"method": "lawnmower"}, steps=12)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
-    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
     first = planner.decide(0.0)
-    states, _ = planner.rebuild(first.plan)
-    ahead = states[3, 1:]
+    ahead = planner.rollout.follow(first.plan).states[3, 1:]
     # a survey at every 20 m: 20 m of water, but for a shoal of 30 m radius in the third leg's way
     survey = np.array([[n, e] for n in np.arange(-20.0, 200.0, 20.0) for e in np.arange(-20.0, 200.0, 20.0)])
     depths = np.where(np.hypot(*(survey - ahead).T) < 30.0, 1.0, 20.0)
     shoal = Centers(survey, depths, np.full(len(survey), 0.3))
     planner.set_centers(shoal)
     at = first.leg.end_state
-    planner.odometry(15.0, *at, 1.5)
+    planner.odometry(15.0, *at)
     second = planner.decide(15.0)
     assert second.statistics.incumbent_infeasible
     assert not second.bound.incumbent_kept
-    states, actions = planner.rebuild(second.plan)
-    for state, action in zip(states[:4], actions[:4], strict=False):
+    path = planner.rollout.follow(second.plan)
+    for state, action in zip(path.states[:4], path.actions[:4], strict=False):
         track = planner.motion.track(state, int(action), 1.0)
         assert planner.posterior.mean_m(track).min() > 3.0
 
@@ -242,8 +241,8 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     s = settings({"method": "augmented", "credit": "beyond"}, vehicles=2, steps=10)
     one = VehiclePlanner(1, s, np.random.default_rng(1))
     two = VehiclePlanner(2, s, np.random.default_rng(1))
-    one.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
-    two.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    one.odometry(0.0, 0.0, 0.0, 0.0)
+    two.odometry(0.0, 0.0, 0.0, 0.0)
     plan = one.decide(0.0).plan
     two.hear(0.0, 1, dataclasses.replace(plan, naive_path=0x20))
     two.hear(0.0, 1, dataclasses.replace(plan, actions=(77,)))
@@ -253,7 +252,7 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     two.hear(0.0, 1, plan)
     decision = two.decide(0.0)
     assert decision.statistics.team_places == 10
-    mine, theirs = two.rebuild(decision.plan)[0][:, 1:], one.rebuild(plan)[0][:, 1:]
+    mine, theirs = two.rollout.follow(decision.plan).states[:, 1:], one.rollout.follow(plan).states[:, 1:]
     apart = np.hypot(*(mine[-1] - theirs[-1]))
     assert apart > 20.0
 
@@ -261,10 +260,10 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
 def test_parameters_can_be_changed_while_it_runs():
     s = settings({"method": "augmented", "iterations": 20}, steps=10)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))
-    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
     first = planner.decide(0.0)
     planner.set_planner(PlannerConfig(method="best", iterations=200))
-    planner.odometry(15.0, *first.leg.end_state, 1.5)
+    planner.odometry(15.0, *first.leg.end_state)
     second = planner.decide(15.0)
     assert second.bound.method == "best"
     assert second.bound.iterations == 200
@@ -275,7 +274,7 @@ def test_parameters_can_be_changed_while_it_runs():
 def test_a_deadline_gives_a_feasible_plan(method):
     planner = VehiclePlanner(1, settings({"method": method}, steps=60), np.random.default_rng(1))
     planner.set_centers(centers(np.random.default_rng(1), 100))
-    planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
     decision = planner.decide(0.0, deadline=lambda: True)
     assert decision.bound.deadline_hit
     state = np.array([0.0, 0.0, 0.0])
@@ -288,7 +287,7 @@ def test_samples_per_leg_count_in_the_reward():
     values = []
     for samples in (1, 3):
         planner = VehiclePlanner(1, settings({"samples_per_leg": samples}), np.random.default_rng(1))
-        planner.odometry(0.0, 0.0, 0.0, 0.0, 1.5)
+        planner.odometry(0.0, 0.0, 0.0, 0.0)
         values.append(planner.decide(0.0).bound.jbar)
     assert values[1] > 2.0 * values[0]
 
@@ -298,20 +297,37 @@ def test_a_vehicle_that_does_not_exist_is_refused():
         VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
 
 
-def test_recipes_are_the_papers_and_can_be_overridden():
-    paper = RECIPES["augmented"]
-    assert (paper.objective, paper.credit, paper.horizon, paper.tail) == ("path", "printed", 3, True)
-    plain = RECIPES["plain"]
-    assert (plain.objective, plain.credit, plain.horizon, plain.tail, plain.incumbent) == (
-        "path",
-        "printed",
-        10,
-        False,
-        False,
-    )
-    changed = recipe(PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)))
+def test_methods_are_the_papers_and_single_parameters_go_before():
+    paper = PlannerConfig(method="augmented").complete()
+    assert (paper.objective, paper.credit, paper.horizon, paper.augmented) == ("path", "printed", 3, True)
+    assert (paper.proposals, paper.naive_paths, paper.incumbent) == ("path", (0xF0,), True)
+    plain = PlannerConfig(method="plain").complete()
+    assert (plain.objective, plain.credit, plain.horizon, plain.augmented) == ("path", "printed", 10, False)
+    assert (plain.naive_paths, plain.incumbent) == ((), False)
+    changed = PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)).complete()
     assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))
-    assert recipe(PlannerConfig(method="plain", tail=True)).naive_paths == (0xF0,)
+    assert PlannerConfig(method="plain", augmented=True).complete().naive_paths == (0xF0,)
+    assert PlannerConfig(method="plain", naive_paths=(0xF4,)).complete().naive_paths == ()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_that_follows_from_the_method_is_left_out(method):
+    complete = PlannerConfig(method=method).complete()
+    missing = {f.name for f in dataclasses.fields(complete) if getattr(complete, f.name) is None}
+    assert missing == {"lane_heading_deg"}  # which follows from the area
+    assert complete.complete() == complete
+
+
+def test_a_methods_values_are_parameters_that_a_file_may_give():
+    for method, values in METHODS.items():
+        assert from_mapping(PlannerConfig, {"method": method, **values}, "methods.py").method == method
+
+
+def test_the_surrogate_of_the_maps_reward_cannot_stand_for_the_paths():
+    assert PlannerConfig(method="map").complete().proposals == "surrogate"
+    assert PlannerConfig(method="map", objective="path").complete().proposals == "path"
+    with pytest.raises(ValueError, match="'surrogate' stands in for the map's reward"):
+        PlannerConfig(method="best", proposals="surrogate").complete()
 
 
 @pytest.mark.parametrize(
@@ -349,19 +365,18 @@ def test_dec_mcts_plans_against_what_team_mates_may_do():
     for now in range(3):
         for planner, other in ((one, two), (two, one)):
             at = planner.leg.end_state if planner.leg is not None and now else np.zeros(3)
-            planner.odometry(20.0 * now, *at, 1.5)
+            planner.odometry(20.0 * now, *at)
             if now > 1:
-                planner.odometry(20.0 * now, *planner.leg.end_state, 1.5)
+                planner.odometry(20.0 * now, *planner.leg.end_state)
             decision = planner.decide(20.0 * now)
             other.hear(20.0 * now, planner.vehicle, decision.plan)
             told.append(decision)
-            _, actions = planner.rebuild(decision.plan)
-            assert len(actions) == 8 - decision.plan.step
+            assert len(planner.rollout.follow(decision.plan)) == 8 - decision.plan.step
             assert math.isfinite(decision.bound.jbar)
     assert told[-1].statistics.team_places > 0
     # what is told is drawn from a distribution: not always the path that is travelled
     draws = [one.team.draw(60.0, np.random.default_rng(i)) for i in range(12)]
-    assert len({d[0][0].tobytes() for d in draws}) > 1
+    assert len({places.tobytes() for places in draws}) > 1
 
 
 def test_dec_mcts_prefers_better_sequences_and_cools():
@@ -383,6 +398,6 @@ def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_ot
     planner = VehiclePlanner(1, settings({"method": "random"}, steps=2), np.random.default_rng(1))
     last = _fly(planner)[-1].leg
     assert planner.finished
-    planner.odometry(1e3, last.heading_rad, last.north_m, last.east_m, 1.5)  # round the circle, back at its start
+    planner.odometry(1e3, last.heading_rad, last.north_m, last.east_m)  # round the circle, back at its start
     assert planner.finished
     assert not [p for p in planner.problems(1e3).values() if p.startswith("leg")]

@@ -12,7 +12,9 @@ from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_planner.paths.naive import IDS, NaivePaths
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.naive_ids import IDS
+from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 Array = NDArray[np.float64]
@@ -43,13 +45,7 @@ class Boat:
         self.motion = MotionTable(motion)
         self.space = FreeSpace(self.area, self.motion)
         self.naive = NaivePaths(self.space, PlannerConfig(), self.area.polygon, 3)
-
-    def path(self, step: int, state: Array, actions: tuple[int, ...], naive_path: int) -> Array:
-        """States (L + 1, 3) from mission step `step` to the mission's end, or to the plan's without naive path."""
-        own = list(actions[: MISSION_STEPS - step])
-        end = self.motion.roll(state, own)[-1]
-        naive = self.naive.actions(end, naive_path, MISSION_STEPS - step - len(own))
-        return self.motion.roll(state, [*own, *naive.tolist()])
+        self.rollout = Rollout(self.motion, self.naive, MISSION_STEPS, 1)
 
 
 @pytest.mark.parametrize("kind", ACTION_SETS)
@@ -71,10 +67,10 @@ def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
                 actions=actions,
                 naive_path=naive_path,
             )
-            sent = sender.path(plan.step, plan.state, plan.actions, plan.naive_path)
+            sent = sender.rollout.follow(plan).states
             got = through_packet(plan, rng.uniform(0.0, 50.0, (5, 3)))
             assert got == plan
-            rebuilt = receiver.path(got.step, got.state, got.actions, got.naive_path)
+            rebuilt = receiver.rollout.follow(got).states
             assert rebuilt.shape == sent.shape
             if naive_path != NONE:
                 assert len(rebuilt) == MISSION_STEPS - step + 1
@@ -100,15 +96,15 @@ def test_at_every_step_of_a_mission_team_mates_know_the_path_that_is_travelled(m
     receiver = VehiclePlanner(2, settings, np.random.default_rng(2))
     state = np.zeros(3)
     for step in range(30):
-        sender.odometry(20.0 * step, state[0], state[1], state[2], 1.5)
+        sender.odometry(20.0 * step, state[0], state[1], state[2])
         decision = sender.decide(20.0 * step)
         travelled = sender.path
         assert travelled is not None
         got = through_packet(decision.plan, np.zeros((0, 3)))
         assert got == decision.plan
-        rebuilt, actions = receiver.rebuild(got)
+        rebuilt = receiver.rollout.follow(got)
         gone = step + 1 - got.step
-        np.testing.assert_array_equal(rebuilt[gone:], travelled[0])
-        np.testing.assert_array_equal(actions[gone:], travelled[1])
-        assert decision.plan.naive_path == NONE or len(actions) == 30 - decision.plan.step
+        np.testing.assert_array_equal(rebuilt.states[gone:], travelled.states)
+        np.testing.assert_array_equal(rebuilt.actions[gone:], travelled.actions)
+        assert decision.plan.naive_path == NONE or len(rebuilt) == 30 - decision.plan.step
         state = decision.leg.end_state

@@ -4,8 +4,9 @@ import pytest
 from auv_lse_common.plan import NONE
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.kernels import Kernel
+from auv_lse_planner.vehicle_planner import VehiclePlanner
 from auv_lse_sim.judge.evaluation import mission_settings
-from auv_lse_sim.judge.reward import PlannedPath, leg_times, reward_curves, running_maximum
+from auv_lse_sim.judge.reward import PlannedPaths, leg_times, reward_curves, running_maximum
 
 
 def settings_of(run):
@@ -28,7 +29,7 @@ def test_leg_times_are_when_the_states_were_passed(synthetic_run):
     run = synthetic_run(steps=10, drift_mps=0.0)
     leg_s = 15.0 * np.pi / 2.0 / 1.5
     settings, area = settings_of(run)
-    times = leg_times(run.vehicles[0], PlannedPath(settings[0], area))
+    times = leg_times(run.vehicles[0], PlannedPaths(settings[0], area))
     assert times[-1] == np.inf
     assert times[:-1] == pytest.approx(leg_s * np.arange(10), abs=0.7)  # odometry every 0.65 s
 
@@ -80,10 +81,8 @@ def test_bounds_follow_the_plans(synthetic_run):
 def test_expected_whole_path_reward_of_the_first_plan_is_its_expected_benefit(synthetic_run):
     run = synthetic_run(steps=8)
     settings, area = settings_of(run)
-    paths = [PlannedPath(s, area) for s in settings]
-    places = np.concatenate(
-        [np.concatenate(p.places(v.decisions[0])) for p, v in zip(paths, run.vehicles, strict=True)]
-    )
+    paths = [PlannedPaths(s, area) for s in settings]
+    places = np.concatenate([p.ahead(v.decisions[0]).places_m for p, v in zip(paths, run.vehicles, strict=True)])
     covariance = Kernel(settings[0].gp)(places, places)
     noise = settings[0].gp.noise_std_m ** 2 * np.eye(len(places))
     after = np.diag(covariance - covariance @ np.linalg.solve(covariance + noise, covariance))
@@ -108,37 +107,33 @@ def test_plans_without_naive_part_have_no_bound(synthetic_run):
 def test_planned_paths_are_those_of_the_packet(synthetic_run):
     run = synthetic_run(steps=30)
     settings, area = settings_of(run)
-    path = PlannedPath(settings[0], area)
+    path = PlannedPaths(settings[0], area)
     decision = run.vehicles[0].decisions[4]
-    head, tail = path.places(decision)
-    assert (len(head), len(tail)) == (3, 30 - 4 - 3)
+    ahead = path.ahead(decision)
+    assert (len(ahead.own_places_m), len(ahead.naive_places_m)) == (3, 30 - 4 - 3)
     following = run.vehicles[0].decisions[5]
-    assert head[0] == pytest.approx(following.plan.state[1:], abs=1e-3)
-    assert np.all(area.clearance_m(tail) >= 0.0)
+    assert ahead.own_places_m[0] == pytest.approx(following.plan.state[1:], abs=1e-3)
+    assert np.all(area.clearance_m(ahead.naive_places_m) >= 0.0)
 
 
-def test_places_are_those_of_going_leg_by_leg(synthetic_run):
-    run = synthetic_run(steps=30)
+@pytest.mark.parametrize("samples", [1, 3, 5, 7])
+def test_credited_places_are_those_that_the_planner_counts(synthetic_run, samples):
+    run = synthetic_run(steps=12)
     for pattern in run.parameters.values():
         if "planner" in pattern:
-            pattern["planner"] = {**pattern["planner"], "samples_per_leg": 3}
+            pattern["planner"] = {**pattern["planner"], "samples_per_leg": samples}
     settings, area = settings_of(run)
-    path = PlannedPath(settings[0], area)
-    assert len(path._fractions) == 3
-    for decision in run.vehicles[0].decisions[::7]:
-        head, tail = path.places(decision)
-        state, places = path.state(decision), []
-        motion, naive = path.motion, path._naive
-        actions = list(decision.plan.actions[: 30 - decision.step])
-        after = motion.roll(state, actions)[-1]
-        for action in [*actions, *naive.actions(after, decision.plan.naive_path, 30 - decision.step - len(actions))]:
-            track = motion.tracks_m[action][np.rint(path._fractions * (motion.tracks_m.shape[1] - 1)).astype(int)]
-            c, s = np.cos(state[0]), np.sin(state[0])
-            places.append(state[1:] + track @ np.array([[c, s], [-s, c]]))
-            state = motion.end_states(state, np.asarray(action))
-        assert np.concatenate([head, tail]) == pytest.approx(np.concatenate(places), abs=1e-9)
-        assert np.array_equal(path.leg(decision), np.concatenate([head, tail])[: len(path._fractions)])
-    assert path.state(run.vehicles[0].decisions[4])[1:] == pytest.approx(run.vehicles[0].decisions[4].plan.state[1:])
+    planner = VehiclePlanner(1, settings[0], np.random.default_rng(1))
+    path = PlannedPaths(settings[0], area)
+    for decision in run.vehicles[0].decisions[::5]:
+        followed = planner.rollout.follow(decision.plan)
+        legs = [planner.motion.leg(0, s, int(a)) for s, a in zip(followed.states, followed.actions, strict=False)]
+        along = (np.arange(samples) + 1.0) / samples
+        expected = np.array([[leg.state_at(f * leg.length_m)[1:] for f in along] for leg in legs])
+        assert followed.leg_places_m == pytest.approx(expected, abs=1e-9)
+        assert np.array_equal(path.ahead(decision).leg_places_m, followed.leg_places_m)
+        assert np.array_equal(path.leg(decision), followed.places_m[:samples])
+        assert path.ahead(decision).states[0][1:] == pytest.approx(decision.plan.state[1:])
 
 
 def test_running_maximum_passes_over_unknowns():
@@ -151,17 +146,15 @@ def test_a_plan_that_is_kept_is_read_from_where_the_vehicle_is(synthetic_run):
 
     run = synthetic_run(steps=30)
     settings, area = settings_of(run)
-    path = PlannedPath(settings[0], area)
+    path = PlannedPaths(settings[0], area)
     first = run.vehicles[0].decisions[0]
-    head, tail = path.places(first)
-    everything = np.concatenate([head, tail])
+    everything = path.ahead(first).places_m
     for step in (2, 3, 10):  # within the actions, at their end, on the naive part
         kept = replace(first, step=step)
-        head, tail = path.places(kept)
-        assert len(head) == max(3 - step, 0)
-        assert np.array_equal(np.concatenate([head, tail]), everything[step:])
+        assert path.ahead(kept).own == max(3 - step, 0)
+        assert np.array_equal(path.ahead(kept).places_m, everything[step:])
         assert np.array_equal(path.leg(kept)[-1], everything[step])
-        assert path.state(kept)[1:] == pytest.approx(everything[step - 1])
+        assert path.ahead(kept).states[0][1:] == pytest.approx(everything[step - 1])
 
 
 def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
@@ -178,7 +171,7 @@ def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
 
 @pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower", "best"])
 def test_credited_places_lie_on_the_flown_tracks(method):
-    """The judge rebuilds legs from plans alone: kept plans, naive tails and strips come out as they were flown."""
+    """The judge rebuilds legs from plans alone: kept plans, naive paths and strips come out as they were flown."""
     from scipy.spatial import cKDTree
 
     from auv_lse_sim.engine.fleet import Fleet
@@ -191,7 +184,7 @@ def test_credited_places_lie_on_the_flown_tracks(method):
     run = Fleet(settings, ground_of(settings)).run()
     planner, area = settings_of(run)
     for vehicle, own in zip(run.vehicles, planner, strict=True):
-        path = PlannedPath(own, area)
+        path = PlannedPaths(own, area)
         ends = np.array([path.leg(decision)[-1] for decision in vehicle.decisions])
         assert len(ends) == 12
         off = cKDTree(vehicle.odometry[:, 1:3]).query(ends)[0]

@@ -1,8 +1,8 @@
-"""Motion primitives (PAPER.md section 4): an action is an arc of |a| at the turning radius, then a straight.
+"""Motion primitives (paper, section 4): an action is an arc of |a| at the turning radius, then a straight.
 
-A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). The print's slips are read as
-PAPER.md says: dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one plus the
-rotated step. `MotionTable` computes the step of every action once.
+A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). The print's
+slips are read as docs/paper.md says: dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one
+plus the rotated step. `MotionTable` computes the step of every action once.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.compiled import compiled
-from auv_lse_common.leg import Leg
+from auv_lse_common.leg import Leg, leg_point
 from auv_lse_planner.config import MotionConfig
 
 Array = NDArray[np.float64]
@@ -67,8 +67,8 @@ class MotionTable:
         lengths_m: Arc plus straight of each action, shape (A,).
         tracks_m: Track of each action in the body's frame, shape (A, T, 2): ahead, starboard, from the start to
             the end at equal steps of arc length of at most `track_spacing_m`.
-        loops_m: For the tightest loop to port and to starboard: centre ahead, centre starboard, radius, shape (2, 3).
-            Repeating `loop_actions` keeps the vehicle within that radius of that centre, so where the circle is
+        loops_m: For the tightest loop to port and to starboard: center ahead, center starboard, radius, shape (2, 3).
+            Repeating `loop_actions` keeps the vehicle within that radius of that center, so where the circle is
             free, a vehicle can go on forever.
         loop_actions: The actions of the loops, shape (2,).
         straight_on: Index of the action that turns least.
@@ -81,20 +81,18 @@ class MotionTable:
         theta = math.radians(config.theta_max_deg)
         turns = np.radians(np.asarray(config.actions_deg, dtype=float))
         size = np.abs(turns)
-        # PAPER.md "Slips": d = r (theta_max - |a|) is the default reading, '+' the printed one.
+        # docs/paper.md: d = r (theta_max - |a|) is the default reading, '+' the printed one.
         self.straights_m: Array = radius * (theta - size if config.straight == "constant" else theta + size)
         self.turns_rad: Array = turns
         self.radius_m = radius
         self.lengths_m: Array = radius * size + self.straights_m
-        # PAPER.md section 4: Delta_x = sign(a) [r - r cos|a| + d sin|a|], Delta_y = r sin|a| + d cos|a|
+        # Paper, section 4: Delta_x = sign(a) [r - r cos|a| + d sin|a|], Delta_y = r sin|a| + d cos|a|
         starboard = np.sign(turns) * (radius - radius * np.cos(size) + self.straights_m * np.sin(size))
         ahead = radius * np.sin(size) + self.straights_m * np.cos(size)
         self.steps_m: Array = np.stack([ahead, starboard], axis=1)
         count = math.ceil(float(self.lengths_m.max()) / config.track_spacing_m) + 1
         fractions = np.linspace(0.0, 1.0, count)
-        self.tracks_m: Array = np.stack(
-            [self._body_points(a, fractions * self.lengths_m[a]) for a in range(turns.size)]
-        )
+        self.tracks_m: Array = np.stack([self.points(a, fractions * self.lengths_m[a]) for a in range(turns.size)])
         self.spacing_m = float(self.lengths_m.max()) / (count - 1)
         self.straight_on = int(np.argmin(size))
         self.loops_m, self.loop_actions = self._loops()
@@ -109,16 +107,20 @@ class MotionTable:
         """Length of the straight-on leg: of every leg, in the constant reading."""
         return float(self.lengths_m[self.straight_on])
 
-    def _body_points(self, action: int, arc_m: Array) -> Array:
-        """Points (P, 2) ahead, starboard at arc lengths along an action's leg, in the body's frame at its start."""
-        turn, radius = float(self.turns_rad[action]), self.radius_m
-        side, size = math.copysign(1.0, turn), abs(float(turn))
-        on_arc = np.minimum(arc_m, radius * size)
-        rest = arc_m - on_arc
-        angle = on_arc / radius
-        ahead = radius * np.sin(angle) + rest * math.cos(size)
-        starboard = side * (radius - radius * np.cos(angle) + rest * math.sin(size))
-        return np.stack([ahead, starboard], axis=1)
+    def points(self, action: int, along_m: Array) -> Array:
+        """Points (P, 2) ahead, starboard at distances (P,) along an action's leg, in the body's frame at its start."""
+        turn = float(self.turns_rad[action])
+        return np.array([leg_point(turn, self.radius_m, float(s))[1:] for s in along_m]).reshape(-1, 2)
+
+    def samples(self, action: int, count: int) -> Array:
+        """So many measurement places along an action's leg, shape (count, 2), as `points`.
+
+        They lie at equal distances, the last one at the leg's end.
+        """
+        fractions = np.arange(1, count + 1) / count
+        places = self.points(action, fractions * self.lengths_m[action])
+        places[-1] = self.steps_m[action]
+        return places
 
     def _loops(self) -> tuple[Array, NDArray[np.int64]]:
         """Tightest closed loop to each side: a turn repeated orbits the fixed point of its rigid displacement."""
@@ -128,11 +130,11 @@ class MotionTable:
                 continue
             c, s = math.cos(turn), math.sin(turn)
             rotation = np.array([[c, -s], [s, c]])  # ahead, starboard: a turn is clockwise
-            centre = np.linalg.solve(np.eye(2) - rotation, self.steps_m[action])
-            reach = float(np.linalg.norm(self.tracks_m[action] - centre, axis=1).max())
+            center = np.linalg.solve(np.eye(2) - rotation, self.steps_m[action])
+            reach = float(np.linalg.norm(self.tracks_m[action] - center, axis=1).max())
             side = 1 if turn > 0.0 else 0
             if side not in best or reach < best[side][0]:
-                best[side] = (reach, centre, action)
+                best[side] = (reach, center, action)
         for side in (0, 1):  # an action set may turn to one side only
             best.setdefault(side, best.get(1 - side, (math.inf, np.zeros(2), 0)))
         loops = np.array([[*best[side][1], best[side][0]] for side in (0, 1)])
@@ -205,27 +207,8 @@ class MotionTable:
 
     def along(self, state: Array, action: int, arc_m: Array) -> Array:
         """Places (P, 2) at arc lengths `arc_m` (m) along the leg of `action` from `state`."""
-        points = self._body_points(action, np.asarray(arc_m, dtype=float))
+        points = self.points(action, np.asarray(arc_m, dtype=float))
         c, s = math.cos(state[0]), math.sin(state[0])
         return np.stack(
             [state[1] + c * points[:, 0] - s * points[:, 1], state[2] + s * points[:, 0] + c * points[:, 1]], axis=1
-        )
-
-    def sample_places(self, states: Array, actions: NDArray[np.integer], samples_per_leg: int) -> Array:
-        """Measurement places of legs: `samples_per_leg` at equal distances along each, the last at its end.
-
-        Args:
-            states: States the legs start from, shape (L, 3).
-            actions: Their actions, shape (L,).
-            samples_per_leg: Places on each leg.
-
-        Returns:
-            Places, shape (L * samples_per_leg, 2), in the order travelled.
-        """
-        if samples_per_leg == 1:
-            return self.end_states(states, np.asarray(actions))[:, 1:]
-        fractions = np.arange(1, samples_per_leg + 1) / samples_per_leg
-        return np.concatenate(
-            [self.along(s, int(a), fractions * self.lengths_m[int(a)]) for s, a in zip(states, actions, strict=True)]
-            or [np.empty((0, 2))]
         )

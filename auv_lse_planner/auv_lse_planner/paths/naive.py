@@ -33,19 +33,11 @@ from auv_lse_common.plan import NONE
 from auv_lse_gp.area import Grid
 from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible, loop_clearance
-from auv_lse_planner.paths.motion import advance, roll_many
+from auv_lse_planner.paths.motion import advance
+from auv_lse_planner.paths.naive_ids import HOLD, IDS, LAWNMOWERS, MOWING, STRAIGHT_ON, STRIPS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-#: Lawnmowers at the configured spacing, and at a spacing that covers the area.
-LAWNMOWERS = (0xF0, 0xF1, 0xF2, 0xF3)
-COVERING = (0xF4, 0xF5, 0xF6, 0xF7)
-STRAIGHT_ON = 0xF8
-HOLD = 0xF9
-STRIPS = (0xFA, 0xFB, 0xFC, 0xFD, 0xFE)
-MOWING = (*LAWNMOWERS, *COVERING, *STRIPS)
-IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD, *STRIPS)
 
 #: Metres off the lane that weigh as much as one radian off its direction.
 HEADING_WEIGHT_M = 20.0
@@ -74,8 +66,8 @@ def _reach(spacing, loops, tracks):
     leg = spacing * (tracks.shape[1] - 1)  # the longest
     reach = 1.5 * leg + 0.5 * spacing
     for side in range(loops.shape[0]):
-        centre = math.hypot(loops[side, 0], loops[side, 1])
-        reach = max(reach, 1.5 * (leg + centre) + loops[side, 2] + 0.5 * spacing)
+        center = math.hypot(loops[side, 0], loops[side, 1])
+        reach = max(reach, 1.5 * (leg + center) + loops[side, 2] + 0.5 * spacing)
     return reach
 
 
@@ -369,21 +361,6 @@ class NaivePaths:
         """`naive_paths` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
         named = STRIPS[: self._strips] if self._strips > 1 else STRIPS[:0]
         return tuple(h for h in naive_paths if h not in STRIPS or h in named) or naive_paths[:1]
-
-    def path_places(self, state: Array, naive_path: int, steps: int, samples_per_leg: int) -> Array:
-        """Measurement places (P, 2) of a naive path over `steps` legs from a state (3,)."""
-        places: Array = self.places_from(np.asarray(state, dtype=float)[None], naive_path, steps, samples_per_leg)[0]
-        return places
-
-    def places_from(self, states: Array, naive_path: int, steps: int, samples_per_leg: int) -> Array:
-        """Measurement places (B, P, 2) of a naive path over `steps` legs from each of many states (B, 3)."""
-        motion = self._space.motion
-        actions = self.actions_from(states, naive_path, steps)
-        rolled = roll_many(states, actions, motion.turns_rad, motion.steps_m)
-        if samples_per_leg == 1:
-            return np.asarray(rolled[:, 1:, 1:])
-        places = motion.sample_places(rolled[:, :-1].reshape(-1, 3), actions.ravel(), samples_per_leg)
-        return places.reshape(len(states), -1, 2)
 
     def _freer_side(self, state: Array) -> int:
         """0 if the loop to port has more room than the one to starboard, else 1."""

@@ -16,19 +16,20 @@ It plans by the path's reward; the compiled search on the map's reward has no jo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.free_space import FreeSpace
-from auv_lse_planner.paths.naive import NaivePaths
-from auv_lse_planner.proposals import Proposal, Situation
+from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.tree import ActionTree
 from auv_lse_planner.search.uct import Actions, run_search
+from auv_lse_planner.situation import Proposal, Situation
 
 Array = NDArray[np.float64]
 
@@ -50,58 +51,69 @@ def distribution(values: Array, step: int) -> Array:
     return np.asarray(weights / weights.sum())
 
 
+class JointDraws:
+    """Values of action sequences in the mean over joint draws of the team mates' plans.
+
+    A sequence is continued by one naive path in all draws: the one that is best in the mean.
+    """
+
+    def __init__(self, draws: list[PathSequences]) -> None:
+        """Takes the values of sequences against each draw; all of them know the same naive paths."""
+        self._draws = draws
+
+    def __call__(self, sequences: Sequence[Actions]) -> Array:
+        """Mean values (B,) of sequences of the same length."""
+        by_naive_path = np.mean([draw.by_naive_path(sequences) for draw in self._draws], axis=0)
+        return self._draws[0].take_best(sequences, by_naive_path)
+
+    def naive_path(self, sequence: Actions) -> int:
+        """The naive path that continues a valued sequence best; `NONE` where there is none."""
+        return self._draws[0].naive_path[sequence]
+
+
 def search_dec_mcts(
     situation: Situation,
     space: FreeSpace,
-    naive: NaivePaths,
+    rollout: Rollout,
     posterior: Posterior,
     level_set: LevelSet,
     draws: list[Array],
-    step: int,
-) -> tuple[Proposal, tuple[Actions, int]]:
+) -> Proposal:
     """Searches against joint draws of the team mates' plans.
 
     Args:
-        situation: State and budget; the iterations are shared among the draws.
+        situation: State and parameters; the iterations are shared among the draws.
         space: Where to go.
-        naive: Naive paths.
+        rollout: Follows plans to the mission's end.
         posterior: The data; planned places are left alone.
         level_set: Level and costs.
         draws: Places that the team mates still visit in each draw, shape (O, 2) each.
-        step: Mission step.
 
     Returns:
-        The best sequence found; and the plan (actions, naive path) drawn from the own distribution, to be sent.
+        The best sequence found; for the team, the plan drawn from the own distribution.
     """
-    s = situation
+    s, planner = situation, situation.planner
     valuers = []
     for places in draws:
         against = posterior.copy()
         against.plan(places)
-        reward = PathReward(against, level_set, "beyond")
-        valuers.append(
-            PathSequences(reward, space.motion, naive, s.state, s.steps_left, s.naive_paths, s.samples_per_leg)
-        )
-
-    def mean(sequences: list[Actions]) -> Array:
-        return np.asarray(np.mean([valuer(sequences) for valuer in valuers], axis=0))
-
-    budget = max(s.batch, s.iterations // len(valuers))
-    heads = valuers[0].promising(space, s.horizon, budget // 6, 2)
-    tree = ActionTree(space, s.state, s.horizon, s.exploration)
-    result = run_search(tree, mean, s.horizon, budget, s.batch, s.rng, s.deadline, [*s.seeds, *heads])
+        valuers.append(PathSequences(PathReward(against, level_set, "beyond"), rollout, s.step, s.state, s.naive_paths))
+    joint = JointDraws(valuers)
+    budget = max(planner.batch, planner.iterations // len(valuers))
+    promising = valuers[0].promising(space, s.horizon, budget // 6, 2)
+    tree = ActionTree(space, s.state, s.horizon, planner.exploration)
+    result = run_search(tree, joint, s.horizon, budget, planner.batch, s.rng, s.deadline, [*s.seeds, *promising])
     support = result.ranking[:SUPPORT]
-    chances = distribution(np.array([value for _, value in support]), step)
+    chances = distribution(np.array([value for _, value in support]), s.step)
     drawn = support[int(s.rng.choice(len(support), p=chances))][0]
-    tails = valuers[0].continuations
-    proposal = Proposal(
+    return Proposal(
         actions=result.actions,
-        naive_path=tails[result.actions].naive_path if s.naive_paths else NONE,
+        naive_path=joint.naive_path(result.actions),
         value=result.value,
         iterations=result.iterations,
         evaluations=result.evaluations,
         deadline_hit=result.deadline_hit,
         ranking=result.ranking,
         progress=result.progress,
+        for_team=(drawn, joint.naive_path(drawn)),
     )
-    return proposal, (drawn, tails[drawn].naive_path if s.naive_paths else NONE)

@@ -1,4 +1,4 @@
-"""Beginnings of action sequences, numbered: what sequences share is looked up once."""
+"""Prefixes of action sequences, numbered: what sequences share is looked up once."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Ints = NDArray[np.int64]
 
 @compiled
 def enter(children, states, origins, count, turns, steps, sequences, numbers):
-    """Numbers all beginnings of `sequences` (B, L) into `numbers` (B, L); returns how many numbers are given then.
+    """Numbers all prefixes of `sequences` (B, L) into `numbers` (B, L); returns how many numbers are given then.
 
     Args:
-        children: Number of the beginning that an action makes of one, -1 if none yet, shape (N, A).
+        children: Number of the prefix that an action makes of one, -1 if none yet, shape (N, A).
         states: State after each, shape (N, 3).
-        origins: Number of the beginning that is one shorter, and the action, shape (N, 2).
+        origins: Number of the prefix that is one shorter, and the action, shape (N, 2).
         count: How many numbers are given.
         turns, steps: Of the actions: `MotionTable`.
     """
@@ -42,14 +42,14 @@ def enter(children, states, origins, count, turns, steps, sequences, numbers):
 
 
 class Prefixes:
-    """Numbers of the beginnings of sequences from one state: 0 is the empty one.
+    """Numbers of the prefixes of sequences from one state: 0 is the empty one.
 
     Attributes:
         count: How many numbers are given.
     """
 
     def __init__(self, motion: MotionTable, state: Array) -> None:
-        """Starts with the empty beginning, after which the state is `state` (3,)."""
+        """Starts with the empty prefix, after which the state is `state` (3,)."""
         self._motion = motion
         self._children = np.full((64, motion.actions), -1, dtype=np.int64)
         self._states = np.zeros((64, 3))
@@ -58,7 +58,7 @@ class Prefixes:
         self.count = 1
 
     def enter(self, sequences: Ints) -> Ints:
-        """Numbers (B, L) of all beginnings of sequences (B, L), new ones in the order of their first appearance."""
+        """Numbers (B, L) of all prefixes of sequences (B, L), new ones in the order of their first appearance."""
         self._reserve(self.count + sequences.size)
         numbers = np.empty(sequences.shape, dtype=np.int64)
         turns, steps = self._motion.turns_rad, self._motion.steps_m
@@ -66,15 +66,17 @@ class Prefixes:
         return numbers
 
     def states(self, numbers: Ints) -> Array:
-        """States (..., 3) after the beginnings of these numbers."""
+        """States (..., 3) after the prefixes of these numbers."""
         return self._states[numbers]
 
-    def leg_places(self, first: int, samples_per_leg: int) -> Array:
-        """Measurement places of the last legs of all beginnings from number `first` on, in order, shape (P, 2)."""
-        if samples_per_leg == 1:
-            return self._states[first : self.count, 1:]
+    def last_legs(self, first: int) -> tuple[Array, Ints, Array]:
+        """The last legs of all prefixes from number `first` on, in order: they start, their actions, they end.
+
+        Returns:
+            States (P, 3), actions (P,), states (P, 3).
+        """
         origins = self._origins[first : self.count]
-        return self._motion.sample_places(self._states[origins[:, 0]], origins[:, 1], samples_per_leg)
+        return self._states[origins[:, 0]], origins[:, 1], self._states[first : self.count]
 
     def _reserve(self, size: int) -> None:
         old = len(self._states)

@@ -24,8 +24,9 @@ from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.receivers_risk import ReceiversRisk
+from auv_lse_planner.decision import Decision
 from auv_lse_planner.intake import PlannerIntake
-from auv_lse_planner.vehicle_planner import Decision, VehiclePlanner
+from auv_lse_planner.vehicle_planner import VehiclePlanner
 from auv_lse_sim.record.run_data import DecisionRecord, GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Ground
@@ -101,7 +102,7 @@ class Crew:
             self._to_planner.add_plan(received.stamp_s, received.source, received.packet.plan)
         o = output.odometry
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
-        self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m, o.speed_mps)
+        self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m)
         if not self._to_planner.take(now_s):
             return None
         began = time.perf_counter()

@@ -6,8 +6,8 @@ be compared with the value of a path planned as a whole:
 
 - *Stepwise*, the literal sum: each leg is credited with the drop of Bayes risk at its own place by its own
   measurements, J(gamma_1(s_i)) = sum_k r(p_i^k | D_{i-1}) - r(p_i^k | D_i). The time-varying lower bound is the sum so
-  far plus the naive part of Jbar (the caption of the paper's figure). A tail is credited against the data of today at
-  all of its places, a leg only against what was left when it was travelled, so the two do not telescope: the
+  far plus the naive part of Jbar (the caption of the paper's figure). A naive path is credited against the data of
+  today at all of its places, a leg only against what was left when it was travelled, so the two do not telescope: the
   bound starts at the value of the whole lawnmower and the sum can end below it, however good the mission was.
 - *Whole path*: J(gamma_l(s_0)) = sum over all places of the path of r(p | no data) - r(p | all data), the definition of
   the reward with n = l, i = 0. The matching bound at step i is the expectation of that final value if the plans in
@@ -32,7 +32,9 @@ from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_planner.paths.naive import COVERING, LAWNMOWERS, NaivePaths
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.naive_ids import COVERING, LAWNMOWERS
+from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_sim.record.run_data import DecisionRecord, RunData, VehicleRun
 
 Array = NDArray[np.float64]
@@ -81,76 +83,30 @@ def running_maximum(values: Array) -> Array:
     return np.where(np.isinf(largest), np.nan, largest)
 
 
-@dataclass(frozen=True, slots=True)
-class _Rolled:
-    """A plan from its anchor to the mission's end: of L legs, of which the first `own` are its actions.
-
-    Attributes:
-        states: States, shape (L + 1, 3): heading (rad), north, east (m).
-        places_m: Places of each leg that count in the reward, shape (L, n, 2); the last one is its end.
-        own: Number of its actions; the naive path follows.
-    """
-
-    states: Array
-    places_m: Array
-    own: int
-
-
-class PlannedPath:
-    """Rebuilds the places of a plan as its receivers do: the actions, then the naive path to the mission's end."""
+class PlannedPaths:
+    """The paths of one vehicle's plans, as its receivers build them."""
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
-        """Prepares motion table and naive paths."""
-        self.motion = MotionTable(settings.motion)
-        self.steps = settings.mission.steps
-        self._fractions = (np.arange(settings.planner.samples_per_leg) + 1.0) / settings.planner.samples_per_leg
-        space = FreeSpace(area, self.motion, settings.area.raster_m)
-        self._naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
-        self._rolled: dict[Plan, _Rolled] = {}
+        """Prepares to follow plans with the vehicle's settings."""
+        motion = MotionTable(settings.motion)
+        space = FreeSpace(area, motion, settings.area.raster_m)
+        naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
+        self.rollout = Rollout(motion, naive, settings.mission.steps, settings.planner.samples_per_leg)
+        self._paths: dict[Plan, PlannedPath] = {}
 
-    def leg_places(self, states: Array, actions: NDArray[np.int64]) -> Array:
-        """Places (L, n, 2) that count in the reward of legs from `states` (L, 3); the last one of each is its end."""
-        tracks = self.motion.tracks_m[actions]
-        ahead, starboard = np.moveaxis(tracks[:, np.rint(self._fractions * (tracks.shape[1] - 1)).astype(int)], 2, 0)
-        c, s = np.cos(states[:, :1]), np.sin(states[:, :1])
-        return np.stack([states[:, 1:2] + c * ahead - s * starboard, states[:, 2:] + s * ahead + c * starboard], axis=2)
-
-    def places(self, decision: DecisionRecord) -> tuple[Array, Array]:
-        """Places of a plan from the decided leg to the end: of its actions (A, 2), of its naive part (B, 2)."""
-        rolled, gone = self._roll(decision), decision.legs_gone
-        head, tail = rolled.places_m[gone : rolled.own], rolled.places_m[max(gone, rolled.own) :]
-        return head.reshape(-1, 2), tail.reshape(-1, 2)
+    def ahead(self, decision: DecisionRecord) -> PlannedPath:
+        """The path of a decision's plan from the decided leg on."""
+        plan = decision.plan
+        if plan not in self._paths:
+            self._paths[plan] = self.rollout.follow(plan)
+        return self._paths[plan].from_step(decision.step)
 
     def leg(self, decision: DecisionRecord) -> Array:
-        """Places (n, 2) of the decided leg, which is of the plan's naive part if its actions are used up."""
-        gone = decision.legs_gone
-        return self._roll(decision).places_m[gone : gone + 1].reshape(-1, 2)
-
-    def state(self, decision: DecisionRecord) -> Array:
-        """State (3,) in which the decided leg begins, or the path ends: heading (rad), north, east (m)."""
-        states = self._roll(decision).states
-        state: Array = states[min(decision.legs_gone, len(states) - 1)]
-        return state
-
-    def _roll(self, decision: DecisionRecord) -> _Rolled:
-        plan = decision.plan
-        if plan not in self._rolled:
-            steps = self.steps - plan.step
-            actions = np.array(plan.actions[:steps], dtype=np.int64)
-            after = self.motion.roll(plan.state, actions)[-1]
-            naive = self._naive.actions(after, plan.naive_path, steps - len(actions))
-            path = np.concatenate([actions, naive])
-            states = self.motion.roll(plan.state, path)
-            self._rolled[plan] = _Rolled(states, self.leg_places(states[:-1], path), len(actions))
-        return self._rolled[plan]
-
-    def naive(self, state: Array, naive_path: int) -> Array:
-        """Places (P, 2) of a naive path from a state over the whole mission."""
-        actions = self._naive.actions(state, naive_path, self.steps)
-        return self.leg_places(self.motion.roll(state, actions)[:-1], actions).reshape(-1, 2)
+        """Places (n, 2) of the decided leg that count in the reward; none if the plan ended before."""
+        return self.ahead(decision).leg_places_m[:1].reshape(-1, 2)
 
 
-def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
+def leg_times(vehicle: VehicleRun, paths: PlannedPaths) -> Array:
     """Times (s) at which a vehicle began the legs it decided, and infinity, (n + 1,).
 
     A decision is taken shortly before its leg begins, so state i is passed between decisions i and i + 1: when the
@@ -167,7 +123,7 @@ def leg_times(vehicle: VehicleRun, path: PlannedPath) -> Array:
         if len(rows) == 0:
             times.append(decision.now_s)
             continue
-        _, north, east = path.state(decision)
+        _, north, east = paths.ahead(decision).states[0]
         distance = np.hypot(rows[:, 1] - north, rows[:, 2] - east)
         times.append(float(rows[np.argmin(distance), 0]))
     return np.array([*times, np.inf])
@@ -186,7 +142,7 @@ def reward_curves(
         map_m: Places (P, 2) over which the map's risk is averaged, at start, end and each `RISK_EVERY` of the steps.
     """
     steps, level_set = run.steps, settings[0].level_set
-    paths = [PlannedPath(s, area) for s in settings]
+    paths = [PlannedPaths(s, area) for s in settings]
     decisions = [{d.step: d for d in v.decisions} for v in run.vehicles]
     soundings = [_by_leg(v, path, steps) for v, path in zip(run.vehicles, paths, strict=True)]
     gp, blank = OnlineGp(settings[0].gp), OnlineGp(settings[0].gp)
@@ -204,13 +160,13 @@ def reward_curves(
     for step in range(steps):
         plans = [own.get(step) for own in decisions]
         if step in chosen and all(plan is not None for plan in plans):
-            parts = [path.places(plan) for path, plan in zip(paths, plans, strict=True) if plan is not None]
-            heads = np.concatenate([head for head, _ in parts])
-            tails = np.concatenate([tail for _, tail in parts])
-            before, after = _expected(gp, level_set, np.concatenate([heads, tails]), visited)
-            prior = _risk(blank, level_set, np.concatenate([heads, tails, visited]))
+            ahead = [own.ahead(plan) for own, plan in zip(paths, plans, strict=True) if plan is not None]
+            searched = np.concatenate([path.own_places_m for path in ahead])
+            naive = np.concatenate([path.naive_places_m for path in ahead])
+            before, after = _expected(gp, level_set, np.concatenate([searched, naive]), visited)
+            prior = _risk(blank, level_set, np.concatenate([searched, naive, visited]))
             if augmented:
-                bound[step] = stepwise[step] + float((before - after)[len(heads) : len(heads) + len(tails)].sum())
+                bound[step] = stepwise[step] + float((before - after)[len(searched) : len(searched) + len(naive)].sum())
             whole_bound[step] = float((prior - after).sum())
         places = [
             path.leg(plan) if plan is not None else np.empty((0, 2)) for path, plan in zip(paths, plans, strict=True)
@@ -241,7 +197,7 @@ def reward_curves(
     )
 
 
-def _naive_value(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPath]) -> float:
+def _naive_value(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths]) -> float:
     """Expected whole-path reward of everybody mowing the lawn: each takes the lawnmower that adds most, in order."""
     gp, level_set = OnlineGp(settings[0].gp), settings[0].level_set
     team = np.empty((0, 2))
@@ -253,7 +209,7 @@ def _naive_value(run: RunData, settings: Sequence[PlannerSettings], paths: Seque
         ids = [first.naive_path] if first.naive_path != NONE else [*LAWNMOWERS, *COVERING]
         best: tuple[float, Array] | None = None
         for naive_path in ids:
-            joint = np.concatenate([team, path.naive(first.state, naive_path)])
+            joint = np.concatenate([team, path.rollout.path(0, first.state, (), naive_path).places_m])
             before, after = _expected(gp, level_set, joint, np.empty((0, 2)))
             worth = float((before - after).sum())
             if best is None or worth > best[0]:
@@ -263,7 +219,7 @@ def _naive_value(run: RunData, settings: Sequence[PlannerSettings], paths: Seque
     return value
 
 
-def _by_leg(vehicle: VehicleRun, path: PlannedPath, steps: int) -> list[Array]:
+def _by_leg(vehicle: VehicleRun, path: PlannedPaths, steps: int) -> list[Array]:
     """A vehicle's soundings (n, 4) by the leg they were made on; those before the first leg count to it."""
     times = leg_times(vehicle, path)
     legs: list[Array] = [np.empty((0, 4))] * steps

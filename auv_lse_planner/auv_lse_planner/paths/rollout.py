@@ -1,0 +1,141 @@
+"""A plan as a path: its states, its actions to the mission's end, and the places where it measures.
+
+The planner, its team mates and the judge of a mission all ask here, so that they mean the same places.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.plan import NONE, Plan
+from auv_lse_planner.paths.motion import MotionTable, roll_many
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.naive_ids import IDS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPath:
+    """The legs of a plan from a mission step on.
+
+    Attributes:
+        step: Mission step of the first state.
+        states: States before and after each of L legs, shape (L + 1, 3): heading (rad), north, east (m).
+        actions: Action of each leg, shape (L,).
+        own: How many of the legs are the plan's own actions; the naive path travels the others.
+        leg_places_m: Measurement places of each leg, in the order travelled, shape (L, n, 2): north, east.
+    """
+
+    step: int
+    states: Array
+    actions: Ints
+    own: int
+    leg_places_m: Array
+
+    def __len__(self) -> int:
+        """Number of legs."""
+        return len(self.actions)
+
+    def from_step(self, step: int) -> PlannedPath:
+        """The same path from mission step `step` on; without legs after its end."""
+        gone = min(max(step - self.step, 0), len(self))
+        return PlannedPath(
+            self.step + gone,
+            self.states[gone:],
+            self.actions[gone:],
+            max(0, self.own - gone),
+            self.leg_places_m[gone:],
+        )
+
+    @property
+    def places_m(self) -> Array:
+        """All measurement places, shape (L * n, 2)."""
+        return self.leg_places_m.reshape(-1, 2)
+
+    @property
+    def own_places_m(self) -> Array:
+        """Measurement places of the plan's own actions, shape (P, 2)."""
+        return self.leg_places_m[: self.own].reshape(-1, 2)
+
+    @property
+    def naive_places_m(self) -> Array:
+        """Measurement places of the naive path, shape (P, 2)."""
+        return self.leg_places_m[self.own :].reshape(-1, 2)
+
+
+class Rollout:
+    """Follows plans to the mission's end."""
+
+    def __init__(self, motion: MotionTable, naive: NaivePaths, steps: int, samples_per_leg: int) -> None:
+        """Takes what a path follows from.
+
+        Args:
+            motion: Actions.
+            naive: Naive paths.
+            steps: Steps of the mission.
+            samples_per_leg: Measurement places on a leg, at equal distances, the last one at its end.
+        """
+        self.motion = motion
+        self.naive = naive
+        self.steps = steps
+        self.samples_per_leg = samples_per_leg
+        self._samples_m = np.stack([motion.samples(a, samples_per_leg) for a in range(motion.actions)])
+
+    def follow(self, plan: Plan) -> PlannedPath:
+        """The path of a plan."""
+        return self.path(plan.step, plan.state, plan.actions, plan.naive_path)
+
+    def path(self, step: int, state: Array, actions: Sequence[int], naive_path: int) -> PlannedPath:
+        """The path of actions and the naive path after them; without naive path it ends with the actions.
+
+        Args:
+            step: Mission step of the first state; actions beyond the mission's end are left out.
+            state: First state, shape (3,).
+            actions: Indices of the actions.
+            naive_path: Id of the naive path, `NONE` for none.
+        """
+        left = max(0, self.steps - step)
+        own = np.array(actions[:left], dtype=np.int64)
+        end = self.motion.roll(state, own)[-1]
+        every = np.concatenate([own, self.naive.actions(end, naive_path, left - len(own))])
+        states = self.motion.roll(state, every)
+        return PlannedPath(step, states, every, len(own), self.leg_places(states[:-1], every))
+
+    def can_follow(self, plan: Plan) -> bool:
+        """Whether a received plan can be followed: its state is finite, its step, actions and naive path are known.
+
+        A step beyond the mission counts as unknown: such a plan would keep all true plans of its sender out as older.
+        """
+        return (
+            all(math.isfinite(v) for v in plan.state)
+            and plan.step <= self.steps
+            and all(0 <= a < self.motion.actions for a in plan.actions)
+            and plan.naive_path in (*IDS, NONE)
+        )
+
+    def leg_places(self, states: Array, actions: Ints) -> Array:
+        """Measurement places (L, n, 2) of legs that start from `states` (L, 3) with `actions` (L,)."""
+        ahead, starboard = np.moveaxis(self._samples_m[actions], 2, 0)
+        c, s = np.cos(states[:, :1]), np.sin(states[:, :1])
+        north = states[:, 1:2] + c * ahead - s * starboard
+        east = states[:, 2:3] + s * ahead + c * starboard
+        return np.stack([north, east], axis=2)
+
+    def places_of_many(self, states: Array, actions: Ints) -> Array:
+        """Measurement places (B, L * n, 2) of many sequences of `actions` (B, L) from `states` (B, 3)."""
+        rolled = roll_many(states, actions, self.motion.turns_rad, self.motion.steps_m)
+        if self.samples_per_leg == 1:
+            return np.asarray(rolled[:, 1:, 1:])
+        places = self.leg_places(rolled[:, :-1].reshape(-1, 3), actions.ravel())
+        return places.reshape(len(states), -1, 2)
+
+    def naive_places(self, states: Array, naive_path: int, legs: int) -> Array:
+        """Measurement places (B, legs * n, 2) of a naive path over so many legs from many states (B, 3)."""
+        return self.places_of_many(states, self.naive.actions_from(states, naive_path, legs))

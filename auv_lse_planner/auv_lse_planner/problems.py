@@ -1,0 +1,50 @@
+"""What keeps a planner from working as it should, in words.
+
+Each function gives a text for each problem, by the problem's key. A key names the kind of problem (and the team mate,
+where it is about one) and stays the same while the problem lasts; its text may change from call to call.
+"""
+
+from __future__ import annotations
+
+from auv_lse_planner.config import PlannerConfig
+from auv_lse_planner.team import Team
+from auv_lse_planner.travel import Travel
+
+
+def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: bool) -> dict[str, str]:
+    """No odometry after the start, or none for too long."""
+    if travel.estimate is None:
+        return {"odometry missing": "odometry: none received; no planning without it"} if started else {}
+    age_s = now_s - travel.estimate.now_s
+    if age_s <= planner.odometry_timeout_s:
+        return {}
+    return {
+        "odometry old": f"odometry: last {age_s:.1f} s ago, more than planner.odometry_timeout_s = "
+        f"{planner.odometry_timeout_s:g} s; planning has stopped"
+    }
+
+
+def of_map(now_s: float, map_s: float | None, refused: str, planner: PlannerConfig) -> dict[str, str]:
+    """A map that cannot be used (`refused` says why, "" if it can), or is too old (`map_s`: when it was received)."""
+    found = {"map refused": refused} if refused else {}
+    if map_s is not None and now_s - map_s > planner.map_timeout_s:
+        found["map old"] = f"map: last {now_s - map_s:.0f} s ago; planning goes on with it"
+    return found
+
+
+def of_team(now_s: float, step: int, team: Team, planner: PlannerConfig) -> dict[str, str]:
+    """Team mates whose plans count for the decision of `step`, and are missing or have expired."""
+    found, ages = {}, team.age_s(now_s)
+    for mate in team.before(step):
+        if mate not in ages:
+            found[f"plan of {mate} missing"] = f"team: no plan of vehicle {mate} heard yet; planning goes on without"
+        elif ages[mate] >= planner.plan_expiry_s:
+            found[f"plan of {mate} expired"] = f"team: plan of vehicle {mate} expired, heard {ages[mate]:.0f} s ago"
+    return found
+
+
+def of_leg(now_s: float, travel: Travel) -> dict[str, str]:
+    """A leg that takes far too long."""
+    if travel.leg is None or travel.finished or not travel.overdue(now_s):
+        return {}
+    return {"leg overdue": f"leg {travel.leg.step}: not finished {now_s - travel.leg_started_s:.0f} s after its start"}

@@ -1,0 +1,290 @@
+"""The receding horizon (paper, section 6): one decision of a vehicle, step by step.
+
+Situation: the state to plan from, the horizon, the naive paths. Proposal: the method's new plan. Incumbent: the last
+plan, continued; if the method keeps it, it is valued on the same data and given up only for a plan worth more, or when
+the map shows its next legs to be infeasible. Choice: one of the two. Account: what it promises, and the lower bound.
+
+An incumbent stays anchored at the state it was made from (its packet too), so that every receiver builds the same path.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.plan import Plan
+from auv_lse_gp.area import Grid
+from auv_lse_gp.kept import KeptColumns
+from auv_lse_gp.posterior import Posterior
+from auv_lse_planner.account import Account, BoundRecord
+from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.decision import Decision, Statistics
+from auv_lse_planner.methods import RISK_METHODS, SEARCHES
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.rollout import PlannedPath, Rollout
+from auv_lse_planner.proposals import chosen_with_map, naive_only, one_leg, search_map, search_path
+from auv_lse_planner.reward.map import MapReward
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.surrogate import Surrogate
+from auv_lse_planner.search.dec_mcts import JOINT_DRAWS, search_dec_mcts
+from auv_lse_planner.search.uct import Actions
+from auv_lse_planner.situation import Proposal, Situation
+from auv_lse_planner.team import Team
+
+Array = NDArray[np.float64]
+
+#: Legs of a continued plan that must be feasible on the map, at least.
+LOOK_AHEAD = 3
+#: Sequences of a search that the next search tries first.
+SEEDS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Incumbent:
+    """The last plan, continued.
+
+    Attributes:
+        plan: The plan.
+        path: Its path from the present step on.
+        value: Its value on today's data.
+        infeasible: Whether the map forbids its next legs.
+    """
+
+    plan: Plan
+    path: PlannedPath
+    value: float
+    infeasible: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The plan that is followed.
+
+    Attributes:
+        plan: The plan.
+        path: Its path from the present step on.
+        value: Its value.
+        kept: Whether it is the incumbent.
+    """
+
+    plan: Plan
+    path: PlannedPath
+    value: float
+    kept: bool
+
+
+class RecedingHorizon:
+    """Decides leg by leg for one vehicle.
+
+    Attributes:
+        planner: The parameters of the next decision, complete.
+        path: The path of the plan that is followed, from the last decision's step on; None before the first decision.
+    """
+
+    def __init__(
+        self,
+        vehicle: int,
+        settings: PlannerSettings,
+        space: FreeSpace,
+        rollout: Rollout,
+        posterior: Posterior,
+        team: Team,
+        map_grid: Grid,
+        rng: np.random.Generator,
+    ) -> None:
+        """Sets up before the first decision.
+
+        Args:
+            vehicle: Number of the vehicle, from 1.
+            settings: All parameters.
+            space: Where to go.
+            rollout: Follows plans to the mission's end.
+            posterior: The map, with the team mates' places planned when a decision is asked for.
+            team: Team mates.
+            map_grid: Places over which the map's risk is summed.
+            rng: Random stream; every choice by chance is drawn from it.
+        """
+        self.planner: PlannerConfig = settings.planner.complete()
+        self.path: PlannedPath | None = None
+        self._plan: Plan | None = None
+        self._vehicle, self._settings = vehicle, settings
+        self._space, self._rollout, self._posterior, self._team = space, rollout, posterior, team
+        self._map_grid, self._rng = map_grid, rng
+        self._account = Account()
+        self._map: KeptColumns | None = None
+        self._surrogate: Surrogate | None = None
+        self._seeds: list[Actions] = []
+
+    def decide(
+        self,
+        now_s: float,
+        step: int,
+        state: Array,
+        reanchored: bool,
+        team_places: int,
+        deadline: Callable[[], bool] | None,
+    ) -> Decision:
+        """Decides the leg of mission step `step`.
+
+        Args:
+            now_s: Mission time.
+            step: Mission step planned from.
+            state: State planned from, shape (3,).
+            reanchored: Whether it comes from odometry: the last plan then leads from elsewhere and is given up.
+            team_places: Number of places that team mates' plans still hold.
+            deadline: Says when to stop searching; None: never.
+        """
+        situation = self._situation(step, state, deadline)
+        escape = not self._space.feasible(state).size
+        reward = self._reward()
+        incumbent = None if reanchored else self._incumbent(situation, reward)
+        if incumbent is not None and self.planner.incumbent and not incumbent.infeasible:
+            situation = dataclasses.replace(situation, to_beat=incumbent.value)
+        proposal = self._propose(now_s, situation, reward)
+        choice = self._choose(situation, reward, proposal, incumbent)
+        bound = self._enter(now_s, reward, proposal, incumbent, choice)
+        self._plan, self.path = choice.plan, choice.path
+        self._seeds = self._promising(proposal, choice)
+        leg = self._rollout.motion.leg(step, choice.path.states[0], int(choice.path.actions[0]))
+        for_team = choice.plan
+        if proposal.for_team is not None and not choice.kept:
+            for_team = Plan.at(step, state, *proposal.for_team)
+        statistics = Statistics(
+            centers=len(self._posterior.centers),
+            team_places=team_places,
+            evaluations=proposal.evaluations,
+            best_new_value=proposal.value,
+            progress=proposal.progress,
+            escape=escape,
+            reanchored=reanchored,
+            incumbent_infeasible=incumbent is not None and incumbent.infeasible,
+        )
+        return Decision(plan=for_team, leg=leg, bound=bound, statistics=statistics)
+
+    def _situation(self, step: int, state: Array, deadline: Callable[[], bool] | None) -> Situation:
+        left = self._settings.mission.steps - step
+        horizon = min(self.planner.horizon, left)
+        continued = self.planner.augmented and left > horizon
+        return Situation(
+            planner=self.planner,
+            step=step,
+            state=state,
+            horizon=horizon,
+            naive_paths=self._rollout.naive.different(self.planner.naive_paths) if continued else (),
+            rng=self._rng,
+            deadline=deadline,
+            seeds=self._seeds,
+            grid=self._map_grid,
+        )
+
+    def _reward(self) -> PathReward | MapReward:
+        level_set = self._settings.level_set
+        if self.planner.method in RISK_METHODS:
+            level_set = dataclasses.replace(level_set, method=RISK_METHODS[self.planner.method])
+        if self.planner.objective == "path":
+            return PathReward(self._posterior, level_set, self.planner.credit)
+        reward = MapReward(self._map_columns(), level_set)
+        # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
+        self._account.measure(float(reward.risk_in_hand.sum()))
+        return reward
+
+    def _map_columns(self) -> KeptColumns:
+        if self._map is None:
+            self._map = KeptColumns(self._posterior, self._map_grid.places_m)
+        return self._map
+
+    def _incumbent(self, s: Situation, reward: PathReward | MapReward) -> Incumbent | None:
+        if self._plan is None or self.path is None:
+            return None
+        path = self.path.from_step(s.step)
+        if not len(path):
+            return None
+        feasible = self._space.path_feasible(path.states[0], path.actions, max(LOOK_AHEAD, s.horizon))
+        return Incumbent(self._plan, path, reward.value(self._posterior.columns(path.places_m)), not feasible)
+
+    def _propose(self, now_s: float, s: Situation, reward: PathReward | MapReward) -> Proposal:
+        """The method's new plan."""
+        space, rollout = self._space, self._rollout
+        if self.planner.coordination == "dec_mcts":
+            draws = [self._team.draw(now_s, self._rng) for _ in range(JOINT_DRAWS)]
+            return search_dec_mcts(s, space, rollout, self._posterior, reward.level_set, draws)
+        if self.planner.proposals == "naive":
+            ids = self.planner.naive_paths
+            return naive_only(s, space, rollout, reward, ids[(self._vehicle - 1) % len(ids)])
+        if self.planner.proposals not in SEARCHES:
+            return one_leg(s, space, rollout, reward)
+        if isinstance(reward, MapReward):
+            own = None
+            if self.planner.proposals == "path":
+                own = PathReward(self._posterior, reward.level_set, self.planner.credit)
+            return search_map(s, space, rollout, reward, self._surrogate_of(reward), own)
+        found = search_path(s, space, rollout, reward)
+        if self.planner.map_share > 0.0 and not found.deadline_hit:
+            found = chosen_with_map(found, s, rollout, MapReward(self._map_columns(), reward.level_set))
+        return found
+
+    def _surrogate_of(self, reward: MapReward) -> Surrogate:
+        if self._surrogate is None:
+            self._surrogate = Surrogate(self._map_grid, self._settings.level_set)
+        self._surrogate.set(reward)
+        return self._surrogate
+
+    def _choose(
+        self, s: Situation, reward: PathReward | MapReward, proposal: Proposal, incumbent: Incumbent | None
+    ) -> Choice:
+        """The incumbent, if it may stay and the proposal is not worth more; a naive path is never exchanged."""
+        plan = Plan.at(s.step, s.state, proposal.actions, proposal.naive_path)
+        path, value = self._rollout.follow(plan), proposal.value
+        if proposal.for_team is not None:  # valued against draws; from here on against the team mates' last plans
+            value = reward.value(self._posterior.columns(path.places_m))
+        may_stay = incumbent is not None and math.isfinite(s.to_beat)
+        if incumbent is not None and may_stay and (self.planner.proposals == "naive" or incumbent.value >= value):
+            return Choice(incumbent.plan, incumbent.path, incumbent.value, True)
+        return Choice(plan, path, value, False)
+
+    def _enter(
+        self,
+        now_s: float,
+        reward: PathReward | MapReward,
+        proposal: Proposal,
+        incumbent: Incumbent | None,
+        choice: Choice,
+    ) -> BoundRecord:
+        """Enters the choice into the account."""
+        columns, leg_places = self._posterior.columns(choice.path.places_m), self._rollout.samples_per_leg
+        own_places = choice.path.own * leg_places
+        if isinstance(reward, MapReward):
+            naive_part = choice.value - reward.value(columns.slice(0, own_places))
+            of_leg = 0.0
+        else:
+            gains = reward.contributions(columns)
+            naive_part, of_leg = float(gains[own_places:].sum()), float(gains[:leg_places].sum())
+        so_far = self._account.reward_so_far
+        lower, largest = self._account.bound(naive_part)
+        self._account.credit(of_leg)
+        return BoundRecord(
+            step=choice.path.step,
+            now_s=now_s,
+            jbar=choice.value,
+            naive_part=naive_part,
+            reward_so_far=so_far,
+            lower_bound=lower,
+            lower_bound_max=largest,
+            promised=so_far + choice.value,
+            incumbent_value=math.nan if incumbent is None else incumbent.value,
+            incumbent_kept=choice.kept,
+            iterations=proposal.iterations,
+            deadline_hit=proposal.deadline_hit,
+            method=self.planner.method,
+        )
+
+    def _promising(self, proposal: Proposal, choice: Choice) -> list[Actions]:
+        """Sequences for the next search to try first: this search's best that begin with the leg decided."""
+        actions = tuple(int(a) for a in choice.path.actions)
+        seeds = [a[1:] for a, _ in proposal.ranking if len(a) > 1 and a[0] == actions[0]][:SEEDS]
+        return [actions[1 : 1 + self.planner.horizon], *seeds] if choice.kept else seeds

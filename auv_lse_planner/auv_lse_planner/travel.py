@@ -1,0 +1,123 @@
+"""Where a vehicle is on its legs: when its next decision is due, and from which state that decision plans."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.leg import Leg
+from auv_lse_planner.config import PlannerConfig, VehicleConfig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedState:
+    """The vehicle's own estimate of where it is.
+
+    Attributes:
+        now_s: Mission time.
+        heading_rad: Heading (rad, clockwise from north).
+        north_m: North.
+        east_m: East.
+    """
+
+    now_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+
+
+class Travel:
+    """One vehicle on its legs.
+
+    The next leg is decided while the vehicle is still on the present one, and begins at that one's end.
+
+    Attributes:
+        estimate: The last estimated state; None before the first.
+        leg: The leg being travelled; None before the first decision.
+        leg_started_s: Mission time at which it began; NaN before the first decision.
+        decided: Number of steps decided.
+        finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
+    """
+
+    def __init__(self, vehicle: VehicleConfig, steps: int) -> None:
+        """Starts before the first of so many steps."""
+        self._vehicle, self._steps = vehicle, steps
+        self.estimate: EstimatedState | None = None
+        self.leg: Leg | None = None
+        self.leg_started_s = math.nan
+        self.decided = 0
+        self.finished = False
+        self._next_leg: Leg | None = None
+
+    def move(self, estimate: EstimatedState) -> None:
+        """Takes an estimated state; the next leg begins where the present one has ended."""
+        self.estimate = estimate
+        leg, following = self.leg, self._next_leg
+        if leg is not None and following is not None and self._remaining_m(leg, estimate) <= 1e-9:
+            self._begin(following, estimate.now_s)
+        if self.leg is not None and self._next_leg is None and self.decided >= self._steps:
+            self.finished = self.finished or self._remaining_m(self.leg, estimate) <= 0.0
+
+    def take(self, leg: Leg, now_s: float, at_once: bool) -> None:
+        """Takes the leg decided: it begins `at_once` (as the first does), or when the present one ends."""
+        self.decided = leg.step + 1
+        if self.leg is None or at_once:
+            self._begin(leg, now_s)
+        else:
+            self._next_leg = leg
+
+    def _begin(self, leg: Leg, now_s: float) -> None:
+        self.leg, self.leg_started_s, self._next_leg = leg, now_s, None
+
+    @staticmethod
+    def _remaining_m(leg: Leg, estimate: EstimatedState) -> float:
+        return leg.length_m - leg.progress_m(estimate.north_m, estimate.east_m)
+
+    def overdue(self, now_s: float) -> bool:
+        """Whether the leg has taken far longer than it should: the vehicle is held up or driven off."""
+        if self.leg is None:
+            return False
+        expected_s = self.leg.length_m / self._vehicle.speed_mps
+        return now_s - self.leg_started_s > 4.0 * expected_s + 10.0
+
+    def due(self, now_s: float, planner: PlannerConfig) -> bool:
+        """Whether a decision is due."""
+        if self.estimate is None or self.decided >= self._steps or self._next_leg is not None:
+            return False
+        if now_s - self.estimate.now_s > planner.odometry_timeout_s:
+            return False
+        if self.leg is None:
+            return now_s >= self._vehicle.start_delay_s
+        lead_m = self._vehicle.speed_mps * planner.replan_lead_s
+        return bool(self._remaining_m(self.leg, self.estimate) <= lead_m or self.overdue(now_s))
+
+    def anchor(self, planner: PlannerConfig) -> tuple[Array, bool]:
+        """The state (3,) to plan from, and whether it comes from odometry instead of the last decision.
+
+        Raises:
+            ValueError: if there is no odometry yet.
+        """
+        if self.estimate is None:
+            raise ValueError("decide: no odometry yet; expected to be asked only when `due`")
+        here = np.array([self.estimate.heading_rad, self.estimate.north_m, self.estimate.east_m])
+        if self.leg is None:
+            v = self._vehicle
+            start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
+            off_m = math.hypot(here[1] - start[1], here[2] - start[2])
+            return (here, True) if off_m > planner.reanchor_m else (start, False)
+        remaining_m = self._remaining_m(self.leg, self.estimate)
+        if (
+            self.leg.distance_off_m(here[1], here[2]) <= planner.reanchor_m
+            and remaining_m >= -planner.reanchor_m
+            and not self.overdue(self.estimate.now_s)
+        ):
+            return self.leg.end_state, False
+        ahead_m = min(max(remaining_m, 0.0), self._vehicle.speed_mps * planner.replan_lead_s)
+        here[1] += ahead_m * math.cos(here[0])
+        here[2] += ahead_m * math.sin(here[0])
+        return here, True
