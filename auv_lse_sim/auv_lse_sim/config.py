@@ -1,4 +1,4 @@
-"""The section `sim` of a mission file: everything that stands in for the sea, the vehicles and their instruments."""
+"""The section `sim` of a mission file: the simulated water, vehicles and instruments."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from auv_lse_sim.world.config import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NavigationConfig:
-    """The estimate of place and heading as a whole."""
+    """The estimate of place and heading."""
 
     ideal: bool = parameter(False, help="true: odometry is the truth, whatever the instruments are")
 

@@ -1,8 +1,8 @@
 """A whole mission file, checked: every section of every package, for every vehicle.
 
-The file is an ordinary ROS 2 parameter file. `/**:` holds for all, `/auv2/**:` for one vehicle, and only sections
-that vehicles may differ in (`PER_VEHICLE`) may stand there: with different motion primitives or slots, vehicles could
-not rebuild each other's plans, nor keep out of each other's slots.
+The file is an ordinary ROS 2 parameter file. `/**:` holds for all, `/auv2/**:` for one vehicle. Only the sections of
+`PER_VEHICLE` may stand under one vehicle: with different motion primitives or slots, vehicles could neither rebuild
+each other's plans nor keep to their own slots.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from auv_lse_sim.record.config import RecordConfig
 #: Sections in which vehicles may differ.
 PER_VEHICLE = ("vehicle", "planner", "gp", "modem", "link")
 
-#: What checks each section of a mission file.
+#: The class that checks each section of a mission file.
 SECTION_CLASSES: dict[str, type] = {
     "mission": MissionConfig,
     "vehicle": VehicleConfig,
@@ -63,7 +63,7 @@ SECTION_CLASSES: dict[str, type] = {
     "record": RecordConfig,
 }
 
-#: A mission that takes this many times as long as its legs should is given up.
+#: A mission is stopped after this many times the time that its legs should take.
 PATIENCE = 3.0
 
 #: Patterns that match every node, as rcl reads them.
@@ -87,12 +87,12 @@ class VehicleSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Everything a mission is made from.
+    """Everything that makes a mission.
 
     Attributes:
         where: The file it came from, for messages.
         mission, level_set, area, motion, tdma, packet, sim, record: Sections that hold for all.
-        common: What vehicles have where they have nothing of their own.
+        common: The sections of a vehicle that sets nothing of its own.
         vehicles: Each vehicle's own sections, by number from 1.
     """
 
@@ -114,8 +114,8 @@ class Settings:
 
         Args:
             path: A ROS 2 parameter file.
-            overrides: Values on top, for all vehicles: dotted names ("mission.seed") or nested mappings. A name that
-                begins with a vehicle ("auv2.vehicle.depth_m") is for that one.
+            overrides: Values that win over the file, for all vehicles: dotted names ("mission.seed") or nested
+                mappings. A name that begins with a vehicle ("auv2.vehicle.depth_m") is for that one.
 
         Raises:
             ParameterError: naming the key, the value, what was expected and the file.
@@ -127,7 +127,7 @@ class Settings:
     def from_patterns(
         cls, patterns: Mapping[str, Mapping[str, Any]], where: str, overrides: Mapping[str, Any] | None = None
     ) -> Settings:
-        """The settings in what `read_parameter_file` gives."""
+        """The settings in what `read_parameter_file` returns."""
         on_top = _by_pattern(overrides or {})
         for_all = parameters_for({k: v for k, v in patterns.items() if k in _FOR_ALL}, "/settings")
         for_all = _overridden(for_all, on_top, None)
@@ -169,7 +169,7 @@ class Settings:
         return self.vehicles[number - 1]
 
     def planner_settings(self, number: int) -> PlannerSettings:
-        """What the planner of vehicle `number` is made from."""
+        """The settings of the planner of vehicle `number`."""
         own = self.vehicle(number)
         return PlannerSettings(
             mission=self.mission,
@@ -183,7 +183,7 @@ class Settings:
 
     @property
     def longest_s(self) -> float:
-        """Mission time (s) after which a mission that has not finished is given up."""
+        """Mission time (s) after which a mission that has not finished is stopped."""
         leg = max(math.radians(self.motion.theta_max_deg) * self.motion.turn_radius_m * 2.0, 1.0)
         slowest = min(own.vehicle.speed_mps for own in self.vehicles)
         latest = max(own.vehicle.start_delay_s for own in self.vehicles)

@@ -9,7 +9,7 @@ from auv_lse_common.params import parameter
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordConfig:
-    """What the recorder does."""
+    """Section `record`: where and how the recorder writes."""
 
     folder: str = parameter("", help="the rosbag2 directory to make; it must not exist yet")
-    flush_s: float = parameter(5.0, unit="s", above=0.0, help="at most so much of the run is lost by a power cut")
+    flush_s: float = parameter(5.0, unit="s", above=0.0, help="a power cut loses at most this much of the run")

@@ -1,8 +1,8 @@
-"""What a mission leaves behind, in plain NumPy: the one thing that evaluation and report are made from.
+"""What a mission leaves behind, in plain NumPy: all that evaluation and report need.
 
-A `RunData` comes from the fleet engine (`fleet.py`) or is read back from a recording (`bag.py`); what follows does
-not care which. Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the
-start of the mission), headings rad clockwise from north, depths m of water, positive down.
+A `RunData` comes from the fleet engine (`fleet.py`) or is read from a recording (`bag.py`); its readers need not know
+which. Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the start of
+the mission), headings rad clockwise from north, depths m of water, positive down.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class VehicleRun:
     decisions: list[DecisionRecord] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Checks the shapes, so that a wrong column is found here and not in a figure.
+        """Checks the shapes, so that a wrong column is an error here and not a wrong figure.
 
         Raises:
             ValueError: naming the array, its shape and the shape expected.
@@ -191,7 +191,7 @@ class RunData:
         sim_s: Mission time covered (s).
         wall_s: Wall-clock time it took (s), NaN if not recorded.
         origin: Latitude and longitude (deg, WGS84) of north = east = 0, or None.
-        notes: Facts worth telling the reader of the report (start moved, deadline hit, node died).
+        notes: Remarks for the report (a start was moved, a deadline was hit, a node died).
     """
 
     parameters: Mapping[str, Mapping[str, Any]]
@@ -206,5 +206,5 @@ class RunData:
 
     @property
     def steps(self) -> int:
-        """Steps done by the vehicle that did most."""
+        """Steps of the vehicle that did most."""
         return max((v.steps for v in self.vehicles), default=0)

@@ -4,12 +4,12 @@ A transmission of source level SL reaches a receiver at range R after R / c, at 
 
     TL = k 10 log10(R / 1 m) + alpha R / 1000        (dB; k = 2 spherical, 1.5 practical; alpha (dB/km) after Thorp)
 
-against ambient noise NL + 10 log10(B) and everything else that arrives there meanwhile. The ratio gives the chance of
-a frame error by the curve of the modem's rate. A vehicle that sends is deaf; some links are cut by land or by schedule;
-some packets are lost whatever the ratio. Each effect has a parameter that makes it ideal.
+against ambient noise NL + 10 log10(B) and everything else that arrives there in that time. The curve of the modem's
+rate turns the ratio into the chance of a frame error. A vehicle that sends is deaf; land or the schedule cuts some
+links; some packets are lost whatever the ratio. Each effect has a parameter that makes it ideal.
 
-Times are those of the simulation. No clock is read; every draw comes from the Generator handed in, in an order that
-depends on the transmissions alone, so that a run repeats from its seed.
+Times are those of the simulation. No clock is read. Every draw comes from the Generator that was passed in, in an order
+that depends only on the transmissions, so that a run repeats from its seed.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ RATES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arrival:
-    """One transmission at one receiver, whether or not it could be read.
+    """One transmission at one receiver, read or not.
 
     Attributes:
         receiver: Number of the receiving vehicle.

@@ -166,7 +166,7 @@ class LakeConfig:
     terrace_m: float = parameter(
         10.0, low=0.0, unit="m", help="depth the old flood plain inside the window tends to; 0 lets islands emerge"
     )
-    level_m: float = parameter(15.0, above=0.0, unit="m", help="depth whose contour is to be interesting")
+    level_m: float = parameter(15.0, above=0.0, unit="m", help="depth whose contour the lake is designed for")
     deep_share_low: float = parameter(0.4, above=0.0, high=0.75, help="least share of the window deeper than level_m")
     deep_share_high: float = parameter(0.6, low=0.25, high=0.95, help="largest share of the window deeper than it")
     islands: int = parameter(2, low=0, high=8, help="knolls rising from the valley; at least one closed contour if > 0")
@@ -241,10 +241,12 @@ class ChannelConfig:
         help="standard deviation of the level from one reception to the next (multipath); 0: none (ideal)",
     )
     frame_errors: bool = parameter(
-        True, help="frames are lost by the curve of the rate; false: any ratio will do (ideal)"
+        True, help="frames are lost by the curve of the rate; false: any ratio is enough (ideal)"
     )
-    half_duplex: bool = parameter(True, help="a vehicle that sends is deaf; false: it hears all the same (ideal)")
-    interference: bool = parameter(True, help="what else arrives meanwhile counts as noise; false: it does not (ideal)")
+    half_duplex: bool = parameter(True, help="a vehicle that sends is deaf; false: it hears nevertheless (ideal)")
+    interference: bool = parameter(
+        True, help="other sound that arrives at the same time counts as noise; false: it does not (ideal)"
+    )
     packet_loss: float = parameter(
         0.0, low=0.0, high=1.0, help="chance that a reception is lost whatever its level, on top of the rest"
     )

@@ -134,8 +134,8 @@ class SyntheticLake:
 
     The draw is a valley with a bending thalweg, side valleys, knolls and small relief. A logistic profile turns
     it into depths between the terrace and the deepest, its middle moved so that the wanted share of the window
-    is deeper than the level. Around the window the banks rise to land. Draws without an island (a closed
-    contour of at least 800 m2 inside the window) are thrown away and the next one of the same seed is taken.
+    is deeper than the level. Around the window the banks rise to land. A draw without an island (a closed contour of
+    at least 800 m2 inside the window) is rejected, and the next one of the same seed is taken.
 
     Args:
         config: The family's parameters.

@@ -1,8 +1,8 @@
 """Fits a mission to the ground: where the vehicles can go, where they start, and whether the area suits the path.
 
 Ground that is unknown, land, or shallower than the deepest vehicle's depth plus its least water is not navigable.
-What remains of the wanted polygon becomes the operating polygon, and the not navigable patches within it no-go
-areas. Where that falls into parts that no vehicle can pass between, one part is kept. Everything is said in words.
+The rest of the wanted polygon becomes the operating polygon, and patches within it that are not navigable become no-go
+areas. If it falls into parts between which no vehicle can pass, one part is kept. Every change is reported.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ Mask = NDArray[np.bool_]
 
 #: Rasters of the area have at most this many cells; larger areas get larger cells.
 MAX_CELLS = 400_000
-#: The depths of the area are looked at in at most this many cells.
+#: The depths of the area are examined in at most this many cells.
 WARNING_CELLS = 40_000
-#: A part this much smaller than the largest is never chosen, however near the start.
+#: A part smaller than this share of the largest is never chosen, however near the start.
 LEAST_PART = 0.25
 #: Outlines are simplified until they have at most this many corners.
 MAX_CORNERS = 200
@@ -42,7 +42,7 @@ class Raster:
         north_m: Middles of the rows (ny,).
         east_m: Middles of the columns (nx,).
         wanted: In the wanted polygon, outside of the mission's own no-go areas (ny, nx).
-        deep: Known, and deep enough all over the cell and its neighbours (ny, nx).
+        deep: Known and deep enough at the middle and the corners of the cell (ny, nx).
         step_m: Cell size.
     """
 
@@ -63,21 +63,21 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
 
     Args:
         settings: The mission.
-        ground: What it flies over.
+        ground: The ground that it flies over.
         area_given: Whether `settings.area.polygon_m` was asked for. If not, a polygon other than the default one
-            counts as asked for too; with the default one, ground from a file is flown over its whole extent.
+            counts as asked for, too. With the default one, the mission covers the whole extent of ground from a file.
 
     Returns:
         The settings to fly, and sentences on what was changed and what to expect.
 
     Raises:
-        GroundError: if no part of the area can be navigated, or nowhere in it a vehicle can turn.
+        GroundError: if no part of the area can be navigated, or a vehicle can turn nowhere in it.
     """
     notes = [ground.describe()]
     asked = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
     settings, wanted_by = _wanted_area(settings, ground, area_given)
     origin = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
-    # 1e-5 deg, a metre: no more is known of an origin that was found from soundings in both kinds of coordinates.
+    # 1e-5 deg, a metre: an origin found from soundings in both kinds of coordinates is no more exact than that.
     if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
         notes.append(
             f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by that of the ground, "
@@ -118,11 +118,11 @@ def _polygon(flat: tuple[float, ...]) -> shapely.Polygon:
 
 
 def rasterize(area: AreaConfig, ground: Ground, limit_m: float) -> Raster:
-    """The area as cells of about 5 m, each judged by the depth at its middle and those around it.
+    """The area as cells of about 5 m, each judged by the depths at its middle and its corners.
 
     Args:
         area: The wanted area.
-        ground: What lies under it.
+        ground: The ground under it.
         limit_m: Shallowest depth of water that can be navigated.
     """
     shape = _polygon(area.polygon_m)
@@ -157,7 +157,7 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
         )
     if free[raster.wanted].all():
         return settings, []
-    # Parts are what a vehicle that keeps its margin can get around in: erode, label, grow back.
+    # A part is where a vehicle that keeps its margin can travel: erode, label, grow back.
     padded = np.pad(free, 1)
     inner = ndimage.distance_transform_edt(padded)[1:-1, 1:-1] * step > area.margin_m + step
     labels, count = ndimage.label(inner, structure=np.ones((3, 3)))
@@ -210,7 +210,7 @@ def _outline(region: Mask, raster: Raster) -> shapely.Polygon:
     rings = [shapely.Polygon(line) for line in contour_generator(east, north, padded).lines(0.5) if len(line) >= 4]
     outer = max(rings, key=lambda ring: ring.area)
     holes = [ring for ring in rings if ring is not outer and outer.contains(ring.representative_point())]
-    # Simplified by as much as it first stepped back (holes: outwards), so that it stays within; coarser if need be.
+    # The outline is first moved inward (holes: outward) by as much as it may be simplified, so that it stays within.
     for tolerance in (0.5 * step, step, 1.5 * step, 2.5 * step):
         result = _simplified(outer, holes, tolerance)
         if shapely.get_num_coordinates(result) <= MAX_CORNERS:
@@ -281,7 +281,7 @@ def _can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, plac
 
 
 def depth_warnings(settings: Settings, ground: Ground) -> list[str]:
-    """What the depths of the area to be flown make impossible: no isobath in it, or a bottom out of the DVL's reach."""
+    """Warnings on the depths of the operating area: no isobath in it, or a bottom out of the DVL's reach."""
     shape = _operating_shape(settings.area)
     west, south, east, north = shape.bounds
     step = max(5.0, math.sqrt((north - south) * (east - west) / WARNING_CELLS))
@@ -316,7 +316,7 @@ def depth_warnings(settings: Settings, ground: Ground) -> list[str]:
 
 
 def _operating_shape(area: AreaConfig) -> shapely.Geometry:
-    """The polygon less its no-go areas, in (east, north)."""
+    """The polygon without its no-go areas, in (east, north)."""
     shape = _polygon(area.polygon_m)
     for flat in area.no_go.values():
         shape = shape.difference(_polygon(flat).buffer(0.0))
@@ -324,7 +324,7 @@ def _operating_shape(area: AreaConfig) -> shapely.Geometry:
 
 
 def expectations(settings: Settings) -> list[str]:
-    """What the paths' length makes of the area: how far apart the lanes of a lawnmower would be, and the coverage."""
+    """Whether the paths' length suits the area: the distance of a lawnmower's lanes, and the coverage."""
     area_m2 = float(_operating_shape(settings.area).area)
     motion = MotionTable(settings.motion)
     vehicles = settings.mission.vehicles

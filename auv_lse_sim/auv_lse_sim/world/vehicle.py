@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.leg import Leg
 from auv_lse_common.pings import by_period, period_of, sounding_of
 from auv_lse_planner.config import VehicleConfig
 from auv_lse_sim.config import SimConfig
@@ -30,7 +30,7 @@ from auv_lse_sim.world.navigation import (
 Array = NDArray[np.float64]
 
 DEG = math.pi / 180.0
-#: A leg that starts this near to where the last one ends goes on from it.
+#: A leg that starts this near to the end of the last one continues it.
 SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
 #: An ideal vehicle this near to a leg's start is on it (a plan's numbers are rounded to 32 bits).
@@ -39,36 +39,17 @@ RAILS_M = 0.01
 _ODOMETRY = np.ix_((HEADING, NORTH, EAST), (HEADING, NORTH, EAST))
 
 
-class LegLike(Protocol):
-    """A leg as `auv_lse_common.leg.Leg` gives it: an arc, then a straight."""
-
-    @property
-    def step(self) -> int: ...  # noqa: D102  # see auv_lse_common.leg.Leg
-    @property
-    def heading_rad(self) -> float: ...  # noqa: D102
-    @property
-    def north_m(self) -> float: ...  # noqa: D102
-    @property
-    def east_m(self) -> float: ...  # noqa: D102
-    @property
-    def action_rad(self) -> float: ...  # noqa: D102
-    @property
-    def radius_m(self) -> float: ...  # noqa: D102
-    @property
-    def straight_m(self) -> float: ...  # noqa: D102
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NavigationEstimate:
-    """What the vehicle believes about itself at a time.
+    """The vehicle's own estimate of its state.
 
     Attributes:
         stamp_s: Time.
         heading_rad: Heading (rad, clockwise from north).
         north_m: North of the estimated place.
-        east_m: East of it.
+        east_m: East of the estimated place.
         speed_mps: Speed over ground.
-        covariance: Of heading (rad), north, east (m), shape (3, 3).
+        covariance: Covariance of heading (rad), north, east (m), shape (3, 3).
     """
 
     stamp_s: float
@@ -81,7 +62,7 @@ class NavigationEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """What the vehicle really does, which no core may see.
+    """The vehicle's true state, which no core may see.
 
     Attributes:
         stamp_s: Time.
@@ -92,8 +73,8 @@ class Truth:
         speed_mps: True speed over ground.
         travelled_m: Distance gone over ground since the start.
         water_m: True depth of the water there, NaN where the ground is unknown or land.
-        step: Step the leg it is on leads from; -1 before the first.
-        along_m: How far it is along that leg.
+        step: Step that its present leg leads from; -1 before the first.
+        along_m: Distance travelled along that leg.
         loitering: Whether it circles because it has no next leg.
     """
 
@@ -146,18 +127,18 @@ def _parameters(vehicle: VehicleConfig, sim: SimConfig, speed_mps: float) -> Arr
 class SimVehicle:
     """A vehicle in the water.
 
-    Each tick: `move`, which gives the sub-steps, then `sense` with the true depth of water at each of them.
+    Each tick calls `move`, which returns the places of the sub-steps, then `sense` with the true depth of water there.
 
-    A leg handed over while another is travelled is taken when that one ends, if it starts there; otherwise at
-    once. Without a next leg the vehicle circles at the leg's turning radius, beginning at the leg's end; a leg that
-    starts there is taken when the circle closes.
+    A leg that arrives while another is travelled is started at the end of that one, if it begins there; otherwise at
+    once. Without a next leg the vehicle circles at the leg's turning radius, from the leg's end on; a leg that begins
+    there is started when the circle closes.
 
     Args:
         number: Its number, from 1.
         config: Its depth, speed and start.
         sim: The simulated world's parameters.
-        rng: All its chance (stream "sensors", number).
-        clearance_m: How free the water is about a place (north, east), to choose the side to circle to.
+        rng: Source of all its random numbers (stream "sensors", number).
+        clearance_m: Clearance (m) at a place (north, east), from which it chooses the side to circle to.
     """
 
     def __init__(
@@ -174,7 +155,7 @@ class SimVehicle:
         self._sim = sim
         self._rng = rng
         self._clearance_m = clearance_m
-        draws = rng.standard_normal(8)  # the same number whatever is ideal: other draws do not shift
+        draws = rng.standard_normal(8)  # the same count whatever is ideal, so that other draws stay the same
         ideal = sim.ideal
         spread = 0.0 if sim.dynamics.ideal or ideal else sim.dynamics.speed_spread
         speed = config.speed_mps * max(1.0 + spread * float(draws[0]), 0.2)
@@ -216,7 +197,7 @@ class SimVehicle:
         self._leg = np.zeros(6)
         self._leg[mm.LEG_RADIUS] = 15.0
         self._step = -1
-        self._next: LegLike | None = None
+        self._next: Leg | None = None
         self._loitering = False
         self._in_reach = True
         self._rows = np.empty((0, mm.OUT))
@@ -238,7 +219,7 @@ class SimVehicle:
 
     @property
     def step(self) -> int:
-        """The step its leg leads from; -1 before the first leg."""
+        """Step that its leg leads from; -1 before the first leg."""
         return self._step
 
     @property
@@ -269,7 +250,7 @@ class SimVehicle:
         error[HEADING] = wrap(error[HEADING])
         return error
 
-    def command(self, leg: LegLike) -> None:
+    def command(self, leg: Leg) -> None:
         """Takes the next leg."""
         if self._m[mm.MODE] == mm.WAITING or self._follows(leg):
             self._next = leg
@@ -277,7 +258,7 @@ class SimVehicle:
             self._next = None
             self._begin(leg, 0.0)
 
-    def _follows(self, leg: LegLike) -> bool:
+    def _follows(self, leg: Leg) -> bool:
         end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
         near = math.hypot(leg.north_m - end[1], leg.east_m - end[2]) <= SEAM_M
         return near and abs(wrap(leg.heading_rad - end[0])) <= SEAM_RAD
@@ -285,8 +266,8 @@ class SimVehicle:
     def _leg_start(self) -> tuple[float, float, float, float]:
         return self._leg[mm.LEG_HEADING], self._leg[mm.LEG_NORTH], self._leg[mm.LEG_EAST], 0.0
 
-    def _begin(self, leg: LegLike, along_m: float) -> None:
-        """Goes onto a leg, `along_m` of it already behind."""
+    def _begin(self, leg: Leg, along_m: float) -> None:
+        """Starts a leg, of which `along_m` are travelled already."""
         m = self._m
         on_track = mm.on_leg(self._leg, m[mm.ALONG]) if m[mm.MODE] == mm.ON_RAILS else None
         self._leg = np.array(
@@ -301,7 +282,7 @@ class SimVehicle:
         m[mm.ALONG] = along_m
 
     def _circle(self, along_m: float) -> None:
-        """Goes onto a circle that begins at the leg's end."""
+        """Starts a circle at the leg's end."""
         heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
         radius = float(self._leg[mm.LEG_RADIUS])
         side = 1.0 if self._leg[mm.LEG_TURN] >= 0.0 else -1.0
@@ -316,14 +297,14 @@ class SimVehicle:
         self._m[mm.ALONG] = along_m
 
     def move(self, stamps_s: Array, currents: Array) -> tuple[Array, Array]:
-        """Moves on by sub-steps of one over the DVL's rate.
+        """Advances by sub-steps of one over the DVL's rate.
 
         Args:
             stamps_s: End of each sub-step (n,).
             currents: Current north, east of each sub-step (n, 2), m/s.
 
         Returns:
-            True north and east (n,) of each sub-step, where `sense` wants the depth of the water.
+            True north and east (n,) of each sub-step: the places at which `sense` needs the depth of water.
         """
         m, n = self._m, len(stamps_s)
         normals = self._rng.standard_normal((n, mm.NORMALS))
@@ -362,7 +343,7 @@ class SimVehicle:
         return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
 
     def sense(self, water_m: Array) -> Array:
-        """Takes the true depth of water (n,) at the sub-steps of the last `move`; gives soundings.
+        """Takes the true depth of water (n,) at the sub-steps of the last `move`; returns soundings.
 
         Returns:
             Soundings (s, 4): stamp (s), estimated north and east (m), measured depth of water (m).
@@ -428,7 +409,7 @@ class SimVehicle:
         )
 
     def truth(self, now_s: float) -> Truth:
-        """What is really the case at the end of the last tick."""
+        """The true state at the end of the last tick."""
         m = self._m
         return Truth(
             stamp_s=now_s,

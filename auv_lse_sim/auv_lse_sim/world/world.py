@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.leg import Leg
 from auv_lse_common.seeds import stream
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_planner.config import VehicleConfig
@@ -17,7 +18,7 @@ from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.channel import Arrival, Channel, land_between
 from auv_lse_sim.world.current import Current
 from auv_lse_sim.world.ground import Ground
-from auv_lse_sim.world.vehicle import LegLike, NavigationEstimate, SimVehicle, Truth
+from auv_lse_sim.world.vehicle import NavigationEstimate, SimVehicle, Truth
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ class VehicleOutput:
         altitude_m: Measured altitude above the bottom at the tick's end, NaN without an echo.
         pressure_depth_m: Measured depth of the vehicle below the surface.
         arrivals: Packets that its modem has read in this tick, by time.
-        truth: What is really the case.
+        truth: Its true state.
     """
 
     soundings: Array
@@ -48,21 +49,21 @@ class World:
 
     One tick, ending at `now_s`: `tick(now_s)`, then the vehicles' `command` and `transmit` of that tick.
 
-    Chance comes from named streams of `seed`: ("sensors", k), ("current",) and ("channel",). How many numbers each
-    draws depends on the times and transmissions alone.
+    Random numbers come from named streams of `seed`: ("sensors", k), ("current",) and ("channel",). How many each of
+    them draws depends only on the times and the transmissions.
 
     Args:
         sim: Section `sim`.
         vehicles: One configuration per vehicle, by number from 1.
-        area: Section `area`; vehicles that wait circle to the side where it is freer.
-        ground: What they sound.
+        area: Section `area`; a vehicle that waits circles to the side with more room. None: to either side.
+        ground: The ground that they sound.
         seed: The mission's seed.
     """
 
     def __init__(
         self, sim: SimConfig, vehicles: Sequence[VehicleConfig], area: AreaConfig | None, ground: Ground, seed: int
     ) -> None:
-        """Sets the vehicles down at their starts."""
+        """Puts the vehicles at their starts."""
         self.config = sim
         self.ground = ground
         operating_area = OperatingArea(area) if area is not None else None
@@ -95,7 +96,7 @@ class World:
         return self._now_s
 
     def tick(self, now_s: float) -> dict[int, VehicleOutput]:
-        """Moves everything on to `now_s`.
+        """Advances everything to `now_s`.
 
         Packets that could not be read are in `lost` until the next tick.
 
@@ -105,7 +106,7 @@ class World:
         start_s = self._now_s
         if now_s < start_s:
             raise ValueError(f"world: tick to {now_s:g} s; expected a time after {start_s:g} s")
-        # Sub-steps keep to their own clock, whatever the ticks: all those that end within this tick.
+        # Sub-steps have their own clock, independent of the ticks: these end within this tick.
         rate, done = self.config.dvl.rate_hz, self._substeps
         self._substeps = math.floor(now_s * rate + 1e-6)
         stamps = np.arange(done + 1, self._substeps + 1) / rate
@@ -130,7 +131,7 @@ class World:
             )
         return output
 
-    def command(self, vehicle: int, leg: LegLike) -> None:
+    def command(self, vehicle: int, leg: Leg) -> None:
         """Gives a vehicle its next leg."""
         self.vehicles[vehicle].command(leg)
 
