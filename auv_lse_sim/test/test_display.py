@@ -6,10 +6,10 @@ import io
 
 from rich.console import Console
 
-from auv_lse_sim.engine.display import Display, Progress, clock
+from auv_lse_sim.engine.display import Display, MissionProgress, clock
 
 
-def shown(progress: Progress, terminal: bool) -> str:
+def shown(progress: MissionProgress, terminal: bool) -> str:
     console = Console(force_terminal=terminal, width=120, record=True, file=io.StringIO())
     with Display(progress, console) as display:
         display.refresh()
@@ -17,7 +17,7 @@ def shown(progress: Progress, terminal: bool) -> str:
 
 
 def test_a_method_without_a_bound_shows_none() -> None:
-    progress = Progress(vehicles=2, steps_total=9, steps=[3, 4], rewards={1: 10.0, 2: 5.25})
+    progress = MissionProgress(vehicles=2, steps_total=9, steps=[3, 4], rewards={1: 10.0, 2: 5.25})
     assert "bound" not in progress.line
     assert "reward 15" in progress.line
     text = shown(progress, terminal=True)
@@ -26,7 +26,7 @@ def test_a_method_without_a_bound_shows_none() -> None:
 
 
 def test_a_method_with_a_bound_shows_it_per_vehicle_and_summed() -> None:
-    progress = Progress(vehicles=2, steps_total=9, steps=[3, 4], rewards={1: 10.0}, bounds={1: 40.5, 2: 30.25})
+    progress = MissionProgress(vehicles=2, steps_total=9, steps=[3, 4], rewards={1: 10.0}, bounds={1: 40.5, 2: 30.25})
     assert "bound 71" in progress.line
     text = shown(progress, terminal=True)
     assert "40.5" in text
@@ -34,7 +34,7 @@ def test_a_method_with_a_bound_shows_it_per_vehicle_and_summed() -> None:
 
 
 def test_where_there_is_no_terminal_lines_come_now_and_then() -> None:
-    assert "steps - of 9" in shown(Progress(vehicles=1, steps_total=9), terminal=False)
+    assert "steps - of 9" in shown(MissionProgress(vehicles=1, steps_total=9), terminal=False)
 
 
 def test_clock() -> None:

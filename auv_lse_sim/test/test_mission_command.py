@@ -14,7 +14,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from auv_lse_common.params import ParameterError, parameters_for, read_parameter_file
 from auv_lse_sim.engine import mission
-from auv_lse_sim.engine.mission import hardware_of, main
+from auv_lse_sim.engine.hardware import hardware_of
+from auv_lse_sim.engine.mission import main
 from auv_lse_sim.engine.vehicle_file import vehicle_file
 from auv_lse_sim.settings import Settings
 

@@ -1,4 +1,4 @@
-"""What a person sees while a mission runs: a live table in a terminal, a line now and then elsewhere."""
+"""The display of a running mission: a live table in a terminal, a line every few seconds elsewhere."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ _LINE_PERIOD_S = 5.0
 
 
 @dataclass(slots=True)
-class Progress:
-    """How far a mission is.
+class MissionProgress:
+    """The progress of a mission, as the display shows it.
 
     Attributes:
         vehicles: Number of vehicles.
         steps_total: Legs each of them travels.
-        phase: What is going on, in words.
+        phase: What the mission is doing, for a person.
         sim_s: Mission time (s).
         steps: Legs travelled, per vehicle.
         sent: Packets sent by all.
         received: Packets received by all.
         lost: Receptions that the channel lost.
         speed: Simulated seconds per second of wall clock.
-        rewards: Reward so far by each planner's account, {vehicle: value}.
+        rewards: Reward so far, as each planner counts it, {vehicle: value}.
         bounds: Largest lower bound so far of each planner whose method has one, {vehicle: value}.
     """
 
@@ -47,7 +47,7 @@ class Progress:
 
     @property
     def line(self) -> str:
-        """The essentials in one line."""
+        """The main figures in one line."""
         steps = " ".join(str(n) for n in self.steps) or "-"
         bound = f" bound {sum(self.bounds.values()):.0f}" if self.bounds else ""
         return (
@@ -94,9 +94,9 @@ def clock(seconds: float) -> str:
 
 
 class Display:
-    """Shows a Progress until the context ends."""
+    """Shows a MissionProgress until its context ends."""
 
-    def __init__(self, progress: Progress, console: Console) -> None:
+    def __init__(self, progress: MissionProgress, console: Console) -> None:
         """Shows nothing yet."""
         self._progress = progress
         self._console = console

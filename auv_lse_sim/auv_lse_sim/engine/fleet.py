@@ -1,7 +1,7 @@
-"""A whole mission in one process, without ROS: the same cores, called in the order that docs/architecture.md fixes.
+"""A whole mission in one process, without ROS: the nodes' cores, called in the order of docs/architecture.md.
 
-The nodes of the ROS wiring make the same calls with the same numbers, so that a mission of one seed goes alike in
-both. Where a message rounds (a stamp to nanoseconds, a heading to a quaternion and back), the fleet rounds too.
+The nodes make the same calls with the same numbers, so that both give the same mission from the same seed. Where a
+message rounds (a stamp to nanoseconds, a heading to a quaternion and back), the fleet rounds too.
 """
 
 from __future__ import annotations
@@ -226,13 +226,13 @@ class Fleet:
             )
 
     def run(self, progress: Callable[[Fleet], None] | None = None) -> RunData:
-        """Flies the mission to its end.
+        """Runs the mission to its end.
 
         Args:
             progress: Called after every tick.
 
         Returns:
-            What the mission leaves; a mission given up after `Settings.longest_s` says so in its notes.
+            What the mission leaves; if it was stopped after `Settings.longest_s`, its notes say so.
         """
         while not self.finished:
             if self.now_s >= self.settings.longest_s:
@@ -245,7 +245,7 @@ class Fleet:
         return self.run_data()
 
     def run_data(self) -> RunData:
-        """What there is so far."""
+        """The run data up to now."""
         grid = self.crews[0].map.grid
         notes = list(self.notes)
         for number, vehicle in self.world.vehicles.items():

@@ -22,7 +22,7 @@ _STOP_S = 3.0
 
 
 class LaunchError(RuntimeError):
-    """A process that cannot be started, or that ended by itself."""
+    """A process that cannot be started, or a mission without a free ROS domain."""
 
 
 @contextlib.contextmanager
@@ -129,9 +129,9 @@ class ProcessGroup:
         return [(name, process.returncode) for name, process in self._running.items() if process.poll() is not None]
 
     def last_words(self, name: str, lines: int = 15) -> str:
-        """The end of a process's log."""
+        """The last lines of a process's log."""
         text = self.log(name).read_text(errors="replace").splitlines()
-        return "\n".join(text[-lines:]) or "(it wrote nothing)"
+        return "\n".join(text[-lines:]) or "(no output)"
 
     def cpu_s(self) -> dict[str, float]:
         """Processor time (s, user and system) that each running process has taken so far (Linux; else empty)."""
@@ -143,7 +143,7 @@ class ProcessGroup:
         return times
 
     def stop(self) -> None:
-        """Ends every process: the recorder last, so that it records the end; never leaves one behind."""
+        """Ends every process, the recorder last, so that it records the end of the others."""
         first = {n: p for n, p in self._running.items() if "recorder" not in n}
         self._end(first)
         self._end({n: p for n, p in self._running.items() if n not in first})
@@ -163,6 +163,6 @@ class ProcessGroup:
 
 
 def _die_with_parent() -> None:
-    """In the child: be ended when the parent is, even if that is killed outright (Linux)."""
+    """Runs in the child: asks Linux to end it with its parent, even if the parent is killed."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG

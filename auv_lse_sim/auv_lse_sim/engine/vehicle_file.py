@@ -1,4 +1,4 @@
-"""The mission file for vehicles: what a simulated mission has, less what belongs to the simulator alone."""
+"""The mission file for vehicles: that of a simulated mission without what only the simulator needs."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def vehicle_file(settings: Settings) -> str:
         if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):
             raise ParameterError(
                 f"{settings.where}: auv{k}: modem.kind is {own.modem.kind!r} and link.kind {own.link.kind!r}, at "
-                "addresses of that run's emulated hardware; expected a file written by hand, or by a run with neither "
-                "--modem emulated nor --vehicle-link mavlink"
+                "addresses of that run's emulated hardware; expected a file written by hand, or by a run "
+                "without --modem emulated and --vehicle-link mavlink"
             )
         if not own.modem.port:
             raise ParameterError(
@@ -50,3 +50,19 @@ def vehicle_file(settings: Settings) -> str:
     # leaves in one line; PyYAML writes floats with the point that YAML 1.1 wants
     dumped: str = yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=110)
     return _HEAD.format(source=settings.where) + dumped
+
+
+def write_vehicle_file(settings: Settings, path: Path) -> None:
+    """Writes the mission file for the vehicles.
+
+    Raises:
+        ParameterError: if vehicles cannot fly the mission as it is, or the file exists or cannot be written.
+    """
+    text = vehicle_file(settings)
+    try:
+        with path.open("x") as file:
+            file.write(text)
+    except FileExistsError:
+        raise ParameterError(f"--for-vehicles {path}: exists; expected a new file (nothing was changed)") from None
+    except OSError as error:
+        raise ParameterError(f"--for-vehicles {path}: cannot be written: {error.strerror or error}") from error

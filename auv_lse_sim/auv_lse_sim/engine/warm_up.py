@@ -1,7 +1,7 @@
-"""`python -m auv_lse_sim.engine.warm_up`: compiles the inner loops once, into numba's cache.
+"""`python -m auv_lse_sim.engine.warm_up`: compiles the inner loops once into numba's cache.
 
-scripts/setup runs it after building, so that nodes start quickly. Without it, every node of the first mission would
-compile for itself.
+scripts/setup runs it after building, so that nodes start quickly. Without it, each node of the
+first mission compiles them itself.
 """
 
 from __future__ import annotations

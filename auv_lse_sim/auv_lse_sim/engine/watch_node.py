@@ -1,4 +1,4 @@
-"""Follows a running mission from outside: what the live display shows."""
+"""Follows a running mission from outside, for the live display."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.ros_conversions import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
-from auv_lse_sim.engine.display import Progress
+from auv_lse_sim.engine.display import MissionProgress
 
 _STATES = {
     SimStatus.WAITING: "waiting",
@@ -22,15 +22,15 @@ _STATES = {
 }
 
 
-class Watcher:
-    """A node that reads /sim/status and every planner's bound into a Progress; a context manager."""
+class MissionWatch:
+    """A node that reads /sim/status and every planner's bound into a MissionProgress; a context manager."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: MissionProgress) -> None:
         """Joins nothing yet."""
         self._progress = progress
-        self._state, self._message = "waiting", "the simulator has not spoken yet"
+        self._state, self._message = "waiting", "nothing heard from the simulator yet"
 
-    def __enter__(self) -> Watcher:
+    def __enter__(self) -> MissionWatch:
         """Joins the mission's ROS domain; Ctrl-C stays the caller's."""
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("mission_display")
@@ -51,7 +51,7 @@ class Watcher:
         rclpy.try_shutdown()
 
     def wait(self, seconds_: float) -> tuple[str, str]:
-        """Handles messages for about `seconds_`; returns the state ("waiting", "running", ...) and the words to it."""
+        """Handles messages for about `seconds_`; returns the state ("waiting", "running", ...) and its message."""
         until = self._node.get_clock().now().nanoseconds + int(seconds_ * 1e9)
         while (left := until - self._node.get_clock().now().nanoseconds) > 0:
             self._executor.spin_once(timeout_sec=left * 1e-9)
@@ -67,5 +67,5 @@ class Watcher:
 
     def _on_bound(self, vehicle: int, message: Bound) -> None:
         self._progress.rewards[vehicle] = message.reward_so_far
-        if message.lower_bound > message.reward_so_far:  # a naive path promises more: the method has a bound
+        if message.lower_bound > message.reward_so_far:  # only a method with a bound promises more than it has
             self._progress.bounds[vehicle] = message.lower_bound_max

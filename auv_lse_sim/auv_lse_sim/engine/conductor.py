@@ -1,0 +1,112 @@
+"""Starts a mission's processes, watches the mission to its end, and ends every process."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import time
+from pathlib import Path
+from types import FrameType
+
+from rich.console import Console
+
+from auv_lse_sim.engine.display import Display, MissionProgress
+from auv_lse_sim.engine.launcher import ProcessGroup
+from auv_lse_sim.engine.processes import mission_processes
+from auv_lse_sim.engine.watch_node import MissionWatch
+from auv_lse_sim.settings import Settings
+
+_START_S = 90.0
+
+
+class MissionError(RuntimeError):
+    """A mission that did not end as it should: what happened, and where to look."""
+
+
+class Interrupt:
+    """Turns Ctrl-C and SIGTERM into a flag, so that the processes are ended in order.
+
+    Attributes:
+        came: Whether one of the two signals has come.
+    """
+
+    def __init__(self) -> None:
+        """Takes over both signals."""
+        self.came = False
+        for sign in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(sign, self._note)
+
+    def _note(self, sign: int, frame: FrameType | None) -> None:
+        self.came = True
+
+
+def conduct(
+    settings: Settings,
+    folder: Path,
+    environment: dict[str, str],
+    console: Console,
+    interrupt: Interrupt,
+    modem: str,
+    vehicle_link: str,
+) -> dict[str, float]:
+    """Starts every process, watches the mission to its end, and ends every process.
+
+    Args:
+        settings: The mission, as written to mission.yaml in `folder`.
+        folder: The run folder.
+        environment: The processes' environment (`launcher.local_environment`).
+        console: Where the progress is shown.
+        interrupt: Ends the mission early.
+        modem: "direct" or "emulated" (`processes.mission_processes`).
+        vehicle_link: "direct" or "mavlink".
+
+    Returns:
+        Wall-clock seconds of the phases "start", "mission" and "ending"; those not reached are left out.
+
+    Raises:
+        MissionError: if a node ends by itself or the simulator gives up. Every process is ended then, too.
+    """
+    os.environ.update(environment)
+    progress = MissionProgress(vehicles=settings.mission.vehicles, steps_total=settings.mission.steps)
+    marks = {"began": time.monotonic()}
+    group = ProcessGroup(folder / "logs", environment)
+    with contextlib.ExitStack() as stack:
+        stack.callback(group.stop)
+        for process in mission_processes(settings.mission.vehicles, modem, vehicle_link):
+            follows = process.executable != "sim_node"  # every clock but the simulator's follows /clock
+            group.start(process, folder / "mission.yaml", ("-p", "use_sim_time:=true") if follows else ())
+        watch = stack.enter_context(MissionWatch(progress))
+        display = stack.enter_context(Display(progress, console))
+        while not interrupt.came and progress.phase != "finished":
+            state, message = watch.wait(0.1)
+            _check(state, message, group, folder, time.monotonic() - marks["began"], progress.vehicles)
+            if state in ("running", "finished"):
+                progress.phase = state
+                marks.setdefault("running", time.monotonic())
+            display.refresh()
+        marks["ended"] = time.monotonic()
+        processor_s = group.cpu_s()
+    phases = {"ending": time.monotonic() - marks["ended"]}
+    if "running" in marks:
+        phases = {"start": marks["running"] - marks["began"], "mission": marks["ended"] - marks["running"], **phases}
+    times = {"wall_s": phases, "processor_s": processor_s}
+    (folder / "logs" / "times.json").write_text(json.dumps(times, indent=1) + "\n")
+    return phases
+
+
+def _check(state: str, message: str, group: ProcessGroup, folder: Path, since_s: float, vehicles: int) -> None:
+    """Checks that the mission can go on.
+
+    Raises:
+        MissionError: if a process has ended, the simulator has given up, or the nodes do not find each other.
+    """
+    for name, code in group.ended():
+        raise MissionError(
+            f"{name} ended by itself (exit code {code}); the end of {group.log(name)}:\n{group.last_words(name)}"
+        )
+    if state == "failed":
+        raise MissionError(f"the simulator gave up: {message}; logs: {folder / 'logs'}")
+    if state == "waiting" and since_s > _START_S + 10.0 * vehicles:
+        raise MissionError(f"the nodes have not found each other: {message}; logs: {folder / 'logs'}")

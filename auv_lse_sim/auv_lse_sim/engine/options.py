@@ -1,0 +1,116 @@
+"""The command line of scripts/mission."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.params import ParameterError
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/mission."""
+    p = argparse.ArgumentParser(
+        prog="scripts/mission",
+        description="Flies a team mission as real ROS 2 processes and leaves one run folder with the recording, the "
+        "figures and a report.",
+    )
+    p.add_argument(
+        "mission",
+        nargs="?",
+        type=Path,
+        metavar="MISSION.yaml",
+        help="mission file (default: config/missions/default.yaml)",
+    )
+    p.add_argument("--vehicles", type=int, metavar="K", help="number of vehicles, 1 to 20")
+    p.add_argument("--steps", type=int, metavar="N", help="legs that each vehicle travels")
+    p.add_argument("--method", metavar="NAME", help="planning method: augmented, plain, best, ... (docs/planner.md)")
+    p.add_argument("--seed", type=int, help="seed of every random stream: ground, sensors, channel, planners")
+    p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
+    p.add_argument(
+        "--bathymetry", type=Path, metavar="FILE", help="real ground: CSV of soundings, npz or ESRI ASCII grid, GeoTIFF"
+    )
+    p.add_argument(
+        "--area",
+        type=float,
+        nargs=4,
+        metavar=("SOUTH", "WEST", "NORTH", "EAST"),
+        help="operating area (m, local north and east); with --bathymetry default: the file's extent",
+    )
+    p.add_argument(
+        "--real-time-factor",
+        type=float,
+        metavar="X",
+        help="paced run, X times real time (default: lockstep, as fast as it goes)",
+    )
+    p.add_argument(
+        "--modem",
+        choices=("direct", "emulated"),
+        default="direct",
+        help="emulated: through serial ports, drivers and Micromodem sentences",
+    )
+    p.add_argument(
+        "--vehicle-link",
+        choices=("direct", "mavlink"),
+        default="direct",
+        help="mavlink: through a simulated MAVLink vehicle",
+    )
+    p.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="set any parameter, as in --set planner.iterations=500; may be repeated",
+    )
+    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
+    p.add_argument(
+        "--for-vehicles",
+        type=Path,
+        metavar="FILE",
+        help="write the mission file for the vehicles: without the simulator's parameters and the run's folder, "
+        "everything else filled in; starts nothing (docs/operations.md)",
+    )
+    p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
+    p.add_argument(
+        "--parameters", action="store_true", help="print every parameter with its unit, range and meaning, and exit"
+    )
+    return p
+
+
+def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
+    """The parameters that the command line sets, flat: {name: value}.
+
+    Raises:
+        ParameterError: for a --set that is not NAME=VALUE, or whose value is not YAML.
+    """
+    wanted: dict[str, Any] = {}
+    pairs = {
+        "mission.vehicles": options.vehicles,
+        "mission.steps": options.steps,
+        "mission.seed": options.seed,
+        "planner.method": options.method,
+        "sim.channel.packet_loss": options.packet_loss,
+    }
+    wanted.update({name: value for name, value in pairs.items() if value is not None})
+    if options.bathymetry is not None:
+        wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
+    if options.real_time_factor is not None:
+        wanted.update({"sim.real_time_factor": options.real_time_factor, "sim.lockstep": False})
+    if options.area is not None:
+        south, west, north, east = options.area
+        wanted["area.polygon_m"] = [south, west, north, west, north, east, south, east]
+    for text in options.set:
+        name, sign, value = text.partition("=")
+        if not sign or not name:
+            raise ParameterError(f"--set {text!r}: expected NAME=VALUE, as in planner.iterations=500")
+        try:
+            wanted[name] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            problem = getattr(error, "problem", None) or str(error)
+            raise ParameterError(
+                f"--set {text!r}: the value is not YAML: {problem}; write it as in a mission file"
+            ) from error
+    return wanted
