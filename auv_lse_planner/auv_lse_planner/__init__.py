@@ -1,1 +1,34 @@
-"""Planning for a team of AUVs: motion, naive paths, rewards, tree search, and the planner of one vehicle."""
+"""Planning for a team of AUVs: motion, naive paths, rewards, tree search, and the planner of one vehicle.
+
+The names below are what a user of the library needs; docs/examples/plan.md uses them alone. Three subpackages are for
+those who change the planner: `paths` (where a vehicle may go, and what a plan leads to), `reward` (what a path is
+worth) and `search` (which path to take).
+"""
+
+from auv_lse_planner.account import BoundRecord
+from auv_lse_planner.config import MissionConfig, MotionConfig, PlannerConfig, PlannerSettings, VehicleConfig
+from auv_lse_planner.decision import Decision, Statistics
+from auv_lse_planner.methods import METHODS
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.rollout import PlannedPath, Rollout
+from auv_lse_planner.vehicle_planner import VehiclePlanner
+
+__all__ = [
+    "METHODS",
+    "BoundRecord",
+    "Decision",
+    "FreeSpace",
+    "MissionConfig",
+    "MotionConfig",
+    "MotionTable",
+    "NaivePaths",
+    "PlannedPath",
+    "PlannerConfig",
+    "PlannerSettings",
+    "Rollout",
+    "Statistics",
+    "VehicleConfig",
+    "VehiclePlanner",
+]
