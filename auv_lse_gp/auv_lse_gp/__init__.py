@@ -4,7 +4,7 @@ from auv_lse_gp.area import AreaConfig, Grid, OperatingArea
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.columns import Columns
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.depth_map import DepthMap, Field, Isobath, contours
+from auv_lse_gp.depth_map import DepthField, DepthMap, Isobath, contours
 from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.gate import SoundingError
 from auv_lse_gp.kept import KeptColumns
@@ -26,8 +26,8 @@ __all__ = [
     "Centers",
     "Columns",
     "Counts",
+    "DepthField",
     "DepthMap",
-    "Field",
     "GpConfig",
     "Grid",
     "IllConditionedError",

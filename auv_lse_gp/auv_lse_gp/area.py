@@ -59,12 +59,12 @@ class AreaConfig:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Grid:
-    """Cells over the operating area, by their centres.
+    """Cells over the operating area, by their centers.
 
     Attributes:
         north_m: North of the rows (ny,), ascending.
         east_m: East of the columns (nx,), ascending.
-        inside: Whether a cell's centre is in the area (ny, nx).
+        inside: Whether a cell's center is in the area (ny, nx).
         resolution_m: Cell size.
     """
 
@@ -75,7 +75,7 @@ class Grid:
 
     @property
     def places_m(self) -> Array:
-        """Centres (P, 2) of the cells inside, row by row."""
+        """Centers (P, 2) of the cells inside, row by row."""
         rows, columns = np.nonzero(self.inside)
         return np.column_stack([self.north_m[rows], self.east_m[columns]])
 
@@ -140,7 +140,7 @@ class OperatingArea:
         """Cells of `resolution_m` that cover the polygon's extent, aligned to multiples of the resolution.
 
         Raises:
-            ValueError: if the resolution is not positive or no cell centre is in the area.
+            ValueError: if the resolution is not positive or no cell center is in the area.
         """
         if not (math.isfinite(resolution_m) and resolution_m > 0.0):
             raise ValueError(f"resolution_m: got {resolution_m!r}; expected a finite number > 0")
@@ -153,7 +153,7 @@ class OperatingArea:
         mesh = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
         inside = self.contains(mesh).reshape(len(north), len(east))
         if not np.any(inside):
-            raise ValueError(f"resolution_m: got {resolution_m!r}; no cell centre of that size is in the area")
+            raise ValueError(f"resolution_m: got {resolution_m!r}; no cell center of that size is in the area")
         return Grid(north, east, inside, resolution_m)
 
     def _raster(self) -> None:

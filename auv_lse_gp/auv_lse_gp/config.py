@@ -44,13 +44,13 @@ class GpConfig:
         "", help="Survey: CSV of north_m, east_m, depth_m, or an npz grid; linear in between, nearest outside."
     )
     min_spacing_m: float = parameter(
-        10.0, low=0.0, unit="m", help="A sounding is kept as a centre if at least this far from every kept one."
+        10.0, low=0.0, unit="m", help="A sounding is kept as a center if at least this far from every kept one."
     )
     merge: bool = parameter(
-        True, help="A sounding too close to a kept centre is averaged into it instead of being dropped."
+        True, help="A sounding too close to a kept center is averaged into it instead of being dropped."
     )
     local: bool = parameter(
-        False, help="Predict from the centres within support_m only (the paper); false: from all of them, exactly."
+        False, help="Predict from the centers within support_m only (the paper); false: from all of them, exactly."
     )
     support_m: float = parameter(
         0.0,

@@ -29,7 +29,7 @@ BAND_PROBABILITY = 0.95
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Field:
+class DepthField:
     """The posterior on the map's grid; arrays (ny, nx), NaN outside of the area.
 
     Attributes:
@@ -47,16 +47,6 @@ class Field:
     risk: Array
     p_safe: Array
     revision: int
-
-    @property
-    def mean(self) -> Array:
-        """`mean_m`."""
-        return self.mean_m
-
-    @property
-    def std(self) -> Array:
-        """`std_m`."""
-        return self.std_m
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -95,7 +85,7 @@ class DepthMap:
         self.last_problem = ""
         self._places_m = self.grid.places_m
         self._moments = KeptMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
-        self._field: Field | None = None
+        self._field: DepthField | None = None
 
     @property
     def counts(self) -> Counts:
@@ -131,14 +121,14 @@ class DepthMap:
         """Takes samples heard from the team, in the order given: north, east, depth (m) of each (n, 3)."""
         return [self._add(*row) for row in _rows("samples", samples, 3)]
 
-    def field(self) -> Field:
+    def field(self) -> DepthField:
         """The posterior on the grid, brought up to date."""
         revision = self.gp.revision
         if self._field is None or self._field.revision != revision:
             mean, std = self._predict()
             risk, safe = self.level_set.risk(mean, std), self.level_set.p_safe(mean, std)
             fill = self.grid.fill
-            self._field = Field(self.grid, fill(mean), fill(std), fill(risk), fill(safe), revision)
+            self._field = DepthField(self.grid, fill(mean), fill(std), fill(risk), fill(safe), revision)
         return self._field
 
     def isobath(self) -> Isobath:

@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 #: Smallest and largest noise variance / signal variance searched.
 LOWEST_RATIO, HIGHEST_RATIO = 1e-6, 1e2
 
-#: A parameter is called untold by the data if its standard error is more than this factor (e^0.5 = 1.65 either way).
-UNTOLD = 0.5
+#: The data determine a parameter if its standard error is less than this factor (e^0.5 = 1.65 either way).
+DETERMINED = 0.5
 
 # -rho'(r) / r, from which follow all derivatives: d rho / d log length = that times the axis' part of r^2.
 _SLOPES: dict[str, Callable[[Array], Array]] = {
@@ -341,13 +341,13 @@ def _uncertainty(target: MarginalLikelihood, y: Array, names: list[str]) -> tupl
     errors = {name: float(math.sqrt(v)) for name, v in zip(names, variance, strict=True)}
     warnings = []
     for name, error in errors.items():
-        limit = math.radians(20.0) if name == "rotation_deg" else UNTOLD
+        limit = math.radians(20.0) if name == "rotation_deg" else DETERMINED
         if error > limit:
             much = (
                 f"+-{math.degrees(error):.0f} degrees" if name == "rotation_deg" else f"a factor {math.exp(error):.2g}"
             )
             much = much if error < 20.0 else "any value fits"
-            warnings.append(f"{name}: the data hardly tell it ({much})")
+            warnings.append(f"{name}: the data hardly determine it ({much})")
     return errors, warnings
 
 

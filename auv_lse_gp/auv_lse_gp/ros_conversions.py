@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker
 
 from auv_lse_common.ros_conversions import doubles, floats, header, stamp
 from auv_lse_gp.centers import Centers
-from auv_lse_gp.depth_map import Field, Isobath
+from auv_lse_gp.depth_map import DepthField, Isobath
 from auv_lse_msgs.msg import KernelCenters, LevelSetField, SampleArray
 
 _BAND_COLORS = {"lines": (0.0, 0.0, 0.0), "shallow_edge": (0.9, 0.6, 0.0), "deep_edge": (0.0, 0.45, 0.7)}
@@ -37,7 +37,7 @@ def sample_rows(message: SampleArray) -> NDArray[np.float64]:
 
 
 def centers_message(now_s: float, revision: int, centers: Centers) -> KernelCenters:
-    """KernelCenters of the map's centres."""
+    """KernelCenters of the map's centers."""
     return KernelCenters(
         header=header(now_s),
         revision=revision,
@@ -49,7 +49,7 @@ def centers_message(now_s: float, revision: int, centers: Centers) -> KernelCent
 
 
 def centers_from_message(message: KernelCenters) -> Centers:
-    """The map's centres of a KernelCenters.
+    """The map's centers of a KernelCenters.
 
     Raises:
         ValueError: if its fields differ in length.
@@ -63,7 +63,7 @@ def centers_from_message(message: KernelCenters) -> Centers:
     return Centers(np.column_stack(columns[:2]), columns[2], columns[3])
 
 
-def field_message(now_s: float, field: Field, level_m: float) -> LevelSetField:
+def field_message(now_s: float, field: DepthField, level_m: float) -> LevelSetField:
     """LevelSetField of a field."""
     grid = field.grid
     return LevelSetField(
@@ -81,7 +81,7 @@ def field_message(now_s: float, field: Field, level_m: float) -> LevelSetField:
     )
 
 
-def risk_map_message(now_s: float, field: Field, largest_risk: float) -> OccupancyGrid:
+def risk_map_message(now_s: float, field: DepthField, largest_risk: float) -> OccupancyGrid:
     """Bayes risk as an OccupancyGrid: 0 no risk, 100 the largest risk there can be, -1 outside of the area.
 
     Args:

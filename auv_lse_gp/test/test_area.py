@@ -59,7 +59,7 @@ def test_grid_covers_the_area():
     assert np.all(np.isnan(filled[~grid.inside]))
     with pytest.raises(ValueError, match=r"resolution_m: got 0\.0; expected a finite number > 0"):
         area.grid(0.0)
-    with pytest.raises(ValueError, match="no cell centre of that size is in the area"):
+    with pytest.raises(ValueError, match="no cell center of that size is in the area"):
         OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 3.0, 0.0, 3.0, 3.0), raster_m=0.5)).grid(500.0)
 
 

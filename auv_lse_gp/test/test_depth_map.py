@@ -50,8 +50,8 @@ def test_step_by_step_is_the_same_as_at_once(name, merge):
     fresh.set_centers(centers.places_m, centers.depths_m, centers.noise_std_m)
     mean, std = fresh.predict(step_by_step.grid.places_m)
     inside = step_by_step.grid.inside
-    assert_allclose(field.mean[inside], mean, rtol=1e-9)
-    assert_allclose(field.std[inside], std, rtol=1e-9)
+    assert_allclose(field.mean_m[inside], mean, rtol=1e-9)
+    assert_allclose(field.std_m[inside], std, rtol=1e-9)
     assert_allclose(field.risk[inside], level_set.risk(mean, std), rtol=1e-7, atol=1e-12)
     assert_allclose(field.p_safe[inside], level_set.p_safe(mean, std), rtol=1e-7, atol=1e-12)
     assert field.revision == step_by_step.revision == step_by_step.field().revision
@@ -65,8 +65,8 @@ def test_local_map_is_the_local_prediction():
     depth_map.add_soundings(track(200))
     mean, std = depth_map.gp.predict(depth_map.grid.places_m)
     inside = depth_map.grid.inside
-    assert_allclose(depth_map.field().mean[inside], mean)
-    assert_allclose(depth_map.field().std[inside], std)
+    assert_allclose(depth_map.field().mean_m[inside], mean)
+    assert_allclose(depth_map.field().std_m[inside], std)
 
 
 def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
@@ -87,7 +87,7 @@ def test_refused_soundings_are_counted_and_the_rest_is_taken():
     assert outcomes == [None, Outcome.KEPT, None]
     assert depth_map.counts.refused == 2
     assert "depth_m=-4.0; expected 0 to 1000 m" in depth_map.last_problem
-    assert np.isfinite(depth_map.field().mean[depth_map.grid.inside]).all()
+    assert np.isfinite(depth_map.field().mean_m[depth_map.grid.inside]).all()
 
 
 def test_isobath_and_its_band():

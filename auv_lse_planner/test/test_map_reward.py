@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from planner_helpers import area, centers, dense_posterior, expected_risk
@@ -99,3 +101,13 @@ def test_paths_valued_together_have_the_values_that_they_have_alone(team):
     together = reward.values_of_equal(columns, 7)
     alone = [reward.value(columns.slice(7 * i, 7 * i + 7)) for i in range(5)]
     assert together == pytest.approx(np.array(alone), rel=1e-9)
+
+
+def test_places_whose_covariance_is_not_positive_definite_are_an_error():
+    rng, *_, reward = _situation(9, 50)
+    columns = reward.posterior.columns(rng.uniform(0, 400, (2 * 7, 2)))
+    broken = dataclasses.replace(columns, white=3.0 * columns.white)  # explains more than there is
+    with pytest.raises(ValueError, match="covariance of 7 planned places is not positive definite"):
+        reward.values_of_equal(broken, 7)
+    with pytest.raises(ValueError, match="covariance of 7 planned places is not positive definite"):
+        reward.value(broken.slice(0, 7))

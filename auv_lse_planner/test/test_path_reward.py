@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from planner_helpers import centers, dense_posterior, expected_risk
@@ -81,3 +83,14 @@ def test_team_credit_takes_off_what_team_mates_bring_anyway():
 def test_unknown_credit_is_refused():
     with pytest.raises(ValueError, match="credit: got 'half'"):
         _situation(8, 5, credit="half")
+
+
+@pytest.mark.parametrize("length", [3, 30])  # factorized by compiled loops, and by LAPACK
+def test_places_whose_covariance_is_not_positive_definite_are_an_error(length):
+    rng, *_, reward = _situation(9, 50)
+    columns = reward.posterior.columns(rng.uniform(0, 400, (2 * length, 2)))
+    broken = dataclasses.replace(columns, white=3.0 * columns.white)  # explains more than there is
+    with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
+        reward.values_of_equal(broken, length)
+    with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
+        reward.value(broken.slice(0, length))

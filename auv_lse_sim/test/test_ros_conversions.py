@@ -15,7 +15,7 @@ from auv_lse_common.plan import Plan
 from auv_lse_common.ros_conversions import doubles, floats, header, plan_from_message, plan_message, seconds, stamp
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.centers import Centers
-from auv_lse_gp.depth_map import Field
+from auv_lse_gp.depth_map import DepthField
 from auv_lse_gp.ros_conversions import centers_from_message, centers_message, field_message, risk_map_message
 from auv_lse_msgs.msg import Waypoint
 from auv_lse_planner.config import MotionConfig
@@ -95,7 +95,7 @@ def test_maps_have_south_west_first_and_unknown_outside() -> None:
     area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 40.0, 0.0, 40.0, 80.0, 0.0, 40.0)))
     grid = area.grid(10.0)
     inside = np.where(grid.inside, 1.0, np.nan)
-    field = Field(grid, 15.0 * inside, inside, 2.5 * inside, 0.5 * inside, 1)
+    field = DepthField(grid, 15.0 * inside, inside, 2.5 * inside, 0.5 * inside, 1)
     message = field_message(1.0, field, 15.0)
     assert (message.rows, message.columns) == grid.inside.shape
     assert (message.south_m, message.west_m) == (grid.north_m[0], grid.east_m[0])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.params import parameters_for
 from auv_lse_gp.area import Grid, OperatingArea
-from auv_lse_gp.depth_map import DepthMap, Field
+from auv_lse_gp.depth_map import DepthField, DepthMap
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.judge import isobath
 from auv_lse_sim.judge.reward import Curves, reward_curves
@@ -55,9 +55,9 @@ class Evaluation:
     run: RunData
     settings: list[PlannerSettings]
     area: OperatingArea
-    prior: Field
-    team: Field
-    local: list[Field]
+    prior: DepthField
+    team: DepthField
+    local: list[DepthField]
     curves: Curves
     estimate: list[Array]
     truth: list[Array]

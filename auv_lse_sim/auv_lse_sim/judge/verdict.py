@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.depth_map import Field
+from auv_lse_gp.depth_map import DepthField
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.judge import isobath
 from auv_lse_sim.record.run_data import GroundGrid
@@ -29,7 +29,9 @@ class Verdict:
     error: isobath.IsobathError
 
 
-def judge(field_: Field, settings: PlannerSettings, ground: GroundGrid, scored: Mask, truth: list[Array]) -> Verdict:
+def judge(
+    field_: DepthField, settings: PlannerSettings, ground: GroundGrid, scored: Mask, truth: list[Array]
+) -> Verdict:
     """Compares a map with the true ground on the cells `scored`; `truth` is the true isobath."""
     level = settings.level_set
     mean, std, depth = field_.mean_m[scored], field_.std_m[scored], ground.depth_m[scored]

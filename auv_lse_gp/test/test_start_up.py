@@ -1,0 +1,20 @@
+"""The package alone starts without numba, which takes a second to load."""
+
+import os
+import subprocess
+import sys
+
+CODE = """
+import sys
+import auv_lse_gp, auv_lse_gp.receivers_risk, auv_lse_gp.likelihood
+assert "numba" not in sys.modules, "imported before it is used"
+auv_lse_gp.expected_bayes_risk(15.0, 1.0, 1.0, 15.0, 10.0, 10.0)
+from auv_lse_common.compiled import USE_NUMBA
+assert ("numba" in sys.modules) is USE_NUMBA
+"""
+
+
+def test_numba_is_imported_when_it_is_first_used():
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", CODE], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
