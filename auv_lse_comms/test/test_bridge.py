@@ -35,7 +35,7 @@ def backlog(b: ModemBridge) -> Array:
     return b._in_time_order()[:, :4]
 
 
-def test_says_plan_and_samples_once_in_each_own_slot() -> None:
+def test_sends_plan_and_samples_once_in_each_own_slot() -> None:
     b = bridge(2)
     b.set_plan(PLAN)
     b.add_soundings(rows(5))
@@ -49,7 +49,7 @@ def test_says_plan_and_samples_once_in_each_own_slot() -> None:
     assert b.counts["samples.sent"] == 5
 
 
-def test_says_the_latest_plan() -> None:
+def test_sends_the_latest_plan() -> None:
     b = bridge()
     b.set_plan(PLAN)
     b.set_plan(dataclasses.replace(PLAN, step=5, actions=(4,)))
@@ -279,17 +279,17 @@ class Deepest:
     """Receivers for whom deeper is better."""
 
     def __init__(self) -> None:
-        self.told = 0
+        self.supposed = 0
         self.log: list[str] = []
 
     def hear(self, samples_m: Array, loss: float) -> None:
         self.log.append(f"heard {len(samples_m)} at {loss:g}")
 
     def send(self, loss: float) -> None:
-        self.log.append(f"sent {self.told} at {loss:g}")
+        self.log.append(f"sent {self.supposed} at {loss:g}")
 
     def suppose(self, samples_m: Array) -> None:
-        self.told += len(samples_m)
+        self.supposed += len(samples_m)
 
     def take_back(self) -> None:
         self.log.append("taken back")

@@ -157,7 +157,7 @@ def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: P
         (VehicleLinkNode, "/auv2", "link: {kind: mavlink}\narea: {origin_lat_deg: 46.5}", "expected both"),
     ],
 )
-def test_a_node_that_cannot_start_says_which_parameter_is_wrong(
+def test_a_node_that_cannot_start_names_the_parameter_that_is_wrong(
     tmp_path: Path, make: Callable[[], Any], namespace: str, parameters: str, message: str
 ) -> None:
     named = pytest.raises(ParameterError, match=f"parameters of {namespace}/.*{message}")

@@ -40,14 +40,14 @@ class Autopilot:
         self.mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
         self.reader = mavlink.MAVLink(None)
         self.now_s = NOW_S
-        self.told = []
+        self.reported = []
 
     def say(self, message, mav=None):
         mav = mav or self.mav
         data = message.pack(mav)
         mav.seq = (mav.seq + 1) % 256
         self.link.receive(self.now_s, data)
-        self.told += self.link.events()
+        self.reported += self.link.events()
 
     def heard(self, *kinds):
         messages = []
@@ -85,10 +85,10 @@ class Autopilot:
             if beat:
                 self.beat()
             self.link.poll(self.now_s)
-            self.told += self.link.events()
+            self.reported += self.link.events()
 
     def of(self, kind):
-        return [event for event in self.told if isinstance(event, kind)]
+        return [event for event in self.reported if isinstance(event, kind)]
 
 
 # ------------------------------------------------------------------ frames and units
@@ -205,7 +205,7 @@ def test_pressure_in_pascal():
     assert pilot.of(events.Pressure)[0].pressure_pa == pytest.approx(140550.0, rel=1e-6)
 
 
-def test_global_position_that_does_not_agree_is_told_once():
+def test_global_position_that_does_not_agree_is_reported_once():
     pilot = Autopilot().up()
     for _ in range(3):
         pilot.at(0.0, 0.0)
@@ -285,16 +285,16 @@ def test_the_origin_is_asked_for_and_set_if_there_is_none():
     pilot.beat()
     assert [m.get_type() for m in pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN")] == ["COMMAND_LONG"]
     pilot.wait(2.5)
-    said = pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN")
-    assert [m.get_type() for m in said] == ["SET_GPS_GLOBAL_ORIGIN", "COMMAND_LONG"]
-    assert (said[0].latitude, said[0].longitude) == (465000000, 66000000)
+    sent = pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN")
+    assert [m.get_type() for m in sent] == ["SET_GPS_GLOBAL_ORIGIN", "COMMAND_LONG"]
+    assert (sent[0].latitude, sent[0].longitude) == (465000000, 66000000)
     pilot.own_origin = ORIGIN
     pilot.say_origin()
     pilot.wait(10.0)
     assert pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN") == []
 
 
-def test_what_the_autopilot_complains_of_is_told():
+def test_the_autopilots_warnings_are_reported():
     pilot = Autopilot().up()
     pilot.say(mavlink.MAVLink_statustext_message(4, b"Leak detected"))
     pilot.say(mavlink.MAVLink_statustext_message(6, b"all is well"))
@@ -452,7 +452,7 @@ def test_an_upload_without_answer_is_repeated_reported_and_begun_again():
 
 
 @pytest.mark.parametrize(("result", "name"), [(4, "MAV_MISSION_NO_SPACE"), (1, "MAV_MISSION_ERROR"), (99, "99")])
-def test_a_refused_mission_is_told_by_name_and_tried_again(result, name):
+def test_a_refused_mission_is_reported_by_name_and_tried_again(result, name):
     pilot = Autopilot(mode="mission", upload_timeout_s=1.0).up()
     pilot.link.command(pilot.now_s, A)
     pilot.heard()

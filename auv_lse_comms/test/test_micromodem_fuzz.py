@@ -30,31 +30,33 @@ def sentence(text):
     return Sentence(kind, tuple(fields)).encode()
 
 
-def said(kind, *fields):
+def any_sentence(kind, *fields):
     return st.tuples(*fields).map(lambda values: Sentence(kind, values).encode())
 
 
-modem_says = st.one_of(
-    said("CAREV", time_of_day, st.sampled_from(["INIT", "AUV", "COPROC"]), st.just("2.0.27087")),
-    said("CACFG", st.sampled_from(["SRC", "CST", "RXP", "REV", "XST", "MFD", "ASD", "SNV"]), small),
-    said("CATMQ", iso, st.just("RTC"), st.just("RTC")),
-    said("CATMS", small, iso),
-    said("CACYC", st.just("0"), address, address, small, st.just("0"), small),
-    said("CADRQ", time_of_day, address, address, st.just("0"), st.sampled_from(["0", "64", "256"]), small),
-    said("CATXD", address, address, st.just("0"), st.sampled_from(["0", "4", "252"])),
-    said("CATXP", st.just("252")),
-    said("CATXF", st.just("252")),
-    said("CAXST", st.just("6"), st.just("19700101"), st.just("001640.0"), st.just("0"), st.sampled_from(["4", "0"])),
-    said("CARXP", small),
-    said("CARXD", address, address, st.just("0"), small, frame),
+modem_sends = st.one_of(
+    any_sentence("CAREV", time_of_day, st.sampled_from(["INIT", "AUV", "COPROC"]), st.just("2.0.27087")),
+    any_sentence("CACFG", st.sampled_from(["SRC", "CST", "RXP", "REV", "XST", "MFD", "ASD", "SNV"]), small),
+    any_sentence("CATMQ", iso, st.just("RTC"), st.just("RTC")),
+    any_sentence("CATMS", small, iso),
+    any_sentence("CACYC", st.just("0"), address, address, small, st.just("0"), small),
+    any_sentence("CADRQ", time_of_day, address, address, st.just("0"), st.sampled_from(["0", "64", "256"]), small),
+    any_sentence("CATXD", address, address, st.just("0"), st.sampled_from(["0", "4", "252"])),
+    any_sentence("CATXP", st.just("252")),
+    any_sentence("CATXF", st.just("252")),
+    any_sentence(
+        "CAXST", st.just("6"), st.just("19700101"), st.just("001640.0"), st.just("0"), st.sampled_from(["4", "0"])
+    ),
+    any_sentence("CARXP", small),
+    any_sentence("CARXD", address, address, st.just("0"), small, frame),
     statistics,
-    said("CAMSG", st.sampled_from(["BAD_CRC", "PACKET_TIMEOUT", "Packet Timeout", "WHATEVER"]), small),
-    said("CAERR", time_of_day, st.sampled_from(["NMEA", "DATA_TIMEOUT", "PSK", "NEW"]), small, st.just("text")),
+    any_sentence("CAMSG", st.sampled_from(["BAD_CRC", "PACKET_TIMEOUT", "Packet Timeout", "WHATEVER"]), small),
+    any_sentence("CAERR", time_of_day, st.sampled_from(["NMEA", "DATA_TIMEOUT", "PSK", "NEW"]), small, st.just("text")),
     st.binary(max_size=20),
 )
 #: "answer": what a modem in order would say to what the driver last wrote.
 chunk = st.one_of(
-    modem_says.map(lambda data: [data]),
+    modem_sends.map(lambda data: [data]),
     st.just(["answer"]),
     st.just(["send"]),
     st.just(["send", "answer"]),

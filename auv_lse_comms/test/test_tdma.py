@@ -112,7 +112,7 @@ def test_a_change_takes_effect_at_the_start_of_a_cycle() -> None:
     assert tdma.settings(226.0).slot_s == 20.0
 
 
-def test_slots_cut_by_a_change_are_nobodys() -> None:
+def test_slots_cut_by_a_change_belong_to_nobody() -> None:
     tdma = Tdma(PAPER, 1, 3)
     assert tdma.change(TdmaConfig(order=(1,), slot_s=7.0), 0.0) == 30.0
     assert tdma.slot(31.0).owner == 0  # [28, 35) of the new settings began before the change

@@ -148,7 +148,7 @@ def test_packets_go_through_the_channel_as_without_modems(emulated):
         assert a[4] == pytest.approx(b[4], abs=0.051)
 
 
-def test_what_is_heard_but_not_read_is_told_as_a_failed_reception(emulated):
+def test_what_is_heard_but_not_read_is_reported_as_a_failed_reception(emulated):
     sea = emulated
     sea.until(lambda: sea.ports[2].modem.state is State.IDLE, "the modem was not configured")
     lost = Arrival(

@@ -103,7 +103,7 @@ class Sea:
         return [event for event in self.told if isinstance(event, kind)]
 
 
-def test_what_the_vehicle_reports_is_what_the_link_tells():
+def test_what_the_vehicle_reports_is_what_the_link_gives():
     sea = Sea()
     sea.tick(north=321.0, east=-54.0, heading=-2.5)
     sea.tick(north=321.0, east=-54.0, heading=-2.5 + 2 * math.pi)  # headings come back in -pi to pi

@@ -53,7 +53,7 @@ def test_a_port_that_cannot_be_offered_is_named(capsys):
     taken.close()
 
 
-def test_it_ends_when_told():
+def test_it_ends_on_request():
     left = iter((True, True, False))
     rack = modem_desk.run({1: PtyPort()}, 1.0, lambda: 5.0, lambda: next(left))
     assert rack.modems[1].counts["boots"] == 1

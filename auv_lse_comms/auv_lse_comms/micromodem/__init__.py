@@ -14,8 +14,9 @@ events from it (docs/examples/drive_a_modem.md). `state.py` has its states and t
 `ModemPort` (port.py) joins a driver to a serial or TCP port and a line log; `replay_log` (log.py) gives such a log to a
 new driver. `micromodem_node.py` is the ROS 2 node around a `ModemPort`.
 
-All but the node import nothing but the standard library, `auv_lse_common` (the parameters' checks) and, in port.py,
-`auv_lse_comms.transport`: no NumPy, no packet, no mission. An import contract in pyproject.toml holds this.
+All but the node import nothing but the standard library, `auv_lse_common` (the parameters' checks, the states of
+health) and, in port.py, `auv_lse_comms.transport`: no NumPy, no packet, no mission. An import contract in
+pyproject.toml holds this.
 """
 
 from auv_lse_comms.micromodem.config import ModemConfig

@@ -13,7 +13,7 @@ from auv_lse_comms.mavlink.sounder import Sounder, Sounding
 EPOCH_S = 1.7e9
 
 
-def fly(
+def travel(
     sounder: Sounder,
     seconds: float,
     *,
@@ -23,35 +23,35 @@ def fly(
     speed: float = 1.5,
 ) -> list[Sounding]:
     """North at `speed` m/s from 0 at EPOCH_S, diving 0.1 m/s, over ground of 20 m."""
-    said: list[Sounding] = []
+    soundings: list[Sounding] = []
     events = [(start_s + i * odometry_s, 1) for i in range(round(seconds / odometry_s) + 1)]
     events += [(start_s + i * ping_s, 0) for i in range(round(seconds / ping_s) + 1)]
     for t, kind in sorted(events):
         since = t - EPOCH_S
         if kind:
-            said += sounder.odometry(t, speed * since, -3.0, 2.0 + 0.1 * since)
+            soundings += sounder.odometry(t, speed * since, -3.0, 2.0 + 0.1 * since)
         else:
             sounder.altitude(t, 18.0 - 0.1 * since)
-    return said
+    return soundings
 
 
 def test_ten_pings_a_second_give_one_sounding_a_second_at_their_mean_place() -> None:
-    said = fly(Sounder(1.0, 3), 5.5)
+    soundings = travel(Sounder(1.0, 3), 5.5)
     # the ping at 0 s is alone in its period; that of 0.1 ... 1.0 s has its mean at 0.55 s
-    assert [s.stamp_s - EPOCH_S for s in said] == pytest.approx([0.55, 1.55, 2.55, 3.55, 4.55], abs=1e-5)
-    assert [s.north_m for s in said] == pytest.approx([1.5 * t for t in (0.55, 1.55, 2.55, 3.55, 4.55)], abs=1e-5)
-    assert {s.east_m for s in said} == {-3.0}
-    assert [s.depth_m for s in said] == pytest.approx([20.0] * 5)
+    assert [s.stamp_s - EPOCH_S for s in soundings] == pytest.approx([0.55, 1.55, 2.55, 3.55, 4.55], abs=1e-5)
+    assert [s.north_m for s in soundings] == pytest.approx([1.5 * t for t in (0.55, 1.55, 2.55, 3.55, 4.55)], abs=1e-5)
+    assert {s.east_m for s in soundings} == {-3.0}
+    assert [s.depth_m for s in soundings] == pytest.approx([20.0] * 5)
 
 
 @pytest.mark.parametrize("odometry_s", [0.033, 0.2, 1.0])
 @pytest.mark.parametrize("ping_s", [0.05, 0.33, 1.0, 2.0])
 def test_the_usual_rates_of_autopilots_give_soundings(odometry_s: float, ping_s: float) -> None:
     sounder = Sounder(1.0, 1)
-    said = fly(sounder, 60.0, odometry_s=odometry_s, ping_s=ping_s, start_s=EPOCH_S + 0.37)
-    assert len(said) >= 60.0 / max(1.0, ping_s) - 3
+    soundings = travel(sounder, 60.0, odometry_s=odometry_s, ping_s=ping_s, start_s=EPOCH_S + 0.37)
+    assert len(soundings) >= 60.0 / max(1.0, ping_s) - 3
     assert sounder.counts["pings_unplaced"] <= 1 + 0.5 / ping_s  # before the first odometry at most
-    for s in said:
+    for s in soundings:
         assert s.north_m == pytest.approx(1.5 * (s.stamp_s - EPOCH_S), abs=1e-5)
         assert s.depth_m == pytest.approx(20.0, abs=1e-5)
 
@@ -62,8 +62,8 @@ def test_the_median_rejects_an_outlier_and_few_pings_give_none() -> None:
     for t, altitude in ((0.2, 10.0), (0.4, 3.0), (0.6, 10.2), (0.8, 10.4), (1.2, 10.0), (1.4, 10.0)):
         sounder.altitude(t, altitude)
     sounder.odometry(1.0, 0.0, 0.0, 2.0)
-    said = sounder.odometry(2.0, 0.0, 0.0, 2.0)
-    assert said == [Sounding(stamp_s=pytest.approx(0.5), north_m=0.0, east_m=0.0, depth_m=pytest.approx(12.1))]
+    soundings = sounder.odometry(2.0, 0.0, 0.0, 2.0)
+    assert soundings == [Sounding(stamp_s=pytest.approx(0.5), north_m=0.0, east_m=0.0, depth_m=pytest.approx(12.1))]
     assert sounder.odometry(2.3, 0.0, 0.0, 2.0) == []
     assert sounder.counts["periods_short"] == 1
 
@@ -102,9 +102,9 @@ def test_an_altitude_may_come_a_little_after_odometry_of_its_time() -> None:
 
 def test_a_clock_set_back_starts_anew() -> None:
     sounder = Sounder(1.0, 3)
-    assert fly(sounder, 3.5)
-    said = fly(sounder, 3.5, start_s=EPOCH_S - 100.0)
-    assert [s.stamp_s - EPOCH_S for s in said] == pytest.approx([-99.45, -98.45, -97.45], abs=1e-5)
+    assert travel(sounder, 3.5)
+    soundings = travel(sounder, 3.5, start_s=EPOCH_S - 100.0)
+    assert [s.stamp_s - EPOCH_S for s in soundings] == pytest.approx([-99.45, -98.45, -97.45], abs=1e-5)
     assert sounder.counts["clock_steps"] == 1
 
 

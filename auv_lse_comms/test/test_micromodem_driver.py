@@ -45,7 +45,7 @@ class Desk:
         self.modem = Micromodem(config(**values), 3)
         self.now_s = NOW_S
 
-    def said(self) -> list[str]:
+    def written(self) -> list[str]:
         return [text.split("*")[0].lstrip("$") for text in self.modem.outgoing().decode().split("\r\n") if text]
 
     def hear(self, *texts: str) -> list[Event]:
@@ -61,7 +61,7 @@ class Desk:
 
     def configure(self) -> "Desk":
         self.modem.opened(self.now_s)
-        while (asked := self.said())[-1].startswith("CCCFG"):
+        while (asked := self.written())[-1].startswith("CCCFG"):
             self.hear("CACFG," + asked[-1].split(",", 1)[1])
         assert asked == ["CCTMQ,0"]
         self.hear(f"CATMQ,{iso_time(self.now_s)},USER_CMD,RTC")
@@ -71,9 +71,9 @@ class Desk:
     def sending(self) -> "Desk":
         self.configure()
         self.modem.send(self.now_s, PAYLOAD)
-        self.said()
+        self.written()
         self.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,252", "CATXP,252")
-        self.said()
+        self.written()
         assert self.modem.state is State.SENDING
         return self
 
@@ -88,17 +88,17 @@ def kinds(events):
 def test_settings_are_sent_one_by_one_each_after_the_answer_to_the_one_before():
     desk = Desk()
     desk.modem.opened(desk.now_s)
-    said = []
+    lines = []
     for _ in range(20):
-        now = desk.said()
+        now = desk.written()
         assert len(now) == 1
-        said += now
+        lines += now
         if not now[0].startswith("CCCFG"):
             break
         desk.hear("CACFG," + now[0].split(",", 1)[1])
-    assert said[0] == "CCCFG,SRC,3"
-    assert {"CCCFG,CST,1", "CCCFG,RXP,1", "CCCFG,REV,1", "CCCFG,ASD,0"} <= set(said)
-    assert said[-1] == "CCTMQ,0"
+    assert lines[0] == "CCCFG,SRC,3"
+    assert {"CCCFG,CST,1", "CCCFG,RXP,1", "CCCFG,REV,1", "CCCFG,ASD,0"} <= set(lines)
+    assert lines[-1] == "CCTMQ,0"
 
 
 def test_ready_only_after_settings_and_clock():
@@ -109,9 +109,9 @@ def test_ready_only_after_settings_and_clock():
 def test_an_unanswered_setting_is_repeated_and_then_the_port_is_given_up():
     desk = Desk(retries=2, reply_timeout_s=1.0)
     desk.modem.opened(desk.now_s)
-    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.written() == ["CCCFG,SRC,3"]
     desk.wait(1.1)
-    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.written() == ["CCCFG,SRC,3"]
     assert not desk.modem.wants_reopen
     events = desk.wait(2.2)
     assert desk.modem.wants_reopen
@@ -119,20 +119,20 @@ def test_an_unanswered_setting_is_repeated_and_then_the_port_is_given_up():
     desk.modem.closed(desk.now_s, "reopening")
     desk.modem.opened(desk.now_s)
     assert not desk.modem.wants_reopen
-    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.written() == ["CCCFG,SRC,3"]
 
 
 def test_a_setting_the_modem_does_not_know_is_reported_and_passed_over_unless_vital():
     desk = Desk()
     desk.modem.opened(desk.now_s)
-    desk.said()
+    desk.written()
     desk.hear("CACFG,SRC,3")
-    desk.said()
+    desk.written()
     desk.hear("CACFG,CST,1")
-    assert desk.said() == ["CCCFG,RXP,1"]
+    assert desk.written() == ["CCCFG,RXP,1"]
     (problem,) = desk.hear("CAERR,030259,NMEA,4,unknown setting")
     assert "RXP" in problem.text
-    assert desk.said() == ["CCCFG,REV,1"]
+    assert desk.written() == ["CCCFG,REV,1"]
     assert desk.modem.counts["settings_refused"] == 1
 
 
@@ -140,12 +140,12 @@ def test_a_vital_setting_refused_is_asked_again_for_ever():
     desk = Desk(retries=1, reply_timeout_s=1.0)
     desk.modem.opened(desk.now_s)
     for _ in range(5):
-        assert desk.said() == ["CCCFG,SRC,3"]
+        assert desk.written() == ["CCCFG,SRC,3"]
         desk.hear("CAERR,030259,NMEA,4,no")
-        if not (said := desk.said()):
+        if not (lines := desk.written()):
             desk.wait(1.1)
-            said = desk.said()
-        assert said == ["CCCFG,SRC,3"]
+            lines = desk.written()
+        assert lines == ["CCCFG,SRC,3"]
         desk.hear("CACFG,SRC,9")  # nor does another value count as an answer
         if not desk.modem._session._out:
             desk.wait(1.1)
@@ -159,16 +159,16 @@ def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again()
     desk = Desk()
     desk.now_s = math.floor(NOW_S) + 0.5
     desk.modem.opened(desk.now_s)
-    while (asked := desk.said())[-1].startswith("CCCFG"):
+    while (asked := desk.written())[-1].startswith("CCCFG"):
         desk.hear("CACFG," + asked[-1].split(",", 1)[1])
     (checked,) = desk.hear("CATMQ,2000-01-01T00:00:00Z,NONE,NONE")
     assert not checked.within_tolerance
     assert checked.offset_s == pytest.approx(946684801.0 - desk.now_s)
-    assert desk.said() == []  # not in the middle of a second
+    assert desk.written() == []  # not in the middle of a second
     desk.wait(0.55, step=0.05)
-    assert desk.said() == ["CCTMS,2019-12-02T03:03:00Z,0"]
+    assert desk.written() == ["CCTMS,2019-12-02T03:03:00Z,0"]
     desk.hear("CATMS,0,2019-12-02T03:03:00Z")
-    assert desk.said() == ["CCTMQ,0"]
+    assert desk.written() == ["CCTMQ,0"]
     events = desk.hear("CATMQ,2019-12-02T03:03:00Z,USER_CMD,RTC")
     assert kinds(events) == ["ClockChecked", "ModemReady"]
     assert desk.modem.counts["clock_set"] == 1
@@ -179,7 +179,7 @@ def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(
     desk = Desk(set_clock=False, clock_tolerance_s=0.1)
     desk.now_s = math.floor(NOW_S) + 0.5 if reading_s != -1 else math.floor(NOW_S)
     desk.modem.opened(desk.now_s)
-    while (asked := desk.said())[-1].startswith("CCCFG"):
+    while (asked := desk.written())[-1].startswith("CCCFG"):
         desk.hear("CACFG," + asked[-1].split(",", 1)[1])
     events = desk.hear(f"CATMQ,{iso_time(desk.now_s + reading_s)},NONE,NONE")
     assert events[0].offset_s == pytest.approx(offset_s)
@@ -190,7 +190,7 @@ def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(
 def test_a_modem_without_clock_commands_is_used_all_the_same():
     desk = Desk()
     desk.modem.opened(desk.now_s)
-    while (asked := desk.said())[-1].startswith("CCCFG"):
+    while (asked := desk.written())[-1].startswith("CCCFG"):
         desk.hear("CACFG," + asked[-1].split(",", 1)[1])
     events = desk.hear("CAERR,030259,NMEA,1,unknown command")
     assert kinds(events) == ["Problem", "ModemReady"]
@@ -199,12 +199,12 @@ def test_a_modem_without_clock_commands_is_used_all_the_same():
 def test_clock_and_address_are_asked_for_again_and_again():
     desk = Desk(clock_period_s=10.0).configure()
     desk.wait(9.0)
-    assert desk.said() == []
+    assert desk.written() == []
     desk.wait(1.5)
-    assert desk.said() == ["CCCFQ,SRC", "CCTMQ,0"]
+    assert desk.written() == ["CCCFQ,SRC", "CCTMQ,0"]
 
 
-def test_silence_is_noticed_by_the_clock_check():
+def test_silence_is_detected_by_the_clock_check():
     desk = Desk(clock_period_s=10.0, reply_timeout_s=1.0, retries=1).configure()
     desk.wait(25.0)
     assert desk.modem.wants_reopen
@@ -213,10 +213,10 @@ def test_silence_is_noticed_by_the_clock_check():
 def test_a_step_back_of_the_hosts_clock_does_not_freeze_the_waits():
     desk = Desk(reply_timeout_s=1.0)
     desk.modem.opened(desk.now_s)
-    desk.said()
+    desk.written()
     desk.now_s -= 1e6
     desk.wait(1.2)
-    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.written() == ["CCCFG,SRC,3"]
     assert desk.modem.counts["clock_steps"] == 1
 
 
@@ -226,11 +226,11 @@ def test_a_step_back_of_the_hosts_clock_does_not_freeze_the_waits():
 def test_the_handshake_word_for_word():
     desk = Desk().configure()
     number = desk.modem.send(desk.now_s, PAYLOAD)
-    assert desk.said() == ["CCCYC,0,3,0,4,0,1"]
+    assert desk.written() == ["CCCYC,0,3,0,4,0,1"]
     desk.hear("CACYC,0,3,0,4,0,1")
-    assert desk.said() == []
+    assert desk.written() == []
     desk.hear("CADRQ,030259,3,0,0,256,1")
-    assert desk.said() == ["CCTXD,3,0,0," + PAYLOAD.hex().upper()]
+    assert desk.written() == ["CCTXD,3,0,0," + PAYLOAD.hex().upper()]
     assert desk.hear("CATXD,3,0,0,252") == []
     assert desk.hear("CATXP,252") == [TransmitStarted(number=number)]
     assert desk.modem.quiet
@@ -244,14 +244,14 @@ def test_frames_by_rate(rate, size, frames):
     desk = Desk(rate=rate).configure()
     payload = bytes(i % 251 for i in range(size))
     desk.modem.send(desk.now_s, payload, 7)
-    assert desk.said() == [f"CCCYC,0,3,7,{rate},0,{frames}"]
+    assert desk.written() == [f"CCCYC,0,3,7,{rate},0,{frames}"]
     desk.hear(f"CACYC,0,3,7,{rate},0,{frames}")
     sent = b""
     for frame in range(1, frames + 1):
         desk.hear(f"CADRQ,030259,3,7,0,256,{frame}")
-        (said,) = desk.said()
-        sent += bytes.fromhex(said.split(",")[-1])
-        desk.hear(f"CATXD,3,7,0,{len(said.split(',')[-1]) // 2}")
+        (lines,) = desk.written()
+        sent += bytes.fromhex(lines.split(",")[-1])
+        desk.hear(f"CATXD,3,7,0,{len(lines.split(',')[-1]) // 2}")
     assert sent == payload
     assert kinds(desk.hear(f"CATXP,{size}", f"CATXF,{size}")) == ["TransmitStarted", "TransmitDone"]
 
@@ -302,7 +302,7 @@ def test_every_refusal_ends_the_transmission_once(heard, error, reason):
     assert reason in failures[0].reason
 
 
-def test_other_errors_are_told_and_leave_the_transmission_alone():
+def test_other_errors_are_reported_and_leave_the_transmission_alone():
     desk = Desk().configure()
     desk.modem.send(desk.now_s, PAYLOAD)
     (problem,) = desk.hear("CAERR,030259,AUX,3,something inside")
@@ -313,16 +313,16 @@ def test_other_errors_are_told_and_leave_the_transmission_alone():
     assert desk.modem.counts["error: other"] == 1
 
 
-def test_a_packet_whose_slot_has_gone_is_dropped_and_a_late_request_is_not_answered():
+def test_a_packet_whose_slot_is_over_is_dropped_and_a_late_request_is_not_answered():
     desk = Desk(start_timeout_s=2.0).configure()
     number = desk.modem.send(desk.now_s, PAYLOAD)
-    desk.said()
+    desk.written()
     desk.hear("CACYC,0,3,0,4,0,1")
     events = desk.wait(2.1)
     assert [e.number for e in events] == [number]
     assert "too late" in events[0].reason
     desk.hear("CADRQ,030302,3,0,0,256,1")
-    assert desk.said() == []
+    assert desk.written() == []
     assert desk.modem.counts["unasked_requests"] == 1
     assert desk.hear("CAERR,030304,DATA_TIMEOUT,1") == []  # the modem's own end of it
 
@@ -332,11 +332,11 @@ def test_one_packet_waits_while_the_modem_is_busy_and_a_second_is_refused():
     second = desk.modem.send(desk.now_s, PAYLOAD[::-1])
     third = desk.modem.send(desk.now_s, PAYLOAD)
     assert [(e.number, "busy" in e.reason) for e in desk.modem.events()] == [(third, True)]
-    assert desk.said() == []
+    assert desk.written() == []
     desk.hear("CATXF,252")
-    assert desk.said() == ["CCCYC,0,3,0,4,0,1"]
+    assert desk.written() == ["CCCYC,0,3,0,4,0,1"]
     desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1")
-    assert desk.said() == ["CCTXD,3,0,0," + PAYLOAD[::-1].hex().upper()]
+    assert desk.written() == ["CCTXD,3,0,0," + PAYLOAD[::-1].hex().upper()]
     assert desk.hear("CATXP,252") == [TransmitStarted(number=second)]
 
 
@@ -348,7 +348,7 @@ def test_a_packet_asked_for_while_the_modem_is_away_is_dropped_in_time():
     (failure,) = desk.wait(1.0)
     assert (failure.number, "no modem" in failure.reason) == (number, True)
     desk.configure()
-    assert desk.said() == []
+    assert desk.written() == []
 
 
 def test_a_transmission_without_end_is_given_up():
@@ -379,14 +379,14 @@ def statistics(mode=0, bad=0, frames=1, toa="20191202030257.0500", clock=14):
     )
 
 
-def test_a_reception_ends_with_its_statistics_and_tells_what_the_modem_measured():
+def test_a_reception_ends_with_its_statistics_and_reports_what_the_modem_measured():
     desk = Desk().configure()
     assert desk.hear(CYCLE, PROBE, MFD, FRAME) == []
     (packet,) = desk.hear(statistics())
     assert (packet.source, packet.destination, packet.payload, packet.rate) == (2, 0, PAYLOAD, 4)
     assert packet.snr_db == 12.3
     assert packet.utc_s == pytest.approx(1575255777.05 + packet_duration_s(4, 252), abs=1e-4)
-    assert math.isnan(packet.travel_s)  # clocks are not said to be synchronous
+    assert math.isnan(packet.travel_s)  # no synchronous clocks are configured
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations([CYCLE, PROBE, MFD])))
@@ -427,7 +427,7 @@ def test_lost_statistics_do_not_lose_the_packet():
         ((statistics(),), "no frame"),
     ],
 )
-def test_a_reception_that_makes_no_packet_is_told_once_with_its_reason(heard, reason):
+def test_a_reception_that_gives_no_packet_is_reported_once_with_its_reason(heard, reason):
     desk = Desk().configure()
     events = desk.hear(*heard) + desk.wait(30.0)
     failures = [e for e in events if isinstance(e, ReceptionFailed)]
@@ -494,21 +494,21 @@ def test_frames_of_two_senders_never_make_one_packet():
     assert not [e for e in events if isinstance(e, PacketReceived)]
 
 
-def test_a_frame_said_twice_is_taken_once():
+def test_a_frame_received_twice_counts_once():
     desk = Desk().configure()
     (packet,) = desk.hear(CYCLE, FRAME, FRAME, statistics())
     assert packet.payload == PAYLOAD
     assert desk.modem.counts["repeated_frames"] == 1
 
 
-def test_the_modem_saying_that_it_took_less_is_told():
+def test_a_modem_that_took_less_of_a_frame_is_reported():
     desk = Desk().configure()
     desk.modem.send(desk.now_s, PAYLOAD)
     (problem,) = desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,250")
     assert "took 250 of the frame's 252 bytes" in problem.text
 
 
-def test_sentences_nobody_asked_for_change_nothing():
+def test_unexpected_sentences_change_nothing():
     desk = Desk().configure()
     events = desk.hear("CATXD,3,0,0,252", "CATXP,252", "CATXF,252", "CATMS,0,2019-12-02T03:02:59Z", "CAXXX,1")
     assert events == []
@@ -520,13 +520,13 @@ def test_sentences_nobody_asked_for_change_nothing():
 # ------------------------------------------------------------------ reboot
 
 
-def test_a_reboot_is_configured_anew_when_the_modem_says_it_is_up():
+def test_a_reboot_is_configured_anew_when_the_modem_reports_its_start():
     desk = Desk().sending()
     events = desk.hear("CAREV,030300,INIT,")
     assert kinds(events) == ["ModemLost", "TransmitFailed"]
-    assert desk.said() == []
+    assert desk.written() == []
     desk.hear("CAREV,030300,AUV,2.0.27087")
-    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.written() == ["CCCFG,SRC,3"]
     assert desk.modem.version == "2.0.27087"
     assert desk.modem.counts["reboots"] == 1
 
@@ -535,19 +535,19 @@ def test_a_reboot_whose_second_line_is_lost_is_configured_after_a_wait():
     desk = Desk().configure()
     desk.hear("CAREV,030300,INIT,")
     desk.wait(2.1)
-    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.written() == ["CCCFG,SRC,3"]
 
 
-def test_a_reboot_nobody_heard_is_noticed_by_the_address():
+def test_a_reboot_without_report_is_detected_by_the_address():
     desk = Desk(clock_period_s=5.0).configure()
     desk.wait(5.1)
-    assert "CCCFQ,SRC" in desk.said()
+    assert "CCCFQ,SRC" in desk.written()
     (lost,) = desk.hear("CACFG,SRC,0")
     assert "address is 0" in lost.reason
-    assert desk.said() == ["CCCFG,SRC,3"]
+    assert desk.written() == ["CCCFG,SRC,3"]
 
 
-def test_the_revision_said_now_and_then_is_no_reboot():
+def test_a_revision_without_init_is_no_reboot():
     desk = Desk().configure()
     assert desk.hear("CAREV,030300,AUV,2.0.27087") == []
     assert desk.modem.state is State.IDLE
@@ -574,7 +574,7 @@ def test_every_message_has_a_handler():
     assert read == set(Micromodem(config(), 3).handlers)
 
 
-def test_bad_fields_are_told_and_survived():
+def test_bad_fields_are_reported_and_survived():
     desk = Desk().configure()
     (problem,) = desk.hear("CARXD,2,0,0,1,XYZ")
     assert "CARXD" in problem.text

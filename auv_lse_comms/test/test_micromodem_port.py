@@ -12,7 +12,7 @@ from auv_lse_comms.micromodem.port import ModemPort
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk_closes_the_line_log_and_is_told_of_once() -> None:
+def test_a_full_disk_closes_the_line_log_and_is_reported_once() -> None:
     port = ModemPort(ModemConfig(kind="micromodem", port="/dev/does-not-exist", log_file="/dev/full"), 2)
     events = [event for i in range(5) for event in port.step(0.1 * i, 0.1 * i)]
     port.send(1.0, b"payload", 0)

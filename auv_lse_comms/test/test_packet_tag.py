@@ -49,7 +49,7 @@ def test_own_packets_are_accepted() -> None:
     receiver.check(sender.seal(packet(9, east_m=3.0), 2), 2)  # one step may give several packets
 
 
-def test_any_altered_bit_is_noticed() -> None:
+def test_any_altered_bit_is_detected() -> None:
     sealed = Tagger(KEY, 6).seal(packet(), 2)
     receiver = Tagger(KEY, 6)
     for bit in range(252 * 8):

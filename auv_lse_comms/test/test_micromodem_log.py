@@ -69,7 +69,7 @@ def a_day_at_sea(modem) -> list:
     return told
 
 
-def test_a_replay_says_and_tells_the_same_again():
+def test_a_replay_writes_and_reports_the_same_again():
     log: list[LogEntry] = []
     told = a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
     assert {type(event) for event in told} >= {PacketReceived, TransmitDone, TransmitFailed}
@@ -132,12 +132,12 @@ def test_a_last_line_cut_short_by_a_crash_is_left_out():
         ([LogEntry(1.0, "=", b"address 3"), LogEntry(1.0, "=", b"jumped")], "jumped"),
     ],
 )
-def test_what_cannot_be_replayed_is_said(entries, words):
+def test_what_cannot_be_replayed_is_refused(entries, words):
     with pytest.raises(LogError, match=words):
         replay_log(entries, CONFIG)
 
 
-def test_the_command_line_prints_the_events_and_tells_when_the_driver_differs(tmp_path, capsys):
+def test_the_command_line_prints_the_events_and_fails_when_the_driver_differs(tmp_path, capsys):
     log: list[LogEntry] = []
     a_day_at_sea(LoggedModem(Micromodem(CONFIG, 3), log.append))
     file = tmp_path / "modem.log"
