@@ -74,7 +74,7 @@ def _list(spec: CampaignSpec, folder: Path) -> int:
 
 
 def _rerun(options: argparse.Namespace) -> int:
-    """Flies one mission again. If it fails, its traceback is shown: the rerun is to show just that."""
+    """Flies one mission again. If it fails, the error is not caught: its traceback is what the user wants to see."""
     try:
         if options.out is None:
             raise CampaignError("--rerun: expected the campaign's folder in --out DIR")

@@ -1,8 +1,8 @@
-"""The paper's claims, one by one, held against what was measured here.
+"""The paper's claims, one by one, compared with what was measured here.
 
 A claim about a mean is called supported if the 95 % confidence interval of the paired difference over seeds lies on
-its side of zero, contradicted if it lies on the other, undecided if it holds zero. "At least as good" is also
-supported by an interval that holds zero but nothing worse than -5 %. Seeds share lakes, sensors' errors and channel,
+its side of zero, contradicted if it lies on the other, undecided if it contains zero. "At least as good" is also
+supported by an interval that contains zero but nothing worse than -5 %. Seeds share lakes, sensors' errors and channel,
 so differences are taken seed by seed.
 """
 
@@ -50,7 +50,7 @@ class Claim:
         text: The claim.
         source: Where it is made.
         evidence: What was measured.
-        remark: What to bear in mind.
+        remark: What limits the evidence.
     """
 
     text: str
@@ -60,7 +60,7 @@ class Claim:
 
 
 def verdict(difference: Interval, more_is_better: bool) -> str:
-    """Whether a difference (claimed better - other) supports that the first is better."""
+    """Whether a difference (a - b, a claimed to be better) supports the claim."""
     if difference.count < LEAST:
         return UNDECIDED
     low, high = (difference.low, difference.high) if more_is_better else (-difference.high, -difference.low)
@@ -109,7 +109,7 @@ def compare(a: Sequence[Row], b: Sequence[Row], team: str, weak: bool) -> list[E
 
 
 def _better(a: Mapping[int, float | None], b: Mapping[int, float | None], more: bool) -> int:
-    """With how many seeds a is better than b."""
+    """Number of seeds with which a is better than b."""
     pairs = [(value, b.get(seed)) for seed, value in a.items()]
     return sum((x > y) if more else (x < y) for x, y in pairs if x is not None and y is not None)
 
@@ -172,8 +172,8 @@ def _above_the_bound(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Seq
         text="The mission's reward stays above the lower bound, which is the reward of mowing the lawn.",
         source="section 6: 'the lower bound guarantee ... may be achieved despite non-idealities'",
         evidence=tuple(e for e in evidence if e is not None),
-        remark="The printed stepwise reward does not telescope: the bound credits the whole tail against the data of "
-        "today, the reward credits each leg against all data before it. The first line is the figure's literal "
+        remark="The printed stepwise reward does not telescope: the bound credits the whole naive part against the "
+        "data of today, the reward credits each leg against all data before it. The first line is the figure's literal "
         "comparison; the others are comparisons of like with like.",
     )
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from auv_lse_sim.campaign.errors import CampaignError
 
-#: A mission during which this many workers died is recorded as failed.
+#: A mission is recorded as failed when more workers than this have died while flying it.
 LOST_WORKERS = 2
 
 
@@ -59,9 +59,9 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _ended_in_order() -> Iterator[None]:
-    """Makes SIGTERM (of a batch system, a service manager) what Ctrl-C is: no worker and no scratch folder stays.
+    """Treats SIGTERM (of a batch system, a service manager) as Ctrl-C, so that no worker and no scratch folder stays.
 
-    A parent that ignores SIGINT (a script in the background) hands that on: it is taken back.
+    A child of a process that ignores SIGINT (a script in the background) ignores it too; here it does not.
     """
     before = {s: signal.signal(s, signal.default_int_handler) for s in (signal.SIGTERM, signal.SIGINT)}
     try:
@@ -78,7 +78,7 @@ def cores() -> int:
 
 @contextlib.contextmanager
 def lost_cluster_is_an_error() -> Iterator[None]:
-    """Turns what Dask raises when its scheduler is gone into a CampaignError."""
+    """Raises a CampaignError for what Dask raises when its scheduler is gone."""
     from distributed.client import CancelledError, ClosedClientError, CommClosedError
 
     try:

@@ -1,4 +1,4 @@
-"""What a campaign fails with."""
+"""The error of a campaign that cannot go on."""
 
 from __future__ import annotations
 

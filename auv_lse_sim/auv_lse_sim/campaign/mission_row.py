@@ -75,7 +75,7 @@ def row_head(job: Job) -> dict[str, Any]:
 
 @functools.cache
 def version() -> str:
-    """The code that flies: the commit it was checked out from ("-dirty": changed since), or the package's version."""
+    """Version of the running code: its commit ("-dirty": changed since), or the package's version."""
     here = Path(__file__).resolve().parent
     command = ["git", "-C", str(here), "describe", "--always", "--dirty"]
     try:

@@ -1,4 +1,4 @@
-"""The page of a campaign: settings compared over seeds, what failed, and how to fly one of its missions again."""
+"""The page of a campaign: settings compared over seeds, failures, and the command that flies a mission again."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from auv_lse_sim.campaign.statistics import Interval, interval
 from auv_lse_sim.judge.figures import COLORS, DASHES, STYLE, WIDTH_IN, new_figure, save
 from auv_lse_sim.judge.page_parts import embedded, facts, head, number, table
 
-#: What settings are compared in: column, heading, and whether more is better.
+#: Measures in which settings are compared: column, heading, and whether more is better.
 MEASURES: tuple[tuple[str, str, bool], ...] = (
     ("risk_third", "risk at a third (cost/place)", False),
     ("risk_after", "final risk (cost/place)", False),
@@ -117,7 +117,7 @@ def comparison(groups: Mapping[str, Sequence[Row]]) -> Figure:
 
 
 def _range(column: str, groups: Iterable[Sequence[Row]]) -> tuple[float, float]:
-    """Limits that show every value; intervals of a few seeds, which are wide, may stick out."""
+    """Limits that include every value; the wide intervals of a few seeds may exceed them."""
     values = [v for rows in groups for v in (value_of(r, column) for r in rows) if v is not None and math.isfinite(v)]
     if not values:
         return 0.0, 1.0
@@ -163,7 +163,7 @@ def _line(place: int) -> dict[str, Any]:
 
 
 def _curve(axis: Any, runs: Sequence[Sequence[float | None]], place: int) -> None:
-    """Mean over runs of a curve, where all of them know it, and its confidence interval."""
+    """Mean of a curve over runs, where all of them have a value, and its confidence interval."""
     if not runs:
         return
     length = min(map(len, runs))
@@ -177,7 +177,7 @@ def _curve(axis: Any, runs: Sequence[Sequence[float | None]], place: int) -> Non
 
 
 def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) -> Figure | None:
-    """The main measures against a numeric parameter, one line for each combination of the others; None if not one."""
+    """The main measures against a numeric parameter, a line for each combination of the others; None if not numeric."""
     varied = dict(spec.settings)
     values = {label: varied[label].get(name) for label in groups}
     numeric = {v for v in values.values() if isinstance(v, int | float) and not isinstance(v, bool)}
@@ -195,7 +195,7 @@ def sweep(spec: CampaignSpec, groups: Mapping[str, Sequence[Row]], name: str) ->
 def sweep_figure(
     lines: Mapping[str, Sequence[tuple[float, Sequence[Row]]]], label: str, columns: Sequence[str] = MAIN
 ) -> Figure:
-    """The main measures against a number: one line, of points (number, rows), for each name."""
+    """The main measures against a number: for each name one line of points (number, rows)."""
     with matplotlib.rc_context(STYLE):
         figure = new_figure(WIDTH_IN, 2.3 if len(lines) < 2 else 2.6)
         axes = figure.subplots(1, len(columns))

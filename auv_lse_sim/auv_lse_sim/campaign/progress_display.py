@@ -11,7 +11,7 @@ from auv_lse_sim.campaign.runner import CampaignState
 
 @contextlib.contextmanager
 def progress_display() -> Iterator[Callable[[CampaignState], None]]:
-    """Gives what shows a campaign's state, to be called after each mission."""
+    """Yields a function that displays a campaign's state; call it after each mission."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bars

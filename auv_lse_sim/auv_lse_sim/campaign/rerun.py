@@ -22,7 +22,7 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
 
     Args:
         folder: The campaign's folder.
-        wanted: The row's id, or the beginning of it.
+        wanted: The row's id, or its first characters.
         to: Run folder, by default one in the campaign's.
 
     Returns:
@@ -30,7 +30,7 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
 
     Raises:
         CampaignError: if there is no such row, or the id fits several.
-        Exception: whatever the mission fails with; the rerun is to show just that.
+        Exception: whatever the mission fails with; nothing is caught here.
     """
     paths = sorted((folder / "rows").glob(f"{wanted}*.parquet"))
     if len(paths) != 1:

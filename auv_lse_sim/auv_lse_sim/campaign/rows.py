@@ -23,7 +23,7 @@ import pyarrow.parquet
 from auv_lse_sim.campaign.spec import CampaignSpec, Job
 from auv_lse_sim.judge.summary import Summary
 
-#: Columns that say which mission a row is of and how it went, before the columns of its summary.
+#: The first columns of a row: its mission, and whether it succeeded.
 HEADER = (
     ("id", pyarrow.string()),
     ("group", pyarrow.string()),
@@ -63,7 +63,7 @@ def names_of(job: Job) -> dict[str, Any]:
 
 
 def rows_of(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The rows of a campaign's missions, in its order, under the names that its file gives them now."""
+    """The rows of a campaign's missions, in its order, with the names in its present file."""
     by_id = {row["id"]: row for row in rows}
     return [{**by_id[job.id], **names_of(job)} for job in spec.jobs() if job.id in by_id]
 
@@ -113,11 +113,11 @@ class Rows:
         return path
 
     def statuses(self) -> dict[str, str]:
-        """Status by id of every row there is ("ok", "failed"); a file that is no row is put aside."""
+        """Status by id of every row there is ("ok", "failed"); a damaged file is put aside."""
         return {row["id"]: row["status"] for row in self._tables(["id", "status"])}
 
     def read(self) -> list[dict[str, Any]]:
-        """Every row there is as a mapping; a file that is no row is put aside."""
+        """Every row there is as a mapping; a damaged file is put aside."""
         return list(self._tables(None))
 
     def _tables(self, columns: list[str] | None) -> Iterator[dict[str, Any]]:
@@ -132,7 +132,7 @@ class Rows:
                 path.rename(path.with_suffix(".broken"))
 
     def write_table(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Writes `results.parquet` with these rows; none leave none."""
+        """Writes `results.parquet` with these rows; without rows there is no such file."""
         if not rows:
             self.table_file.unlink(missing_ok=True)
             return
@@ -160,7 +160,7 @@ def _cell(value: Any) -> Any:
 
 
 def value_of(row: Row, column: str) -> float | None:
-    """A row's value in a column; the mean over vehicles where it has one per vehicle; None if unknown."""
+    """A row's value in a column: the mean where it has one value per vehicle, None if unknown."""
     value = row.get(column)
     if isinstance(value, list):
         known = [v for v in value if v is not None]

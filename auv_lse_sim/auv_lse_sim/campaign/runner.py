@@ -74,7 +74,7 @@ def run_campaign(
         folder: Its folder.
         client: `distributed.Client` of the cluster to fly on.
         retry_failed: Whether missions that failed before are flown again.
-        budget_s: No mission is handed out that would by experience end later than this.
+        budget_s: No mission is handed out that would probably end later than this (s from now).
         progress: Called after each mission.
 
     Raises:
@@ -140,7 +140,7 @@ def _finished_row(future: Any, job: Job) -> dict[str, Any]:
     """The row of a finished future; a mission that Dask gave up on has failed.
 
     Raises:
-        CampaignError: if the future was cancelled: with the cluster gone, nothing is known of the mission.
+        CampaignError: if the future was cancelled: without the cluster nothing is known of the mission.
     """
     if future.status == "finished":
         row: dict[str, Any] = future.result()

@@ -6,7 +6,7 @@ set: {mission.steps: 50}            # optional: parameters of all missions, by d
 grid:                               # every combination of these ...
   planner.method: [augmented, plain]
   sim.channel.packet_loss: [0.0, 0.5]
-list:                               # ... and of these with it, each a label and the parameters it stands for
+list:                               # ... with each of these: a label, and the parameters that it stands for
   - {label: pair, mission.vehicles: 2}
   - {label: trio, mission.vehicles: 3}
 seeds: 50                           # 1 to 50; or a list; or {first: 101, count: 50}
@@ -37,9 +37,9 @@ class Job:
     """One mission of a campaign.
 
     Attributes:
-        id: Names the mission: a digest of its complete parameters and of the survey it flies over, so that a changed
-            campaign file repeats only what it changed.
-        group: The setting it belongs to, readable: all seeds of one setting share it.
+        id: Names the mission: a digest of its complete parameters and of the survey that it flies over, so that after a
+            change of the campaign file only changed missions are flown.
+        group: Label of its setting; all seeds of one setting share it.
         varied: The parameters in which settings differ, with this mission's values.
         seed: Its seed.
         patterns: Its complete mission file.
@@ -63,7 +63,7 @@ class CampaignSpec:
         varied: Names of the parameters in which settings differ, in order.
         base: The mission file that all settings start from, as written: defaults that depend on the number of
             vehicles are filled in with a setting's own number.
-        where: The file it came from, for messages.
+        where: The file that it came from, for messages.
     """
 
     name: str
@@ -125,7 +125,7 @@ class CampaignSpec:
             raise ParameterError(f"{where}: two settings are called '{twice}'; expected different labels")
         mission = content.get("mission")
         file = folder / str(mission) if mission else None
-        Settings.load(file)  # what is wrong in the file itself is said first
+        Settings.load(file)  # errors of the file itself come first
         for label, values in settings:
             if "mission.seed" in values:
                 raise ParameterError(f"{where}: mission.seed in setting '{label}'; expected under `seeds`")
@@ -140,7 +140,7 @@ class CampaignSpec:
         )
 
     def jobs(self) -> list[Job]:
-        """Every mission, seed by seed, so that a campaign cut short has all settings with as many seeds.
+        """Every mission, seed by seed: a campaign that is cut short has the same seeds of every setting.
 
         Raises:
             ParameterError: if a setting cannot be used.
@@ -170,7 +170,7 @@ class CampaignSpec:
 
 @functools.cache
 def _digest(file: str, where: str) -> str:
-    """What identifies a survey beside its name, so that a file that has changed makes other missions; "" for none."""
+    """Digest of a survey file's content, so that a changed file makes other missions; "" for no file."""
     if not file:
         return ""
     try:

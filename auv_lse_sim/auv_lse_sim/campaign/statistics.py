@@ -42,9 +42,9 @@ class Interval:
 
 
 def proportion(flags: Sequence[bool | None], confidence: float = 0.95) -> str:
-    """Share of those that hold, with its Wilson interval: `0.31 (0.14 to 0.56)`; an interval that shares really have.
+    """Share of the true flags with its Wilson interval: `0.31 (0.14 to 0.56)`; None is left out.
 
-    Student's would give 0 of 16 no width at all, and 1 of 16 a negative limit.
+    Student's interval would have no width for 0 of 16, and a negative limit for 1 of 16.
     """
     known = [bool(f) for f in flags if f is not None]
     count = len(known)
@@ -70,7 +70,7 @@ def interval(values: Sequence[float | None], confidence: float = 0.95) -> Interv
 
 
 def paired(a: Mapping[int, float | None], b: Mapping[int, float | None]) -> Interval:
-    """Mean of a - b over the seeds that both have: seeds share their lakes, so differences say more than means."""
+    """Mean of a - b over the seeds that both have: seeds share their lakes, so differences vary less than means."""
     pairs = []
     for seed, value in a.items():
         other = b.get(seed)

@@ -1,8 +1,8 @@
 """Judges a mission: maps from what was measured, compared with each other and with the true ground.
 
 Everything is rebuilt from `RunData` with the same map core that flew, so a `Fleet` run, a recording of the ROS wiring
-and a recording from a boat are judged alike. Means over the map are over the cells inside the operating area whose
-true depth is known (all cells inside, where there is no truth).
+and a recording from a boat are judged alike. Means over the map are over the cells inside the operating area whose true
+depth is known (over all cells inside, where there is no truth).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-#: Number of places over which the risk is averaged at steps under way (at the end: over all).
+#: Number of places over which the risk is averaged at the steps before the end (at the end: over all).
 RISK_PLACES = 1500
 
 
@@ -65,7 +65,7 @@ class Evaluation:
     summary: Summary = field(init=False)
 
     def __post_init__(self) -> None:
-        """Sums the rest up."""
+        """Computes the summary."""
         self.summary = _summary(self)
 
 

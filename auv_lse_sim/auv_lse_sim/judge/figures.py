@@ -1,7 +1,7 @@
-"""The figures of a mission, as the paper shows them, with axes, units and colours that everybody can tell apart.
+"""The figures of a mission, as the paper has them, with axes, units and colours for the colour-blind, too.
 
 Maps have north up and east to the right, to scale, and leave out what is not judged. Vehicles have the colours of
-Okabe and Ito (2008) and, beyond eight, other dashes too; risk runs along a colour map of even lightness steps.
+Okabe and Ito (2008) and, beyond eight, other dashes too; risk has a colour map of even lightness steps.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from auv_lse_sim.judge.tracks import navigation_error, track
 
 Array = NDArray[np.float64]
 
-#: Colours for categories (Okabe and Ito 2008), told apart under every common colour blindness.
+#: Colours for categories (Okabe and Ito 2008), distinguishable under every common colour blindness.
 COLORS = ("#D55E00", "#56B4E9", "#009E73", "#CC79A7", "#E69F00", "#0072B2", "#F0E442", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 RISK_COLORS = "cividis"
@@ -63,7 +63,7 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure whose parts make room for each other."""
+    """An empty figure with constrained layout."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
@@ -274,7 +274,7 @@ def map_extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]
 
 
 def _panel(aspect: float, columns: int) -> tuple[float, bool]:
-    """Height (in) of one map panel, and whether `columns` of them go side by side."""
+    """Height (in) of one map panel, and whether `columns` of them fit side by side."""
     side_by_side = aspect >= 0.5
     width = (WIDTH_IN - 1.4) / (columns if side_by_side else 1)
     return min(width * aspect, 7.5) + 0.25, side_by_side

@@ -34,7 +34,7 @@ def trace(north_m: Array, east_m: Array, depth_m: Array, level_m: float) -> list
         level_m: Level (m).
 
     Returns:
-        Lines, each of shape (n, 2): north, east (m). The deeper side is on the same hand along all of them.
+        Lines, each of shape (n, 2): north, east (m). The deeper side is on the same side of all of them.
     """
     import contourpy
 
@@ -101,7 +101,7 @@ def write_geojson(
 ) -> None:
     """Writes isobaths as GeoJSON (RFC 7946).
 
-    With an origin, coordinates are WGS84 longitude, latitude, as the standard wants. Without one they are local
+    With an origin, coordinates are WGS84 longitude, latitude, as the standard demands. Without one they are local
     metres, east then north, and every feature's properties say so.
 
     Args:

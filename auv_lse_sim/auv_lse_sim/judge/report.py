@@ -1,4 +1,4 @@
-"""Writes what a run folder holds beside the recording: summary, isobath, figures and one self-contained page."""
+"""Writes what a run folder holds besides the recording: summary, isobath, figures and one self-contained page."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def write_report(run: RunData, folder: Path) -> Summary:
 
 
 def write_outputs(evaluation: Evaluation, folder: Path) -> Summary:
-    """`write_report` for a mission judged already."""
+    """As `write_report`, for a mission that is judged already."""
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "mission.yaml").exists():
         write_mission_file(folder / "mission.yaml", evaluation.run.parameters)
@@ -122,9 +122,9 @@ def _story(s: Summary) -> list[str]:
         verb = "ended above" if s.bound_kept else "ended below"
         texts.append(
             f"As printed, the team reward of {number(s.team_reward)} {verb} the largest lower bound of "
-            f"{number(s.lower_bound)}. That sum and that bound do not telescope (a tail is credited against the data "
-            "of today at all its places, a leg only against what was left when it was travelled), so this comparison "
-            "says little about the mission; the next one does."
+            f"{number(s.lower_bound)}. That sum and that bound do not telescope (a naive part is credited against the "
+            "data of today at all its places, a leg only against what was left when it was travelled), so this "
+            "comparison says little about the mission; the next one does."
         )
     if s.path_bound_kept is not None:
         verb = "above" if s.path_bound_kept else "below"

@@ -1,4 +1,4 @@
-"""The figures of merit of a mission: `summary.json`, with unit and meaning of each kept in one table, here."""
+"""The figures of merit of a mission: `summary.json`, each with its unit and meaning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a vehicle's track says: navigation error, length, distance to the others."""
+"""Measures of vehicles' tracks: navigation error, length, distance to each other."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SEPARATION_FROM_S = 60.0
 
 
 def true_positions(vehicle: VehicleRun) -> Array:
-    """A vehicle's soundings (n, 4) with the positions where they were really made."""
+    """A vehicle's soundings (n, 4) with their true positions."""
     stamps = vehicle.soundings[:, 0]
     moved = vehicle.soundings.copy()
     for column in (1, 2):

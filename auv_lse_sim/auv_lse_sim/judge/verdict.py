@@ -1,4 +1,4 @@
-"""A map held against the true ground."""
+"""A map compared with the true ground."""
 
 from __future__ import annotations
 

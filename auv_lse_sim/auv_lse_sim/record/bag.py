@@ -1,9 +1,7 @@
 """A run's recording (rosbag2 directory with MCAP) to `RunData` and back, without ROS.
 
-Reading goes by the message definitions kept in the recording, so a bag made elsewhere, or by an older version of the
-messages, is read as long as the fields used here are there. Writing serves missions flown by the fleet engine: their
-recordings play with `ros2 bag play` as those of the ROS wiring do. Positions become ENU at this boundary, as in every
-other message (see docs/frames.md).
+Writing is for missions of the fleet engine: their recordings play with `ros2 bag play` as those of the ROS wiring do.
+Positions become ENU at this boundary, as in every other message (see docs/frames.md).
 """
 
 from __future__ import annotations
@@ -41,7 +39,7 @@ def read_run(folder: Path, *, ground: GroundGrid | None = None, wall_s: float = 
     Args:
         folder: The run folder.
         ground: True ground on the evaluation grid, None if there is none.
-        wall_s: Wall-clock time the mission took (s); NaN: as the recording's own clock says.
+        wall_s: Wall-clock time the mission took (s), NaN if not known.
 
     Raises:
         RecordingError: naming the folder and what is missing or broken in it.
@@ -130,7 +128,7 @@ class _VehicleLog:
         self.bounds: dict[float, Any] = {}
 
     def take(self, name: str, stamp_s: float, message: Any) -> None:
-        """Takes a message of the vehicle's topic `name`; topics not needed are passed over."""
+        """Takes a message of the vehicle's topic `name`; other topics are ignored."""
         if name == "sounding":
             self.soundings.append((stamp_s, message.north_m, message.east_m, message.depth_m))
         elif name in ("odometry", "truth/odometry"):

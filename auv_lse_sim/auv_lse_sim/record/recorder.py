@@ -1,4 +1,4 @@
-"""Writes a run as a rosbag2 directory (MCAP, profile ros2) from raw CDR bytes, with what made the run inside.
+"""Writes a run as a rosbag2 directory (MCAP, profile ros2) from raw CDR bytes, with its mission file inside.
 
 The file is written in chunks that are closed at least every few seconds of messages, so that a power cut loses
 little; `close` adds the index and `metadata.yaml`, which make it playable by `ros2 bag play`.

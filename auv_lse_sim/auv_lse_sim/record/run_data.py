@@ -32,11 +32,11 @@ class DecisionRecord:
 
     Attributes:
         now_s: Mission time of the decision.
-        step: Step the decided leg leads from (0 for the first).
+        step: Step that the decided leg leads from (0 for the first).
         plan: The plan that was published. A plan that is kept stays anchored where it began, so its step can be less
             than `step`.
         jbar: Value Jbar (or J without augmentation) of the plan by the planner's objective (units of risk).
-        reward_so_far: Reward the planner credits itself with until now (units of risk).
+        reward_so_far: Reward of the legs travelled so far, by the planner (units of risk).
         lower_bound: The planner's time-varying lower bound, reward so far + naive part of Jbar.
         lower_bound_max: Running maximum of `lower_bound`.
         wall_s: Wall-clock time that planning took, NaN if not recorded.

@@ -129,7 +129,7 @@ def land_between(depth_m: Callable[[Array, Array], Array], spacing_m: float = 5.
 
     Args:
         depth_m: Water depth (m) at north, east (m), arrays of one shape.
-        spacing_m: Largest distance (m) of the places looked at along the link.
+        spacing_m: Largest distance (m) between the places examined along the link.
     """
 
     def blocked(a: Position, b: Position) -> bool:
@@ -159,21 +159,21 @@ class _Sound:
 
 
 class Channel:
-    """The water of one mission: takes transmissions, gives what each receiver makes of them.
+    """The water of one mission: from transmissions to what each receiver reads.
 
     Call `transmit` and `arrivals` in the order of time. One tick of an engine, ending at `now_s`:
 
         for arrival in channel.arrivals(now_s): hand it to its receiver if arrival.ok
-        ... the vehicles think ...
+        ... the vehicles decide ...
         channel.transmit(now_s, source, payload, positions)
     """
 
     def __init__(self, config: ChannelConfig, rng: np.random.Generator, blocked: Blocked | None = None) -> None:
-        """Starts silent.
+        """Starts without sound in the water.
 
         Args:
             config: The water.
-            rng: All the channel's chance.
+            rng: Source of the channel's random numbers.
             blocked: Whether land lies between two positions; None: nowhere.
         """
         config = config.in_force
@@ -212,7 +212,7 @@ class Channel:
         """A vehicle starts to send.
 
         Args:
-            now_s: When it starts (s), not before what `arrivals` was last asked for.
+            now_s: When it starts (s), not before the time of the last call of `arrivals`.
             source: Its number.
             payload: Its bytes.
             positions: Where every vehicle in the water is now, by number: north, east, depth (m).
@@ -272,10 +272,10 @@ class Channel:
         return ""
 
     def arrivals(self, until_s: float) -> list[Arrival]:
-        """Everything whose last sound has arrived at `until_s` (s) or before, and was not given yet.
+        """The transmissions whose last sound has arrived since the last call, until `until_s` (s).
 
         Returns:
-            In the order of arrival, then of receiver and source; those that could not be read among them.
+            By arrival, receiver and source; transmissions that could not be read are among them.
 
         Raises:
             ValueError: if `until_s` lies before that of an earlier call.

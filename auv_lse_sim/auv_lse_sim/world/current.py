@@ -20,7 +20,7 @@ class Current:
 
     Args:
         config: Its parameters.
-        rng: All its chance (stream "current").
+        rng: Source of its random numbers (stream "current").
         ideal: Still water, whatever `config` says.
     """
 

@@ -1,8 +1,7 @@
-"""Ground on a regular grid of depths: whatever a bathymetry file holds becomes one.
+"""Ground on a regular grid of depths; every bathymetry file becomes one.
 
 The grid lies on the local tangent plane, NaN where nothing is known, and is interpolated by a bicubic spline (twice
-continuously differentiable) between its nodes. Depths of 0 or less are land, and as unknown (NaN) as what was never
-sounded.
+continuously differentiable) between its nodes. Depths of 0 or less are land, and unknown (NaN), too.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ class GridGround:
         north_m: Node coordinates (ny,), evenly spaced, growing.
         east_m: Node coordinates (nx,), evenly spaced, growing.
         depth_m: Depths (ny, nx), positive down; NaN or <= 0 for unknown or land.
-        name: File or survey it came from, for messages.
+        name: The file or survey that it came from, for messages.
         origin: WGS84 latitude and longitude (deg) of the local origin.
         notes: Phrases on how it was made, for `describe`.
 
@@ -115,7 +114,7 @@ class GridGround:
         return np.where(inside, np.clip(depth, self._low, self._high), np.nan)
 
     def describe(self) -> str:
-        """Where it came from, how large it is, and how it was read."""
+        """Its source, its size, and how it was read."""
         e = self._extent
         where = f", origin {self._origin[0]:.5f}, {self._origin[1]:.5f} deg" if self._origin else ", no origin on Earth"
         land = f"; {self._land} nodes are land" if self._land else ""

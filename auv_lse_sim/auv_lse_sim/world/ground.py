@@ -1,7 +1,7 @@
 """What lies under the water: the `Ground` that the simulated vehicles sound.
 
 Depth is water depth in metres, positive down, referred to the still surface. NaN means that the ground is unknown
-there, or that it is land. `lake.py` draws synthetic ground, `ground_source.py` reads it from files.
+there, or that it is land. `lake.py` draws synthetic ground, `ground_files.py` reads ground from files.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Extent:
 
 
 class Ground(Protocol):
-    """Anything that can be sounded."""
+    """Ground that can be sounded."""
 
     @property
     def extent(self) -> Extent:
@@ -81,4 +81,4 @@ class Ground(Protocol):
 
 
 class GroundError(ValueError):
-    """Bathymetry that cannot be used; says the file, the line or array, and what was expected."""
+    """Bathymetry that cannot be used; names the file, the line or array, and what was expected."""

@@ -66,7 +66,7 @@ def _draw(config: LakeConfig, rng: np.random.Generator) -> _Valley:
 
 
 def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
-    """How deep in the valley a place lies (no unit, 1 at the thalweg) and the small relief (unit variance).
+    """Depth of a place in the valley (no unit, 1 at the thalweg), and the small relief (unit variance).
 
     Args:
         valley: The draw.
@@ -118,7 +118,7 @@ def _relief(waves: Array, north: Array, east: Array) -> Array:
 
 
 def _closed_shoals(shallow: NDArray[np.bool_], cell_m2: float, least_m2: float) -> int:
-    """How many connected shallow patches of at least `least_m2` do not touch the raster's edge."""
+    """Number of connected shallow patches of at least `least_m2` that do not touch the raster's edge."""
     labels, count = ndimage.label(shallow)
     edge = set(np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])).tolist())
     sizes = np.bincount(labels.ravel(), minlength=count + 1) * cell_m2
@@ -192,7 +192,7 @@ class SyntheticLake:
         return None
 
     def _tabulated(self) -> RectBivariateSpline:
-        """The formula's depths as a bicubic spline with nodes every TABLE_M: a sounding then costs microseconds."""
+        """The formula's depths as a bicubic spline with nodes every TABLE_M: a depth then takes microseconds."""
         e = self.extent
         north = np.linspace(e.north_min_m, e.north_max_m, math.ceil(e.height_m / TABLE_M) + 1)
         east = np.linspace(e.east_min_m, e.east_max_m, math.ceil(e.width_m / TABLE_M) + 1)
@@ -226,7 +226,7 @@ class SyntheticLake:
         return water
 
     def describe(self) -> str:
-        """One sentence: which lake it is."""
+        """One sentence on the lake and its parameters."""
         w = self._window
         return (
             f"synthetic lake {self.seed} (drowned valley, {self.config.inlets} inlets, {self.config.islands} knolls), "

@@ -1,4 +1,4 @@
-"""A vehicle's motion along a leg, one sub-step after the other, with its instruments and its filter in the loop.
+"""A vehicle's motion along a leg in sub-steps, with its instruments and its filter in the loop.
 
 Ideal vehicles run on rails: they are exactly where the leg says. Others are steered:
 
@@ -9,9 +9,9 @@ Ideal vehicles run on rails: they are exactly where the leg says. Others are ste
                      place' = speed (cos h, sin h) + current
 
 (Fossen 2011, section 10.3: line-of-sight path following with a moving path reference; off = cross-track distance,
-positive to starboard.) Steering knows the estimated state only; truth is what the equations move.
+positive to starboard.) Steering knows only the estimated state; the equations move the true one.
 
-Written for numba like `navigation.py`: scalars and flat arrays, all chance drawn beforehand.
+Written for numba like `navigation.py`: scalars and flat arrays; all random numbers are drawn beforehand.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ MEMORY = 22
 SETTING_OUT = 5.0
 #: Variance per second of the velocity while it does (m^2/s^3).
 SETTING_OUT_RATE = 0.3**2
-#: After this many refused DVL pings in a row it is the filter that is wrong.
+#: After this many refused DVL pings in a row the filter counts as wrong, and takes the next one.
 PATIENCE = 8.0
 
 # -- modes
@@ -358,7 +358,7 @@ def advance(
         m: The vehicle's memory (MEMORY,), changed in place.
         x: Filter state (8,), changed in place.
         p: Filter covariance (8, 8), changed in place.
-        leg: The leg it is on (6,); not looked at while waiting.
+        leg: Its present leg (6,); not used while waiting.
         params: Parameters (PARAMETERS,).
         q: The filter's process noise (5,).
         normals: Standard normals (n, NORMALS).
@@ -366,12 +366,12 @@ def advance(
         currents: Current north, east (n, 2), m/s.
         in_reach: Whether the bottom is within the DVL's reach.
         limit: Metres along the leg at which to stop.
-        out: What each sub-step leaves (n, OUT), changed in place.
+        out: Results of each sub-step (n, OUT), changed in place.
         first: First sub-step.
         last: One after the last.
 
     Returns:
-        Number of the sub-step to go on with.
+        Number of the next sub-step.
     """
     for i in range(first, last):
         if m[MODE] == ON_RAILS:

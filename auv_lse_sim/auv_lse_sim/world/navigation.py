@@ -12,12 +12,12 @@ which is what the DVL sees without its scale error, and velocity, biases and sca
     north' = (SURGE cos h - SWAY sin h) / (1 + DVL_SCALE),  east' = (SURGE sin h + SWAY cos h) / (1 + DVL_SCALE)
 
 With the velocity over ground as a state instead, DVL measurements (1 + scale) * velocity would be products of two
-states: the filter would believe to learn the scale from them, which nothing but fixes can tell it, and be too sure.
+states: the filter would seem to learn the scale from them, which only fixes can provide, and would be overconfident.
 
 The state is at the same time the nominal state and, by its covariance, the error state: after each scalar
 measurement the error's estimate is put into the nominal state and starts from 0 again (Groves 2013, sections 14.2
-and 16.2: an inertially aided dead-reckoning filter in closed loop). Scalar measurements that are further off than
-`GATE` standard deviations are refused, which is what keeps DVL outliers out.
+and 16.2: an inertially aided dead-reckoning filter in closed loop). Scalar measurements that are farther off than
+`GATE` standard deviations are refused: this rejects DVL outliers.
 
 The functions are written for numba, and run as plain Python where it is not installed; both give the same numbers.
 """
@@ -49,7 +49,7 @@ def wrap(angle: float) -> float:
 
 @compiled
 def predict(x: Array, p: Array, gyro: float, dt: float, q: Array) -> None:
-    """Moves state and covariance on by `dt`, in place.
+    """Advances state and covariance by `dt`, in place.
 
     Args:
         x: State (8,).
@@ -99,14 +99,14 @@ def predict(x: Array, p: Array, gyro: float, dt: float, q: Array) -> None:
 
 @compiled
 def update(x: Array, p: Array, h: Array, residual: float, variance: float, gate: float) -> float:
-    """Takes one scalar measurement in, in place.
+    """Updates state and covariance with one scalar measurement, in place.
 
     Args:
         x: State (8,).
         p: Covariance (8, 8).
-        h: What a change of each state makes of the measurement (8,).
-        residual: Measurement minus what the state says it should be.
-        variance: Of the measurement's noise.
+        h: Derivative of the measurement with respect to each state (8,).
+        residual: Measurement minus its value predicted from the state.
+        variance: Variance of the measurement's noise.
         gate: Standard deviations beyond which the measurement is refused.
 
     Returns:
@@ -164,7 +164,7 @@ def update_compass(x: Array, p: Array, heading: float, variance: float, gate: fl
 
 @compiled
 def update_gps(x: Array, p: Array, north: float, east: float, variance: float) -> None:
-    """Takes a GPS fix (m); never gated, since after a long dive it is what is right."""
+    """Takes a GPS fix (m); never gated, since after a long dive the fix is right and the state is not."""
     h = np.zeros(STATES)
     h[NORTH] = 1.0
     update(x, p, h, north - x[NORTH], variance, 1e9)
