@@ -23,12 +23,14 @@ from pymavlink.dialects.v20 import common as mavlink
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from auv_lse_common.base_node import EVERY
+from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.params import ParameterError
+from auv_lse_common.ros_conversions import header
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
 from auv_lse_comms.modem_node import ModemNode
-from auv_lse_msgs.msg import ModemTx, Sounding
+from auv_lse_comms.packet.codec import decode
+from auv_lse_msgs.msg import ModemTx, Plan, Sounding
 
 pytestmark = pytest.mark.ros
 
@@ -163,3 +165,31 @@ def test_a_node_that_cannot_start_names_the_parameter_that_is_wrong(
     named = pytest.raises(ParameterError, match=f"parameters of {namespace}/.*{message}")
     with named, spun(make, tmp_path / "p.yaml", parameters, namespace):
         pass
+
+
+def test_modem_node_sends_useful_samples_and_takes_them_back(tmp_path: Path) -> None:
+    parameters = (
+        "mission: {vehicles: 2, steps: 50}\n"
+        "area: {polygon_m: [0.0, 0.0, 300.0, 0.0, 300.0, 400.0, 0.0, 400.0]}\n"
+        "tdma: {order: [2, 1], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
+        "packet: {selection: useful}"
+    )
+    with spun(ModemNode, tmp_path / "p.yaml", parameters) as s:
+        sent = s.collect(ModemTx, "/auv2/modem/tx")
+        soundings = s.bench.create_publisher(Sounding, "/auv2/sounding", EVERY)
+        plans = s.bench.create_publisher(Plan, "/auv2/plan", LATCHED)
+        failed = s.bench.create_publisher(ModemTx, "/auv2/modem/failed", EVERY)
+        s.until(lambda: all(p.get_subscription_count() for p in (soundings, plans, failed)))
+        for k in range(60):
+            place = {"north_m": 5.0 * k, "east_m": 37.0 * k % 400.0, "depth_m": 14.0 + 0.03 * k}
+            soundings.publish(Sounding(header=header(float(k)), **place))
+        s.until(lambda: s.node._intake.bridge.unsent + len(s.node._intake._soundings) == 60)
+        plans.publish(Plan(vehicle=2, step=1, north_m=5.0, actions=[5], naive_path=0xFF))
+        s.until(lambda: sent)
+        failed.publish(ModemTx(header=header(time.time()), source=2))
+        s.until(lambda: s.node._bridge.counts["slots.missed.modem"] == 1)
+        assert len(sent) == 1
+        s.until(lambda: len(sent) == 2)
+        first, again = (decode(bytes(message.payload)).samples for message in sent)
+        assert len(first) == 19
+        assert (first == again).all(), "worth as much as before"
