@@ -1,5 +1,5 @@
-"""Communication: speed of codec and bridge, what of it arrives against range and number of vehicles, and what choosing
-the samples by their worth to the receivers gains.
+"""Communication: speed of codec and bridge, delivery against range and number of vehicles, and the gain of choosing the
+samples by their worth to the receivers.
 
     scripts/bench comms
     python -m benchmarks.comms figure        draws docs/figures/channel.png
@@ -133,7 +133,7 @@ class Wanderers:
 
 @dataclasses.dataclass(slots=True)
 class Traffic:
-    """What became of an hour of a team's packets."""
+    """How many of a team's packets arrived in an hour."""
 
     sent: int
     outcomes: Counter[str]
@@ -145,12 +145,12 @@ class Traffic:
 
     @property
     def delivered(self) -> float:
-        """Share of the receptions that could have been."""
+        """Delivered share of all possible receptions."""
         return self.outcomes[""] / max(sum(self.outcomes.values()), 1)
 
 
 def traffic(vehicles: int, seconds: int, config: ChannelConfig, seed: int = 1, per_second: int = 1) -> Traffic:
-    """A team's bridges over the channel, everyone sounding and planning."""
+    """Bridges of a team over the channel; every vehicle takes soundings and has a plan."""
     tdma = TdmaConfig()
     team = [ModemBridge(tdma, PacketConfig(), a, vehicles, limits=LIMITS) for a in range(1, vehicles + 1)]
     channel = Channel(config, stream(seed, "channel"))
@@ -217,7 +217,7 @@ def twenty_vehicles(sizes: Sizes = FULL) -> list[Row]:
 
 
 def delivery_at_range(range_m: float, config: ChannelConfig, packets: int = 2000, seed: int = 1) -> float:
-    """Share of lone packets read at a range, by sending them."""
+    """Share of packets decoded at a range without interference, by sending them."""
     channel = Channel(config, stream(seed, "range", int(range_m)))
     places: dict[int, Position] = {1: (0.0, 0.0, 3.0), 2: (range_m, 0.0, 3.0)}
     read = 0
@@ -273,7 +273,7 @@ def teams(sizes: Sizes = FULL) -> list[Row]:
 
 @dataclasses.dataclass(slots=True)
 class Outcome:
-    """What vehicles know less than all data would tell (the paper's local-map error)."""
+    """How much worse the vehicles' maps are than one of all data (the paper's local-map error)."""
 
     excess: float  # Bayes risk of a vehicle's map less that of all data, mean over the mission, vehicles and places
     regret: float  # what the vehicle's classes cost, by all data, more than the best ones; the same mean; never < 0
@@ -287,7 +287,7 @@ def regret(local: Knowledge, everything: Knowledge, level: LevelSet) -> float:
     return float(cost.mean()) - everything.risk
 
 
-def fly(
+def survey(
     packet: PacketConfig,
     vehicles: int,
     seed: int,
@@ -296,7 +296,7 @@ def fly(
     silent_s: float = 0.0,
     rate_hz: int = 1,
 ) -> Outcome:
-    """Flies a team over a synthetic lake and compares what each vehicle knows with what all data tell.
+    """Moves a team over a synthetic lake and compares each vehicle's map with one of all data.
 
     Args:
         packet: How samples are chosen.
@@ -378,7 +378,7 @@ SCENES: dict[str, dict[str, Any]] = {
 def selections(
     scenes: Iterable[str] = SCENES, choices: Iterable[str] = CHOICES, seeds: int = 3, seconds: int = 1600
 ) -> list[Row]:
-    """What choosing the samples gains: cost of local maps over that of all data, mean over the mission.
+    """What the choice of samples gains: cost of local maps over that of all data, mean over the mission.
 
     Args:
         scenes: Of `SCENES`.
@@ -392,7 +392,7 @@ def selections(
         base: list[Outcome] = []
         for choice in choices:
             config = CHOICES[choice]
-            runs = [fly(config, seed=seed, seconds=seconds, **settings) for seed in range(1, seeds + 1)]
+            runs = [survey(config, seed=seed, seconds=seconds, **settings) for seed in range(1, seeds + 1)]
             first = not base
             base = base or runs
             for kind in ("regret", "excess"):

@@ -191,7 +191,7 @@ def fuzz(inputs: int, rng: np.random.Generator) -> dict[str, Counter[str]]:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Prints what became of each kind of damage."""
+    """Prints the reasons for each kind of damage."""
     arguments = sys.argv[1:] if arguments is None else arguments
     inputs = int(arguments[0]) if arguments else 1_000_000
     seed = int(arguments[1]) if len(arguments) > 1 else 0

@@ -45,7 +45,7 @@ class Sea:
         self.world = World.of(settings, GROUND)
         self.pending = []
         self.legs = []
-        self.links = EmulatedLinks(settings, self.transmit, self.fly)
+        self.links = EmulatedLinks(settings, self.transmit, self.follow)
         self.ports = {k: ModemPort(settings.vehicle(k).modem, k) for k in self.links.modems}
         self.ears = {}
         self.autopilots = {}
@@ -61,7 +61,7 @@ class Sea:
         self.pending.append((start_s, k, payload))
         return self.world.channel.duration_s(len(payload))
 
-    def fly(self, k, leg):
+    def follow(self, k, leg):
         self.legs.append((k, leg))
         self.world.command(k, leg)
 
@@ -169,7 +169,7 @@ def test_what_is_heard_but_not_read_is_reported_as_a_failed_reception(emulated):
     assert sea.links.delivered(2) == 0
 
 
-def test_a_vehicle_flies_its_targets_and_its_odometry_comes_back(emulated):
+def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
     sea = emulated
     sea.links.greet(0.0)
     sea.until(lambda: all(a.state is LinkState.UP for a in sea.autopilots.values()), "no autopilot was heard")

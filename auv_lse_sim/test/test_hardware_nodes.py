@@ -99,7 +99,7 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
     assert again.modem.counts["connections"] == 2
 
 
-def fly(b: Bench, dock: MavlinkDock, report: Report, condition, what: str) -> None:
+def report_until(b: Bench, dock: MavlinkDock, report: Report, condition, what: str) -> None:
     end = time.monotonic() + 30.0
     while not condition():
         assert time.monotonic() < end, f"{what}; {b.words()}"
@@ -141,7 +141,7 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
         altitude = b.collect(Range, "/auv2/altitude")
         pressure = b.collect(FluidPressure, "/auv2/pressure")
         waypoint = b.publisher(Waypoint, "/auv2/waypoint")
-        fly(b, dock, report, lambda: odometry and altitude and pressure, "no odometry")
+        report_until(b, dock, report, lambda: odometry and altitude and pressure, "no odometry")
         pose = odometry[-1].pose.pose
         assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx((-40.0, 30.0, -4.0), abs=1e-4)
         # heading 0.5 clockwise from north is pi/2 - 0.5 counter-clockwise from east
@@ -155,6 +155,6 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
                 header=header(time.time()), step=0, end_heading_rad=0.5, end_north_m=60.0, end_east_m=-20.0, depth_m=4.0
             )
         )
-        fly(b, dock, report, lambda: legs, "no leg")
+        report_until(b, dock, report, lambda: legs, "no leg")
         assert legs[0].end_state[1:] == pytest.approx((60.0, -20.0), abs=0.012)
     dock.close()

@@ -147,7 +147,7 @@ def test_mavsdk_reads_position_and_uploads_a_mission():
     assert len(told["back"]) == 3
     for got, sent in zip(told["back"], waypoints, strict=True):
         assert got == pytest.approx(sent, abs=1e-6)
-    # and the vehicle flies there: three legs, each beginning where the one before it ends
+    # and the vehicle goes there: three legs, each beginning where the one before it ends
     assert len(sea.legs) == 3
     _, north, east = sea.legs[-1].end
     assert north == pytest.approx(0.0020 * 111160.0, abs=0.5)

@@ -1,14 +1,14 @@
 """A simulated vehicle's autopilot as seen over MAVLink: telemetry out, position targets and missions in.
 
-The simulation reports the vehicle's state once a tick (`report`) and is given each leg to fly (`fly`);
+The simulation reports the vehicle's state once a tick (`report`) and gets each leg to travel (`follow`);
 `mavlink_dock.py` joins one autopilot per vehicle to its UDP port. It behaves as an AUV's autopilot does towards a
 companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, DISTANCE_SENSOR,
 SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE, TIMESYNC.
 
-A new target or mission item is flown after the one before it (the sender sends it when the vehicle is about to reach
-that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs, which
-are arcs and straights of that radius, that is the leg itself, to the rounding of the message (float32: 0.03 mm at
-500 m; mission items: 1 cm). A target's depth is not flown: a simulated vehicle keeps its own.
+A new target or mission item is travelled to after the one before it (the sender sends it when the vehicle is about to
+reach that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs,
+which are arcs and straights of that radius, that is the leg itself, to the rounding of the message (float32: 0.03 mm at
+500 m; mission items: 1 cm). A target's depth is ignored: a simulated vehicle keeps its own.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from auv_lse_comms.mavlink.datum import Datum, Origin
 from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
 from auv_lse_sim.emulated.target_leg import leg_to
 
-#: A target nearer than this to one already flown to, or under way, is that one again (m): a mission item's rounding.
+#: A target nearer than this to an earlier one is that one again (m): the rounding of a mission item.
 SAME_M = 0.05
 #: A target's heading is taken for the leg's end if it is within this of the leg's own (rad).
 SAME_RAD = 0.1
@@ -66,7 +66,7 @@ class MavlinkVehicle:
     """One vehicle's autopilot.
 
     Attributes:
-        counts: "targets" (position targets received, repeated ones too), "missions" (accepted), "legs" (given to fly),
+        counts: "targets" (position targets received, repeated ones too), "missions" (accepted), "legs" (handed out),
             "refused".
         datum: The mission's origin and this autopilot's own.
         mission: Items of the mission accepted last.
@@ -78,7 +78,7 @@ class MavlinkVehicle:
         start: tuple[float, float, float],
         radius_m: float,
         origin: Origin | None,
-        fly: Callable[[Leg], None],
+        follow: Callable[[Leg], None],
         *,
         own_origin: Origin | None = None,
     ) -> None:
@@ -89,7 +89,7 @@ class MavlinkVehicle:
             start: Heading (rad), north, east (m) where the first leg begins.
             radius_m: Turn radius.
             origin: The mission's origin; None: no geodetic positions.
-            fly: Takes each leg, to be flown after those before it.
+            follow: Takes each leg, to be travelled after the legs before it.
             own_origin: The estimator's origin, if it is another than the mission's.
         """
         self.counts: Counter[str] = Counter()
@@ -99,7 +99,7 @@ class MavlinkVehicle:
         self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._state = start
         self._radius_m = radius_m
-        self._fly = fly
+        self._follow = follow
         self._recent: deque[Target] = deque(maxlen=REMEMBERED)
         self._out: list[bytes] = []
         self._now_s = 0.0
@@ -195,7 +195,7 @@ class MavlinkVehicle:
         )
         self._send(mavlink.MAVLink_scaled_pressure2_message(self._boot_ms, report.pressure_pa / 100.0, 0.0, 1000))
 
-    # ------------------------------------------------------------------ flying
+    # ------------------------------------------------------------------ targets
 
     def _go(self, target: Target) -> None:
         if any(
@@ -211,7 +211,7 @@ class MavlinkVehicle:
             heading = target.heading_rad
         self._state = (heading, target.north_m, target.east_m)
         self.counts["legs"] += 1
-        self._fly(leg)
+        self._follow(leg)
 
     def _send_text(self, severity: int, text: str) -> None:
         self._send(mavlink.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))

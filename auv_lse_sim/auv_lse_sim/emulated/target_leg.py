@@ -1,4 +1,4 @@
-"""The leg to a target: what a simulated autopilot flies on the way to it."""
+"""The leg to a target: an arc and a straight at the vehicle's turn radius."""
 
 from __future__ import annotations
 
