@@ -1,4 +1,4 @@
-"""What a vehicle's acoustic bridge does in a tick: takes what has come in, then says what is to be said."""
+"""What a vehicle's acoustic bridge does in a tick: it takes what has come in, then composes what goes out."""
 
 from __future__ import annotations
 

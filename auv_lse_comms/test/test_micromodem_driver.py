@@ -7,7 +7,7 @@ import pytest
 
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_comms.micromodem import state as state_module
-from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.config import PAYLOAD_BYTES, ModemConfig
 from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import (
     Event,
@@ -22,6 +22,7 @@ from auv_lse_comms.micromodem.messages import MESSAGES
 from auv_lse_comms.micromodem.rates import packet_duration_s
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
+from auv_lse_comms.packet.fields import PACKET_BYTES
 
 NOW_S = 1575255779.05  # 2019-12-02T03:02:59.05Z
 PAYLOAD = bytes(range(252))
@@ -599,3 +600,7 @@ def test_address_out_of_range(address):
 def test_settings_that_cannot_work_are_refused_by_name(values, words):
     with pytest.raises(ParameterError, match=words):
         from_mapping(ModemConfig, values, "mission.yaml: modem")
+
+
+def test_frames_are_cut_to_the_size_of_a_packet():
+    assert PAYLOAD_BYTES == PACKET_BYTES  # the driver does not import the packet

@@ -59,6 +59,7 @@ class PacketReceived:
     Attributes:
         utc_s: End of its reception, s since 1970: by the modem's clock to 0.1 ms where that is right, else the
             host's when it was reported.
+        payload: Its bytes; zeros after byte 252 are cut off, as some firmware fills frames up with them.
         snr_db: At the equalizer's input, dB; NaN if its statistics were lost.
         travel_s: One-way travel time, s; NaN unless transmissions start on the second (`modem.synchronous`) and the
             modem's clock is held by a PPS; ambiguous by whole seconds (1.5 km of water each).
