@@ -170,7 +170,7 @@ def test_a_star_is_one_name_and_two_stars_any_number(pattern: str, node: str, ma
         ("{", "not valid YAML"),
     ],
 )
-def test_files_that_are_none_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_files_of_another_shape_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "m.yaml"
     path.write_text(text)
     with pytest.raises(ParameterError, match=message):

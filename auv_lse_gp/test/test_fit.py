@@ -89,7 +89,7 @@ def test_finds_two_axes_and_a_plane():
     assert result.log_likelihood > single.log_likelihood + 10.0
 
 
-def test_says_what_the_data_cannot_tell():
+def test_warns_of_what_the_data_do_not_determine():
     rng = np.random.default_rng(0)
     places = rng.uniform(0, 100, (40, 2))
     nothing = fit(places, 15.0 + rng.normal(0, 1.0, 40))

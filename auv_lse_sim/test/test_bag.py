@@ -1,3 +1,5 @@
+"""A mission written as a recording and read back."""
+
 import numpy as np
 import pytest
 

@@ -27,7 +27,7 @@ def test_the_command_flies_and_lists(tmp_path, capsys):
     assert re.match(r"[0-9a-f]{16}  ok      seed 1", capsys.readouterr().out)
 
 
-def test_the_command_says_what_is_wrong(tmp_path, capsys):
+def test_the_command_reports_errors(tmp_path, capsys):
     assert main([str(tmp_path / "none.yaml")]) == 2
     assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
     assert main([]) == 2

@@ -1,3 +1,5 @@
+"""Verdicts on the paper's claims."""
+
 import numpy as np
 import pytest
 

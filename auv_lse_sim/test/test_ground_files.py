@@ -1,4 +1,4 @@
-"""Bathymetry files of every kind: what is wrong is said, and the real lake is read both ways."""
+"""Bathymetry files of every kind: errors, origins, and the real lake both as soundings and as a grid."""
 
 from pathlib import Path
 
@@ -69,7 +69,7 @@ GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n"
         ("a.asc", "ncols 2\ncellsize inf\n", r"a\.asc:2: 'cellsize inf'; expected a finite number"),
     ],
 )
-def test_what_is_wrong_is_said(tmp_path, name, text, match):
+def test_errors_name_file_line_and_what_was_expected(tmp_path, name, text, match):
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(GroundError, match=match):

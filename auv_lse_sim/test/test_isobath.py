@@ -1,3 +1,5 @@
+"""Isobaths: traced, compared, written as GeoJSON."""
+
 import json
 import math
 

@@ -1,3 +1,5 @@
+"""The run folder and its page."""
+
 import json
 import re
 import struct

@@ -1,3 +1,5 @@
+"""The reproduction of the paper in miniature."""
+
 import json
 import re
 from dataclasses import replace
@@ -55,6 +57,6 @@ def _reproduced_in_miniature(tmp_path, arguments, capsys):
     assert json.loads((tmp_path / "r" / "results.json").read_text()) == results
 
 
-def test_what_cannot_be_done_is_said(tmp_path, capsys):
+def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):
     assert main(["--seeds", "0", "--out", str(tmp_path)]) == 2
     assert "--seeds 0" in capsys.readouterr().err

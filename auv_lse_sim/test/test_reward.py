@@ -1,3 +1,5 @@
+"""The reward curves against dense computation, and the places that they credit."""
+
 import numpy as np
 import pytest
 

@@ -120,7 +120,7 @@ def test_parameters_of_a_vehicle_are_its_own(tmp_path):
         ("", r"is empty; expected a ROS 2 parameter file"),
     ],
 )
-def test_what_is_wrong_is_said(tmp_path, text, match):
+def test_errors_name_the_fault_and_what_was_expected(tmp_path, text, match):
     with pytest.raises(ParameterError, match=match):
         Settings.load(write(tmp_path, text))
 

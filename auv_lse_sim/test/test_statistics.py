@@ -1,3 +1,5 @@
+"""Means, shares and paired differences with their intervals."""
+
 import math
 
 import pytest
