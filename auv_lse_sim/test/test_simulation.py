@@ -1,0 +1,100 @@
+"""The simulated side of a mission in lockstep: which tick may run when, without ROS."""
+
+from __future__ import annotations
+
+import pytest
+
+from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground_source import ground_of
+
+PAYLOAD = bytes(252)
+
+
+def simulation(recorded: bool = False, lockstep: bool = True, vehicles: int = 1) -> Simulation:
+    settings = Settings.load(None, {"mission.vehicles": vehicles, "mission.steps": 4})
+    return Simulation(settings, ground_of(settings), lockstep=lockstep, recorded=recorded)
+
+
+def handle(sim: Simulation, tick: int, waypoints: int = 0, packets: int = 0, finished: bool = False) -> None:
+    """Every vehicle's nodes announce the tick."""
+    for k in sim.vehicles:
+        sim.take_done(k, "planner", tick, (waypoints, waypoints), finished)
+        sim.take_done(k, "modem_sent", tick, (packets, 0), False)
+
+
+def test_the_first_tick_waits_for_every_node_of_every_vehicle() -> None:
+    sim = simulation(vehicles=2)
+    for k in (1, 2):
+        for phase in ("gp", "planner", "modem"):
+            assert not sim.greeted
+            sim.take_done(k, phase, 0, (0, 0), False)
+    assert sim.greeted
+    assert sim.state is MissionState.WAITING
+
+
+def test_a_tick_waits_for_the_waypoints_and_packets_that_are_announced() -> None:
+    sim = simulation()
+    outputs = sim.advance()
+    assert (sim.tick, sim.now_s, sim.state) == (1, 1.0, MissionState.RUNNING)
+    assert sim.arrivals == [0]
+    assert sim.soundings == [len(outputs[1].soundings)]
+    assert not sim.ready()
+    handle(sim, 1, waypoints=1, packets=1)
+    assert sim.missing() == "packets of auv1: 0 of 1, waypoints of auv1: 0 of 1"
+    sim.take_packet(1, 1.0, PAYLOAD)
+    assert not sim.ready()
+    sim.take_waypoint(1, None)  # one that cannot be used counts as well
+    assert sim.ready()
+    sim.advance()
+    assert (sim.tick, sim.sent) == (2, 1), "the packet went into the water before the tick"
+
+
+def test_a_recorder_may_be_twenty_ticks_behind() -> None:
+    sim = simulation(recorded=True)
+    sim.advance()
+    for tick in range(1, 21):
+        handle(sim, tick)
+        assert sim.ready()
+        sim.advance()
+    handle(sim, 21)
+    assert not sim.ready()
+    sim.take_recorded(1)
+    assert sim.ready()
+
+
+def test_the_mission_ends_when_every_planner_is_finished() -> None:
+    sim = simulation(vehicles=2)
+    sim.advance()
+    sim.take_done(1, "planner", 1, (0, 0), True)
+    assert not sim.finished
+    sim.take_done(2, "planner", 1, (0, 0), True)
+    assert sim.finished
+    assert sim.steps == [4, 4]
+    assert sim.advance() == {}
+    assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
+
+
+def test_what_cannot_be_sent_is_a_problem_told_once() -> None:
+    sim = simulation()
+    sim.advance()
+    sim.take_packet(1, 1.0, PAYLOAD)
+    sim.take_packet(1, 1.0, PAYLOAD)  # the transducer is busy with the first
+    sim.advance()
+    (problem,) = sim.take_problems()
+    assert problem.startswith("packet of auv1 at 1.0 s: ")
+    assert sim.take_problems() == []
+
+
+def test_without_lockstep_no_tick_is_ready_by_itself() -> None:
+    sim = simulation(lockstep=False)
+    sim.advance()
+    handle(sim, 1)
+    assert not sim.ready(), "a timer gives the ticks"
+
+
+def test_speed_is_that_of_the_last_seconds() -> None:
+    speed = Speed()
+    for wall_s in range(40):
+        speed.note(float(wall_s) ** 2, float(wall_s))
+    assert speed.value == pytest.approx(39.0 + 14.0), "mean slope of t^2 from 14 s to 39 s"
