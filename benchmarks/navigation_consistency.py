@@ -1,8 +1,7 @@
-"""Is the navigation filter as good as it says, and how far does it drift? Many dives of one vehicle over flat ground.
+"""Is the navigation filter consistent, and how far does it drift? Many dives of one vehicle over flat ground.
 
 NEES is the squared error over the filter's own covariance; consistent, it averages to its number of states (Bar-Shalom,
-Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. `measure()` is what the table and the test of
-consistency use. Run: python -m benchmarks.navigation_consistency [dives] [duration_s]
+Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. The table and the test of consistency use `measure()`. Run: python -m benchmarks.navigation_consistency [dives] [duration_s]
 """
 
 from __future__ import annotations
@@ -26,14 +25,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Consistency:
-    """What many dives show.
+    """Errors and covariances of many dives.
 
     Attributes:
         nees: Normalized squared error of north, east, heading: one row per dive, one column per time.
         nees_place: The same of north, east.
         error_m: Distance between estimated and true place.
-        std_m: What the filter says it is (root of the summed variances).
-        travelled_m: Distance gone.
+        std_m: Standard deviation of the place by the filter (root of the summed variances).
+        travelled_m: Distance travelled.
         times_s: The columns' times.
     """
 
@@ -46,11 +45,11 @@ class Consistency:
 
     @property
     def drift(self) -> float:
-        """Root mean square error at the end over the mean distance gone."""
+        """Root mean square error at the end over the mean distance travelled."""
         return float(np.sqrt((self.error_m[:, -1] ** 2).mean()) / self.travelled_m[:, -1].mean())
 
     def bounds(self, states: int, probability: float = 0.95) -> tuple[float, float]:
-        """Between which the mean NEES over the dives lies with this probability, if the filter is consistent."""
+        """Limits of the mean NEES over the dives, with this probability, for a consistent filter."""
         n = states * len(self.nees)
         tail = (1.0 - probability) / 2.0
         return float(chi2.ppf(tail, n) / len(self.nees)), float(chi2.ppf(1.0 - tail, n) / len(self.nees))
@@ -113,15 +112,15 @@ def main(arguments: list[str] | None = None) -> int:
         print(
             f"{name}, {dives} dives: NEES (3 states) expected {low:.2f} to {high:.2f}, place {low2:.2f} to {high2:.2f}"
         )
-        print("   time s  NEES  place  rms error m  filter's std m  gone m")
+        print("   time s  NEES  place  rms error m  filter's std m  travelled m")
         for i, time in enumerate(result.times_s):
             rms = np.sqrt((result.error_m[:, i] ** 2).mean())
             std = np.sqrt((result.std_m[:, i] ** 2).mean())
             print(
                 f"  {time:7.0f} {result.nees[:, i].mean():5.2f} {result.nees_place[:, i].mean():6.2f} {rms:12.2f} "
-                f"{std:15.2f} {result.travelled_m[:, i].mean():7.0f}"
+                f"{std:15.2f} {result.travelled_m[:, i].mean():12.0f}"
             )
-        print(f"  drift at the end: {100.0 * result.drift:.2f} % of the distance gone")
+        print(f"  drift at the end: {100.0 * result.drift:.2f} % of the distance travelled")
     return 0
 
 
