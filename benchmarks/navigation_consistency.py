@@ -1,7 +1,8 @@
 """Is the navigation filter consistent, and how far does it drift? Many dives of one vehicle over flat ground.
 
-NEES is the squared error over the filter's own covariance; consistent, it averages to its number of states (Bar-Shalom,
-Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. The table and the test of consistency use `measure()`. Run: python -m benchmarks.navigation_consistency [dives] [duration_s]
+NEES is the squared error over the filter's own covariance. For a consistent filter its mean is the number of states
+(Bar-Shalom, Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. The table and the test of
+consistency use `measure()`. Run: python -m benchmarks.navigation_consistency [dives] [duration_s]
 """
 
 from __future__ import annotations
