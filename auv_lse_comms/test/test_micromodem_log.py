@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from auv_lse_comms.micromodem.__main__ import main
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import PacketReceived, TransmitDone, TransmitFailed
@@ -13,7 +14,6 @@ from auv_lse_comms.micromodem.log import (
     LoggedModem,
     escape,
     format_entry,
-    main,
     read_entries,
     replay_log,
     unescape,

@@ -1,0 +1,52 @@
+"""`python -m auv_lse_comms.micromodem FILE`: replays a modem's line log through the driver and prints its events."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from auv_lse_common.params import from_mapping
+from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_comms.micromodem.log import read_entries, replay_log
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """`python -m auv_lse_comms.micromodem FILE`: replays a log and prints what the driver makes of it.
+
+    Returns:
+        0; 1 if the driver now writes something else than it wrote then; 2 if the log cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog="python -m auv_lse_comms.micromodem",
+        description="Replays a modem's line log through the driver and prints its events.",
+    )
+    parser.add_argument("file", type=Path, help="the log that modem.log_file named")
+    parser.add_argument("--address", type=int, help="modem address, if the log's beginning is lost")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a modem parameter of that run, as rate=5"
+    )
+    options = parser.parse_args(arguments)
+    try:
+        values = {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in options.set)}
+        config = from_mapping(ModemConfig, {"kind": "micromodem", "port": str(options.file), **values}, "--set: modem")
+        with options.file.open(encoding="ascii") as lines:
+            result = replay_log(read_entries(lines, str(options.file)), config, options.address)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    for utc_s, event in result.events:
+        print(f"{utc_s:.6f} {event}")
+    lines_read = ", ".join(f"{count} {name}" for name, count in sorted(result.modem.reader.counts.items()))
+    print(f"lines: {lines_read}; driver: {dict(sorted(result.modem.counts.items()))}")
+    if result.written != result.logged:
+        print("the driver does not write what it wrote then: other settings, or another version of it", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
