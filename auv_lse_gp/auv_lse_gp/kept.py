@@ -117,7 +117,7 @@ class KeptMoments:
         """Conditions on measurements old..settled for good, and on settled..new for the answer only."""
         posterior = self.posterior
         if old == 0 and settled == new:
-            posterior.condition(self._scaled, self._mean, self._variance)
+            posterior.condition_moments(self._scaled, self._mean, self._variance)
             return self._mean.copy(), self._variance.copy()
         kernel, factor, residuals = posterior.kernel, posterior.factor, posterior.whitened_residuals
         lower, measured = factor.lower, posterior.scaled

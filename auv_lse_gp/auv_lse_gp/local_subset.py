@@ -40,5 +40,5 @@ def predict_locally(prior: Posterior, centers: Centers, places_m: ArrayLike) -> 
         if len(near):
             local = prior.blank()
             local.extend(Centers(centers.places_m[near], centers.depths_m[near], centers.noise_std_m[near]))
-            mean[members], variance[members] = local.predict(places[members])
+            mean[members], variance[members] = local.moments(places[members])
     return mean, variance

@@ -56,6 +56,8 @@ class OnlineGp:
 
     Attributes:
         config: The configuration.
+        kernel: Its covariance function.
+        prior_mean: Its prior mean, places (P, 2) -> depths (P,).
         counts: What became of the soundings.
         revision: Changes whenever the posterior does.
         problems: What the user should know of: a support below the default, merges that were undone.
@@ -111,7 +113,7 @@ class OnlineGp:
             raise
         place = np.array([[north_m, east_m]])
         if self.config.outlier_sigmas > 0.0 and len(self):
-            mean, variance = self._posterior.predict(place)  # as it stands, without merges that wait
+            mean, variance = self._posterior.moments(place)  # as it stands, without merges that wait
             if is_outlier(self.config, depth_m, float(mean[0]), float(variance[0])):
                 self.counts.outliers += 1
                 return Outcome.OUTLIER
@@ -207,7 +209,7 @@ class OnlineGp:
         if self.config.local and not self.kernel.compact:
             mean, variance = predict_locally(self._posterior.blank(), self._table.centers, places_m)
         else:
-            mean, variance = self._posterior.predict(places_m)
+            mean, variance = self._posterior.moments(places_m)
         return mean, np.sqrt(variance)
 
     # ---------------------------------------------------------------- inside

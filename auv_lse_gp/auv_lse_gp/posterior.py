@@ -36,7 +36,7 @@ from auv_lse_gp.prior_mean import PriorMean, prior_mean
 
 Array = NDArray[np.float64]
 
-#: Places handled at once by `predict` and `mean_m`, so that the work stays in the processor's cache.
+#: Places handled at once by `moments` and `mean_m`, so that the work stays in the processor's cache.
 CHUNK = 2048
 
 
@@ -64,7 +64,6 @@ class Posterior:
         self._scaled = np.zeros((0, 2))  # of all measurements
         self._rows = np.zeros(0, dtype=np.int64)  # a number for each row, never used again: see `kept.py`
         self._appended = 0
-        self._residuals = np.zeros(0)  # z - m(X) of the data
         self._whitened = np.zeros(0)  # b = L^-1 (z - m(X))
 
     # ---------------------------------------------------------------- what it is conditioned on
@@ -118,7 +117,7 @@ class Posterior:
         self._scaled, self._rows = self._scaled[:size], self._rows[:size]
         if size < self.data_rows:
             self._centers = self._centers.slice(0, size)
-            self._residuals, self._whitened = self._residuals[:size], self._whitened[:size]
+            self._whitened = self._whitened[:size]
 
     def forget_planned(self) -> None:
         """Goes back to the data alone."""
@@ -185,7 +184,6 @@ class Posterior:
         residuals = centers.depths_m[same:]
         if len(residuals):
             residuals = residuals - self.prior_mean(centers.places_m[same:])
-        self._residuals = np.concatenate([self._residuals[:same], residuals])
         self._whitened = self._factor.solve_from(same, np.concatenate([self._whitened[:same], residuals]))
 
     # ---------------------------------------------------------------- what it says of places
@@ -207,7 +205,7 @@ class Posterior:
             mean = mean + data @ self._whitened  # line 4
         return Columns(scaled, white, mean, data_var, planned_var)
 
-    def predict(self, places_m: ArrayLike) -> tuple[Array, Array]:
+    def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
         """Mean given the data, and variance given data and planned places (P,), (P,), of any number of places (P, 2).
 
         Unlike `columns` it keeps nothing of the whitened covariance, and so takes no memory for it.
@@ -215,10 +213,10 @@ class Posterior:
         places = checked_places(places_m)
         mean = np.array(self.prior_mean(places), dtype=float)
         variance = np.array(self.kernel.variance(places))
-        self.condition(self.kernel.scale(places), mean, variance)
+        self.condition_moments(self.kernel.scale(places), mean, variance)
         return mean, np.maximum(variance, 0.0)
 
-    def condition(self, scaled: Array, mean: Array, variance: Array) -> None:
+    def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
         """Turns prior mean (P,) and variance (P,) of scaled places (P, 2) into the posterior's, in place."""
         n = len(self)
         if not n:
@@ -309,12 +307,6 @@ class Posterior:
         if not self.planned_rows:
             return self._whitened
         return np.concatenate([self._whitened, np.zeros(self.planned_rows)])
-
-    @property
-    def condition_number(self) -> float:
-        """A lower bound of the condition number of the measurements' covariance with noise."""
-        pivots = np.diag(self._factor.lower)
-        return float((pivots.max() / pivots.min()) ** 2) if len(pivots) else 1.0
 
 
 def add_whitened(white: Array, residuals: Array, mean: Array, variance: Array) -> None:

@@ -56,12 +56,12 @@ def agrees(posterior, planned_m, queries_m, kept=None, moments=None):
     batched = posterior.measured_covariances(columns[0].slice(0, 2 * half), 2)
     assert_allclose(batched[0], noisy[:half, :half], rtol=1e-9, atol=tiny)
     assert_allclose(batched[1], noisy[half : 2 * half, half : 2 * half], rtol=1e-9, atol=tiny)
-    predicted = [posterior.predict(queries_m)] + ([moments.update()] if moments else [])
+    predicted = [posterior.moments(queries_m)] + ([moments.update()] if moments else [])
     for got_mean, got_variance in predicted:
         assert_allclose(got_mean, mean, rtol=1e-9)
         assert_allclose(got_variance, np.diag(given_both), rtol=1e-9, atol=tiny)
     assert_allclose(posterior.mean_m(queries_m), mean, rtol=1e-9)
-    one_mean, one_variance = posterior.predict(queries_m[:1])  # a single place takes another way
+    one_mean, one_variance = posterior.moments(queries_m[:1])  # a single place takes another way
     assert_allclose([one_mean[0], one_variance[0]], [mean[0], given_both[0, 0]], rtol=1e-9, atol=tiny)
 
 
@@ -134,7 +134,7 @@ def test_without_data_it_is_the_prior():
     columns = posterior.columns(np.array([[1.0, 2.0]]))
     assert (columns.mean_m[0], columns.data_var_m2[0], columns.planned_var_m2[0]) == (15.0, 64.0, 64.0)
     assert posterior.covariance(columns, columns).tolist() == [[64.0]]
-    assert posterior.predict(np.zeros((0, 2)))[0].shape == (0,)
+    assert posterior.moments(np.zeros((0, 2)))[0].shape == (0,)
     kept = KeptColumns(posterior, np.zeros((2, 2)))
     assert kept.columns().mean_m.tolist() == [15.0, 15.0]
 
@@ -179,7 +179,7 @@ def test_copies_change_on_their_own(name):
     posterior, queries = Posterior(config()), places(rng, 12)
     posterior.extend(centers(rng, 140))
     posterior.plan(queries[:2])
-    before = posterior.predict(queries)
+    before = posterior.moments(queries)
     other = getattr(posterior, name)()
     assert len(other) == (140 if name == "copy" else 0)
     more = centers(rng, 5)
@@ -187,7 +187,7 @@ def test_copies_change_on_their_own(name):
     agrees(other, queries[:0], queries)
     other.truncate(100)
     other.plan(queries[3:5])
-    assert np.array_equal(posterior.predict(queries), before)
+    assert np.array_equal(posterior.moments(queries), before)
     agrees(posterior, queries[:2], queries)
 
 
@@ -217,7 +217,7 @@ def test_centers_that_cannot_be_factorized_leave_the_good_ones():
 
 def test_places_of_another_shape_are_refused():
     posterior = Posterior(GpConfig())
-    for ask in (posterior.predict, posterior.mean_m, lambda p: KeptColumns(posterior, p)):
+    for ask in (posterior.moments, posterior.mean_m, lambda p: KeptColumns(posterior, p)):
         with pytest.raises(ValueError, match=r"places_m: got shape \(2,\); expected \(P, 2\)"):
             ask(np.zeros(2))
 
