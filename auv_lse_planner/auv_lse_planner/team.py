@@ -80,10 +80,6 @@ class Team:
     def _step_of(self, mate: _Mate, now_s: float) -> float:
         return mate.reference_step + (now_s - mate.reference_s) / self._leg_s
 
-    def plans(self, now_s: float) -> dict[int, Plan]:
-        """Plans that have not expired, by vehicle."""
-        return {v: m.plan for v, m in sorted(self._mates.items()) if now_s - m.last_heard_s < self._expiry_s}
-
     def age_s(self, now_s: float) -> dict[int, float]:
         """Age of each team mate's last received plan (s)."""
         return {v: now_s - m.last_heard_s for v, m in sorted(self._mates.items())}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from auv_lse_gp.area import AreaConfig, OperatingArea
@@ -10,7 +12,7 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kernels import Kernel
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
-from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, leg_clearance, loop_clearance
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
@@ -91,6 +93,31 @@ def dense_posterior(config: GpConfig, data: Centers, measured, at):
 def expected_risk(level: LevelSet, mean, before, after):
     after = np.clip(after, 0.0, before)
     return level.expected_risk(mean, np.sqrt(before - after), np.sqrt(after))
+
+
+def track_of(motion, state, action, spacing_m):
+    """Places along the leg of an action from a state, both ends among them, at most so far apart."""
+    leg = motion.leg(0, state, action)
+    return np.array(
+        [leg.state_at(s)[1:] for s in np.linspace(0.0, leg.length_m, math.ceil(leg.length_m / spacing_m) + 1)]
+    )
+
+
+def clearance_m(space, places):
+    """Clearance of places as planning sees it."""
+    return np.array([clearance_at(*space.arguments()[:4], *place) for place in places])
+
+
+def is_safe(space, state):
+    """Whether a turning loop of a state is free."""
+    a = space.arguments()
+    return loop_clearance(*a[:4], a.loops, *state) >= 0.5 * a.spacing
+
+
+def is_free(space, state, action):
+    """Whether the leg of an action from a state stays clear."""
+    a = space.arguments()
+    return leg_clearance(*a[:4], *state, a.tracks[action], a.spacing) >= 0.5 * a.spacing
 
 
 def border_distance(operating_area: OperatingArea, places):

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from planner_helpers import track_of
 
 from auv_lse_common.compiled import plain
 from auv_lse_common.params import ParameterError, from_mapping
@@ -39,7 +40,7 @@ def test_tracks_lead_from_the_state_to_the_end_state_at_the_wanted_spacing(strai
     rng = np.random.default_rng(1)
     for action in range(table.actions):
         state = np.array([rng.uniform(-math.pi, math.pi), *rng.uniform(-500, 500, 2)])
-        track = table.track(state, action, 0.7)
+        track = track_of(table, state, action, 0.7)
         assert track[0] == pytest.approx(state[1:])
         assert track[-1] == pytest.approx(table.end_state(state, action)[1:], abs=1e-9)
         gaps = np.hypot(*np.diff(track, axis=0).T)
@@ -81,9 +82,27 @@ def test_loops_are_the_turning_circles(table):
         center = np.array([state[1] + c * ahead - s * starboard, state[2] + s * ahead + c * starboard])
         at = state
         for _ in range(5):
-            track = printed.track(at, int(printed.loop_actions[side]), 1.0)
+            track = track_of(printed, at, int(printed.loop_actions[side]), 1.0)
             assert np.hypot(*(track - center).T).max() <= reach + 1e-6
             at = printed.end_state(at, int(printed.loop_actions[side]))
+
+
+@pytest.mark.parametrize("straight", ["constant", "printed"])
+def test_legs_follow_the_motion_table(straight):
+    table = MotionTable(MotionConfig(straight=straight))
+    rng = np.random.default_rng(1)
+    for action in range(table.actions):
+        state = np.array([rng.uniform(-math.pi, math.pi), *rng.uniform(-300, 300, 2)])
+        leg = table.leg(3, state, action)
+        assert leg.step == 3
+        assert leg.length_m == pytest.approx(table.lengths_m[action])
+        end = table.end_state(state, action)
+        assert leg.end_state[1:] == pytest.approx(end[1:], abs=1e-9)
+        assert math.cos(leg.end_state[0] - end[0]) == pytest.approx(1.0)
+        at = np.linspace(0.0, leg.length_m, 9)
+        c, s = math.cos(state[0]), math.sin(state[0])
+        places = state[1:] + table.points(action, at) @ np.array([[c, s], [-s, c]])
+        assert np.array([leg.state_at(along)[1:] for along in at]) == pytest.approx(places, abs=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from planner_helpers import centers, depth, settings
+from planner_helpers import centers, depth, is_free, settings, track_of
 
-from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_common.plan import Plan
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.online import OnlineGp
-from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.methods import METHODS
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
@@ -57,7 +56,8 @@ def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
         end = before.leg.end_state
         assert (after.leg.north_m, after.leg.east_m) == pytest.approx((end[1], end[2]), abs=1e-3)
     for d in decisions:
-        assert planner.space.leg_free(
+        assert is_free(
+            planner.space,
             np.array([d.leg.heading_rad, d.leg.north_m, d.leg.east_m]),
             int(np.argmin(np.abs(planner.motion.turns_rad - d.leg.action_rad))),
         )
@@ -233,7 +233,7 @@ def test_shallow_ground_on_the_map_ends_the_incumbent():
     assert not second.bound.incumbent_kept
     path = planner.rollout.follow(second.plan)
     for state, action in zip(path.states[:4], path.actions[:4], strict=False):
-        track = planner.motion.track(state, int(action), 1.0)
+        track = track_of(planner.motion, state, int(action), 1.0)
         assert planner.posterior.mean_m(track).min() > 3.0
 
 
@@ -297,67 +297,6 @@ def test_a_vehicle_that_does_not_exist_is_refused():
         VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
 
 
-def test_methods_are_the_papers_and_single_parameters_go_before():
-    paper = PlannerConfig(method="augmented").complete()
-    assert (paper.objective, paper.credit, paper.horizon, paper.augmented) == ("path", "printed", 3, True)
-    assert (paper.proposals, paper.naive_paths, paper.incumbent) == ("path", (0xF0,), True)
-    plain = PlannerConfig(method="plain").complete()
-    assert (plain.objective, plain.credit, plain.horizon, plain.augmented) == ("path", "printed", 10, False)
-    assert (plain.naive_paths, plain.incumbent) == ((), False)
-    changed = PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)).complete()
-    assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))
-    assert PlannerConfig(method="plain", augmented=True).complete().naive_paths == (0xF0,)
-    assert PlannerConfig(method="plain", naive_paths=(0xF4,)).complete().naive_paths == ()
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_nothing_that_follows_from_the_method_is_left_out(method):
-    complete = PlannerConfig(method=method).complete()
-    missing = {f.name for f in dataclasses.fields(complete) if getattr(complete, f.name) is None}
-    assert missing == {"lane_heading_deg"}  # which follows from the area
-    assert complete.complete() == complete
-
-
-def test_a_methods_values_are_parameters_that_a_file_may_give():
-    for method, values in METHODS.items():
-        assert from_mapping(PlannerConfig, {"method": method, **values}, "methods.py").method == method
-
-
-def test_the_surrogate_of_the_maps_reward_cannot_stand_for_the_paths():
-    assert PlannerConfig(method="map").complete().proposals == "surrogate"
-    assert PlannerConfig(method="map", objective="path").complete().proposals == "path"
-    with pytest.raises(ValueError, match="'surrogate' stands in for the map's reward"):
-        PlannerConfig(method="best", proposals="surrogate").complete()
-
-
-@pytest.mark.parametrize(
-    ("planner", "message"),
-    [
-        ({"method": "bset"}, "planner.method: got 'bset'; expected one of"),
-        ({"iteratons": 5}, "did you mean 'iterations'"),
-        ({"horizon": 0}, "planner.horizon: got 0; expected"),
-        ({"naive_paths": [0x10]}, r"planner.naive_paths\[0\]: got 16"),
-    ],
-)
-def test_wrong_parameters_are_named(planner, message):
-    with pytest.raises(ParameterError, match=message):
-        PlannerSettings.from_parameters({"area": {}, "planner": planner}, "file.yaml")
-
-
-def test_the_depth_left_out_follows_from_the_vehicles_number():
-    depths = [PlannerSettings.from_parameters({"area": {}}, "f", k).vehicle.depth_m for k in (1, 2, 3, 4)]
-    assert depths == [3.0, 4.0, 5.0, 3.0]
-    given = {"area": {}, "vehicle": {"depth_m": 7.0, "speed_mps": 1.0}}
-    assert PlannerSettings.from_parameters(given, "f", 2).vehicle.depth_m == 7.0
-
-
-def test_configuration_round_trip():
-    from auv_lse_common.params import to_mapping
-
-    config = PlannerConfig(method="best", horizon=7, naive_paths=(0xF4,))
-    assert from_mapping(PlannerConfig, to_mapping(config), "again") == config
-
-
 def test_dec_mcts_plans_against_what_team_mates_may_do():
     s = settings({"method": "augmented", "coordination": "dec_mcts", "iterations": 60}, vehicles=2, steps=8)
     one, two = (VehiclePlanner(k, s, np.random.default_rng(k)) for k in (1, 2))
@@ -377,21 +316,6 @@ def test_dec_mcts_plans_against_what_team_mates_may_do():
     # what is told is drawn from a distribution: not always the path that is travelled
     draws = [one.team.draw(60.0, np.random.default_rng(i)) for i in range(12)]
     assert len({places.tobytes() for places in draws}) > 1
-
-
-def test_dec_mcts_prefers_better_sequences_and_cools():
-    from auv_lse_planner.search.dec_mcts import distribution
-
-    values = np.array([100.0, 99.0, 90.0])
-    early, late = distribution(values, 0), distribution(values, 99)
-    assert early.sum() == pytest.approx(1.0)
-    assert np.all(np.diff(early) < 0.0)
-    assert late[0] > early[0]
-
-
-def test_dec_mcts_on_the_maps_reward_is_refused():
-    with pytest.raises(ValueError, match="dec_mcts' searches by the path's reward"):
-        VehiclePlanner(1, settings({"method": "map", "coordination": "dec_mcts"}), np.random.default_rng(1))
 
 
 def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_others():

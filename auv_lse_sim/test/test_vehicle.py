@@ -70,7 +70,8 @@ def path_error(dive: Dive, start, actions) -> float:
     """Largest distance of the true track from the legs' places, after the first leg."""
     state, places = np.array(start, float), []
     for action in actions:
-        places.append(TABLE.track(state, action, 0.05))
+        leg = TABLE.leg(0, state, action)
+        places.append([leg.state_at(along)[1:] for along in np.arange(0.0, leg.length_m, 0.05)])
         state = TABLE.end_state(state, action)
     places = np.concatenate(places)
     rows = np.concatenate(dive.rows)

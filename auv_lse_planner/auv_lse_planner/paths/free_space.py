@@ -280,12 +280,6 @@ class FreeSpace:
             m.steps_m,
         )
 
-    def clearance_m(self, places_m: Array) -> Array:
-        """Clearance (P,) of places (P, 2) as planning sees it (m)."""
-        return np.array(
-            [clearance_at(self.raster, self.north0_m, self.east0_m, self.cell_m, p[0], p[1]) for p in places_m]
-        )
-
     def feasible(self, state: Array, static: bool = False) -> Ints:
         """Indices of the feasible actions of a state (3,), in ascending order; empty if there is none."""
         return np.flatnonzero(_feasible_mask(self.arguments(static), state[0], state[1], state[2])).astype(np.int64)
@@ -302,17 +296,6 @@ class FreeSpace:
     def escape(self, state: Array) -> int:
         """The action that leads out of a state where nothing is feasible."""
         return int(escape_action(self.arguments(), state[0], state[1], state[2]))
-
-    def safe(self, state: Array) -> bool:
-        """Whether a turning loop of the state (3,) is free."""
-        a = self.arguments()
-        return bool(loop_clearance(*a[:4], self.motion.loops_m, *state) >= 0.5 * self.motion.spacing_m)
-
-    def leg_free(self, state: Array, action: int) -> bool:
-        """Whether the leg of `action` from `state` stays clear."""
-        a = self.arguments()
-        spacing = self.motion.spacing_m
-        return bool(leg_clearance(*a[:4], *state, self.motion.tracks_m[action], spacing) >= 0.5 * spacing)
 
     def path_feasible(self, state: Array, actions: Ints | tuple[int, ...], legs: int) -> bool:
         """Whether the first `legs` of `actions` from `state` are feasible one after another."""

@@ -187,28 +187,3 @@ class MotionTable:
                 np.asarray(state, dtype=float), np.asarray(actions, dtype=np.int64), self.turns_rad, self.steps_m
             )
         )
-
-    def track(self, state: Array, action: int, spacing_m: float) -> Array:
-        """Places along the leg of `action` from `state`, both ends among them.
-
-        Args:
-            state: Shape (3,): heading, north, east.
-            action: Index of the action.
-            spacing_m: Largest distance along the track between neighbours (m).
-
-        Returns:
-            Places, shape (P, 2): north, east.
-        """
-        if not spacing_m > 0.0:
-            raise ValueError(f"track spacing: got {spacing_m!r}; expected a length > 0 m")
-        length = float(self.lengths_m[action])
-        count = max(1, math.ceil(length / spacing_m))
-        return self.along(state, action, np.linspace(0.0, length, count + 1))
-
-    def along(self, state: Array, action: int, arc_m: Array) -> Array:
-        """Places (P, 2) at arc lengths `arc_m` (m) along the leg of `action` from `state`."""
-        points = self.points(action, np.asarray(arc_m, dtype=float))
-        c, s = math.cos(state[0]), math.sin(state[0])
-        return np.stack(
-            [state[1] + c * points[:, 0] - s * points[:, 1], state[2] + s * points[:, 0] + c * points[:, 1]], axis=1
-        )

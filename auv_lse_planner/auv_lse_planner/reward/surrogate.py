@@ -149,10 +149,13 @@ class Surrogate:
             float(g.resolution_m),
         )
 
+    def values(self, places_m: Array) -> Array:
+        """F (B,) of many paths with these places (B, P, 2)."""
+        return np.asarray(values_of(self.arguments(), np.ascontiguousarray(places_m, dtype=float)))
+
     def value(self, places_m: Array) -> float:
         """F of the path with these places (P, 2)."""
-        best = np.zeros(len(self.h), dtype=np.float32)
-        return float(value_of(self.arguments(), np.ascontiguousarray(places_m, dtype=float), best))
+        return float(self.values(places_m[None])[0])
 
 
 @compiled
@@ -188,11 +191,14 @@ def add_place(
 
 
 @compiled
-def value_of(surrogate, places, best):
-    """F of places (P, 2); `best` (M,) holds the drops that are had already."""
-    value = 0.0
-    for i in range(places.shape[0]):
-        add_place(*surrogate, places[i, 0], places[i, 1], best)
-    for p in range(best.shape[0]):
-        value += best[p]
-    return value
+def values_of(surrogate, places):
+    """F (B,) of the places (B, P, 2) of many paths."""
+    values = np.zeros(places.shape[0])
+    best = np.empty(surrogate[5].shape[0], dtype=np.float32)
+    for b in range(places.shape[0]):
+        best[:] = 0.0
+        for i in range(places.shape[1]):
+            add_place(*surrogate, places[b, i, 0], places[b, i, 1], best)
+        for p in range(best.shape[0]):
+            values[b] += best[p]
+    return values

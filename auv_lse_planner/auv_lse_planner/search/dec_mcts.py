@@ -1,7 +1,7 @@
 """Decentralized MCTS (Best, Cliff, Patten, Mettu, Fitch 2019), the paper's alternative to the sequential order.
 
-No vehicle comes before another. Each keeps a distribution over its own plans, tells the others of it, and searches its
-tree against plans drawn from theirs. Here, under the packet budget of one plan in each packet:
+No vehicle comes before another. Each keeps a distribution over its own plans, sends it to the others, and searches its
+tree against plans drawn from theirs. Here, as a packet has room for one plan:
 
 - A packet carries one plan *drawn* from the sender's distribution, instead of the best one. A receiver's last
   `KEPT_PLANS` different plans of a team mate, newer ones weighing more, stand for the mate's distribution.
@@ -9,9 +9,9 @@ tree against plans drawn from theirs. Here, under the packet budget of one plan 
   the sequence adds beyond them (credit "beyond"), so it is the local utility of the paper.
 - The own distribution is q(x) ~ exp(value(x) / temperature) over the best sequences of the search: the minimum of the
   free energy that Dec-MCTS descends to, for the others' distributions as they stand. The temperature falls from step to
-  step (`cooling`). The vehicle itself travels the best sequence.
+  step (`COOLING`). The vehicle itself travels the best sequence.
 
-It plans by the path's reward; the compiled search on the map's reward has no joint draws.
+It plans by the path's reward; the surrogate of the map's reward has no joint draws.
 """
 
 from __future__ import annotations

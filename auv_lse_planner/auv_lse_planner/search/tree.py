@@ -1,7 +1,4 @@
-"""The tree of the search on arrays, compiled: the same as `search.ObjectTree`, for the actions of a `FreeSpace`.
-
-Given the same uniform numbers both trees give the same sequences (tested); this one takes microseconds for each.
-"""
+"""The tree of the search, on arrays and compiled, for the actions of a `FreeSpace`: microseconds for a sequence."""
 
 from __future__ import annotations
 
@@ -212,7 +209,7 @@ def credit(valued, totals, paths, values):
 
 
 class ActionTree:
-    """A `search.Tree` over the actions of a free space."""
+    """A `uct.Tree` over the actions of a free space."""
 
     def __init__(self, space: FreeSpace, state: Array, horizon: int, exploration: float) -> None:
         """Makes the tree of `state` (3,) alone, for sequences of `horizon` actions."""
@@ -236,7 +233,7 @@ class ActionTree:
         return bool(((own >= 0) & (own < self._children.shape[1])).all() and admissible(self._space, self._state, own))
 
     def grow(self, forced: Ints, randoms: Array) -> Ints:
-        """See `search.Tree`."""
+        """See `uct.Tree`."""
         self._reserve(self._count + forced.size)
         sequences = np.empty(forced.shape, dtype=np.int64)
         self._paths = np.empty(forced.shape, dtype=np.int64)
@@ -259,12 +256,12 @@ class ActionTree:
         return sequences
 
     def credit(self, values: Array) -> None:
-        """See `search.Tree`."""
+        """See `uct.Tree`."""
         credit(self._valued, self._totals, self._paths, values)
         self._low, self._high = min(self._low, float(values.min())), max(self._high, float(values.max()))
 
     def changes(self, sequence: tuple[int, ...]) -> Ints:
-        """See `search.Tree`."""
+        """See `uct.Tree`."""
         return np.asarray(single_changes(self._space, self._state, np.array(sequence, dtype=np.int64)))
 
     def _reserve(self, nodes: int) -> None:

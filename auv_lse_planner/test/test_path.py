@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from planner_helpers import centers, dense_posterior, expected_risk
 
+from auv_lse_common.compiled import plain
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward import path as module
+from auv_lse_planner.reward.path import PathReward, small_inverse_diagonals
 
 
 def _situation(seed, data=60, team=0, level=None, credit="printed"):
@@ -94,3 +96,40 @@ def test_places_whose_covariance_is_not_positive_definite_are_an_error(length):
         reward.values_of_equal(broken, length)
     with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
         reward.value(broken.slice(0, length))
+
+
+def _reward(data, team, credit, seed=3):
+    rng = np.random.default_rng(seed)
+    posterior = Posterior(GpConfig())
+    posterior.follow(centers(rng, data))
+    posterior.plan(rng.uniform(0, 400, (team, 2)))
+    return rng, PathReward(posterior, LevelSet(), credit)
+
+
+@pytest.mark.parametrize("length", [1, 10, 24, 25])
+def test_paths_of_equal_length_are_worth_what_they_are_one_by_one(length):
+    rng, reward = _reward(50, 10, "beyond")
+    columns = reward.posterior.columns(rng.uniform(0, 400, (5 * length, 2)))
+    expected = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(5)]
+    assert reward.values_of_equal(columns, length) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("function", [small_inverse_diagonals, plain(small_inverse_diagonals)])
+def test_diagonals_of_small_inverses(function):
+    rng = np.random.default_rng(1)
+    for count in (1, 2, 3, 10, 24):
+        roots = rng.normal(size=(4, count, count + 2))
+        matrices = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(count)
+        expected = [np.diag(np.linalg.solve(m, np.eye(count))) for m in matrices]
+        diagonals = np.empty((4, count))
+        assert function(np.tril(matrices), diagonals)
+        assert diagonals == pytest.approx(np.array(expected), rel=1e-10)
+    assert not function(np.array([[[1.0, 0.0], [2.0, 1.0]]]), np.empty((1, 2)))
+
+
+def test_long_paths_take_the_other_way_and_are_worth_the_same(monkeypatch):
+    rng, reward = _reward(30, 0, "printed")
+    columns = reward.posterior.columns(rng.uniform(0, 400, (40, 2)))
+    short = reward.values_of_equal(columns, 10)
+    monkeypatch.setattr(module, "SMALL", 0)
+    assert reward.values_of_equal(columns, 10) == pytest.approx(short, abs=1e-11)

@@ -2,7 +2,9 @@ import itertools
 
 import numpy as np
 import pytest
+from golden_tree import GOLDEN, lines_of_the_tree
 from planner_helpers import centers, rollout, situation
+from reference_tree import TreeSearch, exhaustive_search
 
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
@@ -11,7 +13,6 @@ from auv_lse_planner.paths.naive_ids import LAWNMOWERS
 from auv_lse_planner.proposals import search_path
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.sequences import PathSequences
-from auv_lse_planner.search.uct import TreeSearch, exhaustive_search
 
 
 def _toy(horizon=4, kinds=5, seed=3):
@@ -35,11 +36,14 @@ def _search(problem, rng, batch=4, exploration=0.5):
     return TreeSearch(choices, end_state, valuer, horizon, exploration, batch, rng)
 
 
-def test_golden_search_from_a_seed():
-    # Regenerate by printing the result of this very call; it changes only if the search's order of draws does.
+def test_the_tree_grown_from_a_seed_is_the_golden_one():
+    """It changes only if the search does: where it descends, the order of its draws, what it credits."""
+    assert lines_of_the_tree() == GOLDEN.read_text().splitlines()
+
+
+def test_the_same_seed_gives_the_same_result():
     problem = _toy()
-    result = _search(problem, np.random.default_rng(1)).run(np.zeros(3), 60)
-    again = _search(problem, np.random.default_rng(1)).run(np.zeros(3), 60)
+    result, again = (_search(problem, np.random.default_rng(1)).run(np.zeros(3), 60) for _ in range(2))
     assert result == again
     assert result.iterations == 60
     assert len(result.ranking) == min(64, result.evaluations)
@@ -62,7 +66,7 @@ def test_the_exhaustive_search_is_the_plain_maximum():
     assert best.value == valuer(allowed).max()
 
 
-def test_a_deadline_still_gives_a_path_and_is_told():
+def test_a_deadline_still_gives_a_path_and_is_reported():
     problem = _toy()
     result = _search(problem, np.random.default_rng(3)).run(np.zeros(3), 1000, deadline=lambda: True)
     assert result.deadline_hit
@@ -107,37 +111,6 @@ def test_tree_search_against_exhaustive_search_on_real_situations():
         good += found.value >= 0.99 * best.value
         assert found.value <= best.value + 1e-9
     assert good >= 5
-
-
-def test_sequences_are_valued_with_their_naive_path():
-    roll, _ = rollout(20, samples_per_leg=2)
-    rng = np.random.default_rng(9)
-    posterior = Posterior(GpConfig())
-    posterior.follow(centers(rng, 40))
-    reward = PathReward(posterior, LevelSet())
-    state = np.array([0.3, 150.0, 150.0])
-    both = PathSequences(reward, roll, 0, state, LAWNMOWERS[:2])
-    values = both([(5, 5, 6), (5, 4, 6), (5, 5, 6)])
-    for sequence, value in zip([(5, 5, 6), (5, 4, 6)], values, strict=False):
-        alone = [reward.value(posterior.columns(roll.path(0, state, sequence, h).places_m)) for h in LAWNMOWERS[:2]]
-        assert value == pytest.approx(max(alone), abs=1e-9)
-        assert both.naive_path[sequence] == LAWNMOWERS[int(np.argmax(alone))]
-
-
-def test_promising_sequences_are_the_best_of_all():
-    short, space = rollout(2, samples_per_leg=2)
-    long, _ = rollout(20, samples_per_leg=2)
-    rng = np.random.default_rng(10)
-    posterior = Posterior(GpConfig())
-    posterior.follow(centers(rng, 60))
-    reward = PathReward(posterior, LevelSet())
-    state = np.array([0.3, 150.0, 150.0])
-    alone = PathSequences(reward, short, 0, state, ())
-    best = exhaustive_search(space.choices, space.motion.end_state, alone, state, 2)
-    first = PathSequences(reward, long, 0, state, LAWNMOWERS[:1]).promising(space, 2, 5, 1)
-    assert first[:5] == [a for a, _ in best.ranking[:5]]
-    assert {sequence[0] for sequence in first} == set(space.choices(state))
-    assert alone.promising(space, 10, 5, 1) == []
 
 
 def test_polishing_reaches_what_no_single_change_improves():

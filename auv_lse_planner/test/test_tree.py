@@ -3,11 +3,12 @@ import itertools
 import numpy as np
 import pytest
 from planner_helpers import world
+from reference_tree import ObjectTree
 
 from auv_lse_common.compiled import plain
-from auv_lse_planner.search import tree as action_tree
+from auv_lse_planner.search import tree as module
 from auv_lse_planner.search.tree import ActionTree, every_sequence
-from auv_lse_planner.search.uct import ObjectTree, run_search
+from auv_lse_planner.search.uct import run_search
 
 # open water, beside the border, in a corner where only the escape is left
 STATES = [np.array([0.3, 150.0, 150.0]), np.array([1.2, 30.0, 440.0]), np.array([-2.4, -15.0, -15.0])]
@@ -71,7 +72,7 @@ def test_admissible_and_changed_sequences(state):
 
 def test_without_numba_the_tree_is_the_same():
     _, _, space, _ = world()
-    grow, credit = plain(action_tree.grow), plain(action_tree.credit)
+    grow, credit = plain(module.grow), plain(module.credit)
     tree = ActionTree(space, STATES[1], 4, 0.4)
     twin = ActionTree(space, STATES[1], 4, 0.4)
     rng = np.random.default_rng(1)

@@ -1,0 +1,68 @@
+import dataclasses
+
+import pytest
+
+from auv_lse_common.params import ParameterError, from_mapping
+from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.methods import METHODS
+
+
+def test_methods_are_the_papers_and_single_parameters_go_before():
+    paper = PlannerConfig(method="augmented").complete()
+    assert (paper.objective, paper.credit, paper.horizon, paper.augmented) == ("path", "printed", 3, True)
+    assert (paper.proposals, paper.naive_paths, paper.incumbent) == ("path", (0xF0,), True)
+    plain = PlannerConfig(method="plain").complete()
+    assert (plain.objective, plain.credit, plain.horizon, plain.augmented) == ("path", "printed", 10, False)
+    assert (plain.naive_paths, plain.incumbent) == ((), False)
+    changed = PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)).complete()
+    assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))
+    assert PlannerConfig(method="plain", augmented=True).complete().naive_paths == (0xF0,)
+    assert PlannerConfig(method="plain", naive_paths=(0xF4,)).complete().naive_paths == ()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_that_follows_from_the_method_is_left_out(method):
+    complete = PlannerConfig(method=method).complete()
+    missing = {f.name for f in dataclasses.fields(complete) if getattr(complete, f.name) is None}
+    assert missing == {"lane_heading_deg"}  # which follows from the area
+    assert complete.complete() == complete
+
+
+def test_a_methods_values_are_parameters_that_a_file_may_give():
+    for method, values in METHODS.items():
+        assert from_mapping(PlannerConfig, {"method": method, **values}, "methods.py").method == method
+
+
+def test_the_surrogate_of_the_maps_reward_cannot_stand_for_the_paths():
+    assert PlannerConfig(method="map").complete().proposals == "surrogate"
+    assert PlannerConfig(method="map", objective="path").complete().proposals == "path"
+    with pytest.raises(ValueError, match="'surrogate' stands in for the map's reward"):
+        PlannerConfig(method="best", proposals="surrogate").complete()
+
+
+@pytest.mark.parametrize(
+    ("planner", "message"),
+    [
+        ({"method": "bset"}, "planner.method: got 'bset'; expected one of"),
+        ({"iteratons": 5}, "did you mean 'iterations'"),
+        ({"horizon": 0}, "planner.horizon: got 0; expected"),
+        ({"naive_paths": [0x10]}, r"planner.naive_paths\[0\]: got 16"),
+    ],
+)
+def test_wrong_parameters_are_named(planner, message):
+    with pytest.raises(ParameterError, match=message):
+        PlannerSettings.from_parameters({"area": {}, "planner": planner}, "file.yaml")
+
+
+def test_the_depth_left_out_follows_from_the_vehicles_number():
+    depths = [PlannerSettings.from_parameters({"area": {}}, "f", k).vehicle.depth_m for k in (1, 2, 3, 4)]
+    assert depths == [3.0, 4.0, 5.0, 3.0]
+    given = {"area": {}, "vehicle": {"depth_m": 7.0, "speed_mps": 1.0}}
+    assert PlannerSettings.from_parameters(given, "f", 2).vehicle.depth_m == 7.0
+
+
+def test_configuration_round_trip():
+    from auv_lse_common.params import to_mapping
+
+    config = PlannerConfig(method="best", horizon=7, naive_paths=(0xF4,))
+    assert from_mapping(PlannerConfig, to_mapping(config), "again") == config
