@@ -95,7 +95,7 @@ class Leg:
         if ahead < 0.0:
             candidates.append((math.hypot(min(ahead, 0.0) * 0.0, starboard), ahead))
         if size > 0.0:
-            # angle gone about the centre, which lies `radius` to the side
+            # angle turned about the center, which lies `radius` to the side
             x, y = ahead, self.radius_m - side * starboard
             angle = math.atan2(x, y)
             angle = min(max(angle, 0.0), size)

@@ -19,7 +19,7 @@ class Plan:
     """A vehicle's path to the end of its mission, as a packet carries it.
 
     The state is rounded to float32 (what the packet holds), so that sender and receivers build the path from the
-    same numbers. Whose plan it is, the packet's header says, and a function that takes a plan is told beside it.
+    same numbers. A plan does not say whose it is: the packet's header does, and functions take the vehicle beside it.
 
     Attributes:
         step: Mission step of the state; step i is reached after i actions.

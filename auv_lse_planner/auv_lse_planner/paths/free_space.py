@@ -5,7 +5,7 @@ raster and read by bilinear interpolation. Theory of operation:
 
 - A leg is *free* if the clearance along its sampled track is at least half a sample spacing.
 - A state is *safe* if a closed turning loop (`MotionTable.loops_m`) to one of its sides is free: repeating one turn
-  the vehicle can then stay there for ever, so it is never in a pocket without a way out. By default the loop is the
+  the vehicle can then stay there forever, so it is never in a pocket without a way out. By default the loop is the
   circle of the 90 degree turns.
 - An action is *feasible* if its leg is free and its end state safe. From a safe state the turn of the free loop is
   feasible (the next state has the same loop), so that a vehicle that takes feasible actions always has one.
@@ -58,7 +58,7 @@ class Space(NamedTuple):
         north0, east0, cell: North and east of the first node, and distance of nodes (m).
         tracks: Body-frame tracks of the actions, shape (A, T, 2).
         spacing: Distance of track places (m).
-        loops: Centre (ahead, starboard) and reach of the turning loops, shape (2, 3).
+        loops: Center (ahead, starboard) and reach of the turning loops, shape (2, 3).
         turns: Heading change of each action (rad), shape (A,).
         steps: Displacement (ahead, starboard) of each action (m), shape (A, 2).
     """

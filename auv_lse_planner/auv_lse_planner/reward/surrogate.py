@@ -3,10 +3,9 @@
 F(V) = sum over p in M of  max over v in V of  d(p, v),
 
 d(p, v) the expected drop of risk at p from one measurement at v alone (given the data and the team mates' plans). F is
-monotone and submodular, ranks paths like the exact drop (tests: rank agreement) and costs some microseconds. Places are
-moved to the nearest place of the map's grid; d is read from a table of the expected risk in two numbers,
-h = (l - m) / s and phi = asin(s_after / s) (for c1 = c2 and h = 0 the expected risk is linear in
-phi). Rows of d are made when first used.
+monotone and submodular, ranks paths like the exact drop (tested) and costs some microseconds. A measurement counts at
+the nearest place of the map's grid. d is read from a table of the expected risk over two numbers, h = (l - m) / s and
+phi = asin(s_after / s); for c1 = c2 and h = 0 the expected risk is linear in phi. A row of d is made when first used.
 """
 
 from __future__ import annotations

@@ -16,10 +16,10 @@ from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.reward.surrogate import Surrogate
 from auv_lse_planner.search.prefixes import Prefixes
 from auv_lse_planner.search.tree import every_sequence
+from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Actions = tuple[int, ...]
 
 #: Most sequences that `promising` values.
 MOST_PREFIXES = 1500
