@@ -10,8 +10,9 @@ from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.frames import quaternion_from_heading
 from auv_lse_common.leg import Leg
-from auv_lse_common.ros_conversions import header
-from auv_lse_msgs.msg import ModemRx, Waypoint
+from auv_lse_common.ros_conversions import header, stamp
+from auv_lse_msgs.msg import LockstepTick, ModemRx, SimStatus, Waypoint
+from auv_lse_sim.engine.simulation import MissionState, Simulation
 from auv_lse_sim.world.channel import Arrival
 from auv_lse_sim.world.vehicle import NavigationEstimate, Truth
 
@@ -106,4 +107,37 @@ def leg_of_waypoint(message: Waypoint) -> Leg:
         action_rad=message.turn_rad,
         radius_m=message.turn_radius_m,
         straight_m=message.straight_m,
+    )
+
+
+def tick_message(simulation: Simulation) -> LockstepTick:
+    """LockstepTick of the simulation's last tick."""
+    return LockstepTick(
+        stamp=stamp(simulation.now_s),
+        tick=simulation.tick,
+        soundings=simulation.soundings,
+        arrivals=simulation.arrivals,
+        odometries=[simulation.tick] * len(simulation.vehicles),
+    )
+
+
+def status_message(simulation: Simulation, state: MissionState, message: str, speed: float) -> SimStatus:
+    """SimStatus of the simulation, with what is to be said of it now.
+
+    Args:
+        simulation: The simulation.
+        state: Where the mission is.
+        message: Why it waits or has failed.
+        speed: Simulated seconds per second of wall clock.
+    """
+    return SimStatus(
+        header=header(simulation.now_s),
+        state=getattr(SimStatus, state.name),
+        message=message,
+        steps=simulation.steps,
+        steps_total=simulation.steps_total,
+        packets_sent=simulation.sent,
+        packets_received=simulation.received,
+        packets_lost=simulation.lost,
+        speed=speed,
     )

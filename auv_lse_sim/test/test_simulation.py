@@ -25,11 +25,12 @@ def handle(sim: Simulation, tick: int, waypoints: int = 0, packets: int = 0, fin
 
 def test_the_first_tick_waits_for_every_node_of_every_vehicle() -> None:
     sim = simulation(vehicles=2)
+    sim.begin()
     for k in (1, 2):
         for phase in ("gp", "planner", "modem"):
-            assert not sim.greeted
+            assert not sim.ready()
             sim.take_done(k, phase, 0, (0, 0), False)
-    assert sim.greeted
+    assert sim.ready()
     assert sim.state is MissionState.WAITING
 
 
@@ -41,7 +42,9 @@ def test_a_tick_waits_for_the_waypoints_and_packets_that_are_announced() -> None
     assert sim.soundings == [len(outputs[1].soundings)]
     assert not sim.ready()
     handle(sim, 1, waypoints=1, packets=1)
-    assert sim.missing() == "packets of auv1: 0 of 1, waypoints of auv1: 0 of 1"
+    assert sim.stalled(59.0) == ""
+    missing = "packets of auv1: 0 of 1, waypoints of auv1: 0 of 1"
+    assert sim.stalled(61.0) == f"tick 1: no answer for 60 s; missing {missing}"
     sim.take_packet(1, 1.0, PAYLOAD)
     assert not sim.ready()
     sim.take_waypoint(1, None)  # one that cannot be used counts as well
@@ -75,7 +78,7 @@ def test_the_mission_ends_when_every_planner_is_finished() -> None:
     assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
 
 
-def test_what_cannot_be_sent_is_a_problem_told_once() -> None:
+def test_what_cannot_be_sent_is_reported_once() -> None:
     sim = simulation()
     sim.advance()
     sim.take_packet(1, 1.0, PAYLOAD)

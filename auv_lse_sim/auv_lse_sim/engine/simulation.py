@@ -17,6 +17,9 @@ from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Ground
 from auv_lse_sim.world.world import VehicleOutput, World
 
+#: In lockstep, wall clock (s) after which a tick without an answer counts as failed.
+STALLED_S = 60.0
+
 
 class MissionState(enum.Enum):
     """Where a mission is."""
@@ -39,6 +42,7 @@ class Simulation:
         tick: Number of the last tick; 0 before the first.
         now_s: Its time (s).
         steps: Legs travelled, per vehicle.
+        steps_total: Legs of the mission.
         soundings: Soundings made so far, per vehicle.
         arrivals: Packets received so far, per vehicle.
         sent: Packets sent by all.
@@ -67,12 +71,14 @@ class Simulation:
         self.tick = 0
         self.now_s = 0.0
         self.steps, self.soundings, self.arrivals = ([0] * len(self.vehicles) for _ in range(3))
+        self.steps_total = settings.mission.steps
         self.sent = self.received = self.lost = 0
         self.problems: list[str] = []
         self._settings = settings
         self._lockstep, self._recorded = lockstep, recorded
         self._finished = [False] * len(self.vehicles)
         self._transmissions: list[tuple[float, int, bytes]] = []
+        self._begun = False
         self._greeted: set[tuple[int, str]] = set()
         self._recorded_tick = 0
         self._targets_heard = [0] * len(self.vehicles)
@@ -94,15 +100,22 @@ class Simulation:
         """Whether every vehicle has travelled its last leg."""
         return all(self._finished)
 
-    @property
-    def greeted(self) -> bool:
-        """Lockstep: whether every node of every vehicle has said that it is there."""
-        return len(self._greeted) == sum(len(self.nodes(k)) for k in self.vehicles)
+    def begin(self) -> None:
+        """The simulator's topics have their readers: the first tick may come."""
+        self._begun = True
 
     def ready(self) -> bool:
-        """Lockstep: whether every vehicle has handled the last tick, and the recorder is not far behind."""
+        """Lockstep: whether the next tick may run.
+
+        The first one waits for `begin` and for every node of every vehicle to say that it is there; the next ones wait
+        until every vehicle has handled the last tick and the recorder is not far behind.
+        """
+        if not self._lockstep:
+            return False
+        if self.tick == 0:
+            return self._begun and len(self._greeted) == sum(len(self.nodes(k)) for k in self.vehicles)
         behind = self._recorded and self._recorded_tick < self.tick - RECORDER_LAG_TICKS
-        return self._lockstep and self.tick > 0 and not behind and self._gate.ready() is not None
+        return not behind and self._gate.ready() is not None
 
     def advance(self) -> dict[int, VehicleOutput]:
         """One tick: transmits what waits, moves the world, and hands the emulated hardware its part.
@@ -144,12 +157,15 @@ class Simulation:
         if k in self.links.autopilots:
             self.links.report(k, self.now_s, output)
 
-    def missing(self) -> str:
-        """Lockstep: what the next tick waits for, in words."""
-        return ", ".join(f"{name}: {count}" for name, count in self._gate.missing().items())
+    def stalled(self, waited_s: float) -> str:
+        """Lockstep: what the next tick has waited for since `waited_s` (s of wall clock); "" if that is not long."""
+        if self.tick == 0 or self.finished or waited_s <= STALLED_S:
+            return ""
+        missing = ", ".join(f"{name}: {count}" for name, count in self._gate.missing().items())
+        return f"tick {self.tick}: no answer for {STALLED_S:.0f} s; missing {missing}"
 
     def _count(self, k: int, output: VehicleOutput) -> None:
-        i, steps = k - 1, self._settings.mission.steps
+        i, steps = k - 1, self.steps_total
         self.soundings[i] += len(output.soundings)
         self.arrivals[i] += len(output.arrivals)
         self.received += len(output.arrivals)
@@ -219,7 +235,7 @@ class Simulation:
             case "planner":
                 self._finished[k - 1] = finished
                 if finished:
-                    self.steps[k - 1] = self._settings.mission.steps
+                    self.steps[k - 1] = self.steps_total
                 self._gate.announce(tick, f"waypoints of auv{k}", counts["waypoint"])
             case "modem_sent":
                 self._gate.announce(tick, f"packets of auv{k}", counts["modem/tx"])

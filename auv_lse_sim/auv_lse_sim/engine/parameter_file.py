@@ -1,0 +1,25 @@
+"""The mission file that the simulator was started with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from auv_lse_common.params import ParameterError, read_parameter_file
+
+
+def parameter_file(arguments: Sequence[str]) -> Path:
+    """The mission file among the --params-file arguments: the simulator needs the parameters of every vehicle.
+
+    Raises:
+        ParameterError: if there is none.
+    """
+    given = [Path(b) for a, b in pairwise(arguments) if a == "--params-file"]
+    for path in given:
+        if "mission" in read_parameter_file(path).get("/**", {}):
+            return path
+    raise ParameterError(
+        f"sim_node: expected --params-file MISSION.yaml with a 'mission' section under '/**'; got "
+        f"{', '.join(map(str, given)) or 'no --params-file'} (any run's mission.yaml will do)"
+    )
