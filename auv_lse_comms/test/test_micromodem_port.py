@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from auv_lse_common.health import Level
 from auv_lse_comms.micromodem.config import ModemConfig
-from auv_lse_comms.micromodem.events import Problem
-from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.events import Problem, TransmitFailed
+from auv_lse_comms.micromodem.port import ModemPort, PacketLost
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
@@ -20,3 +21,16 @@ def test_a_full_disk_closes_the_line_log_and_is_reported_once() -> None:
     (problem,) = [event for event in events if isinstance(event, Problem)]
     assert problem.text.startswith("line log /dev/full: closed: it cannot be written: ")
     assert port.modem.counts["asked"] == 1
+
+
+def test_a_packet_that_never_reached_the_water_is_lost_once() -> None:
+    port = ModemPort(ModemConfig(kind="micromodem", port="/dev/does-not-exist"), 2)
+    number = port.send(1.0, b"payload", 0)
+    events = [event for i in range(100) for event in port.step(1.0 + i, 1.0 + i)]
+    assert [event for event in events if isinstance(event, TransmitFailed | PacketLost)][1:] == [
+        PacketLost(number=number)
+    ]
+    assert port.packets_lost == 1
+    health = port.health()
+    assert (health.level, health.values["state"]) == (Level.ERROR, "closed")
+    assert "/dev/does-not-exist" in health.text

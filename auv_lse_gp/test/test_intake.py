@@ -1,0 +1,41 @@
+"""The order in which the map takes what has come in, and what its diagnostics say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from auv_lse_common.health import Level
+from auv_lse_gp.area import AreaConfig, OperatingArea
+from auv_lse_gp.config import GpConfig
+from auv_lse_gp.depth_map import DepthMap
+from auv_lse_gp.health import map_health
+from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.risk import LevelSet
+
+
+def intake() -> MapIntake:
+    area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0)))
+    return MapIntake(DepthMap(GpConfig(), LevelSet(), area))
+
+
+def test_own_soundings_come_first_then_samples_by_stamp_and_source() -> None:
+    own = intake()
+    own.add_samples(2.0, 3, [[250.0, 0.0, 15.0]])
+    own.add_samples(2.0, 2, [[200.0, 0.0, 14.0]])
+    own.add_samples(1.0, 3, [[150.0, 0.0, 13.0]])
+    own.add_soundings([(5.0, 100.0, 0.0, 12.0), (4.0, 50.0, 0.0, 11.0)])
+    assert own.step()
+    assert np.array_equal(own.map.centers.places_m[:, 0], [50.0, 100.0, 150.0, 200.0, 250.0])
+    assert not own.step(), "each is taken once"
+    assert len(own.map.centers) == 5
+
+
+def test_diagnostics_warn_of_soundings_that_were_refused() -> None:
+    own = intake()
+    assert map_health(own.map, 0.001, 0.002).text == "ok"
+    own.add_soundings([(1.0, 0.0, 0.0, float("nan"))])
+    own.step()
+    health = map_health(own.map, 0.0015, 0.002)
+    assert (health.level, health.text) == (Level.WARN, "1 soundings refused")
+    assert health.values["update_ms"] == "1.50"
+    assert health.values["last_refused"]
