@@ -15,6 +15,7 @@ import json
 import math
 import os
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -125,11 +126,14 @@ def main(arguments: list[str] | None = None) -> int:
     results: dict[str, Any] = {}
     found: list[str] = []
     for name in options.only or MISSIONS:
+        began = time.process_time()
         results[name] = fly(MISSIONS[name])
+        spent = time.process_time() - began
         news = differences(before.get(name), results[name], name) if before else []
         found += news
         state = "" if not before else ": differs" if news else ": the same"
-        print(f"{name}: {results[name]['count']} packets, {results[name]['packets'][:12]}{state}", flush=True)
+        line = f"{name}: {results[name]['count']} packets, {results[name]['packets'][:12]}{state}"
+        print(f"{line} ({spent:.1f} s of processor time)", flush=True)
     if options.write is not None:
         options.write.write_text(json.dumps(results, indent=1) + "\n")
     print("\n".join(found) if found else "")
