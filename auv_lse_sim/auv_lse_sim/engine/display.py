@@ -117,7 +117,7 @@ class Display:
             self._live.update(self._progress.table())
             self._live.stop()
         else:
-            self._console.print(self._progress.line, highlight=False)
+            self._console.print(self._progress.line, highlight=False, soft_wrap=True)
 
     def refresh(self) -> None:
         """Shows the progress as it is now."""
