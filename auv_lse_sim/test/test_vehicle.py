@@ -207,6 +207,20 @@ def test_circles_to_the_freer_side():
     assert vehicle.truth(0.0).east_m < -1.0
 
 
+@pytest.mark.parametrize("turn_rad", [0.0, 4e-4, -4e-4])  # a straight, and one rounded on its way by MAVLink
+def test_after_a_straight_leg_it_circles_to_starboard(turn_rad):
+    vehicle = SimVehicle(1, VehicleConfig(), sim_config(**IDEAL), stream(1, "sensors", 1))
+    dive = Dive(sim_config(**IDEAL))
+    dive.vehicle = vehicle
+    vehicle.command(
+        Leg(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, action_rad=turn_rad, radius_m=15.0, straight_m=23.5)
+    )
+    for _ in range(40):
+        dive.tick()
+    assert vehicle.truth(0.0).loitering
+    assert vehicle.truth(0.0).east_m > 1.0
+
+
 @pytest.mark.parametrize("ideal", [True, False])
 def test_a_leg_from_elsewhere_is_taken_at_once(ideal):
     dive = Dive(sim_config(**IDEAL) if ideal else sim_config(navigation=IDEAL))

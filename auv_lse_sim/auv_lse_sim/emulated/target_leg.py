@@ -21,7 +21,7 @@ def leg_to(heading_rad: float, north_m: float, east_m: float, target: Target, ra
     starboard = d_east * math.cos(heading_rad) - d_north * math.sin(heading_rad)
     best: tuple[float, float, float] | None = None  # length, turn, straight
     for side in (1.0, -1.0):
-        across = side * starboard - radius_m  # from the circle's centre, in its own sense of turn
+        across = side * starboard - radius_m  # from the circle's center, in its own sense of turn
         distance = math.hypot(forward, across)
         if distance < radius_m - ON_CIRCLE_M:
             continue

@@ -35,6 +35,8 @@ SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
 #: An ideal vehicle this near to a leg's start is on it (a plan's numbers are rounded to 32 bits).
 RAILS_M = 0.01
+#: A smaller turn is none: MAVLink rounds places to a centimetre, so a straight may arrive as a turn of half of this.
+NO_TURN_RAD = 1e-3
 #: Rows and columns of the covariance that odometry gives.
 _ODOMETRY = np.ix_((HEADING, NORTH, EAST), (HEADING, NORTH, EAST))
 
@@ -285,7 +287,7 @@ class SimVehicle:
         """Starts a circle at the leg's end."""
         heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
         radius = float(self._leg[mm.LEG_RADIUS])
-        side = 1.0 if self._leg[mm.LEG_TURN] >= 0.0 else -1.0
+        side = 1.0 if self._leg[mm.LEG_TURN] > -NO_TURN_RAD else -1.0  # to starboard after a straight
         if self._clearance_m is not None:
             free = {
                 s: self._clearance_m(north - s * radius * math.sin(heading), east + s * radius * math.cos(heading))
