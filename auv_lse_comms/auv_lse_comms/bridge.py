@@ -25,6 +25,10 @@ Array = NDArray[np.float64]
 
 #: Weight of the last slot in the estimate of the loss: a memory of about ten slots.
 _LOSS_GAIN = 0.1
+#: Packets of which the modem may still report that it did not send them.
+_REMEMBERED = 4
+#: Two times nearer than this are those of one packet: a message's stamp keeps nanoseconds, UTC in a float fewer.
+_SAME_TIME_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,7 +91,8 @@ class ModemBridge:
         self._unsent = np.zeros((0, 6))
         self._queued: list[Array] = []  # soundings not yet among them
         self._last_queued: tuple[float, float] | None = None
-        self._last_sent: Array | None = None  # samples of the last packet, while it can be taken back
+        self._sent: list[tuple[float, Array]] = []  # when each of the last packets was given out, and its samples
+        self._last_sent_s = math.nan
         self._last_slot: tuple[int, float] | None = None  # index and since_s of the slot it went out in
         self._slot: Slot | None = None  # the slot the last poll fell in
         self._used = False  # whether that slot's packet is out
@@ -220,7 +225,9 @@ class ModemBridge:
         if self._plan is None:
             self._why = "plan"
             return None
-        payload = self._compose(self._plan)
+        payload, samples = self._compose(self._plan)
+        self._sent = [*self._sent[1 - _REMEMBERED :], (now_s, samples)]
+        self._last_sent_s = now_s
         self._used, self._last_slot = True, (slot.index, slot.since_s)
         self.counts["slots.used"] += 1
         self.counts["sent"] += 1
@@ -245,7 +252,8 @@ class ModemBridge:
         if asleep:
             self.counts["slots.missed.asleep"] += asleep
 
-    def _compose(self, plan: Plan) -> bytes:
+    def _compose(self, plan: Plan) -> tuple[bytes, Array]:
+        """The packet, and the rows of `_unsent` that went into it."""
         room = capacity(len(plan.actions), self._config.reserve)
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
@@ -258,23 +266,30 @@ class ModemBridge:
         payload = encode(packet, self._limits, self._config.reserve)
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address)
-        self._last_sent = unsent[chosen]
         self._unsent = np.delete(unsent, chosen, axis=0)
         self.counts["samples.sent"] += len(chosen)
-        return payload
+        return payload, unsent[chosen]
 
-    def not_sent(self) -> None:
-        """The modem did not send the last packet: its samples are unsent again, and its slot counts as missed."""
-        if self._last_sent is None:
+    def not_sent(self, sent_s: float) -> None:
+        """The modem did not send a packet: its samples are unsent again, and its slot counts as missed.
+
+        With `packet.selection` "useful" an earlier packet than the last stays counted as known by the receivers.
+
+        Args:
+            sent_s: The time at which `poll` gave that packet out (s). A time at which it gave none, or long ago, or a
+                packet that was reported before, is passed over.
+        """
+        found = [i for i, (then_s, _) in enumerate(self._sent) if abs(then_s - sent_s) < _SAME_TIME_S]
+        if not found:
             return
-        unsent = np.concatenate([self._last_sent, self._in_time_order()])
+        then_s, samples = self._sent.pop(found[-1])
+        unsent = np.concatenate([samples, self._in_time_order()])
         self._unsent = unsent[np.argsort(unsent[:, 0], kind="stable")]
-        if self._receivers is not None:
+        if self._receivers is not None and then_s == self._last_sent_s:
             self._receivers.take_back()
             # computed while this packet's samples counted as known, which they no longer do
             self._unsent[:, 4] = self._unsent[:, 5]
-        self.counts["samples.sent"] -= len(self._last_sent)
+        self.counts["samples.sent"] -= len(samples)
         self.counts["sent"] -= 1
         self.counts["slots.used"] -= 1
         self.counts["slots.missed.modem"] += 1
-        self._last_sent = None

@@ -70,9 +70,10 @@ class ModemNode(VehicleNode):
         self._intake.add_packet(seconds(message.header.stamp), message.source, bytes(message.payload))
 
     def _on_failed(self, message: ModemTx) -> None:
-        """The modem could not send the last packet: its samples are unsent again."""
-        self._bridge.not_sent()
-        self.get_logger().warning(f"the packet of {seconds(message.header.stamp):.1f} s was not sent; its samples wait")
+        """The modem could not send the packet with this stamp: its samples are unsent again."""
+        sent_s = seconds(message.header.stamp)
+        self._bridge.not_sent(sent_s)
+        self.get_logger().warning(f"the packet of {sent_s:.1f} s was not sent; its samples wait")
 
     def hear(self, now_s: float) -> None:
         """Takes own soundings and what the modem has received; gives the team's plans and samples."""

@@ -9,9 +9,9 @@ so it has reached the farthest member a guard before the slot ends. If every clo
 time, everything sent in a slot is sent and has died away within that slot's true bounds: two slots never overlap, and
 nobody sends while something is still coming in.
 
-A change of settings is scheduled for the start of a cycle of the old settings.
-From then on slots count from the new epoch, so that a vehicle that knows only the new settings finds the same slots. A
-slot that would have begun before the change belongs to nobody.
+A change of settings is scheduled for the start of a cycle of the old settings. From then on slots count from the new
+epoch, so that a vehicle that knows only the new settings finds the same slots. A slot that would have begun before the
+change belongs to nobody.
 """
 
 from __future__ import annotations

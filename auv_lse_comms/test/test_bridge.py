@@ -221,13 +221,15 @@ def test_a_clock_set_back_sends_no_slot_twice() -> None:
 
 def test_what_the_modem_did_not_send_is_unsent_again() -> None:
     b = bridge()
-    b.not_sent()  # nothing to take back
+    b.not_sent(1.0)  # nothing to take back
     b.set_plan(PLAN)
     b.add_soundings(rows(40))
     assert b.poll(1.0) is not None
     assert b.unsent == 21
-    b.not_sent()
-    b.not_sent()
+    b.not_sent(7.0)  # none was given out then
+    assert b.unsent == 21
+    b.not_sent(1.0)
+    b.not_sent(1.0)
     assert backlog(b).tolist() == rows(40).tolist()
     assert missed(b) == {"modem": 1}
     assert b.counts["sent"] == b.counts["slots.used"] == b.counts["samples.sent"] == 0
@@ -298,6 +300,26 @@ class Deepest:
         return np.asarray(samples_m[:, 2])
 
 
+def test_a_failure_that_is_reported_late_takes_back_its_own_packet() -> None:
+    receivers = Deepest()
+    b = ModemBridge(TDMA, PacketConfig(selection="useful"), 1, 3, receivers=receivers)
+    b.set_plan(PLAN)
+    b.add_soundings(rows(60))
+    first, second = b.poll(1.0), b.poll(31.0)
+    assert first is not None
+    assert second is not None
+    b.not_sent(1.0)
+    assert b.unsent == 41
+    assert set(decode(first).samples[:, 2]) <= set(backlog(b)[:, 3])
+    assert not set(decode(second).samples[:, 2]) & set(backlog(b)[:, 3])
+    assert "taken back" not in receivers.log, "only the last packet's samples can be"
+    b.not_sent(31.0)
+    assert b.unsent == 60
+    assert receivers.log[-1] == "taken back"
+    assert b.counts["sent"] == b.counts["samples.sent"] == 0
+    assert missed(b)["modem"] == 2
+
+
 def test_useful_selection_asks_the_receivers() -> None:
     receivers = Deepest()
     b = ModemBridge(TDMA, PacketConfig(selection="useful"), 1, 3, receivers=receivers)
@@ -309,8 +331,8 @@ def test_useful_selection_asks_the_receivers() -> None:
     assert receivers.log == ["sent 19 at 0.2"]
     b.receive(12.0, 2, encode(Packet(PLAN, np.ones((7, 3)))))
     assert receivers.log == ["sent 19 at 0.2", "heard 7 at 0.2"]
-    b.not_sent()
-    b.not_sent()
+    b.not_sent(1.0)
+    b.not_sent(1.0)
     assert receivers.log[2:] == ["taken back"]
 
 

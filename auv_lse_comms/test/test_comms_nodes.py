@@ -186,7 +186,7 @@ def test_modem_node_sends_useful_samples_and_takes_them_back(tmp_path: Path) -> 
         s.until(lambda: s.node._intake.bridge.unsent + len(s.node._intake._soundings) == 60)
         plans.publish(Plan(vehicle=2, step=1, north_m=5.0, actions=[5], naive_path=0xFF))
         s.until(lambda: sent)
-        failed.publish(ModemTx(header=header(time.time()), source=2))
+        failed.publish(ModemTx(header=sent[0].header, source=2))
         s.until(lambda: s.node._bridge.counts["slots.missed.modem"] == 1)
         assert len(sent) == 1
         s.until(lambda: len(sent) == 2)

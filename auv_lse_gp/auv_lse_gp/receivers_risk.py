@@ -119,7 +119,7 @@ class Knowledge:
 
 
 class ReceiversRisk:
-    """Has the shape that `auv_lse_comms.packet.selection.ReceiversRisk` asks for."""
+    """Has the shape that `auv_lse_comms.packet.selection.Receivers` asks for."""
 
     def __init__(
         self,

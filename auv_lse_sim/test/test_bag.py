@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from auv_lse_common.recording import RecordingError
+from auv_lse_sim.record import bag
 from auv_lse_sim.record.bag import read_bag, read_run, write_run
 
 
@@ -36,6 +37,28 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
         (p.receiver, p.source, p.snr_db) for p in run.received
     ]
     assert back.sim_s == pytest.approx(run.sim_s)
+
+
+def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, synthetic_run, monkeypatch):
+    run = synthetic_run(steps=2)
+    text = bag._definition("Plan").read_text()
+    assert "naive_path " in text
+    old = tmp_path / "Plan.msg"
+    old.write_text(text.replace("naive_path ", "heuristic "))
+    now = bag._definition
+    monkeypatch.setattr(bag, "_definition", lambda name: old if name == "Plan" else now(name))
+    records = bag._records
+
+    def old_records(run, types):
+        def plan(naive_path, **fields):
+            return types["auv_lse_msgs/msg/Plan"](heuristic=naive_path, **fields)
+
+        return records(run, {**types, "auv_lse_msgs/msg/Plan": plan})
+
+    monkeypatch.setattr(bag, "_records", old_records)
+    write_run(run, tmp_path / "run")
+    back = read_run(tmp_path / "run")
+    assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
 
 
 def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):

@@ -72,10 +72,10 @@ def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> No
             SampleArray(header=header(time.time()), source=2, north_m=[0.0, 1.0], east_m=[50.0], depth_m=[12.0])
         )
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
-        b.until(lambda: diagnostics and value_of(diagnostics[-1], "centers") == "6", "a map of 6 centres")
+        b.until(lambda: diagnostics and value_of(diagnostics[-1], "centers") == "6", "a map of 6 centers")
         assert value_of(diagnostics[-1], "refused") == "1"
         late = b.collect(KernelCenters, "/auv1/kernel_centers", LATCHED)
-        b.until(lambda: late, "the latched centres")
+        b.until(lambda: late, "the latched centers")
         assert sorted(zip(late[0].north_m, late[0].east_m, strict=True)) == [
             (0.0, 0.0),
             (0.0, 100.0),
@@ -118,7 +118,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         assert len(packet.samples) == 19
 
         failed = b.publisher(ModemTx, "/auv1/modem/failed")
-        failed.publish(ModemTx(header=header(time.time()), source=1))
+        failed.publish(ModemTx(header=tx[1].header, source=1))
         b.until(lambda: len(tx) >= 3, "a third packet")
         second, third = (decode(bytes(message.payload)).samples for message in tx[1:3])
         assert len(second) == 11, "the other soundings"

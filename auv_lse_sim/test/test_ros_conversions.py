@@ -80,7 +80,7 @@ def test_a_path_lies_at_the_vehicles_depth() -> None:
     assert path.poses[1].pose.orientation.w == pytest.approx(1.0), "heading east is yaw 0"
 
 
-def test_centres_come_back_and_a_ragged_message_is_refused() -> None:
+def test_centers_come_back_and_a_ragged_message_is_refused() -> None:
     centers = Centers(np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([5.0, 6.0]), np.array([0.3, 0.2]))
     message = centers_message(1.0, 4, centers)
     back = centers_from_message(message)

@@ -46,7 +46,7 @@ def test_samples_of_a_packet_that_was_not_sent_are_worth_what_they_were(waiting:
         mates = encode(Packet(PLAN, soundings(heard, seed=2)[:, 1:]))
         assert bridge.receive(OTHER_SLOT_S, 2, mates) is not None
         assert never.receive(OTHER_SLOT_S, 2, mates) is not None
-    bridge.not_sent()
+    bridge.not_sent(OWN_SLOT_S)
     assert bridge.unsent == waiting
     again, expected = bridge.poll(NEXT_OWN_SLOT_S), never.poll(NEXT_OWN_SLOT_S)
     assert again is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from auv_lse_common.base_node import run
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import header, seconds
@@ -26,6 +28,7 @@ class MicromodemNode(DriverNode):
         except (ValueError, OSError) as error:  # an address, of the port or the modem; the line log
             raise ParameterError(f"{self.where}: modem: {error}") from error
         self.show_parameters({"modem": config})
+        self._headers: dict[int, Any] = {}  # of the packets whose end is not reported yet, by number
         self._rx = self.publisher(ModemRx, "modem/rx")
         self._failed = self.publisher(ModemTx, "modem/failed")
         self.listen(ModemTx, "modem/tx", self._on_transmit)
@@ -34,7 +37,8 @@ class MicromodemNode(DriverNode):
     def _on_transmit(self, message: ModemTx) -> None:
         self.reach_time(seconds(message.header.stamp))  # it may overtake the tick's announcement
         try:
-            self._modem.send(self.time_s(), bytes(message.payload), message.destination or None)
+            number = self._modem.send(self.time_s(), bytes(message.payload), message.destination or None)
+            self._headers[number] = message.header
         except ValueError as error:
             self.get_logger().error(f"packet of {len(message.payload)} bytes: {error}")
 
@@ -58,11 +62,14 @@ class MicromodemNode(DriverNode):
                     )
                 )
             case PacketLost():
-                self._failed.publish(ModemTx(header=header(self.time_s()), source=self.vehicle))
+                # its header says which packet it was
+                self._failed.publish(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
                 if self.lockstep:
                     self.tell(LockstepDone.MICROMODEM_LOST, max(1, self.last_tick("micromodem")), self.totals())
             case events.TransmitFailed():
                 log.warning(f"packet {event.number} not sent: {event.reason}")
+            case events.TransmitDone():
+                self._headers.pop(event.number, None)
             case events.ModemReady():
                 log.info(f"modem ready, firmware {event.version or 'unknown'}")
                 self.diagnose()

@@ -147,7 +147,7 @@ class _VehicleLog:
         """The collected messages as arrays, in order of time; a plan without its bound gets NaN values."""
         decisions = []
         # A decision publishes both with one stamp. The plan's own step is not the decision's: a plan that is kept
-        # stays anchored where it began.
+        # stays anchored where it began. Older recordings call its naive path "heuristic".
         for now_s in sorted(self.plans):
             plan, bound = self.plans[now_s], self.bounds.get(now_s)
             decisions.append(
@@ -160,7 +160,7 @@ class _VehicleLog:
                         north_m=float(plan.north_m),
                         east_m=float(plan.east_m),
                         actions=tuple(plan.actions),
-                        naive_path=int(plan.naive_path),
+                        naive_path=int(plan.naive_path if hasattr(plan, "naive_path") else plan.heuristic),
                     ),
                     jbar=float(bound.jbar) if bound else math.nan,
                     reward_so_far=float(bound.reward_so_far) if bound else math.nan,
