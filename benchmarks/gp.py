@@ -586,7 +586,7 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
 
 
 def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
-    """Error of the map with rejected soundings merged into their neighbours, and dropped."""
+    """Error of the map with rejected soundings merged into the nearest center, and dropped."""
     part = survey.middle(sizes)
     places, depths, where = part.places_m, part.depths_m, part.name
     rng = np.random.default_rng(1)

@@ -93,7 +93,7 @@ class Leg:
         size, side = abs(self.action_rad), math.copysign(1.0, self.action_rad)
         candidates: list[tuple[float, float]] = []
         if ahead < 0.0:
-            candidates.append((math.hypot(min(ahead, 0.0) * 0.0, starboard), ahead))
+            candidates.append((abs(starboard), ahead))
         if size > 0.0:
             # angle turned about the center, which lies `radius` to the side
             x, y = ahead, self.radius_m - side * starboard

@@ -234,13 +234,13 @@ def _crossing_edges(a: Array, b: Array) -> tuple[int, int] | None:
         others = np.arange(i + 1, n)
         p, q = np.broadcast_to(a[i], (len(others), 2)), np.broadcast_to(b[i], (len(others), 2))
         r, s = a[others], b[others]
-        neighbour = (others == i + 1) | ((i == 0) & (others == n - 1))
+        neighbors = (others == i + 1) | ((i == 0) & (others == n - 1))
         d1, d2, d3, d4 = side(p, q, r), side(p, q, s), side(r, s, p), side(r, s, q)
         overlap = (np.minimum(p, q) <= np.maximum(r, s)) & (np.minimum(r, s) <= np.maximum(p, q))
         meets = (d1 * d2 <= 0) & (d3 * d4 <= 0) & overlap.all(axis=1)
-        # Neighbours share a corner; they cross only if they lie on one line and fold back on each other.
+        # Neighbors share a corner; they cross only if they lie on one line and fold back on each other.
         folded = (d1 == 0) & (d2 == 0) & (np.einsum("kd,kd->k", q - p, s - r) < 0.0)
-        hit = np.flatnonzero(np.where(neighbour, folded, meets))
+        hit = np.flatnonzero(np.where(neighbors, folded, meets))
         if len(hit):
             return i, int(others[hit[0]])
     return None

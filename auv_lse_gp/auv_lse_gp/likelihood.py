@@ -245,7 +245,7 @@ def fit(
         two_axes: Whether to learn two length scales and a rotation.
         mean_depth_m: A constant mean that is known; by default it is learned.
         restarts: Number of starts: length scales from the soundings' spacing to their extent.
-        rng: For the starts after the sixth; by default there is none to draw from.
+        rng: Draws the starts after the sixth; without it, they are spread over length scales like the first six.
 
     Raises:
         ValueError: if the soundings cannot be learned from, or no start leads to a likelihood.
@@ -269,7 +269,7 @@ def fit(
     depth0, slopes, mean_errors = target.mean_parameters(y)
     values = dict(zip(names, np.exp(y), strict=True))
     if two_axes:
-        values["rotation_deg"] = math.degrees(math.remainder(y[3], math.pi))  # an axis has no head and tail
+        values["rotation_deg"] = math.degrees(math.remainder(y[3], math.pi))  # an axis has no direction
         errors["rotation_deg"] = math.degrees(errors["rotation_deg"])
     if mean_depth_m is None:
         errors["mean_depth_m"] = float(mean_errors[0])
@@ -308,7 +308,7 @@ def fit(
 
 
 def _starts(target: MarginalLikelihood, count: int, rng: np.random.Generator | None) -> list[Array]:
-    """Starts: the likeliest of a coarse table first, then the rest of it spread over length scales."""
+    """Starts (x) with length scales spread over their range; with `rng`, those after the sixth are drawn."""
     bounds = target.bounds
     low, high = math.log(2.0 * target.spacing_m + 1e-3 * target.extent_m), math.log(target.extent_m)
     starts = []

@@ -17,7 +17,6 @@ Array = NDArray[np.float64]
 @dataclass(slots=True)
 class _Mate:
     plan: Plan
-    first_heard_s: float
     last_heard_s: float
     path: PlannedPath
     reference_step: float  # the mate was at least at this step ...
@@ -75,7 +74,7 @@ class Team:
         earlier = [known, *known.earlier][: self._kept - 1] if known is not None else []
         for mate in earlier:
             mate.earlier = []
-        self._mates[vehicle] = _Mate(plan, now_s, now_s, self._follow(plan), reference_step, reference_s, earlier)
+        self._mates[vehicle] = _Mate(plan, now_s, self._follow(plan), reference_step, reference_s, earlier)
 
     def _step_of(self, mate: _Mate, now_s: float) -> float:
         return mate.reference_step + (now_s - mate.reference_s) / self._leg_s

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.compiled import compiled
+from auv_lse_common.frames import wrap_pi
 from auv_lse_common.plan import NONE
 from auv_lse_gp.area import Grid
 from auv_lse_planner.config import PlannerConfig
@@ -264,7 +265,7 @@ class NaivePaths:
             sides = np.roll(polygon_m, -1, axis=0) - polygon_m
             longest = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
             axis = math.atan2(longest[1], longest[0])
-        self._frames = [self._frame(_wrap_float(axis)), self._frame(_wrap_float(axis + math.pi / 2.0))]
+        self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
         size = np.abs(space.motion.turns_rad)
         self._by_size = np.argsort(size, kind="stable").astype(np.int64)
@@ -368,6 +369,3 @@ class NaivePaths:
         rooms = [loop_clearance(*a[:4], np.stack([loop, loop]), state[0], state[1], state[2]) for loop in a.loops]
         return int(rooms[1] > rooms[0])
 
-
-def _wrap_float(angle: float) -> float:
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi

@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from auv_lse_common.compiled import compiled
 from auv_lse_gp.area import Grid
@@ -101,8 +102,6 @@ class Surrogate:
         self._table = risk_table(level_set)
         self.grid = grid
         rows, columns = np.nonzero(grid.inside)
-        from scipy.ndimage import distance_transform_edt
-
         number = np.full(grid.inside.shape, -1, dtype=np.int64)
         number[rows, columns] = np.arange(count)
         nearest = distance_transform_edt(~grid.inside, return_distances=False, return_indices=True)
