@@ -40,6 +40,7 @@ from auv_lse_gp import (
     read_soundings,
 )
 from auv_lse_gp.likelihood import fit
+from auv_lse_gp.local_subset import predict_locally
 from benchmarks.rows import Row, row
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -274,6 +275,12 @@ def made_up(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return places, 15.0 + 5.0 * np.sin(places[:, 0] / 80.0) * np.cos(places[:, 1] / 60.0) + 0.3 * rng.normal(size=n)
 
 
+def add_all(gp: OnlineGp, places: np.ndarray, depths: np.ndarray) -> None:
+    """Adds soundings one by one."""
+    for (north, east), depth in zip(places, depths, strict=True):
+        gp.add(north, east, depth)
+
+
 def rivals(arrays: dict[str, Any], sizes: Sizes) -> dict[str, dict[str, Any]]:
     """What the other libraries need for the same, by name; {"missing": why} for one that is not measured."""
     if sizes == SMOKE or not RIVALS.exists():
@@ -307,7 +314,7 @@ def maps(sizes: Sizes = FULL) -> list[Row]:
     for n in sizes.data:
         places, depths = made_up(n + 40, seed=n)
         gp = OnlineGp(config)
-        gp.set_centers(places[:n], depths[:n], config.noise_std_m)
+        add_all(gp, places[:n], depths[:n])
         mean, std = gp.predict(queries)
         part = queries if n < 2000 else queries[::5]
         ours = (
@@ -390,7 +397,8 @@ def updates(
 ) -> list[Row]:
     """Appending and the incremental map."""
     gp = OnlineGp(config)
-    gp.set_centers(places[:n], depths[:n], config.noise_std_m)
+    add_all(gp, places[:n], depths[:n])
+    gp.predict(places[:1])  # factorizes what waits
     gp.add(*places[n], depths[n])  # makes room
     times = []
     for (north, east), depth in zip(places[n + 1 : n + 20], depths[n + 1 : n + 20], strict=True):
@@ -413,7 +421,7 @@ def updates(
         )
     ]
     depth_map = DepthMap(config, LevelSet(), area)
-    depth_map.gp.set_centers(places[:n], depths[:n], config.noise_std_m)
+    add_all(depth_map.gp, places[:n], depths[:n])
     depth_map.field()
     times = []
     for i in range(n, n + 5):
@@ -518,13 +526,10 @@ def made_up_lines(seed: int) -> tuple[np.ndarray, np.ndarray]:
     places = np.concatenate([np.column_stack([north, np.full(len(north), east)]) for east in np.arange(0, 800, 60.0)])
     truth = GpConfig(length_scale_m=90.0, signal_std_m=8.0)
     centers = rng.uniform(-100, 900, (600, 2))
-    gp = OnlineGp(truth)
-    gp.set_centers(
-        centers,
-        15.0 + np.linalg.cholesky(Kernel(truth)(centers, centers) + np.eye(600) * 0.01) @ rng.normal(size=600),
-        0.1,
-    )
-    return places, gp.posterior.mean_m(places) + 0.3 * rng.normal(size=len(places))
+    depths = 15.0 + np.linalg.cholesky(Kernel(truth)(centers, centers) + np.eye(600) * 0.01) @ rng.normal(size=600)
+    posterior = Posterior(truth)
+    posterior.extend(Centers(centers, depths, np.full(600, 0.1)))
+    return places, posterior.mean_m(places) + 0.3 * rng.normal(size=len(places))
 
 
 def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
@@ -537,15 +542,13 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     for kernel in ("matern32", "matern52", "squared_exponential"):
         config = GpConfig(kernel=kernel, length_scale_m=70.0, min_spacing_m=20.0, merge=False)
         full = OnlineGp(config)
-        for (north, east), depth in zip(places, depths, strict=True):
-            full.add(north, east, depth)
+        add_all(full, places, depths)
         centers = full.centers
         mean, std = full.predict(queries)
         default = Kernel(dataclasses.replace(config, local=True)).local_m / config.length_scale_m
         for ratio in (2.0, 3.0, 4.0, 5.0, 6.0):
-            gp = OnlineGp(dataclasses.replace(config, local=True, support_m=ratio * config.length_scale_m))
-            gp.set_centers(centers.places_m, centers.depths_m, centers.noise_std_m)
-            off = np.abs(gp.predict(queries)[0] - mean)
+            prior = Posterior(dataclasses.replace(config, local=True, support_m=ratio * config.length_scale_m))
+            off = np.abs(predict_locally(prior, centers, queries)[0] - mean)
             name = f"local subset, {kernel}, d_eps = {ratio:g} length scales"
             note = f"full posterior, {where}"
             limit = 0.2 if kernel == "squared_exponential" else 0.02
@@ -565,15 +568,14 @@ def local_subset(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
     # The paper's subset solve with a compact kernel: k(S, p) is local, but K^-1 is not.
     config = GpConfig(kernel="wendland_c2", length_scale_m=70.0, min_spacing_m=20.0, merge=False)
     full = OnlineGp(config)
-    for (north, east), depth in zip(places, depths, strict=True):
-        full.add(north, east, depth)
+    add_all(full, places, depths)
     centers, support = full.centers, full.kernel.support_m
     off = []
     for query in queries[:300]:
         near = np.hypot(*(centers.places_m - query).T) < support
-        gp = OnlineGp(config)
-        gp.set_centers(centers.places_m[near], centers.depths_m[near], centers.noise_std_m[near])
-        off.append(abs(float(gp.predict(query[None])[0][0] - full.predict(query[None])[0][0])))
+        posterior = Posterior(config)
+        posterior.extend(Centers(centers.places_m[near], centers.depths_m[near], centers.noise_std_m[near]))
+        off.append(abs(float(posterior.mean_m(query[None])[0] - full.posterior.mean_m(query[None])[0])))
     rows.append(
         row(
             "solving for the data within the support alone, wendland_c2: largest error",
@@ -597,8 +599,7 @@ def merging(survey: Survey, sizes: Sizes = FULL) -> list[Row]:
         gp = OnlineGp(
             GpConfig(merge=merge, min_spacing_m=15.0, noise_std_m=0.6, length_scale_m=75.0, signal_std_m=10.0)
         )
-        for (north, east), depth in zip(places[~lines], (depths + rough)[~lines], strict=True):
-            gp.add(north, east, depth)
+        add_all(gp, places[~lines], (depths + rough)[~lines])
         near = np.array([np.hypot(*(gp.centers.places_m - p).T).min() < 30.0 for p in places[lines]])
         errors[merge] = float(np.sqrt(np.mean((gp.posterior.mean_m(places[lines]) - depths[lines])[near] ** 2)))
         text = "merged" if merge else "dropped"

@@ -82,8 +82,6 @@ class OnlineGp:
         self._index = SpacingIndex(config.min_spacing_m)
         self._merged: list[MergedCenter] = []
         self._moved: set[int] = set()
-        self._least_noise_m2 = config.noise_std_m**2 / (MERGED_AT_MOST if config.merge else 1)  # of any center
-        self._most_noise_m2 = config.noise_std_m**2  # before merging
 
     def __len__(self) -> int:
         """Number of centers."""
@@ -135,52 +133,7 @@ class OnlineGp:
         return Outcome.MERGED
 
     def _may_merge(self, number: int) -> bool:
-        held = len(self._merged)  # none after `set_centers`
-        return max(0, len(self) - MERGE_WINDOW) <= number < held and not self._merged[number].full
-
-    def set_centers(self, places_m: ArrayLike, depths_m: ArrayLike, noise_std_m: ArrayLike) -> None:
-        """Replaces all centers, as they come from another `OnlineGp`; no spacing, gate or merging is applied.
-
-        Work is done only from the first center on that differs from what is held: appending is cheap.
-
-        Args:
-            places_m: North, east (n, 2).
-            depths_m: Depth (n,).
-            noise_std_m: Standard deviation of each depth (n,), or one for all.
-
-        Raises:
-            ValueError: for shapes that do not fit, values that are not finite or noise that is not positive.
-            IllConditionedError: if their covariance cannot be factorized (the centers up to there are held).
-        """
-        places = np.array(places_m, dtype=float).reshape(-1, 2)
-        depths = np.array(depths_m, dtype=float).ravel()
-        if len(places) != len(depths):
-            raise ValueError(f"got {len(places)} places and {len(depths)} depths; expected as many")
-        noise = np.broadcast_to(np.asarray(noise_std_m, dtype=float), depths.shape)
-        for name, values in (("places_m", places), ("depths_m", depths), ("noise_std_m", noise)):
-            if not np.all(np.isfinite(values)):
-                raise ValueError(f"{name}: holds {values[~np.isfinite(values)][0]}; expected finite numbers")
-        if np.any(noise <= 0.0):
-            raise ValueError(f"noise_std_m: holds {float(np.min(noise))}; expected standard deviations > 0 m")
-        self._sync()
-        held, same = self._table.centers, min(len(self), len(depths))
-        differs = (
-            np.any(places[:same] != held.places_m[:same], axis=1)
-            | (depths[:same] != held.depths_m[:same])
-            | (noise[:same] != held.noise_std_m[:same])
-        )
-        first = int(np.argmax(differs)) if np.any(differs) else same
-        if first == len(self) == len(depths):
-            return
-        self._table.truncate(first)
-        self._behind = True
-        self._merged = []
-        self._least_noise_m2 = min(self._least_noise_m2, float(np.min(noise, initial=math.inf)) ** 2)
-        self._most_noise_m2 = max(self._most_noise_m2, float(np.max(noise, initial=0.0)) ** 2)
-        self._append(Centers(places[first:], depths[first:], noise[first:]))
-        self._index.truncate(0)
-        for north, east in places:
-            self._index.add(float(north), float(east))
+        return self.config.merge and number >= len(self) - MERGE_WINDOW and not self._merged[number].full
 
     # ---------------------------------------------------------------- posterior out
 
@@ -230,17 +183,19 @@ class OnlineGp:
         No pivot is less than the least noise variance; their rounding errors are within about size^2 eps times the
         largest variance (Higham 2002, theorems 10.3 and 10.7). The gate for outliers wants the factor each time anyway.
         """
-        largest = 4.0 * self.kernel.signal_variance_m2 + self._most_noise_m2  # merging adds at most 4 k(p, p) of noise
+        noise_m2 = self.config.noise_std_m**2
+        least_noise_m2 = noise_m2 / (MERGED_AT_MOST if self.config.merge else 1)
+        largest = 4.0 * self.kernel.signal_variance_m2 + noise_m2  # merging adds at most 4 k(p, p) of noise
         rounding = 4.0 * (size + 1) ** 2 * float(np.finfo(float).eps) * largest
-        return self.config.outlier_sigmas == 0.0 and self._least_noise_m2 > rounding
+        return self.config.outlier_sigmas == 0.0 and least_noise_m2 > rounding
 
-    def _append(self, centers: Centers) -> None:
-        """Appends centers; a refusal changes nothing."""
+    def _append(self, center: Centers) -> None:
+        """Appends a center; a refusal changes nothing."""
         n = len(self)
-        certain = self._certain(n + len(centers))
+        certain = self._certain(n + 1)
         if not certain:
             self._sync()
-        self._table.append(centers)
+        self._table.append(center)
         self._behind = True
         if not certain:
             try:

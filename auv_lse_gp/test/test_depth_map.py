@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from auv_lse_common import compiled
-from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OnlineGp, OperatingArea, Outcome, contours
+from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.config import KERNELS
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
@@ -45,10 +45,10 @@ def test_step_by_step_is_the_same_as_at_once(name, merge):
         step_by_step.add_soundings(part)
         step_by_step.field()
     field = step_by_step.field()
-    fresh = OnlineGp(config)
-    centers = step_by_step.centers
-    fresh.set_centers(centers.places_m, centers.depths_m, centers.noise_std_m)
-    mean, std = fresh.predict(step_by_step.grid.places_m)
+    fresh = Posterior(config)
+    fresh.extend(step_by_step.centers)
+    mean, variance = fresh.moments(step_by_step.grid.places_m)
+    std = np.sqrt(variance)
     inside = step_by_step.grid.inside
     assert_allclose(field.mean_m[inside], mean, rtol=1e-9)
     assert_allclose(field.std_m[inside], std, rtol=1e-9)

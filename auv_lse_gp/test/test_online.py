@@ -33,6 +33,11 @@ def soundings(n, seed=0, size=400.0):
     return places, bottom(places) + rng.normal(0, 0.3, n)
 
 
+def add_all(gp, places, depths):
+    for (north, east), depth in zip(places, depths, strict=True):
+        gp.add(north, east, depth)
+
+
 def textbook(gp, queries):
     """Mean and covariance by a dense solve."""
     mean, covariance, _ = dense(gp.kernel, gp.prior_mean, gp.centers, queries[:0], 0.0, queries)
@@ -173,9 +178,6 @@ def test_only_recent_centers_are_merged_into():
         assert gp.add(0.0, 10.0 * i, 12.0) is Outcome.KEPT
     assert gp.add(0.0, 1.0, 12.0) is Outcome.TOO_CLOSE
     assert gp.add(0.0, 11.0, 12.0) is Outcome.MERGED
-    other = OnlineGp(GpConfig(merge=True, min_spacing_m=5.0))
-    other.set_centers(gp.centers.places_m, gp.centers.depths_m, gp.centers.noise_std_m)
-    assert other.add(0.0, 21.0, 12.0) is Outcome.TOO_CLOSE  # what it was made from is not known here
 
 
 def test_merging_is_the_mean_at_the_centroid():
@@ -242,59 +244,27 @@ def test_outlier_gate():
     assert flagged <= 2  # noise as configured: hardly a sounding is flagged
 
 
-@pytest.mark.usefixtures("_path")
-def test_set_centers_does_only_what_changed(monkeypatch):
-    places, depths = soundings(300)
-    gp = OnlineGp(GpConfig())
-    gp.set_centers(places[:200], depths[:200], 0.3)
-    assert len(gp.posterior) == 200  # asked for, so that it is made
-    rows = []
-    append = Factor.append
-    monkeypatch.setattr(Factor, "append", lambda self, cross, own: (rows.append(len(own)), append(self, cross, own))[1])
-    noise = np.full(300, 0.3)
-    revision = gp.revision
-    gp.set_centers(places[:200], depths[:200], noise[:200])
-    assert (rows, gp.revision) == ([], revision)
-    gp.set_centers(places, depths, noise)
-    assert len(gp.posterior) == 300
-    noise[290] = 0.1
-    gp.set_centers(places, depths, noise)
-    assert len(gp.posterior) == 300
-    gp.set_centers(places[:250], depths[:250], noise[:250])
-    assert [r for r in rows if r] == [100, 10]
-    assert len(gp) == 250
-    assert gp.revision > revision
-    fresh = OnlineGp(GpConfig())
-    fresh.set_centers(places[:250], depths[:250], noise[:250])
-    queries = places[250:]
-    assert gp.predict(queries)[1] == pytest.approx(fresh.predict(queries)[1], rel=1e-12)
-    assert gp.predict(queries)[0] == pytest.approx(textbook(gp, queries)[0], rel=1e-9)
+def test_a_sounding_that_cannot_be_factorized_is_refused_and_nothing_is_lost(monkeypatch):
+    gp = OnlineGp(GpConfig(outlier_sigmas=50.0))  # with the gate each sounding is factorized at once
+    places, depths = soundings(50)
+    add_all(gp, places, depths)
+    size, before = len(gp), gp.predict(places)
+
+    def refuse(self, cross, own):
+        raise IllConditionedError("not positive definite")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Factor, "append", refuse)
+        with pytest.raises(IllConditionedError):
+            gp.add(450.0, 450.0, 15.0)
+    assert len(gp) == size
+    assert np.array_equal(gp.predict(places), before)
+    assert gp.add(450.0, 450.0, 15.0) is Outcome.KEPT
 
 
-def test_set_centers_refuses_what_does_not_fit():
-    gp = OnlineGp(GpConfig())
-    with pytest.raises(ValueError, match="got 2 places and 1 depths"):
-        gp.set_centers(np.zeros((2, 2)), [1.0], 0.3)
-    with pytest.raises(ValueError, match="depths_m: holds nan"):
-        gp.set_centers(np.zeros((1, 2)), [math.nan], 0.3)
-    with pytest.raises(ValueError, match=r"noise_std_m: holds 0\.0; expected standard deviations > 0 m"):
-        gp.set_centers(np.zeros((1, 2)), [1.0], 0.0)
+def test_places_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"places_m: got shape \(2,\); expected \(P, 2\)"):
-        gp.predict(np.zeros(2))
-
-
-def test_ill_conditioned_centers_are_an_error_and_nothing_is_lost():
-    places, depths = soundings(100)
-    gp = OnlineGp(GpConfig())
-    gp.set_centers(places, depths, 0.3)
-    queries = places[:10] + 1.0
-    before = gp.predict(queries)
-    twice = np.concatenate([places, places[:1], places[:1]])
-    noise = np.append(np.full(100, 0.3), [1e-9, 1e-9])
-    with pytest.raises(IllConditionedError, match=r"102 centers is not positive definite.*larger noise_std_m or"):
-        gp.set_centers(twice, np.append(depths, [15.0, 15.0]), noise)
-    assert len(gp) == 100
-    assert np.array_equal(gp.predict(queries), before)
+        OnlineGp(GpConfig()).predict(np.zeros(2))
 
 
 @pytest.mark.parametrize("name", ["matern32", "matern52", "squared_exponential"])
@@ -302,7 +272,7 @@ def test_local_subset(name):
     places, depths = soundings(500, size=900.0)
     queries = np.random.default_rng(2).uniform(0, 900, (300, 2))
     full = OnlineGp(GpConfig(kernel=name, min_spacing_m=0.0))
-    full.set_centers(places, depths, 0.3)
+    add_all(full, places, depths)
     mean, std = full.predict(queries)
     errors = []
     for ratio in (2.0, 3.0, None):
@@ -314,7 +284,7 @@ def test_local_subset(name):
         else:
             gp = OnlineGp(config)
             assert gp.problems == []
-        gp.set_centers(places, depths, 0.3)
+        add_all(gp, places, depths)
         got_mean, got_std = gp.predict(queries)
         errors.append(np.max(np.abs(got_mean - mean) / std))
         assert np.all(got_std >= std - 1e-9)  # less data never knows more
@@ -329,7 +299,7 @@ def test_local_subset_of_a_wendland_kernel_is_the_full_posterior():
     results = []
     for local in (False, True):
         gp = OnlineGp(GpConfig(kernel="wendland_c2", support_m=150.0, local=local, min_spacing_m=0.0))
-        gp.set_centers(places, depths, 0.3)
+        add_all(gp, places, depths)
         results.append(gp.predict(places[:50] + 3.0))
     assert np.array_equal(results[0], results[1])
 

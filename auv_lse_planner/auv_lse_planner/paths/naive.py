@@ -368,4 +368,3 @@ class NaivePaths:
         a = self._arguments
         rooms = [loop_clearance(*a[:4], np.stack([loop, loop]), state[0], state[1], state[2]) for loop in a.loops]
         return int(rooms[1] > rooms[0])
-
