@@ -12,7 +12,14 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kernels import Kernel
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
-from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, leg_clearance, loop_clearance
+from auv_lse_planner.paths.free_space import (
+    FreeSpace,
+    clearance_at,
+    feasible_mask,
+    leg_clearance,
+    loop_clearance,
+    random_actions,
+)
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
@@ -118,6 +125,16 @@ def is_free(space, state, action):
     """Whether the leg of an action from a state stays clear."""
     a = space.arguments()
     return leg_clearance(*a[:4], *state, a.tracks[action], a.spacing) >= 0.5 * a.spacing
+
+
+def feasible_by_area(space, state):
+    """Indices of the actions that the area alone allows in a state, whatever shallow ground is known."""
+    return np.flatnonzero(feasible_mask(space.arguments(static=True), *state))
+
+
+def actions_by_chance(space, state, randoms):
+    """Feasible actions from a state, one after another, one for each of uniform numbers."""
+    return random_actions(space.arguments(), *state, randoms)
 
 
 def border_distance(operating_area: OperatingArea, places):

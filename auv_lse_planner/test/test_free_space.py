@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from planner_helpers import border_distance, clearance_m, is_free, is_safe, track_of, world
+from planner_helpers import border_distance, clearance_m, feasible_by_area, is_free, is_safe, track_of, world
 
 from auv_lse_common.compiled import plain
 from auv_lse_planner.config import MotionConfig
-from auv_lse_planner.paths.free_space import _feasible_mask, clearance_at, escape_action, leg_clearance
+from auv_lse_planner.paths.free_space import clearance_at, escape_action, feasible_mask, leg_clearance
 
 ISLAND = {"island": (100.0, 150.0, 180.0, 150.0, 180.0, 250.0, 100.0, 250.0)}
 WITH_ISLAND = (0.0, 0.0, 400.0, 0.0, 400.0, 420.0, 0.0, 420.0)
@@ -76,7 +76,7 @@ def test_shallow_ground_is_kept_clear_of():
     assert motion.straight_on in space.feasible(state)
     space.set_shallow(places, shoal, 10.0)
     assert motion.straight_on not in space.feasible(state)
-    assert motion.straight_on in space.feasible(state, static=True)
+    assert motion.straight_on in feasible_by_area(space, state)
     for action in space.feasible(state):
         track = track_of(motion, state, int(action), 0.5)
         assert np.hypot(track[:, 0] - 180.0, track[:, 1] - 230.0).min() > 35.0
@@ -113,7 +113,7 @@ def test_compiled_functions_equal_the_plain_ones():
         assert leg_clearance(*a[:4], *state, a.tracks[3], a.spacing) == plain(leg_clearance)(
             *a[:4], *state, a.tracks[3], a.spacing
         )
-        assert np.array_equal(_feasible_mask(a, *state), plain(_feasible_mask)(a, *state))
+        assert np.array_equal(feasible_mask(a, *state), plain(feasible_mask)(a, *state))
         assert escape_action(a, *state) == plain(escape_action)(a, *state)
 
 

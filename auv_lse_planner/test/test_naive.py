@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from planner_helpers import world
+from planner_helpers import feasible_by_area, world
 
 from auv_lse_common.compiled import plain
 from auv_lse_common.plan import NONE
@@ -25,7 +25,7 @@ def test_paths_stay_feasible_all_the_way_from_any_safe_state(naive_path):
         actions = naive.actions(state, naive_path, 60)
         assert len(actions) == 60
         for action in actions:
-            assert action in space.feasible(state, static=True)
+            assert action in feasible_by_area(space, state)
             state = motion.end_state(state, int(action))
 
 
@@ -99,7 +99,7 @@ def test_lawnmowers_work_in_the_printed_reading_too():
     _, motion, space, naive = world(motion=MotionConfig(straight="printed"))
     state = np.array([0.0, 100.0, 100.0])
     for action in naive.actions(state, LAWNMOWERS[0], 40):
-        assert action in space.feasible(state, static=True)
+        assert action in feasible_by_area(space, state)
         state = motion.end_state(state, int(action))
 
 

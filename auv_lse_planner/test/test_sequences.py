@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from planner_helpers import area, centers, rollout
+from planner_helpers import actions_by_chance, area, centers, rollout
 from reference_tree import exhaustive_search
 
 from auv_lse_common.plan import NONE
@@ -32,7 +32,7 @@ def test_values_of_a_batch_are_the_exact_values_of_its_paths(data, team, credit,
     roll, space = rollout(60, samples)
     rng, reward = _reward(data, team, credit)
     sequences = PathSequences(reward, roll, 0, STATE, naive_paths)
-    first = [tuple(int(a) for a in space.random_actions(STATE, rng.random(horizon))) for _ in range(8)]
+    first = [tuple(int(a) for a in actions_by_chance(space, STATE, rng.random(horizon))) for _ in range(8)]
     second = [(*s[: horizon // 2], *([5] * (horizon - horizon // 2))) for s in first]  # known prefixes
     for batch in (first, second, first):
         values = sequences(batch)
@@ -85,6 +85,6 @@ def test_the_surrogate_values_sequences_by_their_places(samples):
     posterior.follow(centers(rng, 40))
     surrogate = Surrogate(grid, LevelSet())
     surrogate.set(MapReward(KeptColumns(posterior, grid.places_m), LevelSet()))
-    batch = [tuple(int(a) for a in space.random_actions(STATE, rng.random(6))) for _ in range(5)]
+    batch = [tuple(int(a) for a in actions_by_chance(space, STATE, rng.random(6))) for _ in range(5)]
     for sequence, value in zip(batch, SurrogateSequences(surrogate, roll, STATE)(batch), strict=True):
         assert value == pytest.approx(surrogate.value(roll.path(0, STATE, sequence, NONE).places_m), rel=1e-6)

@@ -1,8 +1,9 @@
+import functools
 import itertools
 
 import numpy as np
 import pytest
-from planner_helpers import world
+from planner_helpers import actions_by_chance, world
 from reference_tree import ObjectTree
 
 from auv_lse_common.compiled import plain
@@ -15,9 +16,10 @@ STATES = [np.array([0.3, 150.0, 150.0]), np.array([1.2, 30.0, 440.0]), np.array(
 
 
 def _trees(space, state, horizon, exploration=0.4):
+    complete = functools.partial(actions_by_chance, space)
     return (
         ActionTree(space, state, horizon, exploration),
-        ObjectTree(space.choices, space.motion.end_state, state, horizon, exploration, space.random_actions),
+        ObjectTree(space.choices, space.motion.end_state, state, horizon, exploration, complete),
     )
 
 

@@ -167,7 +167,8 @@ def escape_action(space, heading, north, east):
 
 
 @compiled
-def _feasible_mask(space, heading, north, east):
+def feasible_mask(space, heading, north, east):
+    """Whether each action (A,) is feasible in a state."""
     mask = np.zeros(space.turns.shape[0], dtype=np.bool_)
     for action in range(mask.shape[0]):
         mask[action] = is_feasible(space, heading, north, east, action)
@@ -280,18 +281,14 @@ class FreeSpace:
             m.steps_m,
         )
 
-    def feasible(self, state: Array, static: bool = False) -> Ints:
+    def feasible(self, state: Array) -> Ints:
         """Indices of the feasible actions of a state (3,), in ascending order; empty if there is none."""
-        return np.flatnonzero(_feasible_mask(self.arguments(static), state[0], state[1], state[2])).astype(np.int64)
+        return np.flatnonzero(feasible_mask(self.arguments(), state[0], state[1], state[2])).astype(np.int64)
 
     def choices(self, state: Array) -> Ints:
         """The feasible actions of a state, or, where there is none, the escape alone: never empty."""
         actions = self.feasible(state)
         return actions if actions.size else np.array([self.escape(state)], dtype=np.int64)
-
-    def random_actions(self, state: Array, randoms: Array) -> Ints:
-        """Feasible actions by chance from a state (3,), one after another, one for each of uniform numbers (L,)."""
-        return np.asarray(random_actions(self.arguments(), state[0], state[1], state[2], randoms))
 
     def escape(self, state: Array) -> int:
         """The action that leads out of a state where nothing is feasible."""
