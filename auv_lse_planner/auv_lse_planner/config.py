@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
 from auv_lse_common.params import merge, parameter, section
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.methods import METHODS, PAPER, PROPOSALS
+from auv_lse_planner.methods import METHODS, PROPOSALS
+from auv_lse_planner.paths.naive_ids import LAWNMOWERS
 
 if TYPE_CHECKING:
     _T = TypeVar("_T")
@@ -18,6 +19,18 @@ if TYPE_CHECKING:
 else:
     #: A parameter that follows from the method where it is left out (None); `PlannerConfig.complete` fills it in.
     FromMethod = Optional
+
+
+def from_method(paper: Any, **options: Any) -> Any:
+    """A parameter that follows from the method where it is left out.
+
+    Args:
+        paper: Its value in the paper's augmented method, from which the other methods differ (`methods.py`).
+        options: As `parameter` takes them.
+    """
+    declared = parameter(None, **options)
+    return field(default=None, metadata={**declared.metadata, "paper": paper})
+
 
 #: Depths (m) that vehicles without one of their own take in turn (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
@@ -100,25 +113,27 @@ class PlannerConfig:
     """How a vehicle plans. What is left out (None) follows from the method; see `methods.py`."""
 
     method: str = parameter("best", choices=tuple(METHODS), help="named set of the parameters that are left out")
-    objective: FromMethod[str] = parameter(None, choices=("path", "map"), help="reward: the paper's, or the map's risk")
-    credit: FromMethod[str] = parameter(
-        None,
+    objective: FromMethod[str] = from_method(
+        "path", choices=("path", "map"), help="reward: the paper's, or the map's risk"
+    )
+    credit: FromMethod[str] = from_method(
+        "printed",
         choices=("printed", "beyond"),
         help="'printed' counts all benefit at own places, 'beyond' only what team mates' plans would not bring",
     )
-    horizon: FromMethod[int] = parameter(None, low=1, high=200, help="legs planned (paper: m)")
-    iterations: FromMethod[int] = parameter(None, low=1, help="tree search iterations a decision")
-    augmented: FromMethod[bool] = parameter(
-        None, help="whether a naive path continues the plan to the mission's end (paper: augmented)"
+    horizon: FromMethod[int] = from_method(3, low=1, high=200, help="legs planned (paper: m)")
+    iterations: FromMethod[int] = from_method(100, low=1, help="tree search iterations a decision")
+    augmented: FromMethod[bool] = from_method(
+        True, help="whether a naive path continues the plan to the mission's end (paper: augmented)"
     )
-    naive_paths: FromMethod[tuple[int, ...]] = parameter(
-        None, low=0xF0, high=0xFE, help="ids of the naive paths to choose from (naive.py)"
+    naive_paths: FromMethod[tuple[int, ...]] = from_method(
+        LAWNMOWERS[:1], low=0xF0, high=0xFE, help="ids of the naive paths to choose from (naive.py)"
     )
-    incumbent: FromMethod[bool] = parameter(
-        None, help="whether the last plan is kept unless the new one is worth more on the same data"
+    incumbent: FromMethod[bool] = from_method(
+        True, help="whether the last plan is kept unless the new one is worth more on the same data"
     )
-    exploration: FromMethod[float] = parameter(
-        None, low=0.0, help="exploration constant of UCT, on values scaled to 0..1"
+    exploration: FromMethod[float] = from_method(
+        0.2, low=0.0, help="exploration constant of UCT, on values scaled to 0..1"
     )
     batch: int = parameter(8, low=1, high=256, help="paths the search values together")
     samples_per_leg: int = parameter(1, low=1, high=20, help="measurement places along a leg that count in the reward")
@@ -127,19 +142,19 @@ class PlannerConfig:
         None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
     )
     map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
-    proposals: FromMethod[str] = parameter(
-        None,
+    proposals: FromMethod[str] = from_method(
+        None,  # a tree search by the objective
         choices=PROPOSALS,
         help="what proposes plans: a tree search on the map reward's surrogate or on the path's reward, "
         "the naive path alone, or the next leg by chance or by a score",
     )
-    map_share: FromMethod[float] = parameter(
-        None,
+    map_share: FromMethod[float] = from_method(
+        0.0,
         low=0.0,
         help="weight of the map's reward in the choice among the finalists of the path's reward (0: none)",
     )
-    finalists: FromMethod[int] = parameter(
-        None, low=1, high=64, help="paths of a search that the map's reward is asked about"
+    finalists: FromMethod[int] = from_method(
+        8, low=1, high=64, help="paths of a search that the map's reward is asked about"
     )
     team_order: str = parameter(
         "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"
@@ -164,11 +179,12 @@ class PlannerConfig:
         Raises:
             ValueError: if the parameters contradict each other.
         """
-        values = {**PAPER, **METHODS[self.method]}
-        values |= {k: v for k in (*PAPER, "proposals") if (v := getattr(self, k)) is not None}
-        values.setdefault("proposals", "surrogate" if values["objective"] == "map" else "path")
+        paper = {f.name: f.metadata["paper"] for f in fields(self) if "paper" in f.metadata}
+        given = {name: value for name in paper if (value := getattr(self, name)) is not None}
+        values = {**paper, **METHODS[self.method], **given}
+        values["proposals"] = values["proposals"] or ("surrogate" if values["objective"] == "map" else "path")
         if values["augmented"] and not values["naive_paths"]:
-            values["naive_paths"] = PAPER["naive_paths"]
+            values["naive_paths"] = paper["naive_paths"]
         if not values["augmented"] and values["proposals"] != "naive":
             values["naive_paths"] = ()
         if values["proposals"] == "surrogate" and values["objective"] != "map":

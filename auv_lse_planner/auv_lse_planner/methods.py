@@ -1,32 +1,19 @@
-"""The methods: what `planner.method` sets of the planner's parameters. What a user sets himself goes before.
+"""The methods: what `planner.method` sets of the planner's parameters, where a user does not set them.
 
-A new method is an entry of `METHODS`.
+A new method is an entry of `METHODS`: what it sets otherwise than the paper's augmented method, whose values stand with
+the parameters (`config.from_method`).
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from auv_lse_planner.paths.naive_ids import COVERING, LAWNMOWERS, STRIPS
-
-#: The paper's augmented method: what every method starts from. `proposals` follows from the objective.
-PAPER: dict[str, Any] = {
-    "objective": "path",
-    "credit": "printed",
-    "horizon": 3,
-    "iterations": 100,
-    "exploration": 0.2,
-    "augmented": True,
-    "naive_paths": LAWNMOWERS[:1],
-    "incumbent": True,
-    "map_share": 0.0,
-    "finalists": 8,
-}
+from auv_lse_planner.paths.naive_ids import COVERING, STRIPS
 
 #: Nothing after the legs searched, and the last plan is not kept.
 _PLAIN: dict[str, Any] = {"augmented": False, "naive_paths": (), "incumbent": False}
 
-#: What each method sets on top.
+#: What each method sets otherwise than the paper's augmented method.
 METHODS: dict[str, dict[str, Any]] = {
     # The paper's two methods, as printed.
     "augmented": {},

@@ -52,7 +52,7 @@ def sources():
     return [file for folder in folders for file in sorted(folder.rglob("*.py"))]
 
 
-def tests():
+def files_of_tests():
     return [file for package in PACKAGES for file in sorted((package / "test").glob("*.py"))]
 
 
@@ -70,7 +70,7 @@ def attributes():
     """{class: names of its methods and attributes, those of its bases in the project included}."""
     found = defaultdict(set)
     bases = defaultdict(set)
-    for file in [*sources(), *tests()]:
+    for file in [*sources(), *files_of_tests()]:
         for node in ast.walk(ast.parse(file.read_text())):
             if not isinstance(node, ast.ClassDef):
                 continue
@@ -222,9 +222,9 @@ def test_classes_that_are_named_have_what_is_named(page, attributes):
 @pages(LIVING)
 def test_functions_and_classes_that_are_named_alone_exist(page):
     """`expected_bayes_risk(...)`, `test_it_telescopes`, `PathReward`: defined somewhere in the project, or imported."""
-    text = "\n".join(file.read_text() for file in [*sources(), *tests()])
+    text = "\n".join(file.read_text() for file in [*sources(), *files_of_tests()])
     words = set(re.findall(r"\w+", text))
-    words |= {file.stem for file in [*sources(), *tests(), *ROOT.glob("auv_lse_msgs/msg/*.msg")]}
+    words |= {file.stem for file in [*sources(), *files_of_tests(), *ROOT.glob("auv_lse_msgs/msg/*.msg")]}
     for span in code_spans(page):
         for name in re.findall(r"^(\w+)\(|\b(test_\w+)\b|^([A-Z][a-z]+(?:[A-Z][a-z]+)+)$", span):
             word = next(part for part in name if part)
