@@ -1,4 +1,4 @@
-"""Makes expected_bayes_risk.csv, the reference values of the search objective, by 40-digit integration.
+"""Makes expected_bayes_risk.csv, the reference values of the search objective, by integration with 55 digits.
 
 The expected Bayes risk after planned measurements is integrated as it is defined, not by the closed form that the
 package uses: E = integral over mu of N(mu; mean, std_of_mean^2) r(mu), with r(mu) = min(c1 P(f < l), c2 P(f >= l)) the
@@ -37,7 +37,7 @@ COLUMNS = (
 )
 TABLE = Path(__file__).with_name("expected_bayes_risk.csv")
 #: Decimal digits of the arithmetic, and of the values in the table.
-DIGITS, PRINTED = 55, 20
+DIGITS, TABLE_DIGITS = 55, 20
 
 #: Mean, std_of_mean, std_after, level, c1, c2.
 Case = tuple[float, float, float, float, float, float]
@@ -157,7 +157,7 @@ def rule(degree: int) -> list[tuple[Any, Any]]:
 
 def as_text(value: Any) -> str:
     """A value as it stands in the table."""
-    return str(mpmath.nstr(value, PRINTED, strip_zeros=False) if value else "0.0")
+    return str(mpmath.nstr(value, TABLE_DIGITS, strip_zeros=False) if value else "0.0")
 
 
 def main() -> int:

@@ -23,20 +23,20 @@ def samples(rng: np.random.Generator, n: int) -> Array:
     return np.column_stack([places, 15.0 + 8.0 * np.sin(places[:, 0] / 40.0) * np.cos(places[:, 1] / 50.0)])
 
 
-def dense(told: Array, at: Array, gp: GpConfig = GP) -> tuple[Array, Array]:
-    """Mean and covariance at places given what was told."""
+def dense(known: Array, at: Array, gp: GpConfig = GP) -> tuple[Array, Array]:
+    """Mean and covariance at places given the samples that are known."""
     kernel = Kernel(gp)
     prior = np.asarray(kernel(at, at))
-    if not len(told):
+    if not len(known):
         return np.full(len(at), gp.mean_depth_m), prior
-    gram = kernel(told[:, :2], told[:, :2]) + gp.noise_std_m**2 * np.eye(len(told))
-    cross = kernel(at, told[:, :2])
-    mean = gp.mean_depth_m + cross @ np.linalg.solve(gram, told[:, 2] - gp.mean_depth_m)
+    gram = kernel(known[:, :2], known[:, :2]) + gp.noise_std_m**2 * np.eye(len(known))
+    cross = kernel(at, known[:, :2])
+    mean = gp.mean_depth_m + cross @ np.linalg.solve(gram, known[:, 2] - gp.mean_depth_m)
     return mean, prior - cross @ np.linalg.solve(gram, cross.T)
 
 
-def dense_gain(told: Array, place: Array, grid: Array) -> float:
-    mean, cov = dense(told, np.concatenate([grid, place[None]]))
+def dense_gain(known: Array, place: Array, grid: Array) -> float:
+    mean, cov = dense(known, np.concatenate([grid, place[None]]))
     before = np.diag(cov)[:-1]
     explained = np.minimum(cov[:-1, -1] ** 2 / (cov[-1, -1] + GP.noise_std_m**2), before)
     return float(LEVEL.benefit(mean[:-1], np.sqrt(explained), np.sqrt(before - explained)).sum())
@@ -45,38 +45,38 @@ def dense_gain(told: Array, place: Array, grid: Array) -> float:
 @pytest.mark.parametrize("n", [0, 1, 30])
 def test_gains_against_dense_algebra(n: int) -> None:
     rng = np.random.default_rng(n)
-    told = samples(rng, n)
+    known = samples(rng, n)
     receivers = Knowledge(GpConfig(length_scale_m=50.0, min_spacing_m=0.0), LEVEL, AREA)
-    receivers.add(told)
+    receivers.add(known)
     candidates = samples(rng, 12)
-    expected = [dense_gain(told, place, receivers.places_m) for place in candidates[:, :2]]
+    expected = [dense_gain(known, place, receivers.places_m) for place in candidates[:, :2]]
     # what is negligible at one place (1e-4 of its variance) may sum up to a little over the map
     np.testing.assert_allclose(receivers.gains(candidates), expected, rtol=0.02, atol=1e-3)
-    mean, cov = dense(told, receivers.places_m)
+    mean, cov = dense(known, receivers.places_m)
     assert receivers.risk == pytest.approx(
         float(LEVEL.risk(mean, np.sqrt(np.maximum(np.diag(cov), 0.0))).mean()), rel=1e-9
     )
 
 
 def test_gain_is_the_expected_drop_of_the_risk() -> None:
-    """Mean over depths drawn from the receivers' own belief of the drop that telling the sample does cause."""
+    """Mean over depths drawn from the receivers' own belief of the drop that the sample does cause."""
     rng = np.random.default_rng(5)
-    told, place = samples(rng, 10), np.array([[90.0, 130.0]])
+    known, place = samples(rng, 10), np.array([[90.0, 130.0]])
     before = Knowledge(GP, LEVEL, AREA)
-    before.add(told)
-    mean, cov = dense(told, place)
+    before.add(known)
+    mean, cov = dense(known, place)
     depths = rng.normal(mean[0], np.sqrt(cov[0, 0] + GP.noise_std_m**2), 1500)
     drops = []
     for depth in depths:
         after = Knowledge(GP, LEVEL, AREA)
-        after.add(told)
+        after.add(known)
         after.add(np.array([[90.0, 130.0, depth]]))
         drops.append((before.risk - after.risk) * len(before.places_m))
     error = np.std(drops) / np.sqrt(len(drops))
     assert before.gains(np.array([[90.0, 130.0, 0.0]]))[0] == pytest.approx(np.mean(drops), abs=4.0 * error)
 
 
-def test_what_is_told_is_worth_less_again() -> None:
+def test_a_sample_that_is_known_is_worth_less_again() -> None:
     rng = np.random.default_rng(6)
     receivers = Knowledge(GP, LEVEL, AREA)
     candidates = samples(rng, 40)
@@ -98,7 +98,7 @@ def test_samples_too_close_are_left_out_and_none_is_fine() -> None:
     assert receivers.gains(np.zeros((0, 3))).shape == (0,)
 
 
-def test_what_was_told_since_a_mark_is_forgotten() -> None:
+def test_samples_added_since_a_mark_are_forgotten() -> None:
     rng = np.random.default_rng(7)
     first, second, third, candidates = (samples(rng, n) for n in (10, 10, 5, 20))
     once, twice = Knowledge(GP, LEVEL, AREA), Knowledge(GP, LEVEL, AREA)

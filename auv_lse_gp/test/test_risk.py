@@ -63,7 +63,6 @@ def test_expected_risk_of_the_reference_table():
 
 
 def test_the_reference_table_is_what_its_script_makes():
-    pytest.importorskip("mpmath")
     import make_expected_bayes_risk as script
 
     with REFERENCE.open(newline="") as file:
