@@ -82,8 +82,9 @@ class MotionConfig:
     )
     straight: str = parameter(
         "constant",
-        choices=("constant", "printed"),
-        help="straight's length: 'constant' r (theta_max - |a|), every leg as long; 'printed' r (theta_max + |a|)",
+        choices=("constant", "growing"),
+        help="the straight after a turn: 'constant' r (theta_max - |a|), every leg is as long; "
+        "'growing' r (theta_max + |a|), as the paper prints it",
     )
     track_spacing_m: float = parameter(1.0, unit="m", above=0.0, help="spacing at which tracks are checked")
 
@@ -117,9 +118,10 @@ class PlannerConfig:
         "path", choices=("path", "map"), help="reward: the paper's, or the map's risk"
     )
     credit: FromMethod[str] = from_method(
-        "printed",
-        choices=("printed", "beyond"),
-        help="'printed' counts all benefit at own places, 'beyond' only what team mates' plans would not bring",
+        "whole",
+        choices=("whole", "beyond"),
+        help="'whole' counts all benefit at own places (the paper's), 'beyond' only what team mates' plans "
+        "would not bring",
     )
     horizon: FromMethod[int] = from_method(3, low=1, high=200, help="legs planned (paper: m)")
     iterations: FromMethod[int] = from_method(100, low=1, help="tree search iterations a decision")

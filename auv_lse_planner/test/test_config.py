@@ -9,10 +9,10 @@ from auv_lse_planner.methods import METHODS
 
 def test_methods_are_the_papers_and_single_parameters_go_before():
     paper = PlannerConfig(method="augmented").complete()
-    assert (paper.objective, paper.credit, paper.horizon, paper.augmented) == ("path", "printed", 3, True)
+    assert (paper.objective, paper.credit, paper.horizon, paper.augmented) == ("path", "whole", 3, True)
     assert (paper.proposals, paper.naive_paths, paper.incumbent) == ("path", (0xF0,), True)
     plain = PlannerConfig(method="plain").complete()
-    assert (plain.objective, plain.credit, plain.horizon, plain.augmented) == ("path", "printed", 10, False)
+    assert (plain.objective, plain.credit, plain.horizon, plain.augmented) == ("path", "whole", 10, False)
     assert (plain.naive_paths, plain.incumbent) == ((), False)
     changed = PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)).complete()
     assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))

@@ -17,8 +17,8 @@ L_SHAPE = (0.0, 0.0, 300.0, 0.0, 300.0, 70.0, 90.0, 70.0, 90.0, 400.0, 0.0, 400.
     ("polygon", "no_go", "straight"),
     [
         (WITH_ISLAND, ISLAND, "constant"),
-        (WITH_ISLAND, ISLAND, "printed"),
-        (L_SHAPE, {}, "constant"),  # the printed reading's loop (48 m) has no room there
+        (WITH_ISLAND, ISLAND, "growing"),
+        (L_SHAPE, {}, "constant"),  # with growing straights the loop (48 m) has no room there
     ],
 )
 def test_random_walks_of_feasible_actions_never_get_stuck_nor_leave(polygon, no_go, straight):

@@ -27,14 +27,14 @@ def test_hand_worked_steps(table):
     assert end == pytest.approx([-math.pi, 85.0, 215.0]) or end == pytest.approx([math.pi, 85.0, 215.0])
 
 
-def test_every_leg_is_as_long_in_the_constant_reading_and_the_printed_one_differs(table):
+def test_every_leg_is_as_long_with_constant_straights_and_not_with_growing_ones(table):
     assert np.ptp(table.lengths_m) < 1e-12
-    printed = MotionTable(MotionConfig(straight="printed"))
-    assert printed.straights_m == pytest.approx(15.0 * (math.pi / 2 + np.abs(printed.turns_rad)))
-    assert np.ptp(printed.lengths_m) > 40.0
+    growing = MotionTable(MotionConfig(straight="growing"))
+    assert growing.straights_m == pytest.approx(15.0 * (math.pi / 2 + np.abs(growing.turns_rad)))
+    assert np.ptp(growing.lengths_m) > 40.0
 
 
-@pytest.mark.parametrize("straight", ["constant", "printed"])
+@pytest.mark.parametrize("straight", ["constant", "growing"])
 def test_tracks_lead_from_the_state_to_the_end_state_at_the_wanted_spacing(straight):
     table = MotionTable(MotionConfig(straight=straight))
     rng = np.random.default_rng(1)
@@ -74,20 +74,20 @@ def test_compiled_and_plain_steps_are_the_same_bits(table):
 def test_loops_are_the_turning_circles(table):
     assert table.loops_m == pytest.approx(np.array([[0.0, -15.0, 15.0], [0.0, 15.0, 15.0]]), abs=1e-9)
     assert list(table.loop_actions) == [0, 10]
-    printed = MotionTable(MotionConfig(straight="printed"))
+    growing = MotionTable(MotionConfig(straight="growing"))
     state = np.array([0.3, 10.0, -20.0])
     for side in (0, 1):
-        ahead, starboard, reach = printed.loops_m[side]
+        ahead, starboard, reach = growing.loops_m[side]
         c, s = math.cos(state[0]), math.sin(state[0])
         center = np.array([state[1] + c * ahead - s * starboard, state[2] + s * ahead + c * starboard])
         at = state
         for _ in range(5):
-            track = track_of(printed, at, int(printed.loop_actions[side]), 1.0)
+            track = track_of(growing, at, int(growing.loop_actions[side]), 1.0)
             assert np.hypot(*(track - center).T).max() <= reach + 1e-6
-            at = printed.end_state(at, int(printed.loop_actions[side]))
+            at = growing.end_state(at, int(growing.loop_actions[side]))
 
 
-@pytest.mark.parametrize("straight", ["constant", "printed"])
+@pytest.mark.parametrize("straight", ["constant", "growing"])
 def test_legs_follow_the_motion_table(straight):
     table = MotionTable(MotionConfig(straight=straight))
     rng = np.random.default_rng(1)

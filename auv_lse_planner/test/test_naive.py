@@ -95,8 +95,8 @@ def test_none_and_unknown_ids():
         naive.actions(np.zeros(3), 0x10, 5)
 
 
-def test_lawnmowers_work_in_the_printed_reading_too():
-    _, motion, space, naive = world(motion=MotionConfig(straight="printed"))
+def test_lawnmowers_work_with_growing_straights_too():
+    _, motion, space, naive = world(motion=MotionConfig(straight="growing"))
     state = np.array([0.0, 100.0, 100.0])
     for action in naive.actions(state, LAWNMOWERS[0], 40):
         assert action in feasible_by_area(space, state)

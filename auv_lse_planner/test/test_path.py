@@ -12,7 +12,7 @@ from auv_lse_planner.reward import path as module
 from auv_lse_planner.reward.path import PathReward, small_inverse_diagonals
 
 
-def _situation(seed, data=60, team=0, level=None, credit="printed"):
+def _situation(seed, data=60, team=0, level=None, credit="whole"):
     rng = np.random.default_rng(seed)
     config = GpConfig()
     known = centers(rng, data)
@@ -27,7 +27,7 @@ def _situation(seed, data=60, team=0, level=None, credit="printed"):
 def _dense_value(config, known, others, path, level, credit):
     """The paper's reward by plain dense algebra."""
     mean, var, after = dense_posterior(config, known, np.concatenate([others, path]), path)
-    if credit == "printed":
+    if credit == "whole":
         before = level.risk(mean, np.sqrt(var))
     else:
         _, _, planned = dense_posterior(config, known, others, path)
@@ -39,7 +39,7 @@ LEVELS = [LevelSet(), LevelSet(cost_false_safe=20.0, cost_false_unsafe=5.0)]
 
 
 @pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("credit", ["printed", "beyond"])
+@pytest.mark.parametrize("credit", ["whole", "beyond"])
 @pytest.mark.parametrize(("data", "team", "length"), [(0, 0, 10), (60, 0, 30), (60, 25, 100), (200, 60, 13)])
 def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, level, credit):
     rng, config, known, others, level, reward = _situation(data + length, data, team, level, credit)
@@ -75,11 +75,11 @@ def test_team_credit_takes_off_what_team_mates_bring_anyway():
     path = rng.uniform(0, 400, (10, 2))
     posterior.plan(path)  # a team mate goes exactly there
     columns = posterior.columns(path)
-    printed, beyond = PathReward(posterior, LevelSet()), PathReward(posterior, LevelSet(), "beyond")
-    assert 0.0 < beyond.value(columns) < 0.2 * printed.value(columns)
+    whole, beyond = PathReward(posterior, LevelSet()), PathReward(posterior, LevelSet(), "beyond")
+    assert 0.0 < beyond.value(columns) < 0.2 * whole.value(columns)
     posterior.forget_planned()
     alone = PathReward(posterior, LevelSet()).value(posterior.columns(path))
-    assert printed.value(columns) > alone
+    assert whole.value(columns) > alone
 
 
 def test_unknown_credit_is_refused():
@@ -128,7 +128,7 @@ def test_diagonals_of_small_inverses(function):
 
 
 def test_long_paths_take_the_other_way_and_are_worth_the_same(monkeypatch):
-    rng, reward = _reward(30, 0, "printed")
+    rng, reward = _reward(30, 0, "whole")
     columns = reward.posterior.columns(rng.uniform(0, 400, (40, 2)))
     short = reward.values_of_equal(columns, 10)
     monkeypatch.setattr(module, "SMALL", 0)

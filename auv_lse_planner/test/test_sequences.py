@@ -25,7 +25,7 @@ def _reward(data, team, credit, seed=3):
     return rng, PathReward(posterior, LevelSet(), credit)
 
 
-@pytest.mark.parametrize("credit", ["printed", "beyond"])
+@pytest.mark.parametrize("credit", ["whole", "beyond"])
 @pytest.mark.parametrize(("data", "team"), [(0, 0), (0, 12), (60, 0), (200, 40)])
 @pytest.mark.parametrize(("naive_paths", "samples", "horizon"), [((), 1, 10), ((), 3, 10), ((0xF0, 0xF4), 1, 3)])
 def test_values_of_a_batch_are_the_exact_values_of_its_paths(data, team, credit, naive_paths, samples, horizon):

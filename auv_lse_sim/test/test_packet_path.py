@@ -23,7 +23,7 @@ POLYGON = (-50.0, -50.0, 550.0, -50.0, 600.0, 650.0, -50.0, 600.0)
 NO_GO = {"island": (200.0, 200.0, 280.0, 200.0, 280.0, 290.0, 200.0, 290.0)}
 ACTION_SETS = {
     "paper": MotionConfig(),
-    "printed straights": MotionConfig(straight="printed"),
+    "growing straights": MotionConfig(straight="growing"),
     "three": MotionConfig(actions_deg=(-45.0, 0.0, 45.0)),
     "uneven": MotionConfig(actions_deg=(-80.0, -33.3, 0.0, 7.7, 61.1), turn_radius_m=11.0),
     "many": MotionConfig(actions_deg=tuple(float(a) for a in range(-90, 91, 4))),

@@ -81,7 +81,7 @@ class MotionTable:
         theta = math.radians(config.theta_max_deg)
         turns = np.radians(np.asarray(config.actions_deg, dtype=float))
         size = np.abs(turns)
-        # docs/paper.md: d = r (theta_max - |a|) is the default reading, '+' the printed one.
+        # docs/paper.md: d = r (theta_max - |a|) is the default reading; the paper prints '+'.
         self.straights_m: Array = radius * (theta - size if config.straight == "constant" else theta + size)
         self.turns_rad: Array = turns
         self.radius_m = radius

@@ -1,7 +1,7 @@
 """The paper's reward of a path: the expected benefit of search at its own places (docs/paper.md).
 
 J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the paths of the agents before, V the path.
-That is `credit="printed"`. With `credit="beyond"` the first term is E r(p | S u O): what V adds at its places beyond
+That is `credit="whole"`. With `credit="beyond"` the first term is E r(p | S u O): what V adds at its places beyond
 what the team mates' plans would bring anyway (a vehicle is then not paid for going where another goes).
 
 With M = cov(V, V | S u O) + sigma^2 I, the variance that is left at the path's places is
@@ -30,14 +30,14 @@ SMALL = 24
 class PathReward:
     """Path reward for one decision: the data and the team mates' places are fixed."""
 
-    def __init__(self, posterior: Posterior, level_set: LevelSet, credit: str = "printed") -> None:
+    def __init__(self, posterior: Posterior, level_set: LevelSet, credit: str = "whole") -> None:
         """Takes the posterior as it stands, with the team mates' places planned (`Posterior.plan`).
 
         Raises:
             ValueError: for an unknown credit.
         """
-        if credit not in ("printed", "beyond"):
-            raise ValueError(f"credit: got {credit!r}; expected 'printed' or 'beyond'")
+        if credit not in ("whole", "beyond"):
+            raise ValueError(f"credit: got {credit!r}; expected 'whole' or 'beyond'")
         self.posterior = posterior
         self.level_set = level_set
         self.credit = credit
@@ -45,13 +45,13 @@ class PathReward:
 
     def before(self, columns: Columns) -> Array:
         """Risk (P,) that the path is credited for removing: in hand, or expected after the team mates' plans."""
-        if self.credit == "printed" or not self.posterior.planned_rows:
+        if self.credit == "whole" or not self.posterior.planned_rows:
             return self.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2))
         return self._expected(columns, columns.planned_var_m2)
 
     def _gains(self, columns: Columns, var_after_m2: Array) -> Array:
         """What the path is credited for at each place (P,) once the variances are `var_after_m2` (P,)."""
-        if self.credit == "printed" or not self.posterior.planned_rows:
+        if self.credit == "whole" or not self.posterior.planned_rows:
             return self.before(columns) - self._expected(columns, var_after_m2)
         # before and after in one call
         data = columns.data_var_m2

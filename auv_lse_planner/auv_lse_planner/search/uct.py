@@ -33,7 +33,7 @@ Actions = tuple[int, ...]
 
 #: Share of the iterations that goes to changing single actions of the best sequences.
 POLISH = 0.4
-#: Only up to this horizon: over many legs the best printed reward is not the best path (docs/planner.md).
+#: Only up to this horizon: over many legs the path with the paper's best reward is not the best one (docs/planner.md).
 POLISH_UP_TO = 4
 #: Sequences in a ranking.
 RANKED = 64
