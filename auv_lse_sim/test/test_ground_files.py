@@ -1,20 +1,13 @@
-"""Bathymetry files of every kind: errors, origins, and the real lake both as soundings and as a grid."""
-
-from pathlib import Path
+"""Bathymetry files of every kind: errors, origins, and a survey both as soundings and as a grid."""
 
 import numpy as np
 import pytest
-from ground_helpers import ascii_text, soundings
+from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, ascii_text, soundings, survey, write_survey
 
 from auv_lse_common.frames import geodetic_from_local
 from auv_lse_sim.world.grid_ground import GridGround
 from auv_lse_sim.world.ground import GroundError
 from auv_lse_sim.world.ground_files import load_ground
-
-SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
-needs_lake = pytest.mark.skipif(
-    not (SHARED / "tzibana_soundings.csv").is_file(), reason=f"the real lake's data are not at {SHARED}"
-)
 
 GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n" for i in range(40))
 
@@ -116,18 +109,23 @@ def test_data_far_from_the_origin_are_refused_by_name(tmp_path):
         load_ground(tmp_path / "u.npz")
 
 
-@needs_lake
-def test_the_real_lake_both_ways():
-    fine, grid = (load_ground(SHARED / name) for name in ("tzibana_soundings.csv", "tzibana_grid10m.npz"))
-    assert fine.origin == pytest.approx((17.1221, -91.6281), abs=2e-5)
-    assert grid.origin == pytest.approx((17.1221, -91.6281))
+def test_a_survey_both_ways(tmp_path):
+    write_survey(tmp_path)
+    lake, rows = survey()
+    fine, grid = (load_ground(tmp_path / name) for name in SURVEY_FILES)
+    # The file's positions have 9 digits after the point: 0.1 mm.
+    assert fine.origin == pytest.approx(SURVEY_ORIGIN, abs=1e-8)
+    assert grid.origin == pytest.approx(SURVEY_ORIGIN)
     n, e = np.meshgrid(*grid.extent.axes(20.0), indexing="ij")
-    a, b = fine.depth_m(n, e), grid.depth_m(n, e)
-    both = np.isfinite(a) & np.isfinite(b)
-    # Area known in the survey's own grid: 1.43 km2.
-    assert np.isfinite(b).mean() * grid.extent.height_m * grid.extent.width_m == pytest.approx(1.43e6, rel=0.05)
-    assert both.sum() > 0.95 * np.isfinite(b).sum()
-    # Two griddings of the same soundings, smoothed differently, on slopes of up to 45 degrees.
-    assert np.median(np.abs(a - b)[both]) < 0.15
-    assert np.percentile(np.abs(a - b)[both], 99) < 2.5
-    assert (b[both] > 15.0).mean() == pytest.approx(0.67, abs=0.04)
+    truth = lake.depth_m(n, e)
+    distance = np.hypot(n - 250.0, e + 200.0)  # from the middle of the part left out, 150 m in radius
+    for ground in (fine, grid):
+        depth = ground.depth_m(n, e)
+        known = np.isfinite(depth)
+        assert known.mean() > 0.9
+        assert not known[distance < 80.0].any()  # farther than 60 m from every sounding
+        error = np.abs(depth - truth)[known & np.isfinite(truth) & (distance > 160.0)]
+        # Noise of 0.05 m, and lines 35 m apart over relief with waves of some 60 m.
+        assert np.median(error) < 0.1
+        assert np.percentile(error, 99) < 0.5
+    assert len(rows) > 6000

@@ -17,6 +17,8 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
+from ground_helpers import SURVEY_FILES, write_survey
+
 from auv_lse_comms.packet.codec import decode
 from auv_lse_comms.tdma import Tdma
 from auv_lse_sim.engine.fleet import Fleet
@@ -27,7 +29,6 @@ from auv_lse_sim.world.ground_source import ground_of
 pytestmark = [pytest.mark.ros, pytest.mark.mission]
 
 ROOT = Path(__file__).resolve().parents[2]
-SHARED = ROOT.parent / "shared"
 STEPS = 12
 
 
@@ -161,11 +162,10 @@ def test_two_missions_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
     assert (first.vehicles[0].soundings == second.vehicles[0].soundings).all()
 
 
-@pytest.mark.parametrize("name", ["tzibana_soundings.csv", "tzibana_grid10m.npz"])
-def test_a_mission_over_the_real_lake(tmp_path: Path, name: str) -> None:
-    file = SHARED / "data" / name
-    if not file.exists():
-        pytest.skip(f"needs the real lake at ../shared/data/{name}, which is not part of the project")
+@pytest.mark.parametrize("name", SURVEY_FILES)
+def test_a_mission_over_a_survey(tmp_path: Path, name: str) -> None:
+    write_survey(tmp_path)
+    file = tmp_path / name
     folder = tmp_path / "run"
     process = fly("--bathymetry", str(file), "--vehicles", "1", "--steps", "6", "--no-report", "--out", str(folder))
     assert process.returncode == 0, process.stdout + process.stderr

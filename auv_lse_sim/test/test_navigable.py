@@ -1,9 +1,8 @@
 """Fitting a mission to the ground: what is navigable, where to start, what to expect."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, write_survey
 from sim_helpers import FunctionGround
 
 from auv_lse_gp.area import OperatingArea
@@ -13,7 +12,6 @@ from auv_lse_sim.world.ground import Extent, GroundError
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import expectations, fit_to_ground
 
-SHARED = Path(__file__).resolve().parents[2].parent / "shared" / "data"
 EXTENT = Extent(north_min_m=-200, north_max_m=700, east_min_m=-200, east_max_m=800)
 SQUARE = [0.0, 0.0, 500.0, 0.0, 500.0, 500.0, 0.0, 500.0]
 
@@ -198,14 +196,14 @@ def test_expectations():
     assert "too small" in said(**{"mission.steps": 300})
 
 
-@pytest.mark.skipif(not (SHARED / "tzibana_grid10m.npz").is_file(), reason=f"the real lake's data are not at {SHARED}")
-@pytest.mark.parametrize("name", ["tzibana_soundings.csv", "tzibana_grid10m.npz"])
-def test_the_real_lake(name):
-    s = Settings.load(None, {"sim.bathymetry.file": str(SHARED / name)})
+@pytest.mark.parametrize("name", SURVEY_FILES)
+def test_a_survey(tmp_path, name):
+    write_survey(tmp_path)
+    s = Settings.load(None, {"sim.bathymetry.file": str(tmp_path / name)})
     terrain = ground_of(s)
     fitted, notes = fit_to_ground(s, terrain)
     check_safe(fitted, terrain, spacing_m=12.0)
-    assert fitted.area.origin_lat_deg == pytest.approx(17.1221, abs=2e-5)
+    assert fitted.area.origin_lat_deg == pytest.approx(SURVEY_ORIGIN[0], abs=1e-8)  # the file's digits
     assert any("the file's extent" in note for note in notes)
     assert any("too large for this mission" in note for note in notes)
 

@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 _SAMPLE_LOW = np.array([f.low for f in SAMPLE])
 _SAMPLE_HIGH = np.array([f.high for f in SAMPLE])
 _UNUSED = bytes([FILL]) * SAMPLE_BYTES
-_HEADER_AT = {f.name: f for f in HEADER}
 
 
 class PacketError(ValueError):

@@ -53,11 +53,6 @@ class DecisionRecord:
     wall_s: float = float("nan")
     method: str = ""
 
-    @property
-    def legs_gone(self) -> int:
-        """Legs of the plan that were travelled before this decision."""
-        return self.step - self.plan.step
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PacketSent:

@@ -23,11 +23,9 @@ from numpy.typing import NDArray
 
 from auv_lse_common.compiled import compiled
 from auv_lse_sim.world.navigation import (
-    COMPASS_BIAS,
     DVL_SCALE,
     EAST,
     GATE,
-    GYRO_BIAS,
     HEADING,
     NORTH,
     SURGE,
@@ -396,8 +394,3 @@ def advance(
         if m[MODE] != WAITING and m[ALONG] >= limit - 1e-9:
             return i + 1
     return last
-
-
-#: Filter states that hold true biases, in the order (gyro, compass, scale), for consistency tests.
-BIASES = (GYRO_BIAS, COMPASS_BIAS, DVL_SCALE)
-TRUE_BIASES = (B_GYRO, B_COMPASS, B_SCALE)
