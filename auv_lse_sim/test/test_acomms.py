@@ -34,26 +34,26 @@ modem.cst_listeners.append(lambda cst, msg: statistics.append(cst))
 modem.xst_listeners.append(lambda xst, msg: transmit_statistics.append(xst))
 modem.packetrx_listeners.append(lambda packet: packets.append(packet))
 modem.connect_serial(port)
-told = {"first_id": modem.id}
+answers = {"first_id": modem.id}
 for name, value in (("SRC", 1), ("CST", 1), ("XST", 1)):
-    told[name] = bool(modem.set_config(name, value))
-told["id"] = modem.id
-told["set_time"] = modem.set_time() is not None
+    answers[name] = bool(modem.set_config(name, value))
+answers["id"] = modem.id
+answers["set_time"] = modem.set_time() is not None
 seconds, source, pps = modem.get_time_info(timeout=2.0)
-told["clock_source"] = source
-told["unknown"] = modem.set_config("NOPE", 1, response_timeout=0.5) is None
+answers["clock_source"] = source
+answers["unknown"] = modem.set_config("NOPE", 1, response_timeout=0.5) is None
 modem.send_packet_data(0, ours, rate_num=4)
 until = time.time() + 20.0
 while time.time() < until and not (transmit_statistics and frames and statistics):
     time.sleep(0.02)
 time.sleep(0.3)
-told["state"] = str(modem.state)
-told["xst"] = [(x["rate_num"], x["src"], x["nbytes"], x["num_frames_sent"]) for x in transmit_statistics]
-told["frames"] = [(f.src, f.dest, bytes(f.data).hex()) for f in frames]
-told["packets"] = len(packets)
+answers["state"] = str(modem.state)
+answers["xst"] = [(x["rate_num"], x["src"], x["nbytes"], x["num_frames_sent"]) for x in transmit_statistics]
+answers["frames"] = [(f.src, f.dest, bytes(f.data).hex()) for f in frames]
+answers["packets"] = len(packets)
 names = ("mode", "rate_num", "src", "bad_frames_num", "snr_in", "num_frames")
-told["cst"] = [[c[name] for name in names] for c in statistics]
-print("TOLD " + json.dumps(told), flush=True)
+answers["cst"] = [[c[name] for name in names] for c in statistics]
+print("ANSWERS " + json.dumps(answers), flush=True)
 os._exit(0)
 """
 
@@ -64,7 +64,7 @@ def test_acomms_and_our_driver_hear_each_other_through_emulated_modems(tmp_path)
     port = ModemPort(ModemConfig(kind="micromodem", port=rack.ports[2]), 2)
     arguments = [sys.executable, "-W", "ignore", "-c", SCRIPT, rack.ports[1], str(tmp_path), OURS.hex()]
     peer = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    told, answered = [], False
+    events, answered = [], False
     try:
         until = time.monotonic() + 60.0
         while peer.poll() is None:
@@ -73,8 +73,8 @@ def test_acomms_and_our_driver_hear_each_other_through_emulated_modems(tmp_path)
             rack.serve(now_s)
             rack.poll(now_s)
             water(now_s)
-            told += port.step(now_s, time.monotonic())
-            heard = [e for e in told if isinstance(e, PacketReceived)]
+            events += port.step(now_s, time.monotonic())
+            heard = [e for e in events if isinstance(e, PacketReceived)]
             if heard and not answered and port.modem.state is State.IDLE:
                 answered = True
                 port.send(now_s, THEIRS, 0)
@@ -86,26 +86,26 @@ def test_acomms_and_our_driver_hear_each_other_through_emulated_modems(tmp_path)
         peer.stdout.close()
         port.close(time.time(), time.monotonic())
         rack.close()
-    lines = [line for line in said.splitlines() if line.startswith("TOLD ")]
+    lines = [line for line in said.splitlines() if line.startswith("ANSWERS ")]
     assert lines, said
-    peer_told = json.loads(lines[0][5:])
+    peer_answers = json.loads(lines[0][8:])
 
     # acomms -> emulator -> water -> emulator -> our driver
-    (packet,) = [e for e in told if isinstance(e, PacketReceived)]
+    (packet,) = [e for e in events if isinstance(e, PacketReceived)]
     assert (packet.source, packet.destination, packet.payload, packet.rate) == (1, 0, OURS, 4)
     assert packet.snr_db == 20.0
     # what acomms understood of the emulated modem
-    assert peer_told["first_id"] == 0
-    assert peer_told["id"] == 1
-    assert all(peer_told[name] for name in ("SRC", "CST", "XST", "set_time", "unknown"))
-    assert peer_told["clock_source"] == "USER_CMD"
-    assert peer_told["xst"] == [[4, 1, 252, 1]]
-    assert peer_told["state"] == "Idle"
+    assert peer_answers["first_id"] == 0
+    assert peer_answers["id"] == 1
+    assert all(peer_answers[name] for name in ("SRC", "CST", "XST", "set_time", "unknown"))
+    assert peer_answers["clock_source"] == "USER_CMD"
+    assert peer_answers["xst"] == [[4, 1, 252, 1]]
+    assert peer_answers["state"] == "Idle"
     # our driver -> emulator -> water -> emulator -> acomms
-    assert peer_told["frames"] == [[2, 0, THEIRS.hex()]]
-    assert peer_told["packets"] == 1
-    assert peer_told["cst"] == [[0, 4, 2, 0, 20.0, 1]]
-    assert [type(e) for e in told if isinstance(e, TransmitStarted | TransmitDone | TransmitFailed)] == [
+    assert peer_answers["frames"] == [[2, 0, THEIRS.hex()]]
+    assert peer_answers["packets"] == 1
+    assert peer_answers["cst"] == [[0, 4, 2, 0, 20.0, 1]]
+    assert [type(e) for e in events if isinstance(e, TransmitStarted | TransmitDone | TransmitFailed)] == [
         TransmitStarted,
         TransmitDone,
     ]

@@ -53,7 +53,7 @@ class Sea:
             config = settings.vehicle(k).link
             self.ears[k] = UdpPort("udpin", "127.0.0.1", int(config.endpoint.rsplit(":", 1)[1]))
             self.autopilots[k] = VehicleLink(config, k, None)
-        self.told = []
+        self.events = []
         self.outputs = {}
         self.now_s = 0.0
 
@@ -81,11 +81,11 @@ class Sea:
     def carry(self):
         self.links.serve(self.now_s)
         for k, port in self.ports.items():
-            self.told += [(k, event) for event in port.step(self.now_s, time.monotonic())]
+            self.events += [(k, event) for event in port.step(self.now_s, time.monotonic())]
         for k, link in self.autopilots.items():
             link.receive(self.now_s, self.ears[k].read())
             link.poll(self.now_s)
-            self.told += [(k, event) for event in link.events()]
+            self.events += [(k, event) for event in link.events()]
             for datagram in link.outgoing():
                 self.ears[k].write(datagram)
 
@@ -97,7 +97,7 @@ class Sea:
             time.sleep(0.0005)
 
     def of(self, kind):
-        return [(k, event) for k, event in self.told if isinstance(event, kind)]
+        return [(k, event) for k, event in self.events if isinstance(event, kind)]
 
     def close(self):
         for port in self.ports.values():
@@ -164,7 +164,7 @@ def test_what_is_heard_but_not_read_is_reported_as_a_failed_reception(emulated):
         why="noise",
     )
     sea.links.arrive(2, lost)
-    sea.until(lambda: sea.of(ReceptionFailed), "nothing was told")
+    sea.until(lambda: sea.of(ReceptionFailed), "no failed reception was reported")
     assert sea.of(ReceptionFailed)[0][1].reason == "bad CRC"
     assert sea.links.delivered(2) == 0
 

@@ -84,22 +84,22 @@ async def talk(grpc_port: int) -> dict:
 
         system = System(mavsdk_server_address="127.0.0.1", port=grpc_port)
         await system.connect()
-    told = {}
+    seen = {}
     async for state in system.core.connection_state():
         if state.is_connected:
             break
     async for position in system.telemetry.position():
-        told["position"] = (position.latitude_deg, position.longitude_deg, position.relative_altitude_m)
+        seen["position"] = (position.latitude_deg, position.longitude_deg, position.relative_altitude_m)
         break
     async for attitude in system.telemetry.attitude_euler():
-        told["yaw_deg"] = attitude.yaw_deg
+        seen["yaw_deg"] = attitude.yaw_deg
         break
     async for local in system.telemetry.position_velocity_ned():
-        told["ned"] = (local.position.north_m, local.position.east_m, local.position.down_m)
-        told["speed"] = math.hypot(local.velocity.north_m_s, local.velocity.east_m_s)
+        seen["ned"] = (local.position.north_m, local.position.east_m, local.position.down_m)
+        seen["speed"] = math.hypot(local.velocity.north_m_s, local.velocity.east_m_s)
         break
     async for armed in system.telemetry.armed():
-        told["armed"] = armed
+        seen["armed"] = armed
         break
     nothing = {
         "is_fly_through": True,
@@ -119,8 +119,8 @@ async def talk(grpc_port: int) -> dict:
     ]
     await system.mission.upload_mission(MissionPlan(items))
     back = await system.mission.download_mission()
-    told["back"] = [(item.latitude_deg, item.longitude_deg, item.relative_altitude_m) for item in back.mission_items]
-    return told
+    seen["back"] = [(item.latitude_deg, item.longitude_deg, item.relative_altitude_m) for item in back.mission_items]
+    return seen
 
 
 def test_mavsdk_reads_position_and_uploads_a_mission():
@@ -129,27 +129,27 @@ def test_mavsdk_reads_position_and_uploads_a_mission():
     with mavsdk_server(udp_port) as (grpc_port, said):
         sea.start()
         try:
-            told = asyncio.run(asyncio.wait_for(talk(grpc_port), 45.0))
+            seen = asyncio.run(asyncio.wait_for(talk(grpc_port), 45.0))
         except TimeoutError:
             pytest.fail("mavsdk did not finish; its server said:\n" + "".join(said[-30:]))
         finally:
             sea.stop.set()
             sea.join(5.0)
     # 120 m north is 120 / 111 160 deg at this latitude, 45 m west 45 / 76 760 deg (WGS84, by hand to 1e-6 deg)
-    assert told["position"][0] == pytest.approx(46.5 + 120.0 / 111160.0, abs=2e-6)
-    assert told["position"][1] == pytest.approx(6.6 - 45.0 / 76760.0, abs=2e-6)
-    assert told["position"][2] == pytest.approx(-4.0, abs=1e-3)
-    assert told["yaw_deg"] == pytest.approx(math.degrees(0.7), abs=0.01)
-    assert told["ned"] == pytest.approx((120.0, -45.0, 4.0), abs=1e-4)
-    assert told["speed"] == pytest.approx(1.5, abs=1e-4)
-    assert told["armed"]
+    assert seen["position"][0] == pytest.approx(46.5 + 120.0 / 111160.0, abs=2e-6)
+    assert seen["position"][1] == pytest.approx(6.6 - 45.0 / 76760.0, abs=2e-6)
+    assert seen["position"][2] == pytest.approx(-4.0, abs=1e-3)
+    assert seen["yaw_deg"] == pytest.approx(math.degrees(0.7), abs=0.01)
+    assert seen["ned"] == pytest.approx((120.0, -45.0, 4.0), abs=1e-4)
+    assert seen["speed"] == pytest.approx(1.5, abs=1e-4)
+    assert seen["armed"]
     waypoints = [(46.5020, 6.6000, -5.0), (46.5025, 6.6010, -5.0), (46.5020, 6.6020, -5.0)]
-    assert len(told["back"]) == 3
-    for got, sent in zip(told["back"], waypoints, strict=True):
+    assert len(seen["back"]) == 3
+    for got, sent in zip(seen["back"], waypoints, strict=True):
         assert got == pytest.approx(sent, abs=1e-6)
     # and the vehicle goes there: three legs, each beginning where the one before it ends
     assert len(sea.legs) == 3
-    _, north, east = sea.legs[-1].end
+    _, north, east = sea.legs[-1].end_state
     assert north == pytest.approx(0.0020 * 111160.0, abs=0.5)
     assert east == pytest.approx(0.0020 * 76760.0, abs=0.5)
     assert not [line for line in said if re.search(r"\bError\b", line)]

@@ -20,16 +20,16 @@ def test_two_drivers_talk_over_the_desk_and_ctrl_c_takes_it_away(tmp_path):
         assert desk.stdout.readline() == f"modem 2: {tmp_path}/modem2\n"
         ports = [ModemPort(ModemConfig(kind="micromodem", port=f"{tmp_path}/modem{v}"), v) for v in (1, 2)]
         until = time.monotonic() + 20.0
-        told, asked = [], False
-        while not any(isinstance(event, PacketReceived) for event in told):
+        events, asked = [], False
+        while not any(isinstance(event, PacketReceived) for event in events):
             assert time.monotonic() < until
             for port in ports:
-                told += port.step(time.time(), time.monotonic())
+                events += port.step(time.time(), time.monotonic())
             if not asked and all(port.modem.state is State.IDLE for port in ports):
                 asked = True
                 ports[0].send(time.time(), bytes(range(252)), 0)
             time.sleep(0.005)
-        (packet,) = [event for event in told if isinstance(event, PacketReceived)]
+        (packet,) = [event for event in events if isinstance(event, PacketReceived)]
         assert (packet.source, packet.payload) == (1, bytes(range(252)))
         for port in ports:
             port.close(time.time(), time.monotonic())

@@ -35,7 +35,7 @@ class Wire:
         self.spoil = spoil
         self.modem = ModemEmulator(self.sent.append, clock_error_s=clock_error_s)
         self.driver = Micromodem(ModemConfig(kind="micromodem", port="pty", **values), vehicle)
-        self.told = []
+        self.events = []
         self.now_s = NOW_S
         self.modem.boot(self.now_s)
         self.modem.outgoing()  # nobody was connected yet
@@ -49,7 +49,7 @@ class Wire:
                 self.modem.receive(self.now_s, self.spoil(down))
             if up:
                 self.driver.receive(self.now_s, self.spoil(up))
-            self.told += self.driver.events()
+            self.events += self.driver.events()
             if self.driver.wants_reopen:
                 self.driver.closed(self.now_s, "reopening")
                 self.driver.opened(self.now_s)
@@ -65,7 +65,7 @@ class Wire:
             self.flow()
 
     def of(self, kind):
-        return [event for event in self.told if isinstance(event, kind)]
+        return [event for event in self.events if isinstance(event, kind)]
 
 
 def test_no_time_need_pass_to_configure_and_to_start_a_packet():
@@ -80,7 +80,7 @@ def test_no_time_need_pass_to_configure_and_to_start_a_packet():
     assert packet.payload == PAYLOAD
     assert wire.driver.quiet
     wire.pass_time(3.0)
-    assert [type(e) for e in wire.told if not isinstance(e, ClockChecked)] == [
+    assert [type(e) for e in wire.events if not isinstance(e, ClockChecked)] == [
         ModemReady,
         TransmitStarted,
         TransmitDone,
@@ -194,7 +194,7 @@ def test_a_modem_that_forgets_everything_is_configured_again():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
-    """One byte in 1000 is changed, dropped or doubled, both ways, for two hours of slots; then the cable is mended."""
+    """One byte in 1000 is changed, dropped or doubled, both ways, for two hours of slots; then the cable is good."""
     rng = random.Random(seed)
 
     def spoil(data):
@@ -225,7 +225,7 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
     started = [e.number for e in wire.of(TransmitStarted)]
     done = [e.number for e in wire.of(TransmitDone)]
     failed = [e.number for e in wire.of(TransmitFailed)]
-    # every packet has one outcome, and one that is told as sent went out as it was
+    # every packet has one outcome, and one that is reported as sent went out as it was
     assert sorted(done + failed) == asked
     assert set(done) <= set(started)
     assert len(wire.sent) >= len(done)
