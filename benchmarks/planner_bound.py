@@ -35,7 +35,7 @@ from auv_lse_gp.posterior import Posterior
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
-from benchmarks.planner_loop import fly, settings_for
+from benchmarks.planner_loop import light_mission, settings_for
 
 SPAN_M = (250.0, 300.0)
 RULES = (True, False)
@@ -96,7 +96,7 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
         vehicle={"depth_m": 0.0, "min_water_m": 0.0},
         gp={"min_depth_m": -1000.0},
     )
-    outcome = fly(settings, ground, number, loss, sounding_std_m=0.3)
+    outcome = light_mission(settings, ground, number, loss, sounding_std_m=0.3)
     line: dict[str, Any] = {
         "number": number,
         "objective": objective,

@@ -78,7 +78,9 @@ def settings_for(
     )
 
 
-def fly(settings: PlannerSettings, ground: Any, seed: int, loss: float = 0.0, sounding_std_m: float = 0.2) -> Outcome:
+def light_mission(
+    settings: PlannerSettings, ground: Any, seed: int, loss: float = 0.0, sounding_std_m: float = 0.2
+) -> Outcome:
     """Flies one mission; everything by chance from `seed`."""
     vehicles = settings.mission.vehicles
     noise, channel = stream(seed, "soundings"), stream(seed, "channel")

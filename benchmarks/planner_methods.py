@@ -28,7 +28,7 @@ import numpy as np
 
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
-from benchmarks.planner_loop import fly, settings_for
+from benchmarks.planner_loop import light_mission, settings_for
 
 METHODS = (
     "lawnmower",
@@ -112,7 +112,7 @@ def mission(method: str, vehicles: int, where: str, name: str, loss: float, real
     _, section = area(where)
     ground = lake(name, where, Path(real) if real else None)
     seed = int(name) if name.isdigit() else sum(name.encode())
-    outcome = fly(settings_for(method, vehicles, section, mission={"steps": steps}), ground, seed, loss)
+    outcome = light_mission(settings_for(method, vehicles, section, mission={"steps": steps}), ground, seed, loss)
     figures = {key: getattr(outcome, key) for key in (*FIGURES, "wall_max_ms", "travelled_m", "kept_share")}
     return {
         "method": method,

@@ -105,7 +105,7 @@ class Ticks:
     """The ticks as one node sees them: what was announced, what is there, and which of its phases may begin.
 
     Attributes:
-        now_s: Stamp of the last tick announced (s), or a later time that a message told of; 0 before.
+        now_s: Stamp of the last tick announced (s), or a later time that a message carried; 0 before.
     """
 
     def __init__(self, phases: Sequence[str]) -> None:

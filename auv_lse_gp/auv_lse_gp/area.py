@@ -133,7 +133,7 @@ class OperatingArea:
         row = np.clip(np.rint((places[:, 0] - self._north0_m) / step), 0, self._nodes.shape[0] - 1)
         column = np.clip(np.rint((places[:, 1] - self._east0_m) / step), 0, self._nodes.shape[1] - 1)
         off = np.hypot(places[:, 0] - (self._north0_m + row * step), places[:, 1] - (self._east0_m + column * step))
-        # The signed distance changes by no more than the way gone.
+        # The signed distance changes by no more than the distance between the two places.
         return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
 
     def grid(self, resolution_m: float) -> Grid:

@@ -1,4 +1,4 @@
-"""What a posterior says of places, one row for each place: mean, variances, whitened covariance.
+"""What a posterior says about places, one row for each place: mean, variances, whitened covariance.
 
 Whoever values many paths asks the posterior once for all their places, and then picks and joins the rows.
 """
@@ -18,7 +18,7 @@ POOLED = 4096
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Places, with what the posterior says of them.
+    """Places, with what the posterior says about them.
 
     Attributes:
         scaled: Places in the kernel's axes and lengths, shape (P, 2).

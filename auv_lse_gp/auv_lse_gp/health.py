@@ -1,4 +1,4 @@
-"""What gp_node's diagnostics say of a map."""
+"""What gp_node's diagnostics say about a map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a posterior says of fixed places, kept while measurements come and go: only what has changed is computed.
+"""What a posterior says about fixed places, kept while measurements come and go: only what has changed is computed.
 
 `KeptColumns` keeps every row of the whitened covariance, so that it can follow the posterior back as well: for a map
 of a thousand places. `KeptMoments` keeps mean and variance alone, for a map of a hundred thousand.
@@ -38,7 +38,7 @@ class KeptColumns:
         self._rows = posterior.rows[:0]
 
     def columns(self) -> Columns:
-        """What the posterior says of the places now; `white` is a view that the next call overwrites."""
+        """What the posterior says about the places now; `white` is a view that the next call overwrites."""
         posterior = self.posterior
         n = posterior.data_rows
         self._update(n)

@@ -89,7 +89,7 @@ class MarginalLikelihood:
 
         Raises:
             ValueError: for fewer than 10 soundings, soundings that lie at one place, or depths that the mean explains
-                without a rest.
+                exactly.
         """
         if mean not in ("constant", "plane"):
             raise ValueError(f"mean: got {mean!r}; expected constant or plane (a survey has nothing to learn)")
@@ -325,7 +325,7 @@ def _starts(target: MarginalLikelihood, count: int, rng: np.random.Generator | N
 
 
 def _uncertainty(target: MarginalLikelihood, y: Array, names: list[str]) -> tuple[dict[str, float], list[str]]:
-    """Standard errors from the curvature of the likelihood at its maximum, and what they say of the data."""
+    """Standard errors from the curvature of the likelihood at its maximum, and what they say about the data."""
     step = 1e-4
     hessian = np.array(
         [

@@ -186,10 +186,10 @@ class Posterior:
             residuals = residuals - self.prior_mean(centers.places_m[same:])
         self._whitened = self._factor.solve_from(same, np.concatenate([self._whitened[:same], residuals]))
 
-    # ---------------------------------------------------------------- what it says of places
+    # ---------------------------------------------------------------- what it says about places
 
     def columns(self, places_m: Array) -> Columns:
-        """What the posterior says of places (P, 2)."""
+        """What the posterior says about places (P, 2)."""
         places = np.asarray(places_m, dtype=float).reshape(-1, 2)
         scaled = self.kernel.scale(places)
         # RW2006 algorithm 2.1, line 5: v = L \ k_*, here a row for each place

@@ -29,7 +29,7 @@ from auv_lse_gp.spacing import SpacingIndex
 
 Array = NDArray[np.float64]
 
-#: Not reckoned with: a place whose depth a sample explains by less than this share of its variance, ...
+#: Left out: a place whose depth a sample explains by less than this share of its variance, ...
 _NEGLIGIBLE_SHARE = 1e-3
 #: ... and one whose Bayes risk is less than this share of the larger cost.
 _NEGLIGIBLE_RISK = 1e-4
@@ -180,7 +180,7 @@ class ReceiversRisk:
         self._deliver(missed)
 
     def suppose(self, samples_m: ArrayLike) -> None:
-        """The packet that is being made holds these samples too; what it is worth is reckoned as if it arrived.
+        """The packet that is being made holds these samples too; its worth is computed as if it arrived.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).

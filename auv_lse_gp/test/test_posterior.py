@@ -37,7 +37,7 @@ def centers(rng, count):
 
 
 def agrees(posterior, planned_m, queries_m, kept=None, moments=None):
-    """Asserts that all that the posterior says of places is what the dense solve gives."""
+    """Asserts that all that the posterior says about places is what the dense solve gives."""
     mean, given_data, given_both = dense(
         posterior.kernel, posterior.prior_mean, posterior.centers, planned_m, posterior.noise_var_m2, queries_m
     )

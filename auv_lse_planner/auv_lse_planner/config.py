@@ -57,13 +57,16 @@ class VehicleConfig:
     start_east_m: float = parameter(0.0, unit="m", help="east of the start")
     start_heading_rad: float = parameter(0.0, unit="rad", help="heading at the start, clockwise from north")
     start_delay_s: float = parameter(
-        0.0, unit="s", low=0.0, help="time it sets out, on the simulator's clock (on a vehicle's UTC clock long past)"
+        0.0,
+        unit="s",
+        low=0.0,
+        help="time at which it sets out, on the simulator's clock (on a real vehicle's UTC clock: long past)",
     )
     min_water_m: float = parameter(
         3.0,
         unit="m",
         low=0.0,
-        help="least water under it: ground that the map shows shallower than depth_m + this is kept clear of",
+        help="least water under it: it keeps clear of ground that the map shows shallower than depth_m + this",
     )
 
 
@@ -156,7 +159,7 @@ class PlannerConfig:
         help="weight of the map's reward in the choice among the finalists of the path's reward (0: none)",
     )
     finalists: FromMethod[int] = from_method(
-        8, low=1, high=64, help="paths of a search that the map's reward is asked about"
+        8, low=1, high=64, help="best paths of a search that are valued on the map too"
     )
     team_order: str = parameter(
         "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"

@@ -1,4 +1,4 @@
-"""What planner_node's diagnostics and log say of a planner."""
+"""What planner_node's diagnostics and log say about a planner."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], plannin
 
 
 def warnings_of(decision: Decision, deadline_s: float) -> list[str]:
-    """What the log should say of a decision.
+    """What the log should say about a decision.
 
     Args:
         decision: The decision.

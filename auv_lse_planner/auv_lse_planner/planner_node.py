@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +25,6 @@ from auv_lse_planner.ros_conversions import bound_message, navigation, path_mess
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
-_SECTIONS = ("mission", "level_set", "area", "gp", "motion", "planner", "vehicle")
 _TUNABLE = ("method", "iterations", "exploration", "horizon", "naive_paths", "incumbent", "deadline_s")
 
 
@@ -40,7 +40,7 @@ class PlannerNode(VehicleNode):
         self._intake = PlannerIntake(self._planner)
         self._rehearse(settings)
         self.show_parameters(
-            {name: getattr(settings, name) for name in _SECTIONS},
+            {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
             tunable=tuple(f"planner.{name}" for name in _TUNABLE),
             apply=self._tune,
         )

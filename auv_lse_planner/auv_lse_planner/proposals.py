@@ -91,7 +91,7 @@ def search_map(
     The search is on the reward's surrogate; finalists are continued by the naive path that the surrogate likes best,
     and valued exactly. Where `own` is given, the search is on that reward of the path's own places, and of its
     finalists, in the order of `chosen_with_map`, the first is taken that is worth at least the incumbent: the mission's
-    bound asks no more, and that order brings more at once.
+    bound needs no more, and this order brings more early on.
     """
     s, planner = situation, situation.planner
     if own is None:
@@ -144,7 +144,7 @@ def _continued(s: Situation, rollout: Rollout, surrogate: Surrogate, actions: Ac
 
 
 def _diverse(ranking: list[tuple[Actions, float]], count: int) -> list[Actions]:
-    """So many of the best sequences: the best half of `count`, the best of each other first action, the next best."""
+    """The best half of `count` sequences, then the best of each other first action, then the next best."""
     chosen = [a for a, _ in ranking[: (count + 1) // 2]]
     firsts = {a[0] for a in chosen}
     for actions, _ in ranking:

@@ -238,10 +238,10 @@ class FreeSpace:
         self.raster: Array = self.area_raster
 
     def set_shallow(self, places_m: Array, shallow: NDArray[np.bool_], spacing_m: float) -> None:
-        """Keeps clear of ground that is known to be too shallow, beside what the area forbids.
+        """Keeps clear of ground that is known to be too shallow, in addition to what the area forbids.
 
         Args:
-            places_m: Places of a regular grid, shape (P, 2): all that counts; elsewhere the area alone does.
+            places_m: Places of a regular grid, shape (P, 2); elsewhere only the area counts.
             shallow: Whether the ground there is too shallow, shape (P,).
             spacing_m: Spacing of that grid: a shallow place blocks everything within half of it (per axis).
         """
@@ -253,7 +253,7 @@ class FreeSpace:
         half = max(0, round(0.5 * spacing_m / self.cell_m))
         top, bottom = max(int(rows.min()) - half, 0), int(rows.max()) + half + 1
         left, right = max(int(columns.min()) - half, 0), int(columns.max()) + half + 1
-        window = np.s_[top:bottom, left:right]  # of the raster: all that the places speak of
+        window = np.s_[top:bottom, left:right]  # the part of the raster that the places cover
         there = self.area_raster[window]
         blocked = np.zeros_like(there, dtype=bool)
         for i in range(-half, half + 1):

@@ -113,7 +113,7 @@ class MotionTable:
         return np.array([leg_point(turn, self.radius_m, float(s))[1:] for s in along_m]).reshape(-1, 2)
 
     def samples(self, action: int, count: int) -> Array:
-        """So many measurement places along an action's leg, shape (count, 2), as `points`.
+        """`count` measurement places along an action's leg, shape (count, 2), in the frame of `points`.
 
         They lie at equal distances, the last one at the leg's end.
         """

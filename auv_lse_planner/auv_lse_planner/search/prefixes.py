@@ -19,7 +19,7 @@ def enter(children, states, origins, count, turns, steps, sequences, numbers):
     """Numbers all prefixes of `sequences` (B, L) into `numbers` (B, L); returns how many numbers are given then.
 
     Args:
-        children: Number of the prefix that an action makes of one, -1 if none yet, shape (N, A).
+        children: Number of the prefix that each action extends a prefix to, -1 if none yet, shape (N, A).
         states: State after each, shape (N, 3).
         origins: Number of the prefix that is one shorter, and the action, shape (N, 2).
         count: How many numbers are given.

@@ -16,7 +16,7 @@ from auv_lse_planner.paths.motion import advance
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: What `children` says of an action that leads to no node: it may be taken, or not.
+#: What `children` says about an action that leads to no node: it may be taken, or not.
 UNTRIED = -1
 FORBIDDEN = -2
 
