@@ -35,7 +35,7 @@ def _table(group: str, rows: list[Row]) -> Table:
 def main(arguments: list[str] | None = None) -> int:
     """Runs the groups asked for. Returns 0, or 1 if a group could not be run; a goal missed is no failure."""
     parser = argparse.ArgumentParser(prog="scripts/bench", description=__doc__)
-    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(GROUPS)}; default: all")
+    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"any of {', '.join(GROUPS)}; default: all")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here, as a JSON list")
     parser.add_argument("--smoke", action="store_true", help="every row at its smallest size: shows that it runs")
     parser.add_argument(

@@ -165,13 +165,17 @@ def table(lines: list[dict[str, Any]]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.planner_bound",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--table", type=Path, help="only print the table of this results file")
     parser.add_argument("--out", type=Path, default=Path("planner_bound.jsonl"), help="results file, appended to")
-    parser.add_argument("--missions", type=int, default=200)
-    parser.add_argument("--steps", type=int, default=25)
-    parser.add_argument("--iterations", type=int, default=25)
-    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--missions", type=int, default=200, help="number of missions (default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=25, help="legs of each vehicle (default: %(default)s)")
+    parser.add_argument("--iterations", type=int, default=25, help="search budget (default: %(default)s)")
+    parser.add_argument("--processes", type=int, default=2, help="missions flown at once (default: %(default)s)")
     options = parser.parse_args(arguments)
     if options.table:
         print(table(read(options.table)))

@@ -172,19 +172,32 @@ def table(lines: list[dict[str, Any]]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.planner_methods",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--table", type=Path, help="only print the tables of this results file")
     parser.add_argument("--out", type=Path, default=Path("planner_methods.jsonl"), help="results file, appended to")
-    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
-    parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3])
-    parser.add_argument("--area", default="small", choices=AREAS)
+    parser.add_argument(
+        "--methods",
+        nargs="+",
+        default=list(METHODS),
+        choices=METHODS,
+        metavar="METHOD",
+        help=f"any of {', '.join(METHODS)} (default: all)",
+    )
+    parser.add_argument(
+        "--vehicles", type=int, nargs="+", default=[1, 3], metavar="K", help="sizes of team (default: 1 3)"
+    )
+    parser.add_argument("--area", default="small", choices=AREAS, help="see above (default: %(default)s)")
     parser.add_argument("--lakes", type=int, default=20, help="number of synthetic lakes")
     parser.add_argument("--first", type=int, default=5000, help="seed of the first lake")
     parser.add_argument("--real", type=Path, help="grid or soundings of a real lake: its windows are flown too")
     parser.add_argument("--windows", type=int, default=6, help="most windows of the real lake")
     parser.add_argument("--loss", type=float, default=0.0, help="share of packets lost")
-    parser.add_argument("--steps", type=int, default=100)
-    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--steps", type=int, default=100, help="legs of each vehicle (default: %(default)s)")
+    parser.add_argument("--processes", type=int, default=2, help="missions flown at once (default: %(default)s)")
     options = parser.parse_args(arguments)
     if options.table:
         print(table(read(options.table)))

@@ -1,6 +1,6 @@
 """The tree search against exhaustive search at m = 3, over random situations: the share within 99 % of the optimum.
 
-python -m benchmarks.planner_yardstick --situations 200
+Run: python -m benchmarks.planner_yardstick --situations 200
 """
 
 from __future__ import annotations
@@ -74,8 +74,12 @@ def shares(situations: int, augmented: bool, iterations: int | None = None, firs
 
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--situations", type=int, default=200)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.planner_yardstick",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--situations", type=int, default=200, help="number of situations (default: %(default)s)")
     parser.add_argument("--iterations", type=int, help="search budget; default: that of the method 'augmented'")
     options = parser.parse_args(arguments)
     for augmented in (True, False):
