@@ -53,7 +53,7 @@ def test_grid_covers_the_area():
     assert grid.north_m[:2].tolist() == [2.0, 6.0]
     assert grid.places_m.shape == (grid.inside.sum(), 2)
     assert np.all(area.contains(grid.places_m))
-    assert grid.inside.sum() * 16.0 == pytest.approx(200 * 100 + 100 * 200 - 0.5 * 40 * 50, rel=0.02)
+    assert grid.inside.sum() * 16.0 == pytest.approx(200 * 100 + 100 * 200 - 0.5 * 40 * 50, rel=0.02)  # whole cells
     filled = grid.fill(np.arange(len(grid.places_m), dtype=float))
     assert np.array_equal(filled[grid.inside], np.arange(len(grid.places_m)))
     assert np.all(np.isnan(filled[~grid.inside]))

@@ -51,6 +51,7 @@ def test_one_place_on_the_grid_is_valued_almost_exactly(team):
     rng, _, _, reward, surrogate, grid = _situation(2, 40, team)
     for place in grid.places_m[rng.integers(0, len(grid.places_m), 20)]:
         exact = reward.value(reward.posterior.columns(place[None]))
+        # the table of the risk is read bilinearly, and drops of less than NEGLIGIBLE of a variance are left out
         assert surrogate.value(place[None]) == pytest.approx(exact, rel=0.06, abs=0.5)
 
 
@@ -88,4 +89,4 @@ def test_compiled_rows_equal_the_plain_ones():
         arguments = (s.covariance, s.noise, place, s._table, s.h, s.data_var, s.base_var, s.base_risk)
         fill_row(one, *arguments)
         plain(fill_row)(two, *arguments)
-        assert one == pytest.approx(two, rel=1e-5, abs=1e-5)
+        assert one == pytest.approx(two, rel=1e-5, abs=1e-5)  # float32
