@@ -172,9 +172,9 @@ def _above_the_bound(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Seq
         text="The mission's reward stays above the lower bound, which is the reward of mowing the lawn.",
         source="section 6: 'the lower bound guarantee ... may be achieved despite non-idealities'",
         evidence=tuple(e for e in evidence if e is not None),
-        remark="The printed stepwise reward does not telescope: the bound credits the whole naive part against the "
-        "data of today, the reward credits each leg against all data before it. The first line is the figure's literal "
-        "comparison; the others are comparisons of like with like.",
+        remark="The stepwise reward, the paper's literal sum, does not telescope: the bound credits the whole "
+        "naive part against the data of today, the reward credits each leg against all data before it. The first "
+        "line is the figure's literal comparison; the others are comparisons of like with like.",
     )
 
 

@@ -132,8 +132,8 @@ def _paper_figures(folder: Path, examples: Mapping[tuple[int, str], Evaluation])
             (
                 f"reward_{team}_auvs.png",
                 f"Team reward of {team} vehicles on one lake: with the naive path as terminal reward (augmented) and "
-                "without (plain), with the time-varying lower bound and its maximum; in the printed, stepwise reading, "
-                "and for the whole path.",
+                "without (plain), with the time-varying lower bound and its maximum; stepwise (the paper's "
+                "literal sum), and for the whole path.",
                 reward_figure(own),
             ),
         ):

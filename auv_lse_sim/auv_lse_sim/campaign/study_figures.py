@@ -71,7 +71,7 @@ def reward_figure(missions: Mapping[str, Evaluation]) -> Figure:
                 axis.plot(at, bound[at], label="time-varying bound", **red)
                 axis.plot(at, largest[at], label="its maximum", **black)
             right.axhline(c.naive_value, color="#777777", lw=1.0, ls=(0, (1, 1.5)), label="lawnmower, expected")
-        left.set_title(r"$\bf{a}$  Stepwise, as printed")
+        left.set_title(r"$\bf{a}$  Stepwise")
         right.set_title(r"$\bf{b}$  Whole path")
         for axis in (left, right):
             axis.set_xlabel("step")

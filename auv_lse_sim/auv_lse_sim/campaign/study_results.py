@@ -24,7 +24,7 @@ Lines = dict[str, list[tuple[float, Sequence[Row]]]]
 #: Columns of the main table: key, heading.
 COLUMNS = (
     ("team_reward", "team reward, stepwise (cost)"),
-    ("bound_kept", "above printed bound (share)"),
+    ("bound_kept", "above stepwise bound (share)"),
     ("path_reward", "path reward (cost)"),
     ("path_bound_kept", "above lawnmower's value (share)"),
     ("risk_third", "risk at a third (cost/place)"),

@@ -120,7 +120,7 @@ def reward(e: Evaluation) -> Figure:
             left.plot(steps[known], c.bound_max[known], color=black, lw=1.2, label="its running maximum")
         else:
             left.plot([], [], " ", label="no naive part, so no lower bound")
-        left.set_title(r"$\bf{a}$  Stepwise, as printed")
+        left.set_title(r"$\bf{a}$  Stepwise")
         known = np.isfinite(c.whole_bound)
         right.plot(steps, c.whole, color=blue, lw=1.8, label="path reward so far")
         right.plot(
@@ -381,9 +381,9 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
     ),
     (
         "reward.png",
-        "Team reward over steps. (a) As printed in the paper: each leg's drop of risk at its own place; the lower "
-        "bound is that sum plus the naive part of the augmented value. The two do not telescope, so the sum can end "
-        "below it. (b) The whole path as one: drop of risk since the start at all places visited, its expectation at "
+        "Team reward over steps. (a) Stepwise, the paper's literal sum: each leg's drop of risk at its own place; the "
+        "lower bound is that sum plus the naive part of the augmented value. The two do not telescope, so the sum "
+        "can end below it. (b) The whole path as one: drop of risk since the start at all places visited, its expectation at "
         "the mission's end if the plans in hand are carried out, and the value of mowing the lawn.",
         reward,
     ),

@@ -92,7 +92,7 @@ def _subtitle(e: Evaluation) -> str:
 def _facts(s: Summary) -> list[tuple[str, str]]:
     rows = [
         (f"{number(s.risk_before, 3)} → {number(s.risk_after, 3)}", "mean Bayes risk per place (units of cost)"),
-        (number(s.team_reward, 4), "team reward, as printed (units of cost)"),
+        (number(s.team_reward, 4), "team reward, stepwise (units of cost)"),
         (
             f"{number(s.path_reward, 4)} / {number(s.lawnmower_value, 4)}",
             "whole-path reward / expected of the lawnmower",
@@ -121,7 +121,7 @@ def _story(s: Summary) -> list[str]:
     if s.bound_kept is not None and s.lower_bound is not None:
         verb = "ended above" if s.bound_kept else "ended below"
         texts.append(
-            f"As printed, the team reward of {number(s.team_reward)} {verb} the largest lower bound of "
+            f"Stepwise, the team reward of {number(s.team_reward)} {verb} the largest lower bound of "
             f"{number(s.lower_bound)}. That sum and that bound do not telescope (a naive part is credited against the "
             "data of today at all its places, a leg only against what was left when it was travelled), so this "
             "comparison says little about the mission; the next one does."

@@ -23,7 +23,9 @@ class Summary:
     method: str = figure("", "planner.method of the mission")
     seed: int = figure("", "mission.seed")
     team_reward: float = figure(
-        "cost", "realized team reward as printed: each leg's drop of Bayes risk at its own place, summed over legs"
+        "cost",
+        "realized stepwise team reward, the paper's literal sum: each leg's drop of Bayes risk at its own place, "
+        "summed over legs",
     )
     lower_bound: float | None = figure(
         "cost", "running maximum of the time-varying lower bound: team reward so far + naive part of Jbar"
