@@ -383,7 +383,8 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
         "reward.png",
         "Team reward over steps. (a) Stepwise, the paper's literal sum: each leg's drop of risk at its own place; the "
         "lower bound is that sum plus the naive part of the augmented value. The two do not telescope, so the sum "
-        "can end below it. (b) The whole path as one: drop of risk since the start at all places visited, its expectation at "
+        "can end below it. (b) The whole path as one: drop of risk since the start at all places visited, "
+        "its expectation at "
         "the mission's end if the plans in hand are carried out, and the value of mowing the lawn.",
         reward,
     ),
