@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from dataclasses import dataclass
 
@@ -12,6 +13,150 @@ Array = NDArray[np.float64]
 
 #: `Plan.naive_path` of a plan that ends with its actions: no naive path continues it.
 NONE = 0xFF
+#: Actions that a set can have at most: in a packet a byte below this is an action.
+MAX_ACTION_SET = 0xE0
+#: Directions that a tour's segment can have: multiples of 1/256 of a turn, one byte each.
+BEARINGS = 256
+#: Segments that a tour can have at most.
+MAX_SEGMENTS = 64
+#: Legs that a tour's segment can be long at most.
+MAX_SEGMENT_LEGS = 255
+
+# Rounded to float32: mathematical libraries that differ in the last bit of a double give the same table.
+_AHEAD = [(float(np.float32(math.cos(a))), float(np.float32(math.sin(a)))) for a in np.arange(256) * (math.pi / 128)]
+# Part of a segment by which a place may be too near and still be its end: what the table's rounding makes of a length.
+_ROUNDED = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tour:
+    """A way of equally long, straight segments: what is left of a mission, as waypoints of one byte each.
+
+    A tour says only directions. Where it begins is where a plan's actions end.
+
+    Attributes:
+        segment_legs: Legs that a segment is long, 1 to `MAX_SEGMENT_LEGS`.
+        bearings: Direction of each segment (1/256 of a turn, clockwise from north), 1 to `MAX_SEGMENTS` of them.
+    """
+
+    segment_legs: int
+    bearings: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        """Takes the numbers as they come: a received tour may be one that `is_sound` refuses.
+
+        Raises:
+            TypeError: if a number is not an integer.
+        """
+        object.__setattr__(self, "segment_legs", operator.index(self.segment_legs))
+        object.__setattr__(self, "bearings", tuple(operator.index(bearing) for bearing in self.bearings))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether all numbers are in their ranges."""
+        return (
+            1 <= self.segment_legs <= MAX_SEGMENT_LEGS
+            and 1 <= len(self.bearings) <= MAX_SEGMENTS
+            and all(0 <= bearing < BEARINGS for bearing in self.bearings)
+        )
+
+    @property
+    def legs(self) -> int:
+        """Length of the tour, in legs."""
+        return self.segment_legs * len(self.bearings)
+
+    def waypoints_m(self, start_m: Array, leg_m: float) -> Array:
+        """Waypoints, shape (segments + 1, 2): north, east (m); the first one is the start.
+
+        Scalar arithmetic in a fixed order: the same bytes, start and leg give the same waypoints to the last bit.
+
+        Args:
+            start_m: North, east (m) of the tour's start, shape (2,).
+            leg_m: Length of a leg (m).
+
+        Raises:
+            ValueError: if the tour is not sound.
+        """
+        if not self.is_sound:
+            raise ValueError(
+                f"{self}: expected segment_legs 1..{MAX_SEGMENT_LEGS} and 1..{MAX_SEGMENTS} bearings of "
+                f"0..{BEARINGS - 1}"
+            )
+        segment_m = self.segment_legs * float(leg_m)
+        north, east = float(start_m[0]), float(start_m[1])
+        waypoints = [(north, east)]
+        for bearing in self.bearings:
+            north += segment_m * _AHEAD[bearing][0]
+            east += segment_m * _AHEAD[bearing][1]
+            waypoints.append((north, east))
+        return np.array(waypoints)
+
+    @classmethod
+    def through(cls, waypoints_m: Array, segment_legs: int, leg_m: float) -> Tour:
+        """The tour along a polyline.
+
+        Each segment leads from where the rounded ones before it have led to the place where the polyline first gets a
+        segment's length away from there. So the rounding of bearings does not add up: every waypoint of the tour but
+        the last is within pi / 256 of a segment's length (0.6 m for segments of 47 m) of the polyline. Segments cut
+        corners, so the tour is shorter than the polyline. A rest of at least half a segment at the end becomes a
+        whole one.
+
+        Args:
+            waypoints_m: Corners of the polyline, the tour's start first, north, east (m), shape (n, 2).
+            segment_legs: Legs that a segment is long.
+            leg_m: Length of a leg (m).
+
+        Raises:
+            ValueError: if the polyline is not of that shape, not finite, a single place, or too long for
+                `MAX_SEGMENTS` segments; or if `segment_legs` is out of range.
+        """
+        corners = np.asarray(waypoints_m, dtype=float)
+        if corners.ndim != 2 or corners.shape[1:] != (2,) or not len(corners) or not np.isfinite(corners).all():
+            raise ValueError(f"waypoints_m of shape {corners.shape}: expected finite north, east, shape (n, 2)")
+        if not 1 <= segment_legs <= MAX_SEGMENT_LEGS:
+            raise ValueError(f"segment_legs = {segment_legs}: expected 1..{MAX_SEGMENT_LEGS}")
+        segment_m = segment_legs * float(leg_m)
+        on_line, *ahead = [(north, east) for north, east in corners.tolist()]
+        north, east = on_line
+        bearings: list[int] = []
+        while True:
+            while ahead and math.hypot(ahead[0][0] - north, ahead[0][1] - east) < segment_m * (1.0 - _ROUNDED):
+                on_line = ahead.pop(0)
+            if ahead:
+                on_line = _leaving(on_line, ahead[0], (north, east), segment_m)
+            rest_m = math.hypot(on_line[0] - north, on_line[1] - east)
+            if not ahead and (rest_m < 0.5 * segment_m if bearings else rest_m == 0.0):
+                break
+            if len(bearings) == MAX_SEGMENTS:
+                raise ValueError(
+                    f"a polyline of {_length_m(corners):.0f} m: expected at most {MAX_SEGMENTS} segments of "
+                    f"{segment_m:g} m; fix: longer segments (segment_legs = {segment_legs})"
+                )
+            bearing = round(math.atan2(on_line[1] - east, on_line[0] - north) * (BEARINGS / math.tau)) % BEARINGS
+            bearings.append(bearing)
+            north += segment_m * _AHEAD[bearing][0]
+            east += segment_m * _AHEAD[bearing][1]
+            if not ahead:
+                break
+        if not bearings:
+            raise ValueError(f"waypoints_m {corners.tolist()}: expected a polyline that leads away from its start")
+        return cls(segment_legs=segment_legs, bearings=tuple(bearings))
+
+
+def _leaving(
+    inside_m: tuple[float, float], outside_m: tuple[float, float], center_m: tuple[float, float], radius_m: float
+) -> tuple[float, float]:
+    """Where the way from a place inside a circle to one on or outside it leaves the circle: north, east (m)."""
+    to_n, to_e = outside_m[0] - inside_m[0], outside_m[1] - inside_m[1]
+    off_n, off_e = inside_m[0] - center_m[0], inside_m[1] - center_m[1]
+    a, b = to_n * to_n + to_e * to_e, off_n * to_n + off_e * to_e
+    c = off_n * off_n + off_e * off_e - radius_m * radius_m
+    along = 1.0 if a == 0.0 else min(1.0, (-b + math.sqrt(max(0.0, b * b - a * c))) / a)
+    return inside_m[0] + along * to_n, inside_m[1] + along * to_e
+
+
+def _length_m(corners_m: Array) -> float:
+    return float(np.hypot(*np.diff(corners_m, axis=0).T).sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,7 +172,8 @@ class Plan:
         north_m: North of the state.
         east_m: East of the state.
         actions: Indices into the action set.
-        naive_path: Id of the naive path that continues after the actions, or `NONE`.
+        naive_path: Id of the naive path that continues after the actions and the tour, or `NONE`.
+        tour: The tour that the vehicle follows after the actions; None for none.
     """
 
     step: int
@@ -36,6 +182,7 @@ class Plan:
     east_m: float
     actions: tuple[int, ...]
     naive_path: int
+    tour: Tour | None = None
 
     def __post_init__(self) -> None:
         """Rounds the state to float32; a number beyond its range becomes infinite, which no packet holds.
@@ -49,10 +196,18 @@ class Plan:
         object.__setattr__(self, "actions", tuple(operator.index(action) for action in self.actions))
 
     @classmethod
-    def at(cls, step: int, state: Array, actions: tuple[int, ...], naive_path: int) -> Plan:
+    def at(cls, step: int, state: Array, actions: tuple[int, ...], naive_path: int, tour: Tour | None = None) -> Plan:
         """The plan from a state (3,): heading (rad), north, east (m)."""
         heading, north, east = (float(v) for v in state)
-        return cls(step=step, heading_rad=heading, north_m=north, east_m=east, actions=actions, naive_path=naive_path)
+        return cls(
+            step=step,
+            heading_rad=heading,
+            north_m=north,
+            east_m=east,
+            actions=actions,
+            naive_path=naive_path,
+            tour=tour,
+        )
 
     @property
     def state(self) -> Array:
