@@ -110,14 +110,53 @@ def test_an_origin_that_cannot_be_right_is_refused(lat, lon):
     known = pilot.link.datum
     for _ in range(3):
         pilot.say(mavlink.MAVLink_gps_global_origin_message(lat, lon, 0, 0))
-    assert pilot.link.datum == known
     assert pilot.link.counts["origins_refused"] == 3
     (problem,) = pilot.of(events.Problem)
     assert "the autopilot's origin is refused: latitude" in problem.text
     assert ("11.1 km from the mission's" in problem.text) == (lat == 466000000)
+    pilot.at(1.0, 2.0)  # where that is, nobody knows now
+    assert pilot.of(AutopilotEstimate) == []
+    pilot.say_origin()
+    assert pilot.link.datum == known
     pilot.at(1.0, 2.0)
     (odometry,) = pilot.of(AutopilotEstimate)
     assert (odometry.north_m, odometry.east_m) == pytest.approx((1.0, 2.0))
+
+
+@pytest.mark.parametrize("mode", ["position_target", "mission"])
+def test_before_the_origin_is_known_neither_odometry_nor_targets_pass(mode):
+    pilot = Autopilot(own_origin=None, mode=mode)
+    pilot.beat()
+    pilot.at(5.0, 0.0)
+    pilot.link.command(pilot.now_s, A)
+    pilot.wait(3.0)
+    assert pilot.of(AutopilotEstimate) == []
+    assert pilot.link.counts["unplaced_positions"] == 1
+    assert pilot.heard("SET_POSITION_TARGET_LOCAL_NED", "MISSION_COUNT") == []
+    assert not pilot.link.quiet
+    pilot.own_origin = Origin(lat_deg=46.5 + 300.0 / 111165.0, lon_deg=6.6)
+    pilot.say_origin()
+    pilot.at(5.0, 0.0)
+    (odometry,) = pilot.of(AutopilotEstimate)
+    assert odometry.north_m == pytest.approx(305.0, abs=0.2)
+    (sent,) = pilot.heard("SET_POSITION_TARGET_LOCAL_NED", "MISSION_COUNT")
+    assert mode == "mission" or sent.x == pytest.approx(20.0 - 300.0, abs=0.2)
+
+
+def test_a_mission_without_an_origin_is_in_the_autopilots_own_frame():
+    pilot = Autopilot(origin=None, own_origin=None)
+    pilot.beat()
+    pilot.at(5.0, 1.0)
+    (odometry,) = pilot.of(AutopilotEstimate)
+    assert (odometry.north_m, odometry.east_m) == pytest.approx((5.0, 1.0))
+
+
+def test_setting_the_origin_warns_that_the_vehicles_start_is_then_taken_for_it():
+    pilot = Autopilot(own_origin=None)
+    pilot.beat()
+    pilot.wait(10.0)
+    (problem,) = pilot.of(events.Problem)
+    assert "without GPS the place where its estimator started is then taken for latitude 46.5" in problem.text
 
 
 def test_an_autopilot_whose_origin_is_refused_is_asked_again_and_its_origin_is_not_set():
@@ -233,6 +272,41 @@ def test_stamps_are_the_autopilots_when_its_clock_agrees():
     assert pilot.of(AutopilotEstimate)[-1].stamp_s == NOW_S
 
 
+@pytest.mark.parametrize("how", ["utc 0", "boot time back", "link lost"])
+def test_an_autopilot_that_reboots_under_water_does_not_stamp_by_its_old_clock(how):
+    pilot = Autopilot().up()
+    pilot.say(mavlink.MAVLink_system_time_message(round(NOW_S * 1e6), 5_000_000))
+    pilot.say(mavlink.MAVLink_attitude_message(5_000_000, 0, 0, 0.0, 0, 0, 0.0))
+    pilot.say(mavlink.MAVLink_local_position_ned_message(5_000_000, 1.0, 2.0, 4.0, 0, 0, 0))
+    assert pilot.of(AutopilotEstimate)[-1].stamp_s == pytest.approx(NOW_S)
+    if how == "utc 0":
+        pilot.say(mavlink.MAVLink_system_time_message(0, 2000))
+    if how == "link lost":
+        pilot.wait(6.0, beat=False)
+        pilot.beat()
+    pilot.say_origin()
+    pilot.say(mavlink.MAVLink_attitude_message(2100, 0, 0, 0.0, 0, 0, 0.0))
+    pilot.say_origin()
+    pilot.say(mavlink.MAVLink_local_position_ned_message(2100, 1.0, 2.0, 4.0, 0, 0, 0))
+    assert len(pilot.of(AutopilotEstimate)) == 2
+    assert pilot.of(AutopilotEstimate)[-1].stamp_s == pilot.now_s
+
+
+def test_an_autopilot_that_reboots_has_another_origin_until_it_tells():
+    pilot = Autopilot(set_origin=False).up()
+    pilot.say(mavlink.MAVLink_attitude_message(5_000_000, 0, 0, 0.0, 0, 0, 0.0))
+    assert pilot.link.placed
+    pilot.say(mavlink.MAVLink_attitude_message(4_999_900, 0, 0, 0.0, 0, 0, 0.0))  # a datagram out of order
+    assert pilot.link.placed
+    pilot.say(mavlink.MAVLink_attitude_message(2000, 0, 0, 0.0, 0, 0, 0.0))
+    assert not pilot.link.placed
+    assert pilot.link.counts["reboots"] == 1
+    assert any("has rebooted" in problem.text for problem in pilot.of(events.Problem))
+    pilot.heard()
+    pilot.wait(0.2)
+    assert len(pilot.heard("COMMAND_LONG")) == 1  # asked for at once
+
+
 def test_a_place_without_a_fresh_heading_gives_no_odometry():
     pilot = Autopilot(stale_after_s=3.0).up()
     pilot.say(mavlink.MAVLink_local_position_ned_message(5000, 1.0, 2.0, 3.0, 0, 0, 0))
@@ -278,6 +352,16 @@ def test_others_on_the_network_are_not_the_autopilot():
     pilot.say(mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3), stranger)
     assert pilot.link.state is LinkState.DOWN
     assert pilot.link.counts["from_others"] == 1
+
+
+def test_a_datagram_is_recognized_by_its_sender():
+    pilot = Autopilot()
+    beat = mavlink.MAVLink_heartbeat_message(12, 3, 0, 4, 4, 3)
+    good = beat.pack(pilot.mav)
+    assert pilot.link.recognizes(good)
+    for bad in (b"", b"x", good[:-1], bytes([good[0]]) + good[2:], beat.pack(mavlink.MAVLink(None, srcSystem=7))):
+        assert not pilot.link.recognizes(bad)
+    assert pilot.link.counts["strangers"] == 5
 
 
 def test_the_origin_is_asked_for_and_set_if_there_is_none():
@@ -364,10 +448,13 @@ def test_targets_are_kept_while_the_link_is_down_and_sent_when_it_is_up():
     pilot.wait(1.0, beat=False)
     assert targets(pilot) == []
     pilot.beat()
+    pilot.say_origin()
     assert targets(pilot) == [(20.0, 0.0)]
     pilot.wait(6.0, beat=False)
     pilot.heard()
     pilot.beat()
+    assert targets(pilot) == []  # it may have rebooted: where is its origin?
+    pilot.say_origin()
     assert targets(pilot) == [(20.0, 0.0)]
 
 
@@ -386,6 +473,14 @@ def test_a_leg_planned_anew_takes_the_place_of_the_old_one(mode):
         assert targets(pilot) == [(20.0, 9.0)]
 
 
+def test_setpoints_are_fast_enough_for_px4_offboard():
+    pilot = Autopilot().up()
+    pilot.link.command(pilot.now_s, A)
+    pilot.heard()
+    pilot.wait(10.0)
+    assert len(targets(pilot)) >= 10.0 * 2.5
+
+
 def test_a_target_that_is_no_place_is_refused():
     with pytest.raises(ValueError, match="expected finite"):
         Autopilot().up().link.command(NOW_S, dataclasses.replace(A, north_m=math.nan))
@@ -399,8 +494,11 @@ def request(pilot, number, legacy=False):
     pilot.say(make(245, 191, number, 0))
 
 
-def acknowledge(pilot, result=0):
+def acknowledge(pilot, result=0, selects=True):
+    """Answers an upload, and (if `selects`) the choice of the current item after it."""
     pilot.say(mavlink.MAVLink_mission_ack_message(245, 191, result, 0))
+    for message in pilot.heard("MISSION_SET_CURRENT") if selects else ():
+        pilot.say(mavlink.MAVLink_mission_current_message(message.seq))
 
 
 @pytest.mark.parametrize("legacy", [False, True])
@@ -436,6 +534,21 @@ def test_ardupilot_gets_its_home_item_first():
     pilot.link.command(pilot.now_s, A)
     (count,) = pilot.heard("MISSION_COUNT")
     assert count.count == 2
+
+
+def test_after_each_upload_the_first_leg_becomes_the_current_item():
+    pilot = Autopilot(mode="mission").up()  # ArduPilot: item 0 is its home; it keeps its index over uploads
+    for target in (A, B):
+        pilot.link.command(pilot.now_s, target)
+        acknowledge(pilot, selects=False)
+        pilot.say(mavlink.MAVLink_mission_current_message(5))  # still the old one
+        pilot.wait(2.0)  # lost: again
+        chosen = pilot.heard("MISSION_SET_CURRENT")
+        assert [(m.seq, m.target_system, m.target_component) for m in chosen] == [(1, 2, 1)] * 2
+        assert not pilot.link.quiet
+        pilot.say(mavlink.MAVLink_mission_current_message(1))
+        assert pilot.link.quiet
+        assert pilot.of(events.TargetSent)[-1].target == target
 
 
 def test_an_upload_without_answer_is_repeated_reported_and_begun_again():
@@ -477,6 +590,7 @@ def test_an_upload_is_dropped_with_the_link_and_begun_anew():
     assert pilot.link.state is LinkState.DOWN
     pilot.heard()
     pilot.beat()
+    pilot.say_origin()
     pilot.wait(2.0)
     assert len(pilot.heard("MISSION_COUNT")) >= 1
 

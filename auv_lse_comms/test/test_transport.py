@@ -263,3 +263,30 @@ def test_a_watcher_stopped_between_its_bytes_and_its_wait_ends():
     assert not stopper.is_alive()
     a.close()
     b.close()
+
+
+def test_only_a_datagram_from_whom_is_expected_moves_the_peer_of_udpin():
+    port = open_transport(Address(kind="udpin", place="127.0.0.1", number=0), lambda data: data.startswith(b"friend"))
+    there = ("127.0.0.1", port.local_port)
+    friend, stranger, moved = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3))
+    try:
+        for one in (friend, stranger, moved):
+            one.settimeout(0.2)
+        stranger.sendto(b"x", there)
+        friend.sendto(b"friend 1", there)
+        assert gather(port, 8) == b"friend 1"  # nothing of the stranger's gets in between
+        stranger.sendto(b"y", there)
+        friend.sendto(b"more", there)  # the peer may speak as it likes
+        assert gather(port, 4) == b"more"
+        port.write(b"answer")
+        assert friend.recv(100) == b"answer"
+        with pytest.raises(TimeoutError):
+            stranger.recv(100)
+        moved.sendto(b"friend 2", there)
+        assert gather(port, 8) == b"friend 2"
+        port.write(b"answer")
+        assert moved.recv(100) == b"answer"
+    finally:
+        port.close()
+        for one in (friend, stranger, moved):
+            one.close()

@@ -11,8 +11,8 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from auv_lse_common.leg import Leg
 from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import Target
-from auv_lse_comms.mavlink.datum import Origin
+from auv_lse_comms.mavlink.conversion import Target, mission_item
+from auv_lse_comms.mavlink.datum import Datum, Origin
 from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, Pressure
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.transport import UdpPort
@@ -69,6 +69,8 @@ class Sea:
         self.lose = lose
         self.now_s = 100.0
         self.told = []
+        self.vehicle.greet(self.now_s)
+        self.flow()
 
     def tick(self, north=10.0, east=-20.0, heading=0.3):
         self.now_s += 1.0
@@ -198,6 +200,26 @@ def test_a_mission_with_a_gap_in_its_items_is_asked_for_again_and_given_up():
     (ack,) = [m for m in said if m.get_type() == "MISSION_ACK"]
     assert ack.type == mavlink.MAV_MISSION_OPERATION_CANCELLED
     assert legs == []
+
+
+def test_another_mission_is_flown_from_the_index_of_the_last_one_unless_an_item_is_chosen():
+    legs = []
+    vehicle = MavlinkVehicle(2, START, 15.0, ORIGIN, legs.append)
+    gcs = mavlink.MAVLink(None, srcSystem=245, srcComponent=190)
+    ends = [end_of(leg) for leg in legs_of_a_walk(5)]
+
+    def upload(targets):
+        vehicle.receive(0.0, mavlink.MAVLink_mission_count_message(2, 1, len(targets), 0).pack(gcs))
+        for number, target in enumerate(targets):
+            vehicle.receive(0.0, mission_item(target, Datum(ORIGIN, ORIGIN), number, 4.0, 2, 1).pack(gcs))
+
+    upload(ends[:2])
+    assert len(legs) == vehicle.current == 2
+    upload(ends[2:])  # three items, of which the first two are taken for flown
+    assert len(legs) == vehicle.current == 3
+    assert legs[-1].end_state[1:] == pytest.approx((ends[4].north_m, ends[4].east_m), abs=0.02)
+    vehicle.receive(0.0, mavlink.MAVLink_mission_set_current_message(2, 1, 0).pack(gcs))
+    assert len(legs) == 5
 
 
 def test_twenty_vehicles_over_real_udp():

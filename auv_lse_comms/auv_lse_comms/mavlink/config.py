@@ -58,7 +58,10 @@ class LinkConfig:
         "10 Hz: 1 takes every one, 3 rejects single outliers but needs 5 Hz or a longer sounding_every_s",
     )
     target_period_s: float = parameter(
-        1.0, unit="s", above=0.0, help="position_target: time between repetitions of the current target"
+        0.2,
+        unit="s",
+        above=0.0,
+        help="position_target: time between repetitions of the current target; PX4 Offboard needs less than 0.5 s",
     )
     upload_timeout_s: float = parameter(
         1.5, unit="s", above=0.0, help="mission: longest wait for the autopilot's next request before a repeat"

@@ -14,11 +14,16 @@ Own heartbeats go out in both states. Every LOCAL_POSITION_NED gives one odometr
 `stale_after_s` is there. Stamps are the autopilot's own times (time_boot_ms) carried over to UTC by its SYSTEM_TIME,
 if that agrees with the host's clock within `MAX_CLOCK_OFFSET_S`; else the time of receipt.
 
+Nothing is said of places before they are in the mission's frame: until the autopilot's origin is known (asked for every
+`ORIGIN_PERIOD_S`), and after one that was refused, neither odometry nor targets pass. An autopilot that reboots (its
+time since boot runs backwards, or the link is lost) may have another origin and clock: both are asked for anew.
+
 Waypoints come as ends of legs, in order, each before the one before it is reached; one with the step of an earlier
 one replaces it and all after it. In mode "position_target" the
 current end is sent as SET_POSITION_TARGET_LOCAL_NED, at once and every `target_period_s`; the next one replaces it when
 the vehicle is within `acceptance_m` of it or has passed it. In mode "mission" all ends not yet reached are
-uploaded as a mission whenever one is added. While the link is down targets are kept; the vehicle does what its
+uploaded as a mission whenever one is added; the first then becomes the current item, for autopilots keep their index.
+While the link is down targets are kept; the vehicle does what its
 autopilot's own failsafe says, and when the link is up again the current target, or the mission, is sent again.
 """
 
@@ -53,6 +58,8 @@ ORIGIN_PERIOD_S = 2.0
 ORIGIN_TOLERANCE_M = 1.0
 #: An origin of the autopilot's farther than this from the mission's is refused (m): garbage, or another place.
 MAX_ORIGIN_OFFSET_M = 10_000.0
+#: A time since boot this much less than the last one means a reboot; less than that, a datagram out of order (ms).
+REBOOT_MS = 1000
 #: Legs' ends kept while the link is down or the vehicle slow; a mission has at most this many ahead.
 MAX_TARGETS = 64
 
@@ -106,6 +113,7 @@ class VehicleLink:
         self._target_s = -math.inf
         self._now_s = -math.inf
         self._boot_offset_s: float | None = None
+        self._boot_ms = 0  # the autopilot's latest time since boot
         self._attitude: Message | None = None
         self._attitude_s = -math.inf
         self._place: AutopilotEstimate | None = None
@@ -169,12 +177,18 @@ class VehicleLink:
             self._events.append(LinkLost(silent_s=now_s - self._heard_s))
             self._upload.abandon("link lost")
             self._watch_upload()
-            self._unsent = bool(self._targets)
+            self._forget_autopilot()
         if self.state is LinkState.UP:
             self._poll_origin()
             self._upload.poll(now_s)
             self._watch_upload()
         self._advance()
+
+    def recognizes(self, datagram: bytes) -> bool:
+        """Whether a datagram holds a whole message of this vehicle's autopilot; counts it if not."""
+        senders = {(m.get_srcSystem(), m.get_srcComponent()) for m in MavlinkCodec(0, 0).decode(datagram)}
+        self.counts["strangers"] += self._autopilot not in senders
+        return self._autopilot in senders
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now, one message each; they are handed out once."""
@@ -219,6 +233,27 @@ class VehicleLink:
             self._boot_offset_s = None
         self._now_s = now_s
 
+    def _forget_autopilot(self) -> None:
+        """Drops what holds only until the autopilot reboots: its clock, its origin, where it said to be."""
+        self._boot_offset_s = None
+        self._boot_ms = 0
+        self._attitude, self._place = None, None
+        self.datum = Datum(self.datum.mission)
+        self._refused_origin = None
+        self._origin_asked_s = -math.inf
+        self._unsent = bool(self._targets)
+
+    def _watch_boot(self, boot_ms: int) -> None:
+        """Notices by its time since boot that the autopilot has rebooted."""
+        if boot_ms < self._boot_ms - REBOOT_MS:
+            self.counts["reboots"] += 1
+            text = f"the autopilot has rebooted: its time since boot went back to {boot_ms / 1000.0:.1f} s"
+            self._events.append(Problem(text=text))
+            self._upload.abandon("the autopilot has rebooted")
+            self._watch_upload()
+            self._forget_autopilot()
+        self._boot_ms = max(self._boot_ms, boot_ms)
+
     def _send(self, message: Message) -> None:
         self._out.append(self._codec.encode(message))
 
@@ -236,6 +271,13 @@ class VehicleLink:
         if not first and self._config.set_origin and mission is not None and self._refused_origin is None:
             # it did not answer: it has none yet
             self.counts["origin_set"] += 1
+            if self.counts["origin_set"] == 1:
+                text = (
+                    "the autopilot has no origin: the mission's is set; without GPS the place where its estimator "
+                    f"started is then taken for latitude {mission.lat_deg:.7f}, longitude {mission.lon_deg:.7f} deg "
+                    "(fix: start it there, or wait for its GPS and set link.set_origin to false)"
+                )
+                self._events.append(Problem(text=text))
             self._send(
                 mavlink.MAVLink_set_gps_global_origin_message(
                     self._autopilot[0], round(mission.lat_deg * 1e7), round(mission.lon_deg * 1e7), 0
@@ -270,7 +312,7 @@ class VehicleLink:
             self.counts["reached"] += 1
             if self._config.mode == "position_target":
                 self._unsent = True
-        if self.state is LinkState.DOWN or not self._targets:
+        if self.state is LinkState.DOWN or not self.placed or not self._targets:
             return
         if self._config.mode == "position_target":
             self._advance_position_target()
@@ -305,7 +347,7 @@ class VehicleLink:
             mission_item(end, self.datum, number, self._config.acceptance_m, *self._autopilot)
             for number, end in enumerate(ends)
         ]
-        self._upload.start(self._now_s, items)
+        self._upload.start(self._now_s, items, first=int(self._ardupilot))
 
     def _watch_upload(self) -> None:
         """Reports an upload that has just ended."""
@@ -331,12 +373,13 @@ class VehicleLink:
             self.state = LinkState.UP
             self.counts["up"] += 1
             self._origin_asked_s = -math.inf
-            self._unsent = bool(self._targets)
             self._events.append(LinkUp(autopilot=message.autopilot, vehicle_type=message.type))
             self._poll_origin()
 
     def _on_system_time(self, message: Message) -> None:
-        if message.time_unix_usec == 0:
+        self._watch_boot(message.time_boot_ms)
+        if message.time_unix_usec == 0:  # it does not know: it has rebooted, or has never had a fix
+            self._boot_offset_s = None
             return
         utc_s = message.time_unix_usec * 1e-6
         if abs(utc_s - self._now_s) <= MAX_CLOCK_OFFSET_S:
@@ -346,6 +389,7 @@ class VehicleLink:
             self.counts["clock_off"] += 1
 
     def _on_attitude(self, message: Message) -> None:
+        self._watch_boot(message.time_boot_ms)
         if math.isfinite(message.yaw):
             self._attitude = message
             self._attitude_s = self._now_s
@@ -353,6 +397,10 @@ class VehicleLink:
     def _on_local_position(self, message: Message) -> None:
         if not all(map(math.isfinite, (message.x, message.y, message.z, message.vx, message.vy))):
             self.counts["bad_positions"] += 1
+            return
+        self._watch_boot(message.time_boot_ms)
+        if not self.placed:
+            self.counts["unplaced_positions"] += 1
             return
         if self._attitude is None or self._now_s - self._attitude_s > self._config.stale_after_s:
             self.counts["stale_attitude"] += 1
@@ -404,8 +452,9 @@ class VehicleLink:
             self._events.append(Problem(text=text))
 
     def _refuse_origin(self, origin: Origin, offset_m: float) -> None:
-        """Counts an origin that cannot be right, and reports it once; the datum stays."""
+        """Counts an origin that cannot be right, and reports it once; the autopilot's frame is not known then."""
         self.counts["origins_refused"] += 1
+        self.datum = Datum(self.datum.mission)
         if origin == self._refused_origin:
             return
         self._refused_origin = origin
@@ -438,7 +487,11 @@ class VehicleLink:
     def _on_mission_ack(self, message: Message) -> None:
         if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION or not self._upload.busy:
             return
-        self._upload.acknowledge(message.type)
+        self._upload.acknowledge(self._now_s, message.type)
+        self._watch_upload()
+
+    def _on_mission_current(self, message: Message) -> None:
+        self._upload.current(message.seq)
         self._watch_upload()
 
     def _on_text(self, message: Message) -> None:
@@ -459,5 +512,6 @@ HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "MISSION_REQUEST_INT": VehicleLink._on_mission_request,
     "MISSION_REQUEST": VehicleLink._on_mission_request,
     "MISSION_ACK": VehicleLink._on_mission_ack,
+    "MISSION_CURRENT": VehicleLink._on_mission_current,
     "STATUSTEXT": VehicleLink._on_text,
 }

@@ -39,7 +39,9 @@ class AutopilotPort:
         """
         address = read_address(config.endpoint, _BAUD)
         self.link = VehicleLink(config, vehicle, origin)
-        self.connection = Connection(lambda: open_transport(address), config.backoff_min_s, config.backoff_max_s)
+        self.connection = Connection(
+            lambda: open_transport(address, self.link.recognizes), config.backoff_min_s, config.backoff_max_s
+        )
         self._sounder = Sounder(config.sounding_every_s, config.sounding_least_pings) if config.soundings else None
         self._sounded_from = self.link.datum
         self._sent = "uploads" if config.mode == "mission" else "target_messages"
@@ -89,12 +91,13 @@ class AutopilotPort:
         link = self.link
         up = link.state is LinkState.UP
         text = ("armed" if link.armed else "not armed") if up else self.connection.problem or "no autopilot heard"
+        if up and not link.placed:
+            text += "; the autopilot's origin is not known: no odometry, no targets"
         values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts}
         values |= {f"wire {name}": count for name, count in link.wire.items()}
         if self._sounder is not None:
             values |= {f"sounder {name}": count for name, count in self._sounder.counts.items()}
-            values["sounder waits for origin"] = not link.placed
-        return Health(level=Level.OK if up else Level.ERROR, text=text, values=values)
+        return Health(level=Level.OK if up and link.placed else Level.ERROR, text=text, values=values)
 
     def _events(self) -> Iterator[Event]:
         for event in self.link.events():
@@ -105,9 +108,7 @@ class AutopilotPort:
                 yield from self._soundings(self._sounder, event)
 
     def _soundings(self, sounder: Sounder, odometry: AutopilotEstimate) -> list[Sounding]:
-        """The soundings that are complete now; none before places are in the mission's frame."""
-        if not self.link.placed:
-            return []
+        """The soundings that are complete now."""
         if self._sounded_from != self.link.datum:  # places have shifted with the origin
             self._sounded_from = self.link.datum
             sounder.reset()

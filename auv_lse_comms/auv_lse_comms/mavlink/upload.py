@@ -5,10 +5,12 @@ IDLE       start(items)                          COUNTED    MISSION_COUNT sent
 COUNTED    MISSION_REQUEST_INT 0                 GIVING     item 0 sent
 GIVING     MISSION_REQUEST_INT n                 GIVING     item n sent; a repeated request is answered again
 COUNTED, GIVING
-           MISSION_ACK accepted                  DONE
+           MISSION_ACK accepted                  SELECTING  MISSION_SET_CURRENT sent: autopilots keep their index
            MISSION_ACK other                     FAILED     with the result
-           no request for `timeout_s`            the same   the last message sent again, `retries` times
-           no request after that                 FAILED     "no answer"
+SELECTING  MISSION_CURRENT of that item          DONE
+COUNTED, GIVING, SELECTING
+           no answer for `timeout_s`            the same   the last message sent again, `retries` times
+           no answer after that                  FAILED     "no answer"
 DONE, FAILED
            start(items)                          COUNTED
 """
@@ -30,6 +32,7 @@ class UploadState(enum.Enum):
     IDLE = "idle"
     COUNTED = "counted"
     GIVING = "giving"
+    SELECTING = "selecting"
     DONE = "done"
     FAILED = "failed"
 
@@ -55,6 +58,7 @@ class MissionUpload:
         self._timeout_s = timeout_s
         self._retries = retries
         self._items: tuple[Message, ...] = ()
+        self._first = 0
         self._last: Message | None = None
         self._sent_s = 0.0
         self._repeats = 0
@@ -62,10 +66,10 @@ class MissionUpload:
     @property
     def busy(self) -> bool:
         """An upload is under way."""
-        return self.state in (UploadState.COUNTED, UploadState.GIVING)
+        return self.state in (UploadState.COUNTED, UploadState.GIVING, UploadState.SELECTING)
 
-    def start(self, now_s: float, items: Sequence[Message]) -> None:
-        """Begins to upload `items` (MISSION_ITEM_INT, numbered from 0).
+    def start(self, now_s: float, items: Sequence[Message], first: int = 0) -> None:
+        """Begins to upload `items` (MISSION_ITEM_INT, numbered from 0), of which item `first` is to be flown first.
 
         Raises:
             ValueError: if there are none.
@@ -75,7 +79,7 @@ class MissionUpload:
             raise ValueError("mission: got no items; expected at least one")
         if self.busy:
             raise RuntimeError("mission upload: started while one is under way")
-        self._items = tuple(items)
+        self._items, self._first = tuple(items), first
         self.state = UploadState.COUNTED
         self.problem = ""
         self._repeats = 0
@@ -84,7 +88,7 @@ class MissionUpload:
 
     def request(self, now_s: float, number: int) -> None:
         """The autopilot asks for an item."""
-        if not self.busy:
+        if not self.busy or self.state is UploadState.SELECTING:
             return
         if not 0 <= number < len(self._items):
             self._fail(f"the autopilot asks for item {number} of {len(self._items)}")
@@ -93,15 +97,22 @@ class MissionUpload:
         self._repeats = 0
         self._ask(now_s, self._items[number])
 
-    def acknowledge(self, result: int) -> None:
+    def acknowledge(self, now_s: float, result: int) -> None:
         """The autopilot accepts or refuses."""
-        if not self.busy:
+        if not self.busy or self.state is UploadState.SELECTING:
             return
         if result == mavlink.MAV_MISSION_ACCEPTED:
-            self.state = UploadState.DONE
-            self.uploads += 1
+            self.state = UploadState.SELECTING
+            self._repeats = 0
+            self._ask(now_s, mavlink.MAVLink_mission_set_current_message(*self._to, self._first))
         else:
             self._fail(f"the autopilot refuses the mission: {RESULTS.get(result, result)}")
+
+    def current(self, number: int) -> None:
+        """The autopilot says which item it flies."""
+        if self.state is UploadState.SELECTING and number == self._first:
+            self.state = UploadState.DONE
+            self.uploads += 1
 
     def poll(self, now_s: float) -> None:
         """Lets time pass: repeats what was not answered."""
@@ -116,7 +127,7 @@ class MissionUpload:
         self._ask(now_s, self._last)
 
     def abandon(self, reason: str) -> None:
-        """Gives up an upload that is under way: the link is lost."""
+        """Gives up an upload that is under way."""
         if self.busy:
             self._fail(reason)
 

@@ -2,7 +2,7 @@
 
     /dev/ttyUSB0, serial:///dev/ttyUSB0[:BAUD]     a serial device (8N1, no flow control), or a pty
     tcp://HOST:PORT                                calls a TCP server
-    udpin://BIND:PORT                              waits on a UDP port; answers the last sender
+    udpin://BIND:PORT                              waits on a UDP port; answers the last sender that is expected
     udpout://HOST:PORT                             sends to a UDP port; takes answers from there
 
 A path in /dev/ may hold colons (/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0): only a number of 3 to 7 digits

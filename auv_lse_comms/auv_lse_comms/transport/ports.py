@@ -6,6 +6,7 @@ import contextlib
 import os
 import select
 import socket
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from auv_lse_comms.transport.address import Address
@@ -142,16 +143,26 @@ class TcpPort:
 
 
 class UdpPort:
-    """A UDP socket: bound and answering the last sender (`udpin`), or sending to one place (`udpout`)."""
+    """A UDP socket: bound and answering its peer (`udpin`), or sending to one place (`udpout`).
 
-    def __init__(self, kind: str, host: str, port: int) -> None:
+    The peer of `udpin` is the last sender of a datagram that is expected; others' datagrams are dropped.
+    """
+
+    def __init__(self, kind: str, host: str, port: int, expected: Callable[[bytes], bool] | None = None) -> None:
         """Binds or aims.
+
+        Args:
+            kind: "udpin" or "udpout".
+            host: Address to bind, or to send to.
+            port: Its port.
+            expected: Whether a datagram of a new sender makes that the peer (`udpin`); None: any does.
 
         Raises:
             TransportError: if the address is taken or not one of this machine's.
         """
         self._name = f"{kind}://{host}:{port}"
         self._peer: Any = None
+        self._expected = expected
         try:
             family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -192,7 +203,9 @@ class UdpPort:
                 continue  # nobody listened when we last wrote, which UDP allows
             except OSError as error:
                 raise TransportError(f"{self._name}: cannot be read: {error}") from error
-            if not self._connected:
+            if not self._connected and peer != self._peer:
+                if self._expected is not None and not self._expected(data):
+                    continue
                 self._peer = peer
             parts.append(data)
         return b"".join(parts)
@@ -216,8 +229,12 @@ class UdpPort:
         self._socket.close()
 
 
-def open_transport(address: Address) -> Transport:
+def open_transport(address: Address, expected: Callable[[bytes], bool] | None = None) -> Transport:
     """Opens the port at `address`.
+
+    Args:
+        address: Where it is.
+        expected: For `udpin`: whether a datagram of a new sender makes that the peer; None: any does.
 
     Raises:
         TransportError: if it cannot be opened.
@@ -226,4 +243,4 @@ def open_transport(address: Address) -> Transport:
         return SerialPort(address.place, address.number)
     if address.kind == "tcp":
         return TcpPort(address.place, address.number)
-    return UdpPort(address.kind, address.place, address.number)
+    return UdpPort(address.kind, address.place, address.number, expected)

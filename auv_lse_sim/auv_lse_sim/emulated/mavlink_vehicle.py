@@ -3,7 +3,9 @@
 The simulation reports the vehicle's state once a tick (`report`) and gets each leg to travel (`follow`);
 `mavlink_dock.py` joins one autopilot per vehicle to its UDP port. It behaves as an AUV's autopilot does towards a
 companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, DISTANCE_SENSOR,
-SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE, TIMESYNC.
+SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE, TIMESYNC. It keeps
+the index of its current mission item when another mission is uploaded, as ArduPilot does, and goes on from there unless
+told otherwise by MISSION_SET_CURRENT.
 
 A new target or mission item is travelled to after the one before it (the sender sends it when the vehicle is about to
 reach that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs,
@@ -68,6 +70,7 @@ class MavlinkVehicle:
     Attributes:
         counts: "targets" (position targets received, repeated ones too), "missions" (accepted), "legs" (handed out),
             "refused".
+        current: Index of the mission item that is travelled to; their number once all are.
         datum: The mission's origin and this autopilot's own.
         mission: Items of the mission accepted last.
     """
@@ -95,6 +98,7 @@ class MavlinkVehicle:
         self.counts: Counter[str] = Counter()
         self.datum = Datum(origin, own_origin or origin)
         self.mission: tuple[Message, ...] = ()
+        self.current = 0
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._state = start
@@ -279,12 +283,11 @@ class MavlinkVehicle:
 
     def _accept(self) -> None:
         items, self._incoming, self._wanted = tuple(self._incoming), [], 0
-        targets: list[Target] = []
         for item in items:
             if item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
                 continue  # for a camera or gimbal, which this vehicle does not have
             try:
-                targets.append(target_of_item(item, self.datum))
+                target_of_item(item, self.datum)
             except ValueError as error:
                 self.counts["refused"] += 1
                 self._send_text(mavlink.MAV_SEVERITY_WARNING, f"item {item.seq}: {error}")
@@ -293,8 +296,22 @@ class MavlinkVehicle:
         self.mission = items
         self.counts["missions"] += 1
         self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)
-        for target in targets:
-            self._go(target)
+        self._travel_mission()
+
+    def _travel_mission(self) -> None:
+        """Goes to the items from the current one on."""
+        for item in self.mission[self.current :]:
+            if item.command == mavlink.MAV_CMD_NAV_WAYPOINT:
+                self._go(target_of_item(item, self.datum))
+        self.current = max(self.current, len(self.mission))
+
+    def _on_mission_set_current(self, message: Message) -> None:
+        if message.seq < len(self.mission):
+            self.current = message.seq
+            self._send(mavlink.MAVLink_mission_current_message(message.seq))
+            self._travel_mission()
+        else:
+            self._send_text(mavlink.MAV_SEVERITY_WARNING, f"item {message.seq} of {len(self.mission)}")
 
     def _acknowledge(self, result: int, mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION) -> None:
         self._send(mavlink.MAVLink_mission_ack_message(*self._uploader, result, mission_type))
@@ -313,7 +330,7 @@ class MavlinkVehicle:
         self._send(mavlink.MAVLink_mission_item_int_message(**fields))
 
     def _on_mission_clear(self, message: Message) -> None:
-        self.mission = ()
+        self.mission, self.current = (), 0
         self._uploader = (message.get_srcSystem(), message.get_srcComponent())
         self._acknowledge(mavlink.MAV_MISSION_ACCEPTED, message.mission_type)
 
@@ -373,6 +390,7 @@ HANDLERS: dict[str, Callable[[MavlinkVehicle, Message], None]] = {
     "SET_POSITION_TARGET_LOCAL_NED": MavlinkVehicle._on_position_target,
     "MISSION_COUNT": MavlinkVehicle._on_mission_count,
     "MISSION_ITEM_INT": MavlinkVehicle._on_mission_item,
+    "MISSION_SET_CURRENT": MavlinkVehicle._on_mission_set_current,
     "MISSION_REQUEST_LIST": MavlinkVehicle._on_mission_list,
     "MISSION_REQUEST_INT": MavlinkVehicle._on_mission_request,
     "MISSION_CLEAR_ALL": MavlinkVehicle._on_mission_clear,
