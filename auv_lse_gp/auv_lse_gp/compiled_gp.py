@@ -184,3 +184,78 @@ def forward(lower, begin, size, right):  # type: ignore[no-untyped-def]  # numba
             total += row[j] * x[j]
         x[i] = (x[i] - total) / row[i]
     return x
+
+
+# rho'(r) / r at the places (bx, by), into `out`: see `kernels.SLOPES`.
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _matern32_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
+    for j in range(len(bx)):
+        t = _SQRT3 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        out[j] = -3.0 * variance * _exp(-t)
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _matern52_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
+    for j in range(len(bx)):
+        t = _SQRT5 * math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        out[j] = -5.0 / 3.0 * variance * ((1.0 + t) * _exp(-t))
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _squared_exponential_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _squared_exponential(-variance, bx, by, x, y, out)  # rho' = -r rho
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _wendland_c2_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
+    for j in range(len(bx)):
+        r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        q = max(1.0 - r, 0.0)
+        out[j] = -20.0 * variance * (q * q * q)
+
+
+@njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
+def _wendland_c4_slope(variance, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    _wide_vectors()
+    for j in range(len(bx)):
+        r = math.sqrt((bx[j] - x) * (bx[j] - x) + (by[j] - y) * (by[j] - y))
+        q = max(1.0 - r, 0.0)
+        out[j] = -56.0 / 3.0 * variance * ((5.0 * r + 1.0) * (q * q) * (q * q) * q)
+
+
+@njit("void(f8[:], f8[::1], f8[::1], f8[::1], f8, f8, f8[:])", cache=True, fastmath={"contract", "reassoc"})
+def _weighted_apart(weights, slopes, bx, by, x, y, out):  # type: ignore[no-untyped-def]  # numba's types
+    """out (2,) = sum of weight * slope * ((x, y) - (bx, by))."""
+    _wide_vectors()
+    along, across = 0.0, 0.0
+    for j in range(len(bx)):
+        weight = weights[j] * slopes[j]
+        along += weight * (x - bx[j])
+        across += weight * (y - by[j])
+    out[0] = along
+    out[1] = across
+
+
+@njit("void(i8, f8, f8[:, :], f8[:, :], f8[:, :], f8[:, ::1])", cache=True)
+def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
+    """`kernels.Kernel.gradient_sums_numpy` of scaled places a (A, 2) and b (B, 2), into `out` (A, 2)."""
+    bx, by = b[:, 0].copy(), b[:, 1].copy()
+    slopes = np.empty(len(b))
+    for i in range(len(a)):
+        x, y = a[i, 0], a[i, 1]
+        if index == 0:
+            _matern32_slope(variance, bx, by, x, y, slopes)
+        elif index == 1:
+            _matern52_slope(variance, bx, by, x, y, slopes)
+        elif index == 2:
+            _squared_exponential_slope(variance, bx, by, x, y, slopes)
+        elif index == 3:
+            _wendland_c2_slope(variance, bx, by, x, y, slopes)
+        else:
+            _wendland_c4_slope(variance, bx, by, x, y, slopes)
+        _weighted_apart(weights[i], slopes, bx, by, x, y, out[i])

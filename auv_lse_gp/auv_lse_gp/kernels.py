@@ -54,6 +54,27 @@ def _wendland_c4(r: Array) -> Array:
     return np.asarray(q * q * q * ((35.0 * r + 18.0) * r + 3.0) / 3.0)
 
 
+def _matern32_slope(r: Array) -> Array:
+    return np.asarray(-3.0 * np.exp(-math.sqrt(3.0) * r))
+
+
+def _matern52_slope(r: Array) -> Array:
+    t = math.sqrt(5.0) * r
+    return np.asarray(-5.0 / 3.0 * (1.0 + t) * np.exp(-t))
+
+
+def _squared_exponential_slope(r: Array) -> Array:
+    return np.asarray(-np.exp(-0.5 * r * r))
+
+
+def _wendland_c2_slope(r: Array) -> Array:
+    return np.asarray(-20.0 * np.maximum(1.0 - r, 0.0) ** 3)
+
+
+def _wendland_c4_slope(r: Array) -> Array:
+    return np.asarray(-56.0 / 3.0 * (5.0 * r + 1.0) * np.maximum(1.0 - r, 0.0) ** 5)
+
+
 #: Correlation rho(r) by name.
 CORRELATIONS: dict[str, Callable[[Array], Array]] = {
     "matern32": _matern32,
@@ -61,6 +82,15 @@ CORRELATIONS: dict[str, Callable[[Array], Array]] = {
     "squared_exponential": _squared_exponential,
     "wendland_c2": _wendland_c2,
     "wendland_c4": _wendland_c4,
+}
+
+#: rho'(r) / r by name: the gradient of rho(|a - b|) with respect to a is this times (a - b). Finite at r = 0.
+SLOPES: dict[str, Callable[[Array], Array]] = {
+    "matern32": _matern32_slope,
+    "matern52": _matern52_slope,
+    "squared_exponential": _squared_exponential_slope,
+    "wendland_c2": _wendland_c2_slope,
+    "wendland_c4": _wendland_c4_slope,
 }
 
 
@@ -98,6 +128,7 @@ class Kernel:
         right = np.array([-math.sin(angle), math.cos(angle)])
         self._to_scaled = np.stack([along / self.length_m, right / self.length_2_m], axis=1)
         self._correlation = CORRELATIONS[self.name]
+        self._slope = SLOPES[self.name]
 
     @property
     def compact(self) -> bool:
@@ -148,3 +179,24 @@ class Kernel:
         dx = a[:, None, 0] - b[None, :, 0]
         dy = a[:, None, 1] - b[None, :, 1]
         return np.asarray(self.signal_variance_m2 * self._correlation(np.sqrt(dx * dx + dy * dy)))
+
+    def gradient_sums(self, a: Array, weights: Array, b: Array) -> Array:
+        """Gradient (A, 2) in m^2 / m of sum over j of weights[i, j] k(a_i, b_j) with respect to place a_i in metres.
+
+        Args:
+            a: Places (A, 2), already scaled.
+            weights: Weights (A, B).
+            b: Places (B, 2), already scaled; they stay where they are, even where a place is the same as one of `a`.
+        """
+        if compiled.USE_NUMBA:
+            sums = np.empty((len(a), 2))
+            compiled_gp().gradient_sums(self.index, self.signal_variance_m2, a, weights, b, sums)
+        else:
+            sums = self.gradient_sums_numpy(a, weights, b)
+        return np.asarray(sums @ self._to_scaled.T)
+
+    def gradient_sums_numpy(self, a: Array, weights: Array, b: Array) -> Array:
+        """`gradient_sums` with respect to the scaled places, with NumPy alone: the reference of the compiled one."""
+        apart = a[:, None, :] - b[None, :, :]
+        slopes = self.signal_variance_m2 * self._slope(np.sqrt(np.einsum("abd,abd->ab", apart, apart)))
+        return np.asarray(np.einsum("ab,abd->ad", weights * slopes, apart))

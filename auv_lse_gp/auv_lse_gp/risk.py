@@ -78,6 +78,12 @@ class LevelSet:
             mean_m, std_of_mean_m, std_after_m, self.level_m, self.cost_false_safe, self.cost_false_unsafe, self.method
         )
 
+    def expected_risk_slope(self, mean_m: ArrayLike, std_of_mean_m: ArrayLike, std_after_m: ArrayLike) -> Array:
+        """`expected_bayes_risk_slope` for this level and these costs."""
+        return expected_bayes_risk_slope(
+            mean_m, std_of_mean_m, std_after_m, self.level_m, self.cost_false_safe, self.cost_false_unsafe
+        )
+
     def benefit(self, mean_m: ArrayLike, std_of_mean_m: ArrayLike, std_after_m: ArrayLike) -> Array:
         """`benefit_of_search` for this level, these costs and this method."""
         return benefit_of_search(
@@ -200,6 +206,35 @@ def benefit_of_search(
     in_hand = bayes_risk(mean, np.sqrt(of_mean**2 + after**2), level_m, cost_false_safe, cost_false_unsafe)
     # The two are computed by different functions: what is below 0 with the exact method is their rounding.
     return np.maximum(in_hand - expected, 0.0) if method == "exact" else in_hand - expected
+
+
+def expected_bayes_risk_slope(
+    mean_m: ArrayLike,
+    std_of_mean_m: ArrayLike,
+    std_after_m: ArrayLike,
+    level_m: ArrayLike,
+    cost_false_safe: ArrayLike,
+    cost_false_unsafe: ArrayLike,
+) -> Array:
+    """Slope dE / dv of the exact `expected_bayes_risk` E in the variance v = s_q^2 that will be left (same arguments).
+
+    The variance in hand s^2 = s_mu^2 + s_q^2 stays. With k = (l - s_q z - m) / s_mu, z = Phi^-1(c2 / (c1 + c2)) and
+    phi the standard normal density,
+
+        dE / dv = (c1 + c2) / 2 phi(k) / s_mu phi(z) / s_q  >= 0.
+
+    It grows beyond all bounds where s_q, or at the level s_mu, goes to 0; where one of them is 0 the result is 0.
+    """
+    mean, of_mean, after, level = _arrays(
+        ("mean_m", mean_m), ("std_of_mean_m", std_of_mean_m), ("std_after_m", std_after_m), ("level_m", level_m)
+    )
+    c1, c2 = _costs(cost_false_safe, cost_false_unsafe)
+    _not_negative(std_of_mean_m=of_mean, std_after_m=after)
+    z = np.where(c1 == c2, 0.0, ndtri(c2 / (c1 + c2)))
+    live = (of_mean > 0.0) & (after > 0.0)
+    s_mu, s_q = np.where(live, of_mean, 1.0), np.where(live, after, 1.0)
+    k = (level - s_q * z - mean) / s_mu
+    return np.asarray(np.where(live, (c1 + c2) / (4.0 * math.pi) * np.exp(-0.5 * (k * k + z * z)) / (s_mu * s_q), 0.0))
 
 
 def expected_bayes_risk_numpy(

@@ -56,6 +56,57 @@ def test_compiled_agrees_with_numpy(name):
     assert out == pytest.approx(1.0 - weights.T @ slow, abs=1e-11)
 
 
+#: rho'(0.5) / 0.5, worked by hand from the definitions.
+HALF_SLOPE = {
+    "matern32": -3 * math.exp(-math.sqrt(3) / 2),
+    "matern52": -5 / 3 * (1 + math.sqrt(5) / 2) * math.exp(-math.sqrt(5) / 2),
+    "squared_exponential": -math.exp(-1 / 8),
+    "wendland_c2": -5 / 2,  # -20 (1/2)^3
+    "wendland_c4": -49 / 24,  # -56/3 (5/2 + 1) (1/2)^5
+}
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_gradient_by_hand(name):
+    kernel = Kernel(GpConfig(kernel=name, signal_std_m=3.0, length_scale_m=50.0))
+    place = kernel.scale(np.array([[kernel.length_m / 2, 0.0]]))
+    origin = np.zeros((1, 2))
+    gradient = kernel.gradient_sums(place, np.array([[2.0]]), origin)
+    assert gradient[0] == pytest.approx([2 * 9 * HALF_SLOPE[name] * 0.5 / kernel.length_m, 0.0], rel=1e-14)
+    assert kernel.gradient_sums(origin, np.array([[2.0]]), origin).tolist() == [[0.0, 0.0]]
+
+
+@pytest.mark.parametrize("numba", [False, True])
+@pytest.mark.parametrize("name", KERNELS)
+def test_gradient_agrees_with_finite_differences(name, numba, monkeypatch):
+    if numba and not compiled.USE_NUMBA:
+        pytest.skip("numba is not installed")
+    monkeypatch.setattr(compiled, "USE_NUMBA", numba)
+    rng = np.random.default_rng(7)
+    kernel = Kernel(GpConfig(kernel=name, length_scale_2_m=30.0, rotation_deg=25.0))
+    a_m, b_m, weights = rng.uniform(0, 200, (6, 2)), rng.uniform(0, 200, (41, 2)), rng.normal(size=(6, 41))
+    gradient = kernel.gradient_sums(kernel.scale(a_m), weights, kernel.scale(b_m))
+    step = 1e-3
+    for axis in range(2):
+        aside = step * np.eye(2)[axis]
+        values = [(weights * kernel(a_m + sign * aside, b_m)).sum(axis=1) for sign in (1, -1)]
+        # the kernels' third derivatives times the step squared, and 64 m^2 eps over the step
+        assert gradient[:, axis] == pytest.approx((values[0] - values[1]) / (2 * step), rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_compiled_gradient_agrees_with_numpy(name):
+    if not compiled.USE_NUMBA:
+        pytest.skip("numba is not installed")
+    rng = np.random.default_rng(0)
+    kernel = Kernel(GpConfig(kernel=name, length_scale_2_m=30.0, rotation_deg=25.0))
+    a, b = rng.normal(size=(40, 2)) * 10 ** rng.uniform(-6, 4, (40, 1)), rng.normal(size=(203, 2))
+    weights = rng.normal(size=(40, 203))
+    expected = kernel.gradient_sums_numpy(a, weights, b) @ kernel._to_scaled.T
+    # sqrt and exp: a few units each, summed over 203 places of slope 3 times the signal's variance
+    assert kernel.gradient_sums(a, weights, b) == pytest.approx(expected, rel=1e-11, abs=1e-12)
+
+
 @pytest.mark.parametrize("name", KERNELS)
 def test_positive_definite(name):
     rng = np.random.default_rng(4)

@@ -19,7 +19,7 @@ from auv_lse_gp import (
     expected_bayes_risk,
     p_safe,
 )
-from auv_lse_gp.risk import METHODS, expected_bayes_risk_numpy
+from auv_lse_gp.risk import METHODS, expected_bayes_risk_numpy, expected_bayes_risk_slope
 
 #: Made by make_expected_bayes_risk.py: integrals of the definition in arbitrary precision.
 REFERENCE = Path(__file__).with_name("expected_bayes_risk.csv")
@@ -109,6 +109,33 @@ def test_compiled_agrees_with_numpy():
 
 
 @pytest.mark.usefixtures("_path")
+def test_slope_by_hand():
+    # mean 14, s_mu 2, s_q 1, costs 10: 20 / 2 phi(1/2) / 2 phi(0) / 1
+    expected = 5.0 * stats.norm.pdf(0.5) * stats.norm.pdf(0.0)
+    assert expected_bayes_risk_slope(14.0, 2.0, 1.0, 15.0, 10.0, 10.0) == pytest.approx(expected, rel=1e-14)
+    # costs 10 and 30: z = Phi^-1(3/4), k = (1 - z) / 2
+    z = stats.norm.ppf(0.75)
+    expected = 20.0 * stats.norm.pdf((1.0 - z) / 2.0) / 2.0 * stats.norm.pdf(z)
+    assert expected_bayes_risk_slope(14.0, 2.0, 1.0, 15.0, 10.0, 30.0) == pytest.approx(expected, rel=1e-14)
+    assert expected_bayes_risk_slope([14.0, 14.0], [0.0, 2.0], [2.0, 0.0], 15.0, 10.0, 10.0).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("costs", [(10.0, 10.0), (3.0, 12.0), (12.0, 3.0)])
+def test_slope_agrees_with_finite_differences(costs):
+    rng = np.random.default_rng(5)
+    level = LevelSet(cost_false_safe=costs[0], cost_false_unsafe=costs[1])
+    mean, total, left = rng.uniform(10, 20, 200), rng.uniform(1, 60, 200), rng.uniform(0.05, 0.95, 200)
+
+    def risk(after):
+        return level.expected_risk(mean, np.sqrt(total - after), np.sqrt(after))
+
+    after, step = left * total, 1e-4 * total
+    # fourth order, so that 1e-4 of the variance leaves 1e-12, and rounding 1e-15 over 1e-4
+    near, far = risk(after + step) - risk(after - step), risk(after + 2 * step) - risk(after - 2 * step)
+    slope = level.expected_risk_slope(mean, np.sqrt(total - after), np.sqrt(after))
+    assert slope == pytest.approx((8 * near - far) / (12 * step), rel=1e-6, abs=1e-10)
+
+
 def test_theorem_1_over_random_numbers():
     rng = np.random.default_rng(2)
     n = 300_000
