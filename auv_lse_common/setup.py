@@ -1,3 +1,5 @@
+from glob import glob
+
 from setuptools import find_packages, setup
 
 package = "auv_lse_common"
@@ -9,10 +11,14 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
+        (f"share/{package}/launch", glob("launch/*.launch.py")),
     ],
     zip_safe=True,
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
     description="Strict parameters, frames and random streams shared by the AUV level-set estimation stack",
     license="Apache-2.0",
+    entry_points={
+        "console_scripts": ["vehicle = auv_lse_common.vehicle:main"],
+    },
 )

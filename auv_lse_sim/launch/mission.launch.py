@@ -17,17 +17,26 @@ from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.settings import Settings
 
+#: Launch argument, the parameter that it sets where it is not empty, and how its text becomes the value.
+_OVERRIDES = (("vehicles", "mission.vehicles", int), ("steps", "mission.steps", int), ("seed", "mission.seed", int))
+
 
 def _nodes(context):
-    path = Path(LaunchConfiguration("params_file").perform(context)).resolve()
-    folder = Path(LaunchConfiguration("out").perform(context)).resolve()
+    def value(name):
+        return LaunchConfiguration(name).perform(context)
+
+    path, folder = Path(value("params_file")).resolve(), Path(value("out")).resolve()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ValueError(
             f"out:={folder}: exists and is not empty; expected a new or empty folder (nothing was changed)"
         )
-    settings = Settings.load(path, {"sim.shutdown_at_end": True, "record.folder": str(folder / "bag")})
-    modem = LaunchConfiguration("modem").perform(context)
-    link = LaunchConfiguration("vehicle_link").perform(context)
+    record = _truth("record", value("record"))
+    wanted = {name: kind(value(argument)) for argument, name, kind in _OVERRIDES if value(argument)}
+    if value("real_time_factor"):
+        wanted |= {"sim.real_time_factor": float(value("real_time_factor")), "sim.lockstep": False}
+    wanted |= {"sim.shutdown_at_end": True, "record.folder": str(folder / "bag") if record else ""}
+    settings = Settings.load(path, wanted)
+    modem, link = value("modem"), value("vehicle_link")
     settings = settings.with_overrides(hardware_of(modem, link, settings.mission.vehicles, folder))
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     complete = folder / "mission.yaml"
@@ -42,23 +51,32 @@ def _nodes(context):
             # The simulator ends the mission; one node lost is the mission lost.
             on_exit=[EmitEvent(event=Shutdown(reason=f"{process.name} ended"))],
         )
-        for process in mission_processes(settings.mission.vehicles, modem, link)
+        for process in mission_processes(settings.mission.vehicles, modem, link, record)
     ]
+
+
+def _truth(name, text):
+    if text.lower() not in ("true", "false"):
+        raise ValueError(f"{name}:={text}: expected true or false")
+    return text.lower() == "true"
 
 
 def generate_launch_description():
     """The launch description."""
     default = Path(get_package_share_directory("auv_lse_sim")) / "missions" / "default.yaml"
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument(
-                "params_file", default_value=str(default), description="mission file (ROS 2 parameter file)"
-            ),
-            DeclareLaunchArgument(
-                "out", default_value="run", description="run folder to make: recording and complete mission file"
-            ),
-            DeclareLaunchArgument("modem", default_value="direct", description="direct or emulated"),
-            DeclareLaunchArgument("vehicle_link", default_value="direct", description="direct or mavlink"),
-            OpaqueFunction(function=_nodes),
-        ]
-    )
+    arguments = {
+        "params_file": (str(default), "mission file (ROS 2 parameter file)"),
+        "out": ("run", "run folder to make: recording and complete mission file"),
+        "vehicles": ("", "number of vehicles, 1 to 20; empty: as the mission file says"),
+        "steps": ("", "legs that each vehicle travels; empty: as the mission file says"),
+        "seed": ("", "seed of every random stream; empty: as the mission file says"),
+        "real_time_factor": ("", "paced, so many times real time; empty: lockstep, as fast as it goes"),
+        "record": ("true", "true: a recorder writes every topic to the run folder; false: none runs"),
+        "modem": ("direct", "direct, or emulated: through serial ports, drivers and Micromodem-2 sentences"),
+        "vehicle_link": ("direct", "direct, or mavlink: through simulated MAVLink autopilots"),
+    }
+    declared = [
+        DeclareLaunchArgument(name, default_value=text, description=meaning)
+        for name, (text, meaning) in arguments.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])

@@ -15,8 +15,10 @@ PACKAGES = ("auv_lse_common", "auv_lse_gp", "auv_lse_planner", "auv_lse_comms", 
 
 #: Rosdep keys of imports that are no ROS packages. The key of a ROS package is its own name.
 KEYS = {
+    "contourpy": "python3-matplotlib",  # has no key of its own; Ubuntu's python3-matplotlib depends on it
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
+    "pymavlink": "python3-pymavlink-pip",
     "pyproj": "python3-pyproj",
     "rich": "python3-rich",
     "scipy": "python3-scipy",
@@ -25,7 +27,7 @@ KEYS = {
     "yaml": "python3-yaml",
 }
 #: Imports without a rosdep key, or with one that calls pip, which Ubuntu 24.04 refuses: named in a comment "pip: ...".
-FROM_PIP = {"contourpy", "dask", "distributed", "pyarrow", "pymavlink", "rosbags"}
+FROM_PIP = {"dask", "distributed", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
 OPTIONAL = {"llvmlite", "numba", "rasterio"}
 

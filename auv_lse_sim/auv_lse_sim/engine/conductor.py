@@ -7,14 +7,15 @@ import json
 import os
 import signal
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 
 from rich.console import Console
 
+from auv_lse_common.processes import Process
 from auv_lse_sim.engine.display import Display, MissionProgress
 from auv_lse_sim.engine.launcher import ProcessGroup
-from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.engine.watch_node import MissionWatch
 from auv_lse_sim.settings import Settings
 
@@ -48,8 +49,8 @@ def conduct(
     environment: dict[str, str],
     console: Console,
     interrupt: Interrupt,
-    modem: str,
-    vehicle_link: str,
+    processes: Sequence[Process],
+    start_s: float | None = None,
 ) -> dict[str, float]:
     """Starts every process, watches the mission to its end, and ends every process.
 
@@ -59,8 +60,8 @@ def conduct(
         environment: The processes' environment (`launcher.local_environment`).
         console: Where the progress is shown.
         interrupt: Ends the mission early.
-        modem: "direct" or "emulated" (`processes.mission_processes`).
-        vehicle_link: "direct" or "mavlink".
+        processes: What to start (`processes.mission_processes`); the mission's other nodes are started elsewhere.
+        start_s: Longest time (s) until all nodes have found each other; None: as long as a team of that size needs.
 
     Returns:
         Wall-clock seconds of the phases "start", "mission" and "ending"; those not reached are left out.
@@ -69,19 +70,20 @@ def conduct(
         MissionError: if a node ends by itself or the simulator gives up. Every process is ended then, too.
     """
     os.environ.update(environment)
+    start_s = _START_S + 10.0 * settings.mission.vehicles if start_s is None else start_s
     progress = MissionProgress(vehicles=settings.mission.vehicles, steps_total=settings.mission.steps)
     marks = {"began": time.monotonic()}
     group = ProcessGroup(folder / "logs", environment)
     with contextlib.ExitStack() as stack:
         stack.callback(group.stop)
-        for process in mission_processes(settings.mission.vehicles, modem, vehicle_link):
+        for process in processes:
             follows = process.executable != "sim_node"  # every clock but the simulator's follows /clock
             group.start(process, folder / "mission.yaml", ("-p", "use_sim_time:=true") if follows else ())
         watch = stack.enter_context(MissionWatch(progress))
         display = stack.enter_context(Display(progress, console))
         while not interrupt.came and progress.phase != "finished":
             state, message = watch.wait(0.1)
-            _check(state, message, group, folder, time.monotonic() - marks["began"], progress.vehicles)
+            _check(state, message, group, folder, time.monotonic() - marks["began"] > start_s)
             if state in ("running", "finished"):
                 progress.phase = state
                 marks.setdefault("running", time.monotonic())
@@ -96,7 +98,7 @@ def conduct(
     return phases
 
 
-def _check(state: str, message: str, group: ProcessGroup, folder: Path, since_s: float, vehicles: int) -> None:
+def _check(state: str, message: str, group: ProcessGroup, folder: Path, late: bool) -> None:
     """Checks that the mission can go on.
 
     Raises:
@@ -108,5 +110,5 @@ def _check(state: str, message: str, group: ProcessGroup, folder: Path, since_s:
         )
     if state == "failed":
         raise MissionError(f"the simulator gave up: {message}; logs: {folder / 'logs'}")
-    if state == "waiting" and since_s > _START_S + 10.0 * vehicles:
+    if state == "waiting" and late:
         raise MissionError(f"the nodes have not found each other: {message}; logs: {folder / 'logs'}")

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common.domain import DomainError, local_environment, own_domain
 from auv_lse_common.params import describe
+from auv_lse_common.processes import LaunchError, Process
 from auv_lse_sim.engine.conductor import Interrupt, MissionError, conduct
 from auv_lse_sim.engine.hardware import hardware_of
-from auv_lse_sim.engine.launcher import LaunchError, local_environment, own_domain
 from auv_lse_sim.engine.options import overrides_of, parser
+from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.engine.run_folder import run_folder
 from auv_lse_sim.engine.vehicle_file import write_vehicle_file
 from auv_lse_sim.judge.summary import Summary
@@ -42,16 +46,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.parameters:
         print_parameters(console)
         return 0
-    root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
+    root = project_root()
     try:
-        settings = Settings.load(
-            options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options)
-        )
-        notes: list[str] = []
-        if (
-            options.for_vehicles is None or settings.sim.bathymetry.file
-        ):  # a synthetic lake tells nothing about a real one
-            settings, notes = fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
+        settings, notes = prepare(options, root)
         if options.for_vehicles is not None:
             write_vehicle_file(settings, options.for_vehicles)
         else:
@@ -65,28 +62,80 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/operations.md)")
         return 0
     _say(console, f"run folder: {folder}")
-    settings = settings.with_overrides({"record.folder": str(folder / "bag")})
-    settings = settings.with_overrides(
-        hardware_of(options.modem, options.vehicle_link, settings.mission.vehicles, folder)
-    )
+    settings = write_mission(settings, folder, options)
+    processes = mission_processes(settings.mission.vehicles, options.modem, options.vehicle_link)
+    return fly(settings, folder, console, processes, own_domain(), report=not options.no_report)
+
+
+def project_root() -> Path:
+    """The project's folder, which holds config/ and runs/."""
+    return Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
+
+
+def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str]]:
+    """The mission that the command line asks for, and sentences on what was changed to suit the ground.
+
+    Raises:
+        ValueError: naming what cannot be flown.
+    """
+    settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
+    if options.for_vehicles is not None and not settings.sim.bathymetry.file:
+        return settings, []  # a synthetic lake tells nothing about a real one
+    return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
+
+
+def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:
+    """Writes the complete mission.yaml into the run folder, with its recording and its emulated hardware in there."""
+    settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
+    hardware = hardware_of(options.modem, options.vehicle_link, settings.mission.vehicles, folder)
+    settings = settings.with_overrides(hardware)
     (folder / "mission.yaml").write_text(settings.to_parameter_file())
+    return settings
+
+
+def fly(
+    settings: Settings,
+    folder: Path,
+    console: Console,
+    processes: Sequence[Process],
+    domain_of_its_own: AbstractContextManager[int],
+    *,
+    start_s: float | None = None,
+    report: bool = True,
+) -> int:
+    """Flies a mission whose mission.yaml is in the run folder, and judges what it leaves.
+
+    Args:
+        settings: The mission.
+        folder: The run folder.
+        console: Where the progress is shown.
+        processes: What to start here.
+        domain_of_its_own: Gives the ROS domain, and keeps it for the mission.
+        start_s: As `conduct` takes it.
+        report: Whether to make the figures and the report.
+
+    Returns:
+        Exit code.
+    """
     interrupt = Interrupt()
     started = time.monotonic()
     try:
-        with own_domain() as domain:
-            environment = local_environment(root, domain)
+        with domain_of_its_own as domain:
+            environment = local_environment(project_root(), domain)
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
             _say(console, f"to watch from another terminal: export {watch}")
-            phases = conduct(settings, folder, environment, console, interrupt, options.modem, options.vehicle_link)
-    except (MissionError, LaunchError) as error:
+            phases = conduct(settings, folder, environment, console, interrupt, processes, start_s)
+    except (MissionError, LaunchError, DomainError) as error:
         _complain(console, error)
         return 1
     wall_s = time.monotonic() - started
     code = 130 if interrupt.came else 0
     if interrupt.came:
         console.print("interrupted: every process has ended; the recording can be read", highlight=False)
+    if not settings.record.folder:
+        return code
     try:
-        conclude(folder, settings, wall_s, phases, console, report=not options.no_report)
+        conclude(folder, settings, wall_s, phases, console, report=report)
     except (OSError, ValueError) as error:
         _complain(console, f"the mission is complete, but its evaluation failed: {error}")
         return code or 1

@@ -18,6 +18,24 @@ def parser() -> argparse.ArgumentParser:
         description="Flies a team mission as real ROS 2 processes and leaves one run folder with the recording, the "
         "figures and a report.",
     )
+    add_mission_options(p)
+    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
+    p.add_argument(
+        "--for-vehicles",
+        type=Path,
+        metavar="FILE",
+        help="write the mission file for the vehicles: without the simulator's parameters and the run's folder, "
+        "everything else filled in; starts nothing (docs/operations.md)",
+    )
+    p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
+    p.add_argument(
+        "--parameters", action="store_true", help="print every parameter with its unit, range and meaning, and exit"
+    )
+    return p
+
+
+def add_mission_options(p: argparse.ArgumentParser) -> None:
+    """Adds what says which mission to fly: the file, and what is otherwise than in it (`overrides_of`)."""
     p.add_argument(
         "mission",
         nargs="?",
@@ -65,19 +83,6 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="set any parameter, as in --set planner.iterations=500; may be repeated",
     )
-    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
-    p.add_argument(
-        "--for-vehicles",
-        type=Path,
-        metavar="FILE",
-        help="write the mission file for the vehicles: without the simulator's parameters and the run's folder, "
-        "everything else filled in; starts nothing (docs/operations.md)",
-    )
-    p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
-    p.add_argument(
-        "--parameters", action="store_true", help="print every parameter with its unit, range and meaning, and exit"
-    )
-    return p
 
 
 def overrides_of(options: argparse.Namespace) -> dict[str, Any]:

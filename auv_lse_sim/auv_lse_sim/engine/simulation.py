@@ -10,9 +10,10 @@ import enum
 
 from auv_lse_common.leg import Leg
 from auv_lse_common.lockstep import PHASES, Gate
+from auv_lse_common.processes import vehicle_nodes
 from auv_lse_common.stamps import stamped
 from auv_lse_sim.emulated.links import EmulatedLinks
-from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS, vehicle_nodes
+from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Ground
 from auv_lse_sim.world.world import VehicleOutput, World

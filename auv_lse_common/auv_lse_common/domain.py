@@ -1,0 +1,130 @@
+"""ROS domains of this machine: one for each mission, and the environment that keeps DDS on this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+#: Domains whose UDP ports stay below Linux's ephemeral range.
+DOMAINS = range(1, 102)
+_MOST = 232
+
+
+class DomainError(RuntimeError):
+    """No ROS domain is free, or a number that is none."""
+
+
+def lock_file(domain: int) -> Path:
+    """The file that a mission keeps locked as long as it uses `domain`."""
+    return Path(tempfile.gettempdir()) / f"auv_lse_domain_{domain}.lock"
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS domain that no other mission on this machine uses, for as long as the context lasts.
+
+    Raises:
+        DomainError: if all are taken.
+    """
+    start = os.getpid() % len(DOMAINS)
+    for offset in range(len(DOMAINS)):
+        domain = DOMAINS[(start + offset) % len(DOMAINS)]
+        with contextlib.ExitStack() as stack:
+            if stack.enter_context(_locked(domain)):
+                yield domain
+                return
+    raise DomainError(f"all ROS domains {DOMAINS[0]}..{DOMAINS[-1]} are in use by missions on this machine")
+
+
+@contextlib.contextmanager
+def taken_domain(domain: int) -> Iterator[int]:
+    """The ROS domain `domain`, marked as in use for as long as the context lasts.
+
+    Raises:
+        DomainError: if another mission of this machine uses it.
+    """
+    with _locked(domain) as mine:
+        if not mine:
+            raise DomainError(f"ROS domain {domain}: another mission on this machine uses it; expected a free one")
+        yield domain
+
+
+@contextlib.contextmanager
+def _locked(domain: int) -> Iterator[bool]:
+    """Whether the domain's lock could be had; it is held until the context ends."""
+    path = lock_file(domain)
+    try:
+        file = path.open("a")
+    except PermissionError:  # another user's
+        yield False
+        return
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield False
+            return
+        try:
+            yield True
+        finally:
+            path.unlink(missing_ok=True)
+
+
+def busy_domains() -> list[int]:
+    """The domains that missions on this machine use now."""
+    busy = []
+    for domain in range(_MOST + 1):
+        try:
+            with lock_file(domain).open("r") as file:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except FileNotFoundError:
+            continue
+        except OSError:  # locked, or another user's
+            busy.append(domain)
+    return busy
+
+
+def domain_number(text: str) -> int:
+    """A ROS domain from text, as ROS_DOMAIN_ID has it.
+
+    Raises:
+        DomainError: if it is none.
+    """
+    if not text.strip().isdecimal() or int(text) > _MOST:
+        raise DomainError(
+            f"ROS domain {text!r}: expected a whole number from 0 to {_MOST} (1 to 101 are safe on Linux)"
+        )
+    return int(text)
+
+
+def local_environment(root: Path, domain: int) -> dict[str, str]:
+    """This process's environment, with DDS kept to this machine and to `domain`.
+
+    Args:
+        root: The project's folder, which holds config/.
+        domain: ROS domain.
+    """
+    environment = node_environment(domain)
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
+    environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(root / "config" / "fastdds_localhost.xml")
+    return environment
+
+
+def node_environment(domain: int | None = None) -> dict[str, str]:
+    """This process's environment for a node whose output goes to a file.
+
+    Args:
+        domain: ROS domain; None: as the environment has it.
+    """
+    environment = dict(os.environ)
+    if domain is not None:
+        environment["ROS_DOMAIN_ID"] = str(domain)
+    environment["RCUTILS_COLORIZED_OUTPUT"] = "0"
+    environment["PYTHONUNBUFFERED"] = "1"
+    environment["OMP_NUM_THREADS"] = "1"
+    environment["OPENBLAS_NUM_THREADS"] = "1"
+    return environment

@@ -1,0 +1,123 @@
+"""The processes of one vehicle, how each is started, and how processes are ended."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+_STOP_S = 3.0
+
+
+class LaunchError(RuntimeError):
+    """A process that cannot be started."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Process:
+    """One process of a mission: what `ros2 run` would start.
+
+    Attributes:
+        package: ROS 2 package.
+        executable: Its entry point, which is also the node's name.
+        namespace: Node namespace, "/auv1" or "/".
+    """
+
+    package: str
+    executable: str
+    namespace: str
+
+    @property
+    def name(self) -> str:
+        """Name for people and log files: "auv1.gp_node", "sim_node"."""
+        return f"{self.namespace.strip('/')}.{self.executable}".strip(".")
+
+    @property
+    def ros_arguments(self) -> tuple[str, ...]:
+        """Remappings that put the node into its namespace."""
+        return ("-r", f"__ns:={self.namespace}") if self.namespace != "/" else ()
+
+
+def vehicle_nodes(modem: bool, link: bool) -> list[tuple[str, str]]:
+    """Package and executable of each node of one vehicle.
+
+    Args:
+        modem: Whether micromodem_node runs between modem_node and a modem.
+        link: Whether vehicle_link_node runs between the stack and an autopilot.
+    """
+    nodes = [("auv_lse_gp", "gp_node"), ("auv_lse_planner", "planner_node"), ("auv_lse_comms", "modem_node")]
+    if modem:
+        nodes.append(("auv_lse_comms", "micromodem_node"))
+    if link:
+        nodes.append(("auv_lse_comms", "vehicle_link_node"))
+    return nodes
+
+
+def executable_path(process: Process) -> Path:
+    """The installed entry point of a process, as `ros2 run` finds it.
+
+    Raises:
+        LaunchError: if the package or the executable is not installed.
+    """
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+    try:
+        path = Path(get_package_prefix(process.package)) / "lib" / process.package / process.executable
+    except PackageNotFoundError as error:
+        raise LaunchError(f"package {process.package} is not installed; build the workspace: scripts/setup") from error
+    if not path.is_file():
+        raise LaunchError(f"{path} is missing; build the workspace anew: scripts/setup --force")
+    return path
+
+
+def start(
+    command: list[str], log: Path, environment: dict[str, str], *, append: bool = False
+) -> subprocess.Popen[bytes]:
+    """Starts a command whose output goes to a file; it ends with this process, even if that is killed.
+
+    Raises:
+        OSError: if it cannot be started.
+    """
+    with log.open("ab" if append else "wb") as output:
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+            preexec_fn=_die_with_parent,
+        )
+
+
+def end(processes: Iterable[subprocess.Popen[bytes]]) -> None:
+    """Ends processes started by `start` with all of their children: asks twice, then kills."""
+    everyone = list(processes)
+    for sign, patience_s in ((signal.SIGINT, _STOP_S), (signal.SIGTERM, 1.0), (signal.SIGKILL, 5.0)):
+        left = [p for p in everyone if p.poll() is None]
+        for process in left:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, sign)
+        until = time.monotonic() + patience_s
+        for process in left:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(until - time.monotonic(), 0.01))
+
+
+def last_lines(log: Path, lines: int = 15) -> str:
+    """The last lines of a log, "(no output)" if there are none."""
+    text = log.read_text(errors="replace").splitlines() if log.exists() else []
+    return "\n".join(text[-lines:]) or "(no output)"
+
+
+def _die_with_parent() -> None:
+    """Runs in the child: asks Linux to end it with its parent, even if the parent is killed."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG

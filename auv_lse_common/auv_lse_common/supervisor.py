@@ -1,0 +1,136 @@
+"""Keeps processes running: starts them again when they die, ever more slowly, and ends them in order.
+
+Theory of operation: `Supervisor.tick` is called a few times a second. Each process is running or due at a time. One
+that has ended is due after a wait that doubles with each death, up to `LONGEST_WAIT_S`; a process that has run for
+`STEADY_S` has earned its first wait back. Every start and every death is said once.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from auv_lse_common.processes import end, last_lines, start
+
+#: First wait (s) before a process that died is started again, and the longest.
+FIRST_WAIT_S = 1.0
+LONGEST_WAIT_S = 30.0
+#: After this time (s) of running a process that dies waits no longer than at its first death.
+STEADY_S = 60.0
+#: Exit code of a node that refuses its parameters (`auv_lse_common.base_node.run`).
+REFUSED = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A process to keep running.
+
+    Attributes:
+        name: For people and the log file, "auv2.gp_node".
+        command: Its command line at its n-th start, from 0: a recorder must not write into its last folder.
+        last: Whether it is ended only after the others, as the recorder is.
+    """
+
+    name: str
+    command: Callable[[int], Sequence[str]]
+    last: bool = False
+
+
+@dataclass(slots=True)
+class _State:
+    """How it stands with a task."""
+
+    task: Task
+    process: subprocess.Popen[bytes] | None = None
+    starts: int = 0
+    started_s: float = 0.0
+    due_s: float = 0.0
+    wait_s: float = field(default=FIRST_WAIT_S)
+
+
+class Supervisor:
+    """Runs tasks until `stop`."""
+
+    def __init__(
+        self, tasks: Sequence[Task], logs: Path, environment: Mapping[str, str], say: Callable[[str], None]
+    ) -> None:
+        """Starts nothing yet.
+
+        Args:
+            tasks: What to keep running.
+            logs: Folder of their outputs, a file each, appended to at each start.
+            environment: Their environment.
+            say: Told every start and every death in one line.
+        """
+        self._states = [_State(task) for task in tasks]
+        self._logs, self._environment, self._say = logs, dict(environment), say
+
+    @property
+    def running(self) -> dict[str, int]:
+        """Process id of each task that runs."""
+        return {s.task.name: s.process.pid for s in self._states if s.process is not None and s.process.poll() is None}
+
+    @property
+    def starts(self) -> dict[str, int]:
+        """How often each task has been started."""
+        return {s.task.name: s.starts for s in self._states}
+
+    def log(self, name: str) -> Path:
+        """The file with the output of a task."""
+        return self._logs / f"{name}.log"
+
+    def tick(self, now_s: float) -> list[tuple[str, int]]:
+        """Starts what is due.
+
+        Args:
+            now_s: A clock that nothing sets back.
+
+        Returns:
+            Name and exit code of each task that has died since the last call; -9 for one that signal 9 ended.
+        """
+        died = []
+        for state in self._states:
+            if state.process is not None and (code := state.process.poll()) is not None:
+                state.process = None
+                died.append((state.task.name, code))
+                self._note_death(state, code, now_s)
+            if state.process is None and now_s >= state.due_s:
+                self._start(state, now_s)
+        return died
+
+    def _note_death(self, state: _State, code: int, now_s: float) -> None:
+        name, ran_s = state.task.name, now_s - state.started_s
+        if ran_s >= STEADY_S:
+            state.wait_s = FIRST_WAIT_S
+        state.due_s = now_s + state.wait_s
+        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        log = self.log(name)
+        words = last_lines(log, 3).replace("\n", "\n    ")
+        self._say(
+            f"{name} died ({how}) after {ran_s:.0f} s; starts again in {state.wait_s:g} s; {log} ends:\n    {words}"
+        )
+        state.wait_s = min(2.0 * state.wait_s, LONGEST_WAIT_S)
+
+    def _start(self, state: _State, now_s: float) -> None:
+        name, command = state.task.name, [str(part) for part in state.task.command(state.starts)]
+        try:
+            state.process = start(command, self.log(name), self._environment, append=True)
+        except OSError as error:
+            state.due_s = now_s + state.wait_s
+            self._say(f"{name} cannot be started ({command[0]}): {error}; the next try in {state.wait_s:g} s")
+            state.wait_s = min(2.0 * state.wait_s, LONGEST_WAIT_S)
+            return
+        state.starts += 1
+        state.started_s = now_s
+        again = f" again (start {state.starts})" if state.starts > 1 else ""
+        self._say(f"{name} started{again}, process {state.process.pid}")
+
+    def stop(self) -> None:
+        """Ends every task, those marked `last` after the others."""
+        for last in (False, True):
+            end(s.process for s in self._states if s.process is not None and s.task.last is last)
+        for state in self._states:
+            state.process = None

@@ -1,0 +1,74 @@
+"""ros2 launch auv_lse_common vehicle.launch.py name:=auv2 params_file:=vehicles.yaml: the nodes of one vehicle.
+
+The same nodes that scripts/vehicle keeps running (auv_lse_common.vehicle). Here, too, a node that dies is started
+again, after two seconds.
+"""
+
+from datetime import datetime
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+from auv_lse_common.vehicle import crew_of
+
+
+def _nodes(context):
+    def value(name):
+        return LaunchConfiguration(name).perform(context)
+
+    if not value("name") or not value("params_file"):
+        raise ValueError("expected name:=auv2 params_file:=vehicles.yaml (ros2 launch ... --show-args lists them)")
+    out = Path(value("out") or f"dives/{datetime.now():%Y-%m-%d-%H%M%S}-{value('name')}").resolve()
+    record = None if not value("record") else _truth("record", value("record"))
+    crew = crew_of(
+        value("name"), Path(value("params_file")).resolve(), out, _truth("simulated", value("simulated")), record
+    )
+    common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
+    nodes = [
+        Node(
+            package=process.package,
+            executable=process.executable,
+            namespace=process.namespace,
+            parameters=[str(crew.file), {"use_sim_time": crew.simulated}],
+            **common,
+        )
+        for process in crew.processes
+    ]
+    if crew.recording is not None:
+        # Not started again: its folder exists then. scripts/vehicle gives each start a folder of its own.
+        out.mkdir(parents=True, exist_ok=True)
+        folder = {"record.folder": str(crew.recording)}
+        recorder = {"package": "auv_lse_sim", "executable": "recorder_node", "output": "screen"}
+        nodes.insert(0, Node(**recorder, parameters=[str(crew.file), folder]))
+    return nodes
+
+
+def _truth(name, text):
+    if text.lower() not in ("true", "false"):
+        raise ValueError(f"{name}:={text}: expected true or false")
+    return text.lower() == "true"
+
+
+def generate_launch_description():
+    """The launch description."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("name", default_value="", description="the vehicle, as auv2"),
+            DeclareLaunchArgument("params_file", default_value="", description="the mission's parameter file"),
+            DeclareLaunchArgument(
+                "out", default_value="", description="folder of the recording; empty: dives/DATE-TIME-NAME"
+            ),
+            DeclareLaunchArgument(
+                "record",
+                default_value="",
+                description="true or false; empty: if the file sets record.folder and no simulator records",
+            ),
+            DeclareLaunchArgument(
+                "simulated", default_value="false", description="true: follow a simulator even without a section sim"
+            ),
+            OpaqueFunction(function=_nodes),
+        ]
+    )

@@ -1,0 +1,97 @@
+"""Processes that die are started again, ever more slowly, and all of them end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from auv_lse_common.supervisor import FIRST_WAIT_S, LONGEST_WAIT_S, STEADY_S, Supervisor, Task
+
+
+class Desk:
+    """A supervisor with a clock of its own, and what it has said."""
+
+    def __init__(self, folder: Path, **commands: str) -> None:
+        self.now_s, self.said = 100.0, []
+        tasks = [
+            Task(
+                name=name, command=lambda n, text=text: ["sh", "-c", text.replace("START", str(n))], last=name == "last"
+            )
+            for name, text in commands.items()
+        ]
+        self.supervisor = Supervisor(tasks, folder, os.environ, self.said.append)
+
+    def after(self, seconds: float) -> list[tuple[str, int]]:
+        self.now_s += seconds
+        return self.supervisor.tick(self.now_s)
+
+    def death(self) -> tuple[str, int]:
+        """Waits for the next process to end by itself; the supervisor's clock stands still."""
+        until = time.monotonic() + 10.0
+        while not (died := self.after(0.0)):
+            assert time.monotonic() < until
+            time.sleep(0.01)
+        return died[0]
+
+
+def test_what_dies_is_started_again_after_a_wait_that_doubles(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node="echo start START; exit 3")
+    desk.after(0.0)
+    waits = []
+    for deaths in range(1, 8):
+        assert desk.death() == ("node", 3)
+        assert desk.supervisor.starts == {"node": deaths}
+        waited = 0.0
+        while desk.supervisor.starts == {"node": deaths}:
+            desk.after(0.5)
+            waited += 0.5
+        waits.append(waited)
+    assert waits == [min(FIRST_WAIT_S * 2**n, LONGEST_WAIT_S) for n in range(7)]
+    assert desk.said[1].startswith("node died (exit code 3) after 0 s; starts again in 1 s")
+    assert "start 0" in desk.said[1], "with its last words"
+    assert "node started again (start 2)" in desk.said[2]
+    assert (tmp_path / "node.log").read_text().splitlines() == [f"start {n}" for n in range(7)], "the log goes on"
+    desk.supervisor.stop()
+
+
+def test_a_process_that_has_run_long_is_started_again_at_once_as_at_first(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node="sleep 60")
+    desk.after(0.0)
+    for _ in range(3):
+        desk.after(STEADY_S)
+        os.kill(desk.supervisor.running["node"], signal.SIGKILL)
+        assert desk.death() == ("node", -9)
+        assert "node died (SIGKILL) after 60 s; starts again in 1 s" in desk.said[-1]
+        desk.after(FIRST_WAIT_S)
+    assert desk.supervisor.running
+    desk.supervisor.stop()
+    assert not desk.supervisor.running
+
+
+def test_a_command_that_is_missing_is_tried_again_and_named(tmp_path: Path) -> None:
+    said: list[str] = []
+    supervisor = Supervisor([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)
+    assert supervisor.tick(0.0) == []
+    assert said == [
+        "x cannot be started (/no/such): [Errno 2] No such file or directory: '/no/such'; the next try in 1 s"
+    ]
+    supervisor.tick(0.5)
+    assert len(said) == 1
+    supervisor.tick(1.0)
+    assert said[1].endswith("the next try in 2 s")
+    supervisor.stop()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="signals and process groups as Linux has them")
+def test_the_recorder_is_ended_after_the_others(tmp_path: Path) -> None:
+    trap = "trap 'echo NAME >> {}; exit 0' INT; while true; do sleep 0.05; done".format(tmp_path / "order")
+    desk = Desk(tmp_path, last=trap.replace("NAME", "last"), first=trap.replace("NAME", "first"))
+    desk.after(0.0)
+    time.sleep(0.3)  # until both have set their trap
+    desk.supervisor.stop()
+    assert (tmp_path / "order").read_text().split() == ["first", "last"]

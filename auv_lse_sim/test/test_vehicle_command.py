@@ -1,0 +1,65 @@
+"""scripts/sim and scripts/vehicle, each in a process of its own: together they fly the mission of scripts/mission."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from auv_lse_common.domain import own_domain
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.record.bag import read_run
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground_source import ground_of
+
+pytestmark = [pytest.mark.ros, pytest.mark.mission]
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def start(module: str, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "AUV_LSE_ROOT": str(ROOT)},
+    )
+
+
+def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> None:
+    folder = tmp_path / "a run"
+    with own_domain() as free:  # let go at once: scripts/sim takes it
+        domain = ("--domain", str(free))
+    short = ("--vehicles", "2", "--steps", "5", "--seed", "5", "--no-report", "--out", str(folder))
+    started = [start("auv_lse_sim.engine.sim", *short, *domain)]
+    try:
+        until = time.monotonic() + 60.0
+        while not (folder / "mission.yaml").is_file():
+            assert time.monotonic() < until, "the simulator has not written its mission.yaml"
+            time.sleep(0.1)
+        for k in (2, 1):
+            vehicle = ("auv_lse_common.vehicle", f"auv{k}", str(folder / "mission.yaml"), *domain)
+            started.append(start(*vehicle, "--out", str(tmp_path / f"auv {k}")))
+        outputs = [process.communicate(timeout=150)[0] for process in started]
+    finally:
+        for process in started:
+            process.kill()
+    assert [process.returncode for process in started] == [0, 0, 0], outputs
+    assert f"scripts/vehicle auv2 {folder / 'mission.yaml'}" in outputs[0]
+    assert "auv2: the simulated mission has finished" in outputs[1]
+    by_hand = read_run(folder)
+    settings = Settings.load(folder / "mission.yaml")
+    by_fleet = Fleet(settings, ground_of(settings)).run()  # equal to scripts/mission: test_mission.py
+    assert [p.payload for p in by_hand.sent] == [p.payload for p in by_fleet.sent]
+    assert len(by_hand.sent) > 2
+    for one, other in zip(by_hand.vehicles, by_fleet.vehicles, strict=True):
+        assert [(d.now_s, d.plan) for d in one.decisions] == [(d.now_s, d.plan) for d in other.decisions]
