@@ -23,6 +23,8 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
         same(a.soundings, b.soundings)
         same(a.received, b.received)
         same(a.odometry[:, :3], b.odometry[:, :3])
+        same(a.place_std_m, b.place_std_m)
+        assert len(b.place_std_m) == len(b.odometry)
         same(np.exp(1j * a.truth[:, 3]), np.exp(1j * b.truth[:, 3]))  # headings, whatever the turn
         same(a.truth[:, :3], b.truth[:, :3])
         assert len(a.decisions) == len(b.decisions)
@@ -37,6 +39,16 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
         (p.receiver, p.source, p.snr_db) for p in run.received
     ]
     assert back.sim_s == pytest.approx(run.sim_s)
+
+
+def test_a_driver_that_does_not_know_its_place_error_has_none(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    for vehicle in run.vehicles:
+        vehicle.place_std_m = np.empty((0, 2))
+    write_run(run, tmp_path)
+    back = read_run(tmp_path)
+    assert all(len(v.place_std_m) == 0 for v in back.vehicles)
+    assert np.isnan(back.vehicles[0].place_std_at(np.array([1.0, 2.0]))).all()
 
 
 def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, synthetic_run, monkeypatch):

@@ -5,8 +5,16 @@ import pytest
 
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
-from auv_lse_sim.judge.evaluation import evaluate, local_map, mission_settings
+from auv_lse_sim.judge.certainty import FOUND, LIKELY, lines_of
+from auv_lse_sim.judge.evaluation import evaluate, ground_grid, local_map, mission_settings
 from auv_lse_sim.record.run_data import GroundGrid, RunData, VehicleRun
+
+
+class Valley:
+    """The ground that `synthetic_run` sounds, over any area."""
+
+    def depth_m(self, north_m, east_m):
+        return 15.0 + (np.asarray(north_m) - 120.0 - 30.0 * np.sin(np.asarray(east_m) / 50.0)) / 15.0
 
 
 @pytest.fixture
@@ -38,11 +46,58 @@ def test_summary_of_a_known_mission(evaluation, synthetic_run):
     assert all(own > s.risk_after for own in s.local_risk)
 
 
+def test_nothing_is_claimed_in_the_half_of_a_lake_that_nobody_visited(synthetic_run):
+    """The whole line reaches into the west, where it is the prior's, and is far from the true one there."""
+    run = synthetic_run(steps=30)
+    west_m = 1200.0
+    run.parameters["/**"]["area"] = {
+        "polygon_m": [0.0, -west_m, 240.0, -west_m, 240.0, 300.0, 0.0, 300.0],
+        "margin_m": 5.0,
+    }
+    run.ground = ground_grid(mission_settings(run.parameters, 1)[0], Valley())
+    evaluation = evaluate(run)
+    s = evaluation.summary
+    claimed = lines_of(evaluation.pieces, FOUND, LIKELY)
+    assert min(line[:, 1].min() for line in claimed) > -60.0  # the vehicles came as far west as 0
+    assert any(line[:, 1].min() < -0.5 * west_m for line in lines_of(evaluation.pieces))
+    assert s.isobath_found_error_m < 2.0
+    assert s.isobath_found_error_m < 0.5 * s.isobath_error_m  # the whole line's counts what nobody measured
+    assert s.isobath_found < 0.35  # a fifth of the area was visited
+    assert s.isobath_not_visited_m > 500.0
+    assert s.isobath_found_m + s.isobath_likely_m + s.isobath_guessed_m == pytest.approx(s.isobath_length_m)
+
+
+def test_the_papers_bounds_are_judged_for_its_methods_alone(synthetic_run):
+    run = synthetic_run(steps=6)
+    assert evaluate(run).summary.path_bound_kept is not None
+    run.parameters["/**"]["planner"] = {"method": "best"}
+    s = evaluate(run).summary
+    assert s.lower_bound is s.bound_kept is s.path_bound_start is s.path_bound_max is s.path_bound_kept is None
+
+
+def test_what_mates_brought_is_the_difference_to_working_alone(evaluation):
+    s = evaluation.summary
+    assert all(own < alone < s.risk_before for own, alone in zip(s.local_risk, s.alone_risk, strict=True))
+    assert s.deep_m2 + s.shallow_m2 + s.unsure_m2 == pytest.approx(s.area_m2)
+
+
+def test_the_bound_is_the_risk_expected_of_mowing(evaluation):
+    s, curves = evaluation.summary, evaluation.curves
+    assert s.mowing_risk == curves.mowing_risk
+    assert s.risk_after < s.mowing_risk < s.risk_before
+    assert s.map_bound_kept
+    expected = curves.expected_risk[np.isfinite(curves.expected_risk)]
+    assert len(expected) == 13  # at the same steps as the risk
+    assert np.all(expected <= curves.risk[np.isfinite(curves.expected_risk)])  # a plan is expected to help
+    assert expected[-1] == curves.risk[-1]
+
+
 def test_a_mission_without_truth_is_judged_by_its_own_maps(synthetic_run):
     run = synthetic_run(steps=6, with_truth=False)
     for vehicle in run.vehicles:
         vehicle.truth = np.empty((0, 4))
     s = evaluate(run).summary
+    assert s.isobath_found is s.isobath_found_error_m is s.isobath_true_m is None
     assert s.f1 is s.misclassified_m2 is s.isobath_error_m is s.navigation_error_m is s.f1_true_positions is None
     assert s.risk_after < s.risk_before
     assert s.distance_m[0] == pytest.approx(6 * 15.0 * np.pi / 2.0, rel=1e-2)

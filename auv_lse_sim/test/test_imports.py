@@ -9,7 +9,14 @@ import pytest
 import auv_lse_sim
 
 ROOT = Path(auv_lse_sim.__file__).parent
-DRAWING = ("auv_lse_sim.judge.figures", "auv_lse_sim.campaign.page", "auv_lse_sim.campaign.study_figures")
+DRAWING = (
+    "auv_lse_sim.judge.figures",
+    "auv_lse_sim.judge.found_figure",
+    "auv_lse_sim.judge.reward_figures",
+    "auv_lse_sim.judge.report_figures",
+    "auv_lse_sim.campaign.page",
+    "auv_lse_sim.campaign.study_figures",
+)
 
 
 def modules():

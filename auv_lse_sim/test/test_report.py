@@ -24,7 +24,15 @@ def folder(tmp_path_factory, synthetic_run):
 def test_the_run_folder_is_complete(folder):
     names = {path.name for path in folder.iterdir()}
     assert {"summary.json", "mission.yaml", "isobath.geojson", "report.html"} <= names
-    assert {"risk_maps.png", "reward.png", "local_risk_error.png", "depth_map.png", "navigation.png"} <= names
+    assert {
+        "map.png",
+        "risk_maps.png",
+        "risk_over_steps.png",
+        "reward.png",
+        "local_risk_error.png",
+        "depth_map.png",
+        "navigation.png",
+    } <= names
     for image in folder.glob("*.png"):
         data = image.read_bytes()
         assert data[:8] == b"\x89PNG\r\n\x1a\n"
@@ -40,7 +48,7 @@ def test_the_page_needs_nothing_but_itself(folder):
     assert not re.search(r"(src|href)=[\"'](?!data:)", page)
     assert "http" not in page
     assert "<script" not in page
-    assert page.count("data:image/png;base64,") == 6
+    assert page.count("data:image/png;base64,") == 7
     assert "prefers-color-scheme: dark" in page
     for key, _, _ in table():
         assert f"<code>{key}</code>" in page
@@ -48,14 +56,20 @@ def test_the_page_needs_nothing_but_itself(folder):
     assert "<code>length_scale_m</code>" in page  # the parameters are there
 
 
-def test_the_isobath_file_has_estimate_band_and_truth(folder):
+def test_the_isobath_file_has_pieces_with_their_class_band_and_truth(folder):
     features = json.loads((folder / "isobath.geojson").read_text())["features"]
-    assert [f["properties"]["name"] for f in features] == [
-        "estimated isobath",
-        "shallow edge of the 95 % band",
-        "deep edge of the 95 % band",
-        "true isobath",
-    ]
+    names = [f["properties"]["name"] for f in features]
+    assert names[-3:] == ["shallow edge of the 95 % band", "deep edge of the 95 % band", "true isobath"]
+    pieces = [f["properties"] for f in features[:-3]]
+    assert {p["name"] for p in pieces} == {"estimated isobath"}
+    assert [p["class"] for p in pieces] == sorted(
+        (p["class"] for p in pieces), key=["found", "likely", "guessed"].index
+    )
+    assert all((p["class"] == "found") == (p["reason"] == "") for p in pieces)
+    assert all(p["std_m"] <= 10.0 for p in pieces if p["class"] == "found")
+    summary = json.loads((folder / "summary.json").read_text())
+    total = sum(p["length_m"] for p in pieces if p["class"] == "found")
+    assert total == pytest.approx(summary["isobath_found_m"], abs=0.1 * len(pieces))
     assert all(f["properties"]["depth_m"] == 15.0 for f in features)
 
 

@@ -38,7 +38,7 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
                 figures.map_axes(axis, extent, title)
                 figures.draw_tracks(axis, e)
                 figures.draw_isobath(axis, e.truth, "true")
-            figures.draw_isobath(axes[1, column], e.estimate, "estimate")
+            figures.draw_pieces(axes[1, column], e.pieces)
         figures.outer_labels(axes.ravel(), len(missions))
         bar = figure.colorbar(image, ax=axes.ravel().tolist(), shrink=0.85, pad=0.015, aspect=36)
         bar.set_label("Bayes risk per place (units of cost)")

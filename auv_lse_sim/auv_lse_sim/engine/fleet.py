@@ -41,6 +41,7 @@ class _Log:
 
     truth: list[tuple[float, float, float, float]] = field(default_factory=list)
     odometry: list[tuple[float, float, float, float]] = field(default_factory=list)
+    place_std: list[tuple[float, float]] = field(default_factory=list)
     soundings: list[Array] = field(default_factory=list)
     received: list[Array] = field(default_factory=list)
     decisions: list[DecisionRecord] = field(default_factory=list)
@@ -191,6 +192,7 @@ class Fleet:
         log, truth, odometry = crew.log, output.truth, output.odometry
         log.truth.append((now_s, truth.north_m, truth.east_m, truth.heading_rad))
         log.odometry.append((now_s, odometry.north_m, odometry.east_m, odometry.heading_rad))
+        log.place_std.append((odometry.covariance[1][1] ** 0.5, odometry.covariance[2][2] ** 0.5))
         if len(output.soundings):
             log.soundings.append(output.soundings)
         for received in heard:
@@ -261,6 +263,7 @@ class Fleet:
                     soundings=np.concatenate([np.empty((0, 4)), *crew.log.soundings]),
                     received=np.concatenate([np.empty((0, 5)), *crew.log.received]),
                     decisions=crew.log.decisions,
+                    place_std_m=np.array(crew.log.place_std).reshape(-1, 2),
                 )
                 for crew in self.crews
             ],

@@ -24,7 +24,6 @@ from auv_lse_sim.engine.options import overrides_of, parser
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.engine.run_folder import run_folder
 from auv_lse_sim.engine.vehicle_file import write_vehicle_file
-from auv_lse_sim.judge.summary import Summary
 from auv_lse_sim.settings import SECTION_CLASSES, Settings
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import fit_to_ground
@@ -160,6 +159,7 @@ def conclude(
     # Imported here: the figures' libraries take a second to load, and a mission that fails needs none of them.
     from auv_lse_sim.judge.evaluation import evaluate, ground_grid
     from auv_lse_sim.judge.report import write_isobath, write_report
+    from auv_lse_sim.judge.words import headlines
     from auv_lse_sim.record.bag import read_run
 
     began = time.monotonic()
@@ -180,22 +180,6 @@ def conclude(
     page = "report.html" if report else "summary.json"
     took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
     _say(console, f"{folder / page}   ({took})")
-
-
-def headlines(summary: Summary) -> list[str]:
-    """The main figures of a mission, one line each."""
-    s = summary
-    lines = [
-        f"map-wide Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place; "
-        f"path reward {s.path_reward:.0f} (expected of a lawnmower path: {s.lawnmower_value:.0f})",
-    ]
-    if s.isobath_error_m is not None and s.f1 is not None and s.misclassified_m2 is not None:
-        lines.append(
-            f"isobath within {s.isobath_error_m:.1f} m of the truth on average; F1 {s.f1:.3f}; "
-            f"{s.misclassified_m2:.0f} m2 of {s.area_m2:.0f} m2 misclassified"
-        )
-    lines.append(f"packets {s.packets_sent} sent, {s.packets_received} received")
-    return lines
 
 
 if __name__ == "__main__":

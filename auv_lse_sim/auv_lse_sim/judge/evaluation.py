@@ -7,6 +7,7 @@ depth is known (over all cells inside, where there is no truth).
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -18,9 +19,13 @@ from numpy.typing import NDArray
 from auv_lse_common.params import parameters_for
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.depth_map import DepthField, DepthMap
+from auv_lse_gp.factor import IllConditionedError
+from auv_lse_gp.gate import SoundingError
+from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import PlannerSettings
-from auv_lse_sim.judge import isobath
-from auv_lse_sim.judge.reward import Curves, reward_curves
+from auv_lse_sim.judge import certainty, isobath
+from auv_lse_sim.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN, Piece
+from auv_lse_sim.judge.reward import PAPERS_METHODS, Curves, reward_curves
 from auv_lse_sim.judge.summary import Summary
 from auv_lse_sim.judge.tracks import least_separation, navigation_error, path_length_m, true_positions
 from auv_lse_sim.judge.verdict import Verdict, judge
@@ -32,6 +37,9 @@ Mask = NDArray[np.bool_]
 
 #: Number of places over which the risk is averaged at the steps before the end (at the end: over all).
 RISK_PLACES = 1500
+
+#: Probability from which on a place counts as surely on one side of the level.
+SURE = 0.95
 
 
 @dataclass(slots=True, kw_only=True)
@@ -45,8 +53,9 @@ class Evaluation:
         prior: Map before the mission.
         team: Map from all soundings of all vehicles, in order of time.
         local: Each vehicle's own final map.
+        alone_risk: Mean risk of each vehicle's map from its own soundings alone (cost/place).
         curves: Reward and bounds over steps.
-        estimate: Lines of the estimated isobath.
+        pieces: The estimated isobath, in pieces of one certainty.
         truth: Lines of the true isobath (empty without truth).
         scored: Cells judged, shape of the map.
         summary: The figures of merit.
@@ -58,8 +67,9 @@ class Evaluation:
     prior: DepthField
     team: DepthField
     local: list[DepthField]
+    alone_risk: tuple[float, ...]
     curves: Curves
-    estimate: list[Array]
+    pieces: list[Piece]
     truth: list[Array]
     scored: Mask
     summary: Summary = field(init=False)
@@ -116,7 +126,8 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
     everything = np.concatenate([v.soundings for v in run.vehicles])
     team_map = _map(first, area, everything)
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
-    curves = reward_curves(run, settings, area, bounds, _thinned(prior.grid, scored))
+    some = _thinned(prior.grid, scored)
+    curves = reward_curves(run, settings, area, bounds, some)
     return Evaluation(
         run=run,
         settings=settings,
@@ -124,10 +135,21 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
         prior=prior,
         team=team_map.field(),
         local=local,
+        alone_risk=tuple(_risk_alone(v, s, some) for v, s in zip(run.vehicles, settings, strict=True)),
         curves=curves,
-        estimate=team_map.isobath().lines,
+        pieces=certainty.classify(team_map.isobath().lines, team_map.field(), prior, sounded_places(run)),
         truth=_true_isobath(run, first, scored),
         scored=scored,
+    )
+
+
+def sounded_places(run: RunData) -> Array:
+    """Where all vehicles measured: north, east, the place's error per axis (m; NaN where unknown), shape (S, 3)."""
+    return np.concatenate(
+        [
+            np.column_stack([v.soundings[:, 1:3], np.sqrt((v.place_std_at(v.soundings[:, 0]) ** 2).mean(axis=1))])
+            for v in run.vehicles
+        ]
     )
 
 
@@ -151,6 +173,15 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
         done = count
     depth_map.add_soundings(own[done:])
     return depth_map
+
+
+def _risk_alone(vehicle: VehicleRun, settings: PlannerSettings, map_m: Array) -> float:
+    """Mean risk at places (P, 2) given a vehicle's own soundings and nobody else's."""
+    gp = OnlineGp(settings.gp)
+    for _, north, east, depth in vehicle.soundings:
+        with contextlib.suppress(SoundingError, IllConditionedError):  # refused by the vehicle's own map, too
+            gp.add(float(north), float(east), float(depth))
+    return float(settings.level_set.risk(*gp.predict(map_m)).mean())
 
 
 def _tick_s(run: RunData) -> float:
@@ -178,11 +209,19 @@ def _summary(e: Evaluation) -> Summary:
     ideal = _without_navigation_error(e)
     walls = np.array([d.wall_s for v in run.vehicles for d in v.decisions])
     walls = walls[np.isfinite(walls)]
-    bound = _last(curves.bound_max[:-1])
-    risk_team = e.team.risk[scored]
+    papers = first.planner.method in PAPERS_METHODS
+    bound = _last(curves.bound_max[:-1]) if papers else None
+    risk_team, p_safe = e.team.risk[scored], e.team.p_safe[scored]
+    claim = None if truth is None else isobath.judge_claim(certainty.lines_of(e.pieces, FOUND), e.truth)
 
     def mean(values: Array) -> float:
         return float(values[scored].mean())
+
+    def area(cells: Mask) -> float:
+        return float(np.count_nonzero(cells)) * e.team.grid.resolution_m**2
+
+    def not_found(reason: str) -> float:
+        return certainty.length_of(e.pieces, LIKELY, reason) + certainty.length_of(e.pieces, GUESSED, reason)
 
     def known(value: float) -> float | None:
         return float(value) if math.isfinite(value) else None
@@ -198,30 +237,37 @@ def _summary(e: Evaluation) -> Summary:
         steps=run.steps,
         method=first.planner.method,
         seed=first.mission.seed,
-        team_reward=float(curves.stepwise[-1]),
-        lower_bound=bound,
-        bound_kept=None if bound is None else bool(curves.stepwise[-1] >= bound),
-        path_reward=float(curves.whole[-1]),
-        path_bound_start=known(curves.whole_bound[0]),
-        path_bound_max=_last(curves.whole_bound_max[:-1]),
-        lawnmower_value=curves.naive_value,
-        path_bound_kept=bool(curves.whole[-1] >= curves.naive_value) if run.steps else None,
+        isobath_found_m=certainty.length_of(e.pieces, FOUND),
+        isobath_likely_m=certainty.length_of(e.pieces, LIKELY),
+        isobath_guessed_m=certainty.length_of(e.pieces, GUESSED),
+        isobath_not_visited_m=not_found(NOT_VISITED),
+        isobath_places_uncertain_m=not_found(PLACES_UNCERTAIN),
+        isobath_flat_m=not_found(FLAT),
+        isobath_found=None if claim is None else known(claim.found),
+        isobath_found_error_m=None if claim is None else known(claim.mean_m),
+        isobath_found_error_p95_m=None if claim is None else known(claim.percentile_95_m),
+        isobath_made_up=None if claim is None else known(claim.made_up),
+        isobath_true_m=None if truth is None else isobath.length_m(e.truth),
+        isobath_error_m=of(verdict, lambda v: v.error.mean_m),
+        isobath_error_p95_m=of(verdict, lambda v: v.error.percentile_95_m),
+        isobath_length_m=isobath.length_m(certainty.lines_of(e.pieces)),
         risk_before=mean(e.prior.risk),
         risk_third=_at_third(curves.risk),
         risk_after=mean(e.team.risk),
+        mowing_risk=known(curves.mowing_risk),
+        map_bound_kept=bool(mean(e.team.risk) <= curves.mowing_risk) if run.steps else None,
         loss_after=of(verdict, lambda v: v.loss),
+        deep_m2=area(p_safe >= SURE),
+        shallow_m2=area(p_safe <= 1.0 - SURE),
+        unsure_m2=area((p_safe > 1.0 - SURE) & (p_safe < SURE)),
         f1=of(verdict, lambda v: v.f1),
         misclassified_m2=of(verdict, lambda v: v.false_safe_m2 + v.false_unsafe_m2),
         false_safe_m2=of(verdict, lambda v: v.false_safe_m2),
         false_unsafe_m2=of(verdict, lambda v: v.false_unsafe_m2),
-        isobath_error_m=of(verdict, lambda v: v.error.mean_m),
-        isobath_error_p95_m=of(verdict, lambda v: v.error.percentile_95_m),
-        isobath_found=of(verdict, lambda v: v.error.found),
-        isobath_made_up=of(verdict, lambda v: v.error.made_up),
-        isobath_length_m=isobath.length_m(e.estimate),
         depth_rmse_m=of(verdict, lambda v: v.depth_rmse_m),
-        area_m2=float(np.count_nonzero(scored)) * e.team.grid.resolution_m**2,
+        area_m2=area(np.ones(len(p_safe), dtype=bool)),
         local_risk=tuple(mean(own.risk) for own in e.local),
+        alone_risk=e.alone_risk,
         local_risk_error=tuple(float(np.abs(own.risk[scored] - risk_team).mean()) for own in e.local),
         local_f1=None if truth is None else tuple(judge(own, first, truth, scored, e.truth).f1 for own in e.local),
         navigation_error_m=tuple(float(np.sqrt(np.mean(n**2))) for n in navigation) if tracked else None,
@@ -236,6 +282,14 @@ def _summary(e: Evaluation) -> Summary:
         packets_sent=len(run.sent),
         packets_received=len(run.received),
         delivery=len(run.received) / (len(run.sent) * (fleet - 1)) if fleet > 1 and run.sent else None,
+        team_reward=float(curves.stepwise[-1]),
+        lower_bound=bound,
+        bound_kept=None if bound is None else bool(curves.stepwise[-1] >= bound),
+        path_reward=float(curves.whole[-1]),
+        path_bound_start=known(curves.whole_bound[0]) if papers else None,
+        path_bound_max=_last(curves.whole_bound_max[:-1]) if papers else None,
+        lawnmower_value=curves.naive_value,
+        path_bound_kept=bool(curves.whole[-1] >= curves.naive_value) if run.steps and papers else None,
         planning_median_s=float(np.median(walls)) if len(walls) else None,
         planning_max_s=float(walls.max()) if len(walls) else None,
         sim_s=run.sim_s,

@@ -1,4 +1,4 @@
-"""The figures of a mission, as the paper has them, with axes, units and colours for the colour-blind, too.
+"""The figures of a mission that are maps, with axes, units and colours for the colour-blind, too.
 
 Maps have north up and east to the right, to scale, and leave out what is not judged. Vehicles have the colours of
 Okabe and Ito (2008) and, beyond eight, other dashes too; risk has a colour map of even lightness steps.
@@ -20,6 +20,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
+from auv_lse_sim.judge.certainty import CLASSES, FOUND, GUESSED, LIKELY, Piece, lines_of
 from auv_lse_sim.judge.evaluation import Evaluation
 from auv_lse_sim.judge.tracks import navigation_error, track
 
@@ -71,9 +72,9 @@ def risk_maps(e: Evaluation) -> Figure:
     """Prior and posterior Bayes risk with the paths, and the true and the estimated isobath."""
     with matplotlib.rc_context(STYLE):
         extent, aspect = map_extent(e)
-        panel_in, side_by_side = _panel(aspect, 2)
+        panel_in, side_by_side = panel_size(aspect, 2)
         columns = 2 if side_by_side else 1
-        figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + _legend_in(e, 5))
+        figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + legend_in(e, 5))
         axes = figure.subplots(2 // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
         top = max(float(np.nanmax(e.prior.risk)), 1e-9)
         titles = (r"$\bf{a}$  Bayes risk before the mission", r"$\bf{b}$  Bayes risk given all soundings")
@@ -92,75 +93,12 @@ def risk_maps(e: Evaluation) -> Figure:
             draw_tracks(axis, e)
         draw_isobath(axes[0], e.truth, "true")
         draw_isobath(axes[1], e.truth, "true")
-        draw_isobath(axes[1], e.estimate, "estimate")
+        draw_pieces(axes[1], e.pieces)
         outer_labels(axes, columns)
         bar = figure.colorbar(image, ax=axes.tolist(), shrink=0.9, pad=0.015, aspect=28)
         bar.set_label("Bayes risk per place (units of cost)")
         bar.outline.set_linewidth(0.5)
         map_legend(figure, e, truth=bool(e.truth), estimate=True)
-        return figure
-
-
-def reward(e: Evaluation) -> Figure:
-    """Team reward over steps with the time-varying lower bound and its running maximum, in both readings."""
-    with matplotlib.rc_context(STYLE):
-        figure = new_figure(WIDTH_IN, 3.2)
-        left, right = figure.subplots(1, 2)
-        c = e.curves
-        steps = np.arange(len(c.stepwise))
-        blue, red, black = "#0072B2", "#D55E00", "#000000"
-        left.plot(steps, c.stepwise, color=blue, lw=1.8, label="team reward so far")
-        bound = c.bound.copy()
-        bound[-1] = np.nan
-        known = np.isfinite(bound)
-        if known.any():
-            left.plot(
-                steps[known], bound[known], color=red, lw=1.2, ls=(0, (4, 1.5)), label="lower bound, time-varying"
-            )
-            left.plot(steps[known], c.bound_max[known], color=black, lw=1.2, label="its running maximum")
-        else:
-            left.plot([], [], " ", label="no naive part, so no lower bound")
-        left.set_title(r"$\bf{a}$  Stepwise")
-        known = np.isfinite(c.whole_bound)
-        right.plot(steps, c.whole, color=blue, lw=1.8, label="path reward so far")
-        right.plot(
-            steps[known],
-            c.whole_bound[known],
-            color=red,
-            lw=1.2,
-            ls=(0, (4, 1.5)),
-            label="expected at the end, plans in hand",
-        )
-        right.plot(steps[known], c.whole_bound_max[known], color=black, lw=1.2, label="its running maximum")
-        right.axhline(c.naive_value, color="#777777", lw=1.0, ls=(0, (1, 1.5)), label="expected of mowing the lawn")
-        right.set_title(r"$\bf{b}$  Whole path")
-        for axis in (left, right):
-            axis.set_xlabel("step")
-            axis.set_ylabel("reward (drop of Bayes risk, units of cost)")
-            axis.set_xlim(0, max(len(c.stepwise) - 1, 1))
-            top = axis.get_ylim()[1]
-            axis.set_ylim(min(0.0, float(np.nanmin(c.stepwise))), top * 1.32)
-            axis.grid(True, color="#e4e4e4", lw=0.5)
-            axis.set_axisbelow(True)
-            axis.legend(loc="upper left", handlelength=2.4, labelspacing=0.25, borderaxespad=0.2)
-        return figure
-
-
-def risk_over_steps(e: Evaluation) -> Figure | None:
-    """Mean Bayes risk over the map against steps; None if it was not computed."""
-    known = np.flatnonzero(np.isfinite(e.curves.risk))
-    if len(known) < 2:
-        return None
-    with matplotlib.rc_context(STYLE):
-        figure = new_figure(WIDTH_IN, 2.4)
-        axis = figure.subplots()
-        axis.plot(known, e.curves.risk[known], "o-", ms=3.5, lw=1.5, color="#0072B2")
-        axis.set_xlabel("step")
-        axis.set_ylabel("mean Bayes risk (cost/place)")
-        axis.set_xlim(0, len(e.curves.risk) - 1)
-        axis.set_ylim(bottom=0.0)
-        axis.grid(True, color="#e4e4e4", lw=0.5)
-        axis.set_axisbelow(True)
         return figure
 
 
@@ -173,7 +111,7 @@ def local_risk_error(e: Evaluation) -> Figure:
         rows = math.ceil(count / columns)
         width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
         panel_in = (width - 1.3) / columns * aspect + 0.3
-        figure = new_figure(width, rows * panel_in + 0.7 + _legend_in(e, 2))
+        figure = new_figure(width, rows * panel_in + 0.7 + legend_in(e, 2))
         axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         differences = [own.risk - e.team.risk for own in e.local]
         largest = max((float(np.nanmax(np.abs(d[e.scored]))) for d in differences), default=0.0) or 1.0
@@ -209,7 +147,6 @@ def depth_map(e: Evaluation) -> Figure:
         panel_in = (WIDTH_IN - 2.2) / panels * aspect + 1.05
         figure = new_figure(WIDTH_IN, panel_in + 0.45)
         axes = figure.subplots(1, panels, sharex=True, sharey=True)
-        level = e.settings[0].level_set.level_m
         panel_list: list[tuple[str, str, Array, dict[str, Any]]] = [
             (r"$\bf{a}$  Estimated depth", "depth (m)", e.team.mean_m, {"cmap": "viridis_r"}),
             (
@@ -228,14 +165,14 @@ def depth_map(e: Evaluation) -> Figure:
             image = axis.imshow(judged_part(values, e), origin="lower", extent=extent, aspect="equal", **scale)
             map_axes(axis, extent, title)
             draw_isobath(axis, e.truth, "true")
-            draw_isobath(axis, e.estimate, "estimate")
+            draw_pieces(axis, e.pieces)
             bar = figure.colorbar(image, ax=axis, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
             bar.set_label(label)
             bar.outline.set_linewidth(0.5)
         outer_labels(axes, panels)
-        lines = [_proxy("estimate", f"estimated {level:g} m isobath")]
-        lines += [_proxy("true", "true one")] if e.truth else []
-        figure.legend(handles=lines, loc="outside lower center", ncols=2, handlelength=2.6)
+        lines = isobath_handles(e)
+        lines += [isobath_handle("true", "true one")] if e.truth else []
+        figure.legend(handles=lines, loc="outside lower center", ncols=4, handlelength=2.6)
         return figure
 
 
@@ -273,7 +210,7 @@ def map_extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]
     return extent, (extent[3] - extent[2]) / (extent[1] - extent[0])
 
 
-def _panel(aspect: float, columns: int) -> tuple[float, bool]:
+def panel_size(aspect: float, columns: int) -> tuple[float, bool]:
     """Height (in) of one map panel, and whether `columns` of them fit side by side."""
     side_by_side = aspect >= 0.5
     width = (WIDTH_IN - 1.4) / (columns if side_by_side else 1)
@@ -305,9 +242,9 @@ def outer_labels(axes: Any, columns: int) -> None:
             axis.tick_params(labelbottom=True)
 
 
-def draw_tracks(axis: Any, e: Evaluation, only: int | None = None) -> None:
-    """Draws the vehicles' tracks with start and end; `only`: of the vehicle of that index."""
-    thin = 1.25 if len(e.run.vehicles) <= 6 else 0.8
+def draw_tracks(axis: Any, e: Evaluation, only: int | None = None, width: float = 1.25) -> None:
+    """Draws the vehicles' tracks with start and end, `width` points wide; `only`: of the vehicle of that index."""
+    thin = min(width, 1.25 if len(e.run.vehicles) <= 6 else 0.8)
     for index, vehicle in enumerate(e.run.vehicles):
         if only is not None and index != only:
             continue
@@ -321,29 +258,47 @@ def draw_tracks(axis: Any, e: Evaluation, only: int | None = None) -> None:
         axis.plot(*rows[-1, [2, 1]], "s", ms=4.5, mfc=style["color"], mec="black", mew=0.7, zorder=5)
 
 
+#: The true isobath, and the classes of the estimated one; `casing` is the colour beside the line.
 _ISOBATHS: dict[str, dict[str, Any]] = {
-    "true": {"color": "white", "linestyle": (0, (3.5, 1.6)), "linewidth": 1.3},
-    "estimate": {"color": "black", "linestyle": "-", "linewidth": 1.5},
+    "true": {"color": "white", "linestyle": (0, (3.5, 1.6)), "linewidth": 1.0, "casing": "black"},
+    FOUND: {"color": "black", "linestyle": "-", "linewidth": 1.6, "casing": "white"},
+    LIKELY: {"color": "#F0E442", "linestyle": "-", "linewidth": 1.5, "casing": "black"},
+    GUESSED: {"color": "#555555", "linestyle": (0, (1.0, 1.8)), "linewidth": 1.1, "casing": "white"},
 }
 
 
 def draw_isobath(axis: Any, lines: Sequence[Array], kind: str) -> None:
-    """Draws an isobath's lines, each (n, 2) of north, east (m); `kind`: "true" or "estimate"."""
-    other = "black" if kind == "true" else "white"
-    style = _ISOBATHS[kind]
+    """Draws an isobath's lines, each (n, 2) of north, east (m); `kind`: "true" or a class of `certainty.CLASSES`."""
     for line in lines:
-        effects = [Stroke(linewidth=style["linewidth"] + 0.9, foreground=other, alpha=0.85), Normal()]
-        axis.plot(line[:, 1], line[:, 0], zorder=4, path_effects=effects, **style)
+        axis.plot(line[:, 1], line[:, 0], zorder=4.5 if kind == "true" else 4.0, **_isobath_style(kind, 0.9))
 
 
-def _proxy(kind: str, label: str) -> Line2D:
-    style = _ISOBATHS[kind]
-    other = "black" if kind == "true" else "white"
-    effects = [Stroke(linewidth=style["linewidth"] + 1.2, foreground=other), Normal()]
-    return Line2D([], [], label=label, path_effects=effects, **style)
+def draw_pieces(axis: Any, pieces: Sequence[Piece]) -> None:
+    """Draws the estimated isobath, each piece in the style of its class, the surest on top."""
+    for kind in reversed(CLASSES):
+        draw_isobath(axis, lines_of(pieces, kind), kind)
 
 
-def _legend_in(e: Evaluation, others: int) -> float:
+def _isobath_style(kind: str, casing: float) -> dict[str, Any]:
+    style = dict(_ISOBATHS[kind])
+    beside = Stroke(linewidth=style["linewidth"] + casing, foreground=style.pop("casing"), alpha=0.85)
+    return {**style, "path_effects": [beside, Normal()]}
+
+
+def isobath_handles(e: Evaluation) -> list[Line2D]:
+    """What stands for the estimated isobath's classes in a legend: those that there are."""
+    level = e.settings[0].level_set.level_m
+    kinds = [kind for kind in CLASSES if lines_of(e.pieces, kind)]
+    words = {FOUND: f"{level:g} m isobath, found", LIKELY: "likely", GUESSED: "guessed"}
+    return [isobath_handle(kind, words[kind]) for kind in kinds]
+
+
+def isobath_handle(kind: str, label: str) -> Line2D:
+    """What stands for an isobath in a legend; `kind` as of `draw_isobath`."""
+    return Line2D([], [], label=label, **_isobath_style(kind, 1.2))
+
+
+def legend_in(e: Evaluation, others: int) -> float:
     """Height (in) of the legend's lines after the first, with `others` entries beside the vehicles."""
     return 0.17 * ((len(e.run.vehicles) + others - 1) // LEGEND_COLUMNS)
 
@@ -357,9 +312,9 @@ def map_legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) ->
     handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec="black", label="start"))
     handles.append(Line2D([], [], ls="", marker="s", mfc="#999999", mec="black", label="end"))
     if truth:
-        handles.append(_proxy("true", f"true {level:g} m isobath"))
+        handles.append(isobath_handle("true", f"true {level:g} m isobath"))
     if estimate:
-        handles.append(_proxy("estimate", f"estimated {level:g} m isobath"))
+        handles += isobath_handles(e)
     if not e.scored.all():
         handles.append(Patch(facecolor="#ececec", edgecolor="#888888", linewidth=0.5, label="not judged"))
     figure.legend(
@@ -369,47 +324,3 @@ def map_legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) ->
         handlelength=2.2,
         columnspacing=1.4,
     )
-
-
-#: Figures of the report: file name, what it shows, and the function that draws it.
-FIGURES: tuple[tuple[str, str, Any], ...] = (
-    (
-        "risk_maps.png",
-        "Bayes risk before the mission and given the soundings of all vehicles, with the vehicles' paths, the true "
-        "isobath (dashed) and the estimated one (solid).",
-        risk_maps,
-    ),
-    (
-        "reward.png",
-        "Team reward over steps. (a) Stepwise, the paper's literal sum: each leg's drop of risk at its own place; the "
-        "lower bound is that sum plus the naive part of the augmented value. The two do not telescope, so the sum "
-        "can end below it. (b) The whole path as one: drop of risk since the start at all places visited, "
-        "its expectation at "
-        "the mission's end if the plans in hand are carried out, and the value of mowing the lawn.",
-        reward,
-    ),
-    (
-        "risk_over_steps.png",
-        "Mean Bayes risk over the map, given the soundings of all vehicles so far.",
-        risk_over_steps,
-    ),
-    (
-        "local_risk_error.png",
-        "Posterior Bayes risk of each vehicle's own map less the risk given all soundings: what lost, late and thinned "
-        "samples cost.",
-        local_risk_error,
-    ),
-    ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),
-    ("navigation.png", "Horizontal error of the vehicles' position estimates.", navigation),
-)
-
-
-def draw_all(e: Evaluation, folder: Path) -> list[tuple[str, str]]:
-    """Draws every figure into `folder`; file name and caption of each one drawn."""
-    drawn = []
-    for name, caption, draw in FIGURES:
-        figure = draw(e)
-        if figure is not None:
-            save(figure, folder / name)
-            drawn.append((name, caption))
-    return drawn

@@ -94,6 +94,38 @@ def compare(estimate: Sequence[Array], truth: Sequence[Array]) -> IsobathError:
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClaimError:
+    """How good the pieces are that a map claims to have found; NaN where there is nothing to compare.
+
+    Attributes:
+        mean_m: Mean distance of the pieces from the true isobath. What is missing does not count here, but in `found`.
+        percentile_95_m: 95th percentile of that distance.
+        found: Share of the true isobath within `FOUND_WITHIN_M` of the pieces.
+        made_up: Share of the pieces farther than that from every true isobath.
+    """
+
+    mean_m: float
+    percentile_95_m: float
+    found: float
+    made_up: float
+
+
+def judge_claim(claimed: Sequence[Array], truth: Sequence[Array]) -> ClaimError:
+    """Compares what is claimed with the true isobath, each a list of lines (n, 2) of north, east (m)."""
+    a, b = resample(claimed), resample(truth)
+    both = compare(claimed, truth)
+    if len(a) == 0 or len(b) == 0:
+        return ClaimError(mean_m=math.nan, percentile_95_m=math.nan, found=both.found, made_up=both.made_up)
+    off = cKDTree(b).query(a)[0]
+    return ClaimError(
+        mean_m=float(off.mean()),
+        percentile_95_m=float(np.percentile(off, 95.0)),
+        found=both.found,
+        made_up=both.made_up,
+    )
+
+
 def write_geojson(
     path: Path,
     features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]],

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from auv_lse_sim.judge import figures, isobath, summary
+from auv_lse_sim.judge import isobath, report_figures, summary, words
+from auv_lse_sim.judge.certainty import CLASSES
 from auv_lse_sim.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.judge.page_parts import embedded, facts, head, number, table
 from auv_lse_sim.judge.summary import Summary
@@ -39,20 +41,35 @@ def write_outputs(evaluation: Evaluation, folder: Path) -> Summary:
         write_mission_file(folder / "mission.yaml", evaluation.run.parameters)
     evaluation.summary.write(folder / "summary.json")
     write_isobath(evaluation, folder / "isobath.geojson")
-    drawn = figures.draw_all(evaluation, folder)
+    drawn = report_figures.draw_all(evaluation, folder)
     (folder / "report.html").write_text(page(evaluation, folder, drawn))
     return evaluation.summary
 
 
 def write_isobath(e: Evaluation, path: Path) -> None:
-    """Writes the estimated isobath, the 95 % band about it and, where known, the true one as GeoJSON."""
+    """Writes the estimated isobath, the 95 % band about it and, where known, the true one as GeoJSON.
+
+    Each piece of the estimate is a feature with its class (found, likely, guessed), the reason why it is not found,
+    and the median of its sideways standard deviation (null where the ground has no slope).
+    """
     level = e.settings[0].level_set.level_m
     common = {"depth_m": level, "seed": e.summary.seed, "method": e.summary.method}
     grid = e.team.grid
     with np.errstate(invalid="ignore", divide="ignore"):
         score = (e.team.mean_m - level) / np.maximum(e.team.std_m, 1e-9)
     features: list[tuple[Mapping[str, Any], list[Any]]] = [
-        ({"name": "estimated isobath", "length_m": round(e.summary.isobath_length_m, 1), **common}, e.estimate)
+        (
+            {
+                "name": "estimated isobath",
+                "class": piece.kind,
+                "reason": piece.reason,
+                "length_m": round(piece.length_m, 1),
+                "std_m": _finite(float(np.median(piece.std_m))),
+                **common,
+            },
+            [piece.line],
+        )
+        for piece in sorted(e.pieces, key=lambda p: CLASSES.index(p.kind))
     ]
     for name, side in (("shallow edge of the 95 % band", -1.0), ("deep edge of the 95 % band", 1.0)):
         lines = isobath.trace(grid.north_m, grid.east_m, score, side * 1.959964)
@@ -60,6 +77,10 @@ def write_isobath(e: Evaluation, path: Path) -> None:
     if e.truth:
         features.append(({"name": "true isobath", **common}, e.truth))
     isobath.write_geojson(path, features, e.run.origin)
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 1) if math.isfinite(value) else None
 
 
 def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
@@ -74,12 +95,20 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     ]
     if e.run.notes:
         parts.append("".join(f'<p class="note">{html.escape(note)}</p>' for note in e.run.notes))
-    parts.append("<h2>What happened</h2>" + "".join(f"<p>{html.escape(text)}</p>" for text in _story(s)))
-    parts.append("<h2>Figures</h2>" + "".join(embedded(folder / name, caption) for name, caption in drawn))
+    first, *others = drawn
+    parts.append(embedded(folder / first[0], first[1]))
+    parts.append("<h2>What was found</h2>" + _text(words.paragraphs(e)))
+    parts.append("<h2>Figures</h2>" + "".join(embedded(folder / name, caption) for name, caption in others))
+    if papers := words.paper_paragraphs(s):
+        parts.append("<h2>The paper's own reward</h2>" + _text(papers))
     parts.append("<h2>Vehicles</h2>" + _vehicle_table(e))
     parts.append("<h2>Every figure of <code>summary.json</code></h2>" + _summary_table(s))
     parts.append("<h2>Parameters</h2>" + _parameter_tables(e.run.parameters))
     return "\n".join(parts) + "\n</body></html>\n"
+
+
+def _text(paragraphs: Sequence[str]) -> str:
+    return "".join(f"<p>{html.escape(text)}</p>" for text in paragraphs)
 
 
 def _subtitle(e: Evaluation) -> str:
@@ -90,63 +119,19 @@ def _subtitle(e: Evaluation) -> str:
 
 
 def _facts(s: Summary) -> list[tuple[str, str]]:
-    rows = [
-        (f"{number(s.risk_before, 3)} → {number(s.risk_after, 3)}", "mean Bayes risk per place (units of cost)"),
-        (number(s.team_reward, 4), "team reward, stepwise (units of cost)"),
-        (
-            f"{number(s.path_reward, 4)} / {number(s.lawnmower_value, 4)}",
-            "whole-path reward / expected of the lawnmower",
-        ),
-    ]
-    if s.f1 is not None:
-        rows.append((f"{s.f1:.4f}", "F1 of the classification"))
-    if s.misclassified_m2 is not None:
-        share = 100.0 * s.misclassified_m2 / s.area_m2
-        rows.append((f"{s.misclassified_m2:,.0f} m² ({share:.2f} %)", "misclassified"))
-    if s.isobath_error_m is not None:
-        rows.append((f"{s.isobath_error_m:.2f} m", "mean distance to the true isobath"))
+    rows = [(f"{s.isobath_found_m:,.0f} m", "of isobath found")]
+    if s.isobath_found_error_m is not None:
+        rows.insert(0, (f"{s.isobath_found_error_m:.1f} m", "isobath error: mean distance of what was found"))
     if s.isobath_found is not None:
-        rows.append((f"{100.0 * s.isobath_found:.1f} %", "of the true isobath found to within 10 m"))
-    if s.delivery is not None:
-        rows.append(
-            (f"{100.0 * s.delivery:.0f} %", f"of receptions succeeded ({s.packets_received}; {s.packets_sent} packets)")
-        )
-    if s.vehicles > 1:
-        rows.append((number(max(s.local_risk_error), 3), "largest local-map risk error (units of cost per place)"))
-    return rows
-
-
-def _story(s: Summary) -> list[str]:
-    texts = []
-    if s.bound_kept is not None and s.lower_bound is not None:
-        verb = "ended above" if s.bound_kept else "ended below"
-        texts.append(
-            f"Stepwise, the team reward of {number(s.team_reward)} {verb} the largest lower bound of "
-            f"{number(s.lower_bound)}. That sum and that bound do not telescope (a naive part is credited against the "
-            "data of today at all its places, a leg only against what was left when it was travelled), so this "
-            "comparison says little about the mission; the next one does."
-        )
-    if s.path_bound_kept is not None:
-        verb = "above" if s.path_bound_kept else "below"
-        texts.append(
-            f"As one path, the mission's reward of {number(s.path_reward)} is {verb} the {number(s.lawnmower_value)} "
-            "expected at the start of mowing the lawn."
-        )
-    if s.f1 is not None and s.f1_true_positions is not None and s.navigation_error_m is not None:
-        gain = (s.misclassified_m2 or 0.0) - (s.misclassified_true_positions_m2 or 0.0)
-        texts.append(
-            f"Navigation error was {number(s.navigation_error_m, 3)} m RMS. With the soundings booked at their true "
-            f"positions, {abs(gain):,.0f} m² {'less' if gain >= 0 else 'more'} would be misclassified "
-            f"({number(s.misclassified_true_positions_m2)} instead of {number(s.misclassified_m2)} m²), and the "
-            f"isobath would be off by {number(s.isobath_error_true_positions_m, 3)} instead of "
-            f"{number(s.isobath_error_m, 3)} m."
-        )
+        rows.append((f"{100.0 * s.isobath_found:.0f} %", "of the true isobath found"))
+    rows.append((f"{number(s.risk_before, 3)} → {number(s.risk_after, 3)}", "risk of the map (cost per place)"))
+    if s.mowing_risk is not None:
+        rows.append((number(s.mowing_risk, 3), "risk expected of mowing the lawn: the bound"))
     if s.loss_after is not None:
-        texts.append(
-            f"The map expects errors worth {number(s.risk_after, 3)} per place; they really cost "
-            f"{number(s.loss_after, 3)}."
-        )
-    return texts
+        rows.append((number(s.loss_after, 3), "true loss of the map (cost per place)"))
+    if s.delivery is not None:
+        rows.append((f"{100.0 * s.delivery:.0f} %", f"of receptions succeeded ({s.packets_sent} packets sent)"))
+    return rows
 
 
 def _vehicle_table(e: Evaluation) -> str:
@@ -163,7 +148,7 @@ def _vehicle_table(e: Evaluation) -> str:
                 str(len(vehicle.soundings)),
                 str(len(vehicle.received)),
                 f"{sent} / {heard}",
-                number(float(e.curves.per_vehicle[i].sum())),
+                number(s.alone_risk[i], 3),
                 number(s.local_risk[i], 3),
                 number(s.local_risk_error[i], 3),
                 number(s.local_f1[i] if s.local_f1 else None),
@@ -171,8 +156,9 @@ def _vehicle_table(e: Evaluation) -> str:
             ]
         )
     header = [
-        "vehicle", "steps", "distance (m)", "soundings", "samples heard", "packets sent / heard", "reward (cost)",
-        "own map: risk (cost/place)", "its error (cost/place)", "its F1", "navigation RMS (m)",
+        "vehicle", "steps", "distance (m)", "soundings", "samples heard", "packets sent / heard",
+        "risk, own soundings alone (cost/place)", "own map: risk (cost/place)",
+        "its error (cost/place)", "its F1", "navigation RMS (m)",
     ]  # fmt: skip
     return table(header, rows, ["n"] * len(header))
 

@@ -1,4 +1,7 @@
-"""The figures of merit of a mission: `summary.json`, each with its unit and meaning."""
+"""The figures of merit of a mission: `summary.json`, each with its unit and meaning.
+
+First what a user wants, the isobath and the map; then what explains it; last the paper's own reward.
+"""
 
 from __future__ import annotations
 
@@ -22,44 +25,47 @@ class Summary:
     steps: int = figure("", "legs travelled by the vehicle that did most")
     method: str = figure("", "planner.method of the mission")
     seed: int = figure("", "mission.seed")
-    team_reward: float = figure(
-        "cost",
-        "realized stepwise team reward, the paper's literal sum: each leg's drop of Bayes risk at its own place, "
-        "summed over legs",
+    isobath_found_m: float = figure("m", "length of the estimated isobath that is found (`judge/certainty.py`)")
+    isobath_likely_m: float = figure("m", "length that is likely")
+    isobath_guessed_m: float = figure("m", "length that is guessed: the data hardly support it")
+    isobath_not_visited_m: float = figure("m", "length not found because nobody measured near it")
+    isobath_places_uncertain_m: float = figure("m", "length not found because the vehicles were unsure of their places")
+    isobath_flat_m: float = figure("m", "length not found because the ground there is too flat to tell")
+    isobath_found: float | None = figure("", "share of the true isobath within 10 m of what was found")
+    isobath_found_error_m: float | None = figure("m", "mean distance of what was found from the true isobath")
+    isobath_found_error_p95_m: float | None = figure("m", "95th percentile of that distance")
+    isobath_made_up: float | None = figure("", "share of what was found farther than 10 m from any true isobath")
+    isobath_true_m: float | None = figure("m", "length of the true isobath")
+    isobath_error_m: float | None = figure(
+        "m",
+        "mean distance between the whole estimate, guesses included, and the true isobath, both directions: "
+        "compares methods, since missing and made-up pieces count",
     )
-    lower_bound: float | None = figure(
-        "cost", "running maximum of the time-varying lower bound: team reward so far + naive part of Jbar"
-    )
-    bound_kept: bool | None = figure("", "whether team_reward is at least lower_bound")
-    path_reward: float = figure(
-        "cost", "whole-path reward: drop of Bayes risk from no data to all data, summed over all places of the paths"
-    )
-    path_bound_start: float | None = figure(
-        "cost", "expected path_reward of the plans in hand at the start (Jbar of the first joint plan)"
-    )
-    path_bound_max: float | None = figure(
-        "cost", "largest expected path_reward of the plans in hand before the last leg"
-    )
-    lawnmower_value: float = figure("cost", "expected path_reward, at the start, of all vehicles mowing the lawn")
-    path_bound_kept: bool | None = figure("", "whether path_reward is at least lawnmower_value")
+    isobath_error_p95_m: float | None = figure("m", "95th percentile of those distances")
+    isobath_length_m: float = figure("m", "length of the whole estimate")
     risk_before: float = figure("cost/place", "mean Bayes risk over the map before the mission")
     risk_third: float | None = figure("cost/place", "the same after a third of the steps (over a part of the places)")
     risk_after: float = figure("cost/place", "mean Bayes risk over the map given the soundings of all vehicles")
+    mowing_risk: float | None = figure(
+        "cost/place", "risk_after as expected before the mission of all vehicles mowing the lawn: the bound"
+    )
+    map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk")
     loss_after: float | None = figure(
         "cost/place", "mean of the costs really incurred by the final calls; as large as risk_after if that is honest"
     )
+    deep_m2: float = figure("m2", "area that is at least the level deep with a probability of at least 95 %")
+    shallow_m2: float = figure("m2", "area that is shallower with a probability of at least 95 %")
+    unsure_m2: float = figure("m2", "the rest of the area judged")
     f1: float | None = figure("", "F1 score of 'at least the level deep', on the map from all soundings")
     misclassified_m2: float | None = figure("m2", "area on the wrong side of the level")
     false_safe_m2: float | None = figure("m2", "area called at least the level deep that is shallower")
     false_unsafe_m2: float | None = figure("m2", "area called shallower than the level that is not")
-    isobath_error_m: float | None = figure("m", "mean distance between estimated and true isobath, both directions")
-    isobath_error_p95_m: float | None = figure("m", "95th percentile of those distances")
-    isobath_found: float | None = figure("", "share of the true isobath within 10 m of the estimate")
-    isobath_made_up: float | None = figure("", "share of the estimate farther than 10 m from any true isobath")
-    isobath_length_m: float = figure("m", "length of the estimated isobath")
     depth_rmse_m: float | None = figure("m", "root mean square error of the map's depth")
     area_m2: float = figure("m2", "area judged: inside the operating area, of known depth")
     local_risk: tuple[float, ...] = figure("cost/place", "mean Bayes risk of each vehicle's own final map")
+    alone_risk: tuple[float, ...] = figure(
+        "cost/place", "the same from its own soundings alone, as if it had heard nobody (over a part of the places)"
+    )
     local_risk_error: tuple[float, ...] = figure(
         "cost/place", "per vehicle: mean over the map of |own posterior risk - risk given all soundings|"
     )
@@ -80,6 +86,32 @@ class Summary:
     packets_sent: int = figure("", "packets sent by all vehicles")
     packets_received: int = figure("", "receptions by all vehicles (a packet can be received by K - 1)")
     delivery: float | None = figure("", "packets_received / (packets_sent (K - 1)); None for a lone vehicle")
+    team_reward: float = figure(
+        "cost",
+        "the paper's reward, stepwise, its literal sum: each leg's drop of Bayes risk at its own place, summed over "
+        "legs",
+    )
+    lower_bound: float | None = figure(
+        "cost",
+        "the paper's bound on it: running maximum of team reward so far + naive part of Jbar (the paper's methods "
+        "only)",
+    )
+    bound_kept: bool | None = figure("", "whether team_reward is at least lower_bound (the paper's methods only)")
+    path_reward: float = figure(
+        "cost",
+        "the paper's reward, whole path: drop of Bayes risk from no data to all data, summed over all places of the "
+        "paths",
+    )
+    path_bound_start: float | None = figure(
+        "cost", "expected path_reward of the plans in hand at the start (Jbar of the first joint plan)"
+    )
+    path_bound_max: float | None = figure(
+        "cost", "largest expected path_reward of the plans in hand before the last leg"
+    )
+    lawnmower_value: float = figure("cost", "expected path_reward, at the start, of all vehicles mowing the lawn")
+    path_bound_kept: bool | None = figure(
+        "", "whether path_reward is at least lawnmower_value (the paper's methods only)"
+    )
     planning_median_s: float | None = figure("s", "median wall-clock time of a decision")
     planning_max_s: float | None = figure("s", "longest wall-clock time of a decision")
     sim_s: float = figure("s", "mission time")

@@ -122,6 +122,7 @@ class _VehicleLog:
     def __init__(self) -> None:
         self.truth: list[tuple[float, ...]] = []
         self.odometry: list[tuple[float, ...]] = []
+        self.place_std: list[tuple[float, ...]] = []
         self.soundings: list[tuple[float, ...]] = []
         self.samples: list[tuple[float, ...]] = []
         self.plans: dict[float, Any] = {}
@@ -135,6 +136,9 @@ class _VehicleLog:
             position, q = message.pose.pose.position, message.pose.pose.orientation
             heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
             (self.odometry if name == "odometry" else self.truth).append((stamp_s, position.y, position.x, heading))
+            if name == "odometry":  # x is east, y is north
+                east_m2, north_m2 = float(message.pose.covariance[0]), float(message.pose.covariance[7])
+                self.place_std.append((stamp_s, math.sqrt(max(north_m2, 0.0)), math.sqrt(max(east_m2, 0.0))))
         elif name == "plan":
             self.plans[stamp_s] = message
         elif name == "planner/bound":
@@ -181,6 +185,8 @@ class _VehicleLog:
             soundings=rows(self.soundings, 4),
             received=rows(self.samples, 5),
             decisions=decisions,
+            # All zero: the driver does not know it (nav_msgs has no other mark).
+            place_std_m=rows(self.place_std, 3)[:, 1:] if np.any(rows(self.place_std, 3)[:, 1:]) else np.empty((0, 2)),
         )
 
 
@@ -252,7 +258,7 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
         stamp = types["builtin_interfaces/msg/Time"](sec=total // 10**9, nanosec=total % 10**9)
         return types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
 
-    def odometry(row: Any, child: str) -> Any:
+    def odometry(row: Any, child: str, place_std_m: Any = (0.0, 0.0)) -> Any:
         x, y, z, w = quaternion_from_heading(float(row[3]))
         point, quaternion = types["geometry_msgs/msg/Point"], types["geometry_msgs/msg/Quaternion"]
         vector = types["geometry_msgs/msg/Vector3"]
@@ -260,10 +266,12 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             position=point(x=float(row[2]), y=float(row[1]), z=0.0), orientation=quaternion(x=x, y=y, z=z, w=w)
         )
         zero = vector(x=0.0, y=0.0, z=0.0)
+        covariance = np.zeros(36)
+        covariance[[0, 7]] = place_std_m[1] ** 2, place_std_m[0] ** 2
         return types["nav_msgs/msg/Odometry"](
             header=header(row[0]),
             child_frame_id=child,
-            pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36)),
+            pose=types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=covariance),
             twist=types["geometry_msgs/msg/TwistWithCovariance"](
                 twist=types["geometry_msgs/msg/Twist"](linear=zero, angular=zero), covariance=np.zeros(36)
             ),
@@ -272,9 +280,12 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
     own = "auv_lse_msgs/msg/"
     for vehicle in run.vehicles:
         ns = f"/auv{vehicle.vehicle}"
-        for name, rows in ((ns + "/odometry", vehicle.odometry), (f"/truth{ns}/odometry", vehicle.truth)):
-            for row in rows:
-                yield float(row[0]), name, "nav_msgs/msg/Odometry", odometry(row, f"auv{vehicle.vehicle}/base_link")
+        child = f"auv{vehicle.vehicle}/base_link"
+        stds = vehicle.place_std_m if len(vehicle.place_std_m) else np.zeros((len(vehicle.odometry), 2))
+        for row, std in zip(vehicle.odometry, stds, strict=True):
+            yield float(row[0]), ns + "/odometry", "nav_msgs/msg/Odometry", odometry(row, child, std)
+        for row in vehicle.truth:
+            yield float(row[0]), f"/truth{ns}/odometry", "nav_msgs/msg/Odometry", odometry(row, child)
         for t, north, east, depth in vehicle.soundings:
             message = types[own + "Sounding"](header=header(t), north_m=north, east_m=east, depth_m=depth)
             yield float(t), ns + "/sounding", own + "Sounding", message

@@ -88,6 +88,10 @@ class PacketReceived:
     payload: bytes = b""
 
 
+#: Columns of a vehicle's arrays.
+_COLUMNS = {"truth": 4, "odometry": 4, "soundings": 4, "received": 5, "place_std_m": 2}
+
+
 def _rows(columns: int) -> Array:
     return np.empty((0, columns))
 
@@ -103,6 +107,8 @@ class VehicleRun:
         soundings: Own measurements at estimated positions, rows (stamp s, north m, east m, depth m).
         received: Team-mates' samples, rows (arrival s, source vehicle, north m, east m, depth m).
         decisions: Every decision of its planner, in time order.
+        place_std_m: Standard deviation (m) of the place in each row of `odometry`, columns (north, east), by the
+            vehicle's own navigation; no rows where it says nothing about it.
     """
 
     vehicle: int
@@ -111,6 +117,7 @@ class VehicleRun:
     soundings: Array = field(default_factory=lambda: _rows(4))
     received: Array = field(default_factory=lambda: _rows(5))
     decisions: list[DecisionRecord] = field(default_factory=list)
+    place_std_m: Array = field(default_factory=lambda: _rows(2))
 
     def __post_init__(self) -> None:
         """Checks the shapes, so that a wrong column is an error here and not a wrong figure.
@@ -118,13 +125,25 @@ class VehicleRun:
         Raises:
             ValueError: naming the array, its shape and the shape expected.
         """
-        for name, columns in (("truth", 4), ("odometry", 4), ("soundings", 4), ("received", 5)):
+        for name, columns in _COLUMNS.items():
             rows = np.asarray(getattr(self, name), dtype=float)
             if rows.size == 0:
                 rows = _rows(columns)
             if rows.ndim != 2 or rows.shape[1] != columns:
                 raise ValueError(f"auv{self.vehicle} {name}: shape {rows.shape}; expected (n, {columns})")
             setattr(self, name, rows)
+        if len(self.place_std_m) not in (0, len(self.odometry)):
+            raise ValueError(
+                f"auv{self.vehicle} place_std_m: {len(self.place_std_m)} rows; expected none or one for each of the "
+                f"{len(self.odometry)} rows of odometry"
+            )
+
+    def place_std_at(self, stamps_s: Array) -> Array:
+        """Standard deviation (m) of the vehicle's place at times (n,), columns (north, east); NaN if unknown."""
+        if len(self.place_std_m) == 0:
+            return np.full((len(stamps_s), 2), np.nan)
+        times = self.odometry[:, 0]
+        return np.column_stack([np.interp(stamps_s, times, self.place_std_m[:, c]) for c in (0, 1)])
 
     @property
     def steps(self) -> int:
