@@ -59,7 +59,7 @@ def _lane_cost(offset, error):
 
 
 @compiled
-def _reach(spacing, loops, tracks):
+def safe_reach(spacing, loops, tracks):
     """Clearance (m) of a place from which every action is feasible: more than its leg and its end's loops reach to.
 
     Clearances are 1-Lipschitz, and read bilinearly off a raster sqrt(2)-Lipschitz.
@@ -108,7 +108,7 @@ def lawnmower(
     lane = min(max(-north * axis_s + east * axis_c, low), high)
     first = lane
     direction = 1.0 if math.cos(heading - axis) >= 0.0 else -1.0
-    reach = _reach(spacing, loops, tracks)
+    reach = safe_reach(spacing, loops, tracks)
     sweeps = 0  # 0: the sweep's side, 1: the other side, 2 and more: back over the area between the lanes
     settled = False
     for index in range(count):
@@ -249,14 +249,18 @@ class LaneFrame:
 
 
 class NaivePaths:
-    """The naive paths of one operating area."""
+    """The naive paths of one operating area.
+
+    Attributes:
+        space: The area and the actions.
+    """
 
     def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array, vehicles: int = 1) -> None:
         """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for so many `vehicles`.
 
         The main axis is `lane_heading_deg`, or the direction of the polygon's longest side.
         """
-        self._space = space
+        self.space = space
         self._spacing_m = config.lane_spacing_m
         self._arguments = space.arguments(static=True)
         if config.lane_heading_deg is not None:
@@ -271,7 +275,7 @@ class NaivePaths:
         self._by_size = np.argsort(size, kind="stable").astype(np.int64)
 
     def _frame(self, axis: float) -> LaneFrame:
-        space = self._space
+        space = self.space
         reach = space.motion.loops_m[:, 2].min()
         north, east = np.meshgrid(space._nodes_north, space._nodes_east, indexing="ij")
         across = -north * math.sin(axis) + east * math.cos(axis)
@@ -299,8 +303,8 @@ class NaivePaths:
         if steps <= 0 or naive_path == NONE:
             return np.empty(0, dtype=np.int64)
         state = np.asarray(state, dtype=float)
-        motion = self._space.motion
-        space = self._space.arguments(static=not around_shallows)
+        motion = self.space.motion
+        space = self.space.arguments(static=not around_shallows)
         if naive_path in MOWING:
             return np.asarray(lawnmower(space, state, steps, *self._lanes(state, naive_path, steps)))
         if naive_path == STRAIGHT_ON:
@@ -325,7 +329,7 @@ class NaivePaths:
 
     def _lanes(self, state: Array, naive_path: int, steps: int) -> tuple[float, float, float, float, float, int]:
         """Axis, spacing, side, range, straight-on action of a lawnmower; only a strip's side depends on the state."""
-        motion = self._space.motion
+        motion = self.space.motion
         kind = (naive_path - LAWNMOWERS[0]) % 4 if naive_path not in STRIPS else 0
         frame = self._frames[kind // 2]
         side = 1.0 if kind % 2 == 0 else -1.0
@@ -354,7 +358,7 @@ class NaivePaths:
             grid: The nodes.
         """
         north0, east0, cell = float(grid.north_m[0]), float(grid.east_m[0]), float(grid.resolution_m)
-        motion = self._space.motion
+        motion = self.space.motion
         actions = self.actions_from(states, naive_path, steps)
         return np.asarray(sums_along(states, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell))
 

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_planner.paths.motion import MotionTable, roll_many
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.naive_ids import IDS
+from auv_lse_planner.paths.steering import Steering
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,7 +30,7 @@ class PlannedPath:
         step: Mission step of the first state.
         states: States before and after each of L legs, shape (L + 1, 3): heading (rad), north, east (m).
         actions: Action of each leg, shape (L,).
-        own: How many of the legs are the plan's own actions; the naive path travels the others.
+        own: How many of the legs are the plan's own, its actions and its tour; the naive path travels the others.
         leg_places_m: Measurement places of each leg, in the order travelled, shape (L, n, 2): north, east.
     """
 
@@ -61,7 +62,7 @@ class PlannedPath:
 
     @property
     def own_places_m(self) -> Array:
-        """Measurement places of the plan's own actions, shape (P, 2)."""
+        """Measurement places of the plan's own legs, shape (P, 2)."""
         return self.leg_places_m[: self.own].reshape(-1, 2)
 
     @property
@@ -86,24 +87,34 @@ class Rollout:
         self.naive = naive
         self.steps = steps
         self.samples_per_leg = samples_per_leg
+        self._steering = Steering(naive.space)
         self._samples_m = np.stack([motion.samples(a, samples_per_leg) for a in range(motion.actions)])
 
     def follow(self, plan: Plan) -> PlannedPath:
         """The path of a plan."""
-        return self.path(plan.step, plan.state, plan.actions, plan.naive_path)
+        return self.path(plan.step, plan.state, plan.actions, plan.naive_path, plan.tour)
 
-    def path(self, step: int, state: Array, actions: Sequence[int], naive_path: int) -> PlannedPath:
-        """The path of actions and the naive path after them; without naive path it ends with the actions.
+    def path(
+        self, step: int, state: Array, actions: Sequence[int], naive_path: int, tour: Tour | None = None
+    ) -> PlannedPath:
+        """The path of actions, the tour after them and the naive path after that; without naive path it ends there.
 
         Args:
             step: Mission step of the first state; actions beyond the mission's end are left out.
             state: First state, shape (3,).
             actions: Indices of the actions.
             naive_path: Id of the naive path, `NONE` for none.
+            tour: Travelled from where the actions end, for as many legs as it is long; None: no tour.
         """
         left = max(0, self.steps - step)
         own = np.array(actions[:left], dtype=np.int64)
         end = self.motion.roll(state, own)[-1]
+        if tour is not None and left > len(own):
+            legs = min(left - len(own), tour.segment_legs * len(tour.bearings))
+            waypoints = tour.waypoints_m(end[1:], self.motion.leg_length_m)
+            along = self._steering.actions(end, waypoints, tour.segment_legs, legs)
+            own = np.concatenate([own, along])
+            end = self.motion.roll(end, along)[-1]
         every = np.concatenate([own, self.naive.actions(end, naive_path, left - len(own))])
         states = self.motion.roll(state, every)
         return PlannedPath(step, states, every, len(own), self.leg_places(states[:-1], every))

@@ -1,0 +1,158 @@
+"""Steering along a tour: the actions that follow a polyline of equal segments.
+
+Theory of operation. The vehicle has a *progress* along the polyline (m of arc). Its targets are the polyline's points
+one, two and three legs ahead of that. At each leg it takes the feasible action that, with the best next two legs, ends
+nearest to the targets (sum of squared distances). The progress then moves on to the polyline's point that is nearest
+to the leg's end, by half a leg at least and one and a half at most. Behind its last waypoint the polyline goes
+straight on.
+
+Only the area counts, not the map, and all arithmetic is scalar: the same waypoints, state and parameters give every
+receiver of a packet the same actions to the last bit.
+"""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.compiled import compiled
+from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible
+from auv_lse_planner.paths.motion import advance
+from auv_lse_planner.paths.naive import safe_reach
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Legs ahead that an action is judged by: this many targets.
+LOOK_AHEAD = 3
+
+
+@compiled
+def point_along(waypoints, segment, along):
+    """North and east of the point at `along` (m of arc) of a polyline (n + 1, 2) of segments of equal length."""
+    k = min(max(int(along / segment), 0), waypoints.shape[0] - 2)
+    u = (along - k * segment) / segment
+    north = waypoints[k, 0] + u * (waypoints[k + 1, 0] - waypoints[k, 0])
+    east = waypoints[k, 1] + u * (waypoints[k + 1, 1] - waypoints[k, 1])
+    return north, east
+
+
+@compiled
+def nearest_along(waypoints, segment, low, high, north, east):
+    """Arc (m) of the polyline's point between `low` and `high` that is nearest to a place."""
+    last = waypoints.shape[0] - 2
+    best = low
+    least = 1.0e30
+    k = min(max(int(low / segment), 0), last)
+    while True:
+        dn = (waypoints[k + 1, 0] - waypoints[k, 0]) / segment
+        de = (waypoints[k + 1, 1] - waypoints[k, 1]) / segment
+        along = (north - waypoints[k, 0]) * dn + (east - waypoints[k, 1]) * de
+        begin = max(low - k * segment, 0.0)
+        end = high - k * segment
+        if k < last:
+            end = min(end, segment)
+        along = min(max(along, begin), end)
+        off_n = waypoints[k, 0] + along * dn - north
+        off_e = waypoints[k, 1] + along * de - east
+        off = off_n * off_n + off_e * off_e
+        if off < least:
+            least = off
+            best = k * segment + along
+        k += 1
+        if k > last or k * segment >= high:
+            return best
+
+
+@compiled
+def steer(space, state, count, waypoints, segment, leg):
+    """Actions (count,) along a polyline from a state.
+
+    Args:
+        space: `FreeSpace.arguments(static=True)`.
+        state: Heading, north, east, shape (3,).
+        count: Number of actions.
+        waypoints: The polyline, shape (n + 1, 2), n at least 1.
+        segment: Length of each segment (m).
+        leg: Length of a leg (m).
+    """
+    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
+    kinds = turns.shape[0]
+    actions = np.zeros(count, dtype=np.int64)
+    costs = np.empty(kinds)
+    cos_t, sin_t = np.empty(kinds), np.empty(kinds)
+    for a in range(kinds):
+        cos_t[a], sin_t[a] = math.cos(turns[a]), math.sin(turns[a])
+    heading, north, east = state[0], state[1], state[2]
+    reach = safe_reach(spacing, loops, tracks)
+    progress = 0.0
+    for index in range(count):
+        n1, e1 = point_along(waypoints, segment, progress + leg)
+        n2, e2 = point_along(waypoints, segment, progress + 2.0 * leg)
+        n3, e3 = point_along(waypoints, segment, progress + 3.0 * leg)
+        c0 = math.cos(heading)
+        s0 = math.sin(heading)
+        for a in range(kinds):
+            na = north + c0 * steps[a, 0] - s0 * steps[a, 1]
+            ea = east + s0 * steps[a, 0] + c0 * steps[a, 1]
+            ca = c0 * cos_t[a] - s0 * sin_t[a]
+            sa = s0 * cos_t[a] + c0 * sin_t[a]
+            first = (na - n1) * (na - n1) + (ea - e1) * (ea - e1)
+            best = 1.0e30
+            for b in range(kinds):
+                nb = na + ca * steps[b, 0] - sa * steps[b, 1]
+                eb = ea + sa * steps[b, 0] + ca * steps[b, 1]
+                second = (nb - n2) * (nb - n2) + (eb - e2) * (eb - e2)
+                if second >= best:
+                    continue
+                cb = ca * cos_t[b] - sa * sin_t[b]
+                sb = sa * cos_t[b] + ca * sin_t[b]
+                least = 1.0e30
+                for c in range(kinds):  # no branch: this loop runs in vectors
+                    dn = nb + cb * steps[c, 0] - sb * steps[c, 1] - n3
+                    de = eb + sb * steps[c, 0] + cb * steps[c, 1] - e3
+                    off = dn * dn + de * de
+                    least = off if off < least else least
+                if second + least < best:
+                    best = second + least
+            costs[a] = first + best
+        roomy = clearance_at(raster, north0, east0, cell, north, east) >= reach
+        action = -1
+        for _ in range(kinds):
+            a = int(np.argmin(costs))
+            if roomy or is_feasible(space, heading, north, east, a):
+                action = a
+                break
+            costs[a] = 1.0e31
+        if action < 0:
+            action = escape_action(space, heading, north, east)
+        actions[index] = action
+        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+        progress = nearest_along(waypoints, segment, progress + 0.5 * leg, progress + 1.5 * leg, north, east)
+    return actions
+
+
+class Steering:
+    """Follows tours in one operating area."""
+
+    def __init__(self, space: FreeSpace) -> None:
+        """Takes the area and the actions from `space`; what it knows of shallow ground does not count."""
+        self._arguments = space.arguments(static=True)
+        self._leg_m = space.motion.leg_length_m
+
+    def actions(self, state: Array, waypoints_m: Array, segment_legs: int, legs: int) -> Ints:
+        """Actions (legs,) from a state (3,) along a polyline (n + 1, 2) of segments of so many legs.
+
+        Raises:
+            ValueError: if the polyline has no segment.
+        """
+        if len(waypoints_m) < 2:
+            raise ValueError(f"waypoints_m: got {len(waypoints_m)}; expected two at least: a polyline has a segment")
+        state = np.asarray(state, dtype=float)
+        waypoints = np.ascontiguousarray(waypoints_m, dtype=float)
+        segment_m = segment_legs * self._leg_m
+        return np.asarray(steer(self._arguments, state, max(0, legs), waypoints, segment_m, self._leg_m))
