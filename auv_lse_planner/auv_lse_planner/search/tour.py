@@ -1,0 +1,293 @@
+"""Optimizes a tour: waypoints over the rest of a mission, moved by the gradient of what the tour brings.
+
+The vehicle measures at fixed distances along the polyline of its position and the waypoints, at p_i = P(i leg / n). The
+polyline is cut where the mission ends, so it needs no penalty on its length: a detour at its beginning costs what its
+end would have brought. With the corner w_k before a place, S_k the arc there, u_k the direction of its segment of
+length l_k and t = (a - S_k) / l_k,
+
+    p = w_k + (a - S_k) u_k,    dp = (1 - t) dw_k + t dw_k+1  across u_k, dw_k - u_k dS_k along it,
+
+and dS_k collects the changes of length of all segments before: a gradient g = dJ/dp of the places becomes one of the
+waypoints in a few sums (`pull_back`). Waypoints are moved by L-BFGS-B within the box of the free area; where places come
+too near to what may not be entered, the clearance's own gradient pushes them off.
+"""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from auv_lse_common.compiled import compiled
+from auv_lse_planner.paths.free_space import FreeSpace
+
+Array = NDArray[np.float64]
+
+#: Clearance (m) that a tour's places should keep; a vehicle turns within its radius.
+ROOM_M = 6.0
+#: What a place without that room costs, per square metre that it lacks, as a part of the tour's value.
+ROOM_WEIGHT = 1e-4
+#: Least length of a segment (m): below it a direction means nothing.
+SHORTEST_M = 1e-3
+
+
+class Differentiable(Protocol):
+    """A reward of places with its gradient."""
+
+    def value_and_gradient(self, places_m: Array) -> tuple[float, Array]:
+        """Value of places (P, 2) in the order travelled, and its derivative by each of them (P, 2)."""
+
+
+@compiled
+def places_along(waypoints, spacing, count):
+    """Places (count, 2) at every `spacing` (m of arc) of a polyline (n + 1, 2); behind its end straight on.
+
+    Also the segment of each place, shape (count,), and its distance from that segment's first corner.
+    """
+    places = np.empty((count, 2))
+    segments = np.empty(count, dtype=np.int64)
+    along = np.empty(count)
+    last = waypoints.shape[0] - 2
+    k = 0
+    begin = 0.0
+    north, east = waypoints[1, 0] - waypoints[0, 0], waypoints[1, 1] - waypoints[0, 1]
+    length = max(math.sqrt(north * north + east * east), SHORTEST_M)
+    for i in range(count):
+        at = (i + 1) * spacing
+        while at > begin + length and k < last:
+            begin += length
+            k += 1
+            north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
+            length = max(math.sqrt(north * north + east * east), SHORTEST_M)
+        t = (at - begin) / length
+        places[i, 0] = waypoints[k, 0] + t * north
+        places[i, 1] = waypoints[k, 1] + t * east
+        segments[i] = k
+        along[i] = at - begin
+    return places, segments, along
+
+
+@compiled
+def pull_back(waypoints, segments, along, gradient):
+    """Derivative (n + 1, 2) by the waypoints from that by the places (P, 2) of `places_along`."""
+    result = np.zeros(waypoints.shape)
+    count = waypoints.shape[0] - 1
+    units = np.empty((count, 2))
+    lengths = np.empty(count)
+    pushed = np.zeros(count)  # by segment: sum of its places' gradients along it
+    for k in range(count):
+        north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
+        lengths[k] = max(math.sqrt(north * north + east * east), SHORTEST_M)
+        units[k, 0], units[k, 1] = north / lengths[k], east / lengths[k]
+    for i in range(segments.shape[0]):
+        k = segments[i]
+        ahead = gradient[i, 0] * units[k, 0] + gradient[i, 1] * units[k, 1]
+        t = along[i] / lengths[k]
+        turn_n = t * (gradient[i, 0] - ahead * units[k, 0])
+        turn_e = t * (gradient[i, 1] - ahead * units[k, 1])
+        result[k, 0] += gradient[i, 0] - turn_n
+        result[k, 1] += gradient[i, 1] - turn_e
+        result[k + 1, 0] += turn_n
+        result[k + 1, 1] += turn_e
+        pushed[k] += ahead
+    behind = 0.0  # what lengthening a segment takes from all places behind it
+    for k in range(count - 1, -1, -1):
+        result[k + 1, 0] -= behind * units[k, 0]
+        result[k + 1, 1] -= behind * units[k, 1]
+        result[k, 0] += behind * units[k, 0]
+        result[k, 1] += behind * units[k, 1]
+        behind += pushed[k]
+    return result
+
+
+@compiled
+def lack_of_room(raster, north0, east0, cell, room, places):
+    """Sum of squares of the room (m) that places (P, 2) lack, and its derivative (P, 2); raster read bilinearly."""
+    total = 0.0
+    gradient = np.zeros(places.shape)
+    rows, columns = raster.shape
+    for p in range(places.shape[0]):
+        x = min(max((places[p, 0] - north0) / cell, 0.0), rows - 1.001)
+        y = min(max((places[p, 1] - east0) / cell, 0.0), columns - 1.001)
+        i, j = int(x), int(y)
+        u, v = x - i, y - j
+        low = raster[i, j] * (1.0 - v) + raster[i, j + 1] * v
+        high = raster[i + 1, j] * (1.0 - v) + raster[i + 1, j + 1] * v
+        lack = room - (low * (1.0 - u) + high * u)
+        if lack > 0.0:
+            total += lack * lack
+            left = raster[i, j] * (1.0 - u) + raster[i + 1, j] * u
+            right = raster[i, j + 1] * (1.0 - u) + raster[i + 1, j + 1] * u
+            gradient[p, 0] = -2.0 * lack * (high - low) / cell
+            gradient[p, 1] = -2.0 * lack * (right - left) / cell
+    return total, gradient
+
+
+class OutOfTimeError(Exception):
+    """The deadline has passed: the search goes back to the best it has seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What an optimization gives.
+
+    Attributes:
+        waypoints_m: The polyline, shape (n + 1, 2), the start first.
+        value: Its value.
+        evaluations: Values with gradients that it took.
+        deadline_hit: Whether the deadline ended it.
+    """
+
+    waypoints_m: Array
+    value: float
+    evaluations: int
+    deadline_hit: bool
+
+
+class TourSearch:
+    """Moves waypoints uphill, and knows what to start from."""
+
+    def __init__(self, space: FreeSpace, samples_per_leg: int) -> None:
+        """Takes where to go.
+
+        Args:
+            space: The area, and what is known to be shallow in it.
+            samples_per_leg: Measurement places on a leg.
+        """
+        self._space = space
+        self._leg_m = space.motion.leg_length_m
+        self._samples = samples_per_leg
+        free = space.area_raster >= ROOM_M
+        if not free.any():
+            free = space.area_raster >= space.area_raster.max()
+        rows, columns = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
+        self._low = np.array(
+            [space.north0_m + rows[0] * space.cell_m, space.east0_m + columns[0] * space.cell_m], dtype=float
+        )
+        self._high = np.array(
+            [space.north0_m + rows[-1] * space.cell_m, space.east0_m + columns[-1] * space.cell_m], dtype=float
+        )
+
+    def segment_legs(self, legs: int) -> int:
+        """Legs that a segment of a tour over so many legs is long: two, or more where a packet would not hold it."""
+        return max(2, math.ceil(legs / LONGEST))
+
+    def resampled(self, waypoints_m: Array, legs: int) -> Array:
+        """A polyline over so many legs along `waypoints_m`, with corners at equal arcs, the start first."""
+        every = self.segment_legs(legs)
+        count = math.ceil(legs / every)
+        places, _, _ = places_along(np.ascontiguousarray(waypoints_m, dtype=float), every * self._leg_m, count)
+        return np.concatenate([waypoints_m[:1], np.clip(places, self._low, self._high)])
+
+    def lanes(self, start_m: Array, legs: int, axis_rad: float, count: int, strip: tuple[int, int]) -> Array:
+        """Boustrophedon: `count` lanes along an axis over one of several strips of the area, from its near corner.
+
+        Args:
+            start_m: Where the tour starts, shape (2,).
+            legs: Its length.
+            axis_rad: Direction of the lanes (rad): 0 north, pi / 2 east.
+            count: Number of lanes.
+            strip: Number of the strip from 0, and how many there are.
+        """
+        north_wise = abs(math.cos(axis_rad)) > 0.5
+        along, across = (0, 1) if north_wise else (1, 0)
+        number, strips = strip
+        width = (self._high[across] - self._low[across]) / strips
+        low = self._low[across] + number * width
+        lanes = low + (np.arange(count) + 0.5) * width / count
+        if start_m[across] > low + 0.5 * width:
+            lanes = lanes[::-1]
+        inset = min(0.5 * width / count, 0.25 * (self._high[along] - self._low[along]))
+        ends = [self._low[along] + inset, self._high[along] - inset]
+        if abs(start_m[along] - ends[0]) > abs(start_m[along] - ends[1]):
+            ends = ends[::-1]
+        corners = [np.asarray(start_m, dtype=float)]
+        for lane in lanes:
+            for end in ends:
+                corner = np.empty(2)
+                corner[along], corner[across] = end, lane
+                corners.append(corner)
+            ends = ends[::-1]
+        return self.resampled(np.array(corners), legs)
+
+    def starts(self, start_m: Array, legs: int, vehicle: int, vehicles: int) -> list[Array]:
+        """Tours to begin with: lanes along and across, over the own strip and over the whole area.
+
+        As many lanes as the length allows, one more and one less.
+        """
+        tours = []
+        strips = [(0, 1)] if vehicles == 1 else [((vehicle - 1) % vehicles, vehicles), (0, 1)]
+        size = self._high - self._low
+        for strip in strips:
+            for axis, along, across in ((0.0, 0, 1), (0.5 * math.pi, 1, 0)):
+                width = size[across] / strip[1]
+                fitting = (legs * self._leg_m - width) / max(size[along], 1.0)
+                for count in sorted({max(1, math.floor(fitting) + extra) for extra in (-1, 0, 1, 2)}):
+                    tours.append(self.lanes(start_m, legs, axis, count, strip))
+        return tours
+
+    def places(self, waypoints_m: Array, legs: int) -> Array:
+        """Measurement places (legs * n, 2) along a polyline."""
+        spacing = self._leg_m / self._samples
+        return np.asarray(places_along(waypoints_m, spacing, legs * self._samples)[0])
+
+    def improve(
+        self,
+        waypoints_m: Array,
+        legs: int,
+        reward: Differentiable,
+        iterations: int,
+        deadline: Callable[[], bool] | None = None,
+    ) -> Found:
+        """Moves the waypoints (all but the first) of a polyline by so many iterations at most."""
+        start = np.array(waypoints_m[0], dtype=float)
+        shape = (len(waypoints_m) - 1, 2)
+        unit = self._leg_m  # L-BFGS-B begins with a step of one unit
+        spacing, count = self._leg_m / self._samples, legs * self._samples
+        raster = (self._space.raster, self._space.north0_m, self._space.east0_m, self._space.cell_m)
+        best = [-math.inf, np.array(waypoints_m, dtype=float)]
+        scale = [0.0]
+        calls = [0]
+
+        def downhill(x: Array) -> tuple[float, Array]:
+            if deadline is not None and calls[0] and deadline():
+                raise OutOfTimeError
+            calls[0] += 1
+            corners = np.concatenate([start[None], unit * x.reshape(shape)])
+            places, segments, along = places_along(corners, spacing, count)
+            value, gradient = reward.value_and_gradient(places)
+            if not scale[0]:
+                scale[0] = max(abs(value), 1e-9)
+            lack, push = lack_of_room(*raster, ROOM_M, places)
+            value = value / scale[0] - ROOM_WEIGHT * lack
+            gradient = gradient / scale[0] - ROOM_WEIGHT * push
+            if value > best[0]:
+                best[:] = [value, corners]
+            down = -unit * pull_back(corners, segments, along, gradient)[1:]
+            return -value, down.ravel()
+
+        bounds = [(low / unit, high / unit) for low, high in zip(self._low, self._high, strict=True)] * shape[0]
+        hit = False
+        try:
+            minimize(
+                downhill,
+                np.clip(waypoints_m[1:], self._low, self._high).ravel() / unit,
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
+                options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": 1e-7, "gtol": 1e-7},
+            )
+        except OutOfTimeError:
+            hit = True
+        return Found(best[1], float(best[0]) * scale[0], calls[0], hit)
+
+
+#: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
+LONGEST = 50
