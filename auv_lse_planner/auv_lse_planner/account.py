@@ -24,6 +24,9 @@ class BoundRecord:
         iterations: Search iterations.
         deadline_hit: Whether the deadline ended the search.
         method: The method.
+        account: What may still be spent of the expected end (method tour), never negative: the bound is promised -
+            account. NaN for a method without an account.
+        void: Why the last plan was given up without a charge: "shallow ground", "off the plan"; else empty.
     """
 
     step: int
@@ -39,6 +42,8 @@ class BoundRecord:
     iterations: int
     deadline_hit: bool
     method: str
+    account: float = math.nan
+    void: str = ""
 
 
 class Account:

@@ -161,6 +161,12 @@ class PlannerConfig:
     finalists: FromMethod[int] = from_method(
         8, low=1, high=64, help="best paths of a search that are valued on the map too"
     )
+    anytime_weight: float = parameter(
+        1.5, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
+    )
+    tour_interval: FromMethod[int] = from_method(
+        5, low=0, high=65535, unit="legs", help="method tour: legs after which the tour is optimized again; 0: never"
+    )
     team_order: str = parameter(
         "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"
     )

@@ -28,6 +28,7 @@ from auv_lse_planner.methods import RISK_METHODS, SEARCHES
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.proposals import chosen_with_map, naive_only, one_leg, search_map, search_path
+from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.reward.map import MapReward
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.reward.surrogate import Surrogate
@@ -35,6 +36,7 @@ from auv_lse_planner.search.dec_mcts import JOINT_DRAWS, search_dec_mcts
 from auv_lse_planner.search.uct import Actions
 from auv_lse_planner.situation import Proposal, Situation
 from auv_lse_planner.team import Team
+from auv_lse_planner.touring import Touring
 
 Array = NDArray[np.float64]
 
@@ -95,6 +97,7 @@ class RecedingHorizon:
         posterior: Posterior,
         team: Team,
         map_grid: Grid,
+        coarse_grid: Grid,
         rng: np.random.Generator,
     ) -> None:
         """Sets up before the first decision.
@@ -107,6 +110,7 @@ class RecedingHorizon:
             posterior: The map, with the team mates' places planned when a decision is asked for.
             team: Team mates.
             map_grid: Places over which the map's risk is summed.
+            coarse_grid: Places over which it is summed where only its gradient counts.
             rng: Random stream; every choice by chance is drawn from it.
         """
         self.planner: PlannerConfig = settings.planner.complete()
@@ -114,9 +118,11 @@ class RecedingHorizon:
         self._plan: Plan | None = None
         self._vehicle, self._settings = vehicle, settings
         self._space, self._rollout, self._posterior, self._team = space, rollout, posterior, team
-        self._map_grid, self._rng = map_grid, rng
+        self._map_grid, self._coarse_grid, self._rng = map_grid, coarse_grid, rng
         self._account = Account()
         self._map: KeptColumns | None = None
+        self._coarse: KeptColumns | None = None
+        self._touring = Touring(vehicle, settings.mission.vehicles, space, rollout)
         self._surrogate: Surrogate | None = None
         self._seeds: list[Actions] = []
 
@@ -139,6 +145,8 @@ class RecedingHorizon:
             team_places: Number of places that team mates' plans still hold.
             deadline: Says when to stop searching; None: never.
         """
+        if self.planner.proposals == "tour":
+            return self._tour(now_s, step, state, reanchored, deadline)
         situation = self._situation(step, state, deadline)
         escape = not self._space.feasible(state).size
         reward = self._reward()
@@ -165,6 +173,66 @@ class RecedingHorizon:
             incumbent_infeasible=incumbent is not None and incumbent.infeasible,
         )
         return Decision(plan=for_team, leg=leg, bound=bound, statistics=statistics)
+
+    def _tour(
+        self, now_s: float, step: int, state: Array, reanchored: bool, deadline: Callable[[], bool] | None
+    ) -> Decision:
+        """A decision of the method `tour` (`touring.py`)."""
+        steps, escape = self._settings.mission.steps, not self._space.feasible(state).size
+        last = None if self._plan is None or self.path is None else (self._plan, self.path.from_step(step))
+        void = "off the plan" if reanchored and last is not None else ""
+        if last is not None and not void and not self._space.path_feasible(state, last[1].actions, LOOK_AHEAD):
+            void = "shallow ground"
+        mates = self._team.in_time_order(now_s + self.planner.replan_lead_s)
+        reward = AnytimeReward(
+            self._map_columns(),
+            self._settings.level_set,
+            mates,
+            steps - step,
+            step,
+            steps,
+            self.planner.anytime_weight,
+            self._coarse_columns(),
+        )
+        self._account.measure(reward.risk_before)
+        choice = self._touring.decide(self.planner, step, state, reward, last, bool(void), deadline)
+        chosen, incumbent = choice.chosen, choice.incumbent
+        so_far, jbar, account = self._account.reward_so_far, chosen.value.end, self._touring.balance
+        lower, largest = self._account.bound(jbar - account)
+        bound = BoundRecord(
+            step=step,
+            now_s=now_s,
+            jbar=jbar,
+            naive_part=jbar - account,
+            reward_so_far=so_far,
+            lower_bound=lower,
+            lower_bound_max=largest,
+            promised=so_far + jbar,
+            incumbent_value=math.nan if incumbent is None else incumbent.value.end,
+            incumbent_kept=chosen is incumbent,
+            iterations=choice.iterations,
+            deadline_hit=choice.deadline_hit,
+            method=self.planner.method,
+            account=account,
+            void=void,
+        )
+        self._plan, self.path = chosen.plan, chosen.path
+        leg = self._rollout.motion.leg(step, chosen.path.states[0], int(chosen.path.actions[0]))
+        statistics = Statistics(
+            centers=len(self._posterior.centers),
+            team_places=sum(len(places) for _, places in mates),
+            evaluations=choice.evaluations,
+            best_new_value=max((c.value.end for c in choice.new), default=math.nan),
+            escape=escape,
+            reanchored=reanchored,
+            incumbent_infeasible=void == "shallow ground",
+        )
+        return Decision(plan=chosen.plan, leg=leg, bound=bound, statistics=statistics)
+
+    def _coarse_columns(self) -> KeptColumns:
+        if self._coarse is None:
+            self._coarse = KeptColumns(self._posterior, self._coarse_grid.places_m)
+        return self._coarse
 
     def _situation(self, step: int, state: Array, deadline: Callable[[], bool] | None) -> Situation:
         left = self._settings.mission.steps - step

@@ -36,6 +36,7 @@ class Team:
         expiry_s: float,
         follow: Callable[[Plan], PlannedPath],
         kept: int = 1,
+        assumed: Callable[[int], Plan] | None = None,
     ) -> None:
         """Sets up without any plan known.
 
@@ -47,10 +48,14 @@ class Team:
             expiry_s: Age at which a plan is dropped.
             follow: The path of a plan.
             kept: Different plans of each team mate that are kept (for Dec-MCTS; else the last one).
+            assumed: The plan that a team mate never heard is taken to follow since the first call of
+                `in_time_order`; None: none.
         """
         self._vehicle, self._vehicles, self._order = vehicle, vehicles, order
         self._leg_s, self._expiry_s, self._follow, self._kept = leg_s, expiry_s, follow, kept
         self._mates: dict[int, _Mate] = {}
+        self._assumed_plan = assumed
+        self._assumed: dict[int, _Mate] = {}
 
     def hear(self, now_s: float, vehicle: int, plan: Plan) -> None:
         """Takes the plan received of a vehicle; one of the same step and state as the last is only refreshed.
@@ -104,6 +109,31 @@ class Team:
     def _ahead(self, mate: _Mate, now_s: float) -> Array:
         passed = int(max(0.0, self._step_of(mate, now_s) - mate.plan.step))
         return mate.path.from_step(mate.plan.step + passed).places_m
+
+    def in_time_order(self, now_s: float) -> list[tuple[Array, Array]]:
+        """Of each team mate whose plan counts, the places (P, 2) ahead, and legs (P,) from now after which it is there.
+
+        A team mate never heard is taken to follow the assumed plan, from the first call on and as long as a plan lasts.
+        """
+        ahead = []
+        for vehicle in range(1, self._vehicles + 1):
+            if vehicle == self._vehicle:
+                continue
+            mate = self._mates.get(vehicle) or self._never_heard(now_s, vehicle)
+            if mate is None or now_s - mate.last_heard_s >= self._expiry_s:
+                continue
+            step = self._step_of(mate, now_s)
+            path = mate.path.from_step(mate.plan.step + int(max(0.0, step - mate.plan.step)))
+            each = path.leg_places_m.shape[1]
+            legs = path.step + (np.arange(len(path) * each) + 1.0) / each - step
+            ahead.append((legs, path.places_m))
+        return ahead
+
+    def _never_heard(self, now_s: float, vehicle: int) -> _Mate | None:
+        if vehicle not in self._assumed and self._assumed_plan is not None:
+            plan = self._assumed_plan(vehicle)
+            self._assumed[vehicle] = _Mate(plan, now_s, self._follow(plan), float(plan.step), now_s, [])
+        return self._assumed.get(vehicle)
 
     def draw(self, now_s: float, rng: np.random.Generator) -> Array:
         """Places (P, 2) ahead of all team mates by one kept plan of each, drawn at random.

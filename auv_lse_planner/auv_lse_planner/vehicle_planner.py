@@ -32,6 +32,7 @@ from auv_lse_planner.decision import Decision
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.naive_ids import STRIPS
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.receding_horizon import LOOK_AHEAD, RecedingHorizon
 from auv_lse_planner.search.dec_mcts import KEPT_PLANS
@@ -42,6 +43,8 @@ Array = NDArray[np.float64]
 
 #: Shallow ground is looked for so much (m) farther away than the legs of a plan lead: room to turn, and to spare.
 SHALLOWS_BEYOND_M = 100.0
+#: Least spacing (m) of the cells over which the gradient of a tour's reward is summed.
+COARSE_M = 24.0
 
 
 class VehiclePlanner:
@@ -89,6 +92,7 @@ class VehiclePlanner:
             planner.plan_expiry_s,
             self.rollout.follow,
             KEPT_PLANS if decentralized else 1,
+            self._mowing,
         )
         self.plans_refused = 0
         self.records: list[BoundRecord] = []
@@ -101,6 +105,7 @@ class VehiclePlanner:
             self.posterior,
             self.team,
             area.grid(planner.map_spacing_m),
+            area.grid(max(COARSE_M, planner.map_spacing_m)),
             rng,
         )
         self._shallow_grid = area.grid(max(10.0, 2.0 * settings.area.raster_m))
@@ -197,6 +202,8 @@ class VehiclePlanner:
         state = anchor.astype(np.float32).astype(float)  # as its packet will have it
         self._take_centers()
         self._keep_off_shallows(state)
+        if self.planner.proposals == "tour":  # it takes team mates in time order, not as if they had measured already
+            return self._taken(self._horizon.decide(now_s, step, state, reanchored, 0, deadline), now_s, reanchored)
         ahead = [self.team.places_ahead(now_s, mate) for mate in self.team.before(step)]
         places = np.concatenate([np.empty((0, 2)), *ahead])
         self.posterior.plan(places)
@@ -204,9 +211,18 @@ class VehiclePlanner:
             decision = self._horizon.decide(now_s, step, state, reanchored, len(places), deadline)
         finally:
             self.posterior.forget_planned()
+        return self._taken(decision, now_s, reanchored)
+
+    def _taken(self, decision: Decision, now_s: float, reanchored: bool) -> Decision:
         self._travel.take(decision.leg, now_s, at_once=reanchored)
         self.records.append(decision.bound)
         return decision
+
+    def _mowing(self, mate: int) -> Plan:
+        """What a team mate that was never heard is taken to do: it mows its strip from the start."""
+        v = self.settings.vehicle
+        start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
+        return Plan.at(0, start, (), STRIPS[(mate - 1) % len(STRIPS)])
 
     def _take_centers(self) -> None:
         centers, self._new_centers = self._new_centers, None
@@ -223,7 +239,7 @@ class VehiclePlanner:
         if not len(self.posterior.centers):
             return
         places = self._shallow_grid.places_m
-        if self.planner.proposals != "naive":  # a naive path looks as far as the mission goes
+        if self.planner.proposals not in ("naive", "tour"):  # a naive path and a tour look as far as the mission goes
             legs = max(self.planner.horizon, LOOK_AHEAD) + 2
             reach_m = legs * float(self.motion.lengths_m.max()) + SHALLOWS_BEYOND_M
             places = places[np.hypot(places[:, 0] - state[1], places[:, 1] - state[2]) <= reach_m]

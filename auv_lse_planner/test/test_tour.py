@@ -110,7 +110,8 @@ def test_a_deadline_ends_with_the_best_so_far():
         return len(asked) > 3
 
     found = search.improve(begin, 40, Basin(goals), 60, deadline)
-    assert found.deadline_hit and found.evaluations == 4
+    assert found.deadline_hit
+    assert found.evaluations == 4
     assert found.value >= Basin(goals).value_and_gradient(search.places(begin, 40))[0] - 1e-9
 
 

@@ -129,6 +129,7 @@ class Rollout:
             and plan.step <= self.steps
             and all(0 <= a < self.motion.actions for a in plan.actions)
             and plan.naive_path in (*IDS, NONE)
+            and (plan.tour is None or plan.tour.is_sound)
         )
 
     def leg_places(self, states: Array, actions: Ints) -> Array:

@@ -141,11 +141,21 @@ class Steering:
 
     def __init__(self, space: FreeSpace) -> None:
         """Takes the area and the actions from `space`; what it knows of shallow ground does not count."""
-        self._arguments = space.arguments(static=True)
+        self._space = space
         self._leg_m = space.motion.leg_length_m
 
-    def actions(self, state: Array, waypoints_m: Array, segment_legs: int, legs: int) -> Ints:
+    def actions(
+        self, state: Array, waypoints_m: Array, segment_legs: int, legs: int, around_shallows: bool = False
+    ) -> Ints:
         """Actions (legs,) from a state (3,) along a polyline (n + 1, 2) of segments of so many legs.
+
+        Args:
+            state: Heading, north, east.
+            waypoints_m: The polyline, its start first.
+            segment_legs: Legs that each of its segments is long.
+            legs: Number of actions.
+            around_shallows: Whether ground that this vehicle's map shows to be too shallow is avoided too; other
+                vehicles cannot rebuild the path then.
 
         Raises:
             ValueError: if the polyline has no segment.
@@ -155,4 +165,5 @@ class Steering:
         state = np.asarray(state, dtype=float)
         waypoints = np.ascontiguousarray(waypoints_m, dtype=float)
         segment_m = segment_legs * self._leg_m
-        return np.asarray(steer(self._arguments, state, max(0, legs), waypoints, segment_m, self._leg_m))
+        space = self._space.arguments(static=not around_shallows)
+        return np.asarray(steer(space, state, max(0, legs), waypoints, segment_m, self._leg_m))

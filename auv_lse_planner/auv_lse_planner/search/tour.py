@@ -18,7 +18,7 @@ from __future__ import annotations
 # mypy: disable-error-code="no-untyped-def"
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from auv_lse_common.compiled import compiled
+from auv_lse_common.plan import Tour
 from auv_lse_planner.paths.free_space import FreeSpace
 
 Array = NDArray[np.float64]
@@ -34,6 +35,8 @@ Array = NDArray[np.float64]
 ROOM_M = 6.0
 #: What a place without that room costs, per square metre that it lacks, as a part of the tour's value.
 ROOM_WEIGHT = 1e-4
+#: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
+CUT_CORNERS = 1.25
 #: Least length of a segment (m): below it a direction means nothing.
 SHORTEST_M = 1e-3
 
@@ -233,6 +236,24 @@ class TourSearch:
                     tours.append(self.lanes(start_m, legs, axis, count, strip))
         return tours
 
+    def tour(self, waypoints_m: Array, legs: int) -> Tour:
+        """The tour along a polyline, as long as so many legs at least: it goes straight on behind the polyline's end."""
+        every, total_m = self.segment_legs(legs), legs * self._leg_m
+        segments = math.ceil(legs / every)
+        at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(waypoints_m, axis=0).T))])
+        longer_m = CUT_CORNERS * total_m
+        kept = waypoints_m[: max(2, int(np.searchsorted(at, longer_m)) + 1)]
+        last, before = kept[-1], kept[-2]
+        ahead = (last - before) / max(float(np.hypot(*(last - before))), SHORTEST_M)
+        rest_m = longer_m - at[len(kept) - 1]
+        if rest_m < 0.0:
+            kept = np.concatenate([kept[:-1], [last + rest_m * ahead]])
+        elif rest_m > 0.0:
+            kept = np.concatenate([kept, [last + rest_m * ahead]])
+        tour = Tour.through(kept, every, self._leg_m)
+        short = segments - len(tour.bearings)
+        return replace(tour, bearings=(*tour.bearings[:segments], *tour.bearings[-1:] * max(0, short)))
+
     def places(self, waypoints_m: Array, legs: int) -> Array:
         """Measurement places (legs * n, 2) along a polyline."""
         spacing = self._leg_m / self._samples
@@ -252,24 +273,24 @@ class TourSearch:
         unit = self._leg_m  # L-BFGS-B begins with a step of one unit
         spacing, count = self._leg_m / self._samples, legs * self._samples
         raster = (self._space.raster, self._space.north0_m, self._space.east0_m, self._space.cell_m)
-        best = [-math.inf, np.array(waypoints_m, dtype=float)]
-        scale = [0.0]
-        calls = [0]
+        best, best_m = -math.inf, np.array(waypoints_m, dtype=float)
+        scale, calls = 0.0, 0
 
         def downhill(x: Array) -> tuple[float, Array]:
-            if deadline is not None and calls[0] and deadline():
+            nonlocal best, best_m, scale, calls
+            if deadline is not None and calls and deadline():
                 raise OutOfTimeError
-            calls[0] += 1
+            calls += 1
             corners = np.concatenate([start[None], unit * x.reshape(shape)])
             places, segments, along = places_along(corners, spacing, count)
             value, gradient = reward.value_and_gradient(places)
-            if not scale[0]:
-                scale[0] = max(abs(value), 1e-9)
+            if not scale:
+                scale = max(abs(value), 1e-9)
             lack, push = lack_of_room(*raster, ROOM_M, places)
-            value = value / scale[0] - ROOM_WEIGHT * lack
-            gradient = gradient / scale[0] - ROOM_WEIGHT * push
-            if value > best[0]:
-                best[:] = [value, corners]
+            value = value / scale - ROOM_WEIGHT * lack
+            gradient = gradient / scale - ROOM_WEIGHT * push
+            if value > best:
+                best, best_m = value, corners
             down = -unit * pull_back(corners, segments, along, gradient)[1:]
             return -value, down.ravel()
 
@@ -286,7 +307,7 @@ class TourSearch:
             )
         except OutOfTimeError:
             hit = True
-        return Found(best[1], float(best[0]) * scale[0], calls[0], hit)
+        return Found(best_m, best * scale, calls, hit)
 
 
 #: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.

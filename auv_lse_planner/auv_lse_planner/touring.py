@@ -1,0 +1,203 @@
+"""The method `tour`: one tour over all that is left of the mission, optimized again and again, under an account.
+
+A decision values everything by the same reward (`reward/anytime.py`), with the team mates' places in time order:
+
+- The incumbent is the last plan, continued. It stays unless another is worth more.
+- Every `planner.tour_interval` legs, and where the incumbent is void, the waypoints of what is left are optimized
+  (`search/tour.py`), from the incumbent's own path; at the mission's start from several boustrophedons.
+- At the start the naive paths are candidates too.
+
+The account keeps the bound. E is the drop of the map's risk that is expected for the mission's end (`Value.end`): at
+the start A = E(chosen) - E(best naive path) >= 0, and each later choice needs E(new) >= E(incumbent) - A and changes A
+by E(new) - E(incumbent). E telescopes, so that the mission's expected end is never below that of mowing from the start.
+An incumbent that the map or a current makes void is given up without a charge; the record says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.plan import NONE, Plan
+from auv_lse_planner.config import PlannerConfig
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.naive_ids import COVERING, LAWNMOWERS, STRIPS
+from auv_lse_planner.paths.rollout import PlannedPath, Rollout
+from auv_lse_planner.paths.steering import Steering
+from auv_lse_planner.reward.anytime import AnytimeReward, Value
+from auv_lse_planner.search.tour import TourSearch
+
+Array = NDArray[np.float64]
+
+#: Boustrophedons that are optimized at the start, iterations of each, and of the best of them after that.
+STARTS = 4
+START_ITERATIONS = 12
+FIRST_ITERATIONS = 45
+#: Legs that lead around ground that the map shows to be too shallow, as explicit actions.
+DETOUR_LEGS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A plan with its path from the present step on, and what it is worth.
+
+    Attributes:
+        plan: The plan.
+        path: Its path.
+        value: Its value.
+        kind: Where it comes from: "incumbent", "tour" or "naive".
+    """
+
+    plan: Plan
+    path: PlannedPath
+    value: Value
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class TourChoice:
+    """The plan that is followed, and the account.
+
+    Attributes:
+        chosen: The plan.
+        incumbent: The last plan, continued; None where there was none or it is void.
+        new: The other candidates.
+        iterations: Gradients computed.
+        evaluations: Plans valued.
+        deadline_hit: Whether the deadline ended the search.
+    """
+
+    chosen: Candidate
+    incumbent: Candidate | None
+    new: list[Candidate]
+    iterations: int
+    evaluations: int
+    deadline_hit: bool
+
+
+class Touring:
+    """Chooses the tour of one vehicle, decision by decision.
+
+    Attributes:
+        balance: The account A: how much of the expected end may still be spent; NaN before the first decision.
+    """
+
+    def __init__(self, vehicle: int, vehicles: int, space: FreeSpace, rollout: Rollout) -> None:
+        """Starts before the first decision.
+
+        Args:
+            vehicle: Number of the vehicle, from 1.
+            vehicles: Vehicles of the mission.
+            space: Where to go.
+            rollout: Follows plans to the mission's end.
+        """
+        self.balance = math.nan
+        self._vehicle, self._vehicles = vehicle, vehicles
+        self._space, self._rollout = space, rollout
+        self._steering = Steering(space)
+        self._search = TourSearch(space, rollout.samples_per_leg)
+        self._optimized_at = -1
+
+    def decide(
+        self,
+        planner: PlannerConfig,
+        step: int,
+        state: Array,
+        reward: AnytimeReward,
+        last: tuple[Plan, PlannedPath] | None,
+        void: bool,
+        deadline: Callable[[], bool] | None,
+    ) -> TourChoice:
+        """Chooses a plan for what is left of the mission.
+
+        Args:
+            planner: Parameters, complete.
+            step: Mission step planned from.
+            state: State planned from, shape (3,).
+            reward: What paths are worth.
+            last: The last plan and its path from this step on.
+            void: Whether that plan can not be followed from here: it is only a start for the next.
+            deadline: Says when to stop searching; None: never.
+        """
+        incumbent = None
+        if last is not None and not void:
+            incumbent = Candidate(*last, reward.value(last[1].leg_places_m), "incumbent")
+        candidates: list[Candidate] = []
+        gradients, hit = 0, False
+        floor = -math.inf
+        if last is None:
+            candidates, floor, gradients, hit = self._first(step, state, reward, deadline)
+            self._optimized_at = step
+        elif void or (planner.tour_interval and step - self._optimized_at >= planner.tour_interval):
+            waypoints = self._search.resampled(self._rest(state, last[1]), reward.legs)
+            if planner.tour_interval:
+                found = self._search.improve(waypoints, reward.legs, reward, planner.iterations, deadline)
+                waypoints, gradients, hit = found.waypoints_m, found.evaluations, found.deadline_hit
+            candidates = [self._candidate(step, state, waypoints, reward)]
+            self._optimized_at = step
+        if incumbent is not None:
+            floor = incumbent.value.end - self.balance
+        every = candidates if incumbent is None else [incumbent, *candidates]
+        sound = [c for c in every if c.value.end >= floor]
+        chosen = max(sound or every, key=lambda c: c.value.weighted)  # the first of equals: the incumbent
+        if incumbent is not None:
+            self.balance = max(0.0, self.balance + (chosen.value.end - incumbent.value.end))
+        elif last is None:
+            self.balance = chosen.value.end - floor
+        return TourChoice(chosen, incumbent, candidates, gradients, len(every), hit)
+
+    def _first(
+        self, step: int, state: Array, reward: AnytimeReward, deadline: Callable[[], bool] | None
+    ) -> tuple[list[Candidate], float, int, bool]:
+        """Candidates for the mission's start, the naive paths first, and the best expected end of those."""
+        own = STRIPS[(self._vehicle - 1) % len(STRIPS)]
+        naive = []
+        for naive_path in (own, *COVERING, *LAWNMOWERS):
+            naive.append(self._valued(Plan.at(step, state, (), naive_path), reward, "naive"))
+            if deadline is not None and deadline():
+                break
+        floor = max(c.value.end for c in naive)
+        legs = reward.legs
+        starts = self._search.starts(state[1:], legs, self._vehicle, self._vehicles)
+        starts += [self._search.resampled(self._rest(state, c.path), legs) for c in naive[:1]]
+        worth = reward.values(self._search.places(w, legs).reshape(legs, -1, 2) for w in starts)
+        order = sorted(range(len(starts)), key=lambda i: -worth[i].weighted)[:STARTS]
+        found = []
+        for i in order:
+            found.append(self._search.improve(starts[i], legs, reward, START_ITERATIONS, deadline))
+            if found[-1].deadline_hit:
+                break
+        best = max(found, key=lambda f: f.value)
+        more = self._search.improve(best.waypoints_m, legs, reward, FIRST_ITERATIONS, deadline)
+        gradients = sum(f.evaluations for f in found) + more.evaluations
+        tours = [more.waypoints_m, *(f.waypoints_m for f in found)]
+        candidates = [*naive, *(self._candidate(step, state, w, reward) for w in tours)]
+        return candidates, floor, gradients, more.deadline_hit
+
+    def _rest(self, state: Array, path: PlannedPath) -> Array:
+        """A path as a polyline from a state: the ends of its legs."""
+        return np.concatenate([np.asarray(state, dtype=float)[None, 1:], path.states[1:, 1:]])
+
+    def _candidate(self, step: int, state: Array, waypoints_m: Array, reward: AnytimeReward) -> Candidate:
+        """The tour through waypoints; around shallow ground by explicit actions, which no receiver could know."""
+        legs = reward.legs
+        candidate = self._valued(Plan.at(step, state, (), NONE, self._search.tour(waypoints_m, legs)), reward, "tour")
+        if self._space.path_feasible(state, candidate.path.actions, DETOUR_LEGS):
+            return candidate
+        start, every = candidate.plan.state, self._search.segment_legs(legs)
+        corners = self._search.resampled(waypoints_m, legs)
+        around = self._steering.actions(start, corners, every, min(DETOUR_LEGS, legs), around_shallows=True)
+        actions, tour = tuple(int(a) for a in around), None
+        if len(actions) < legs:
+            end = self._space.motion.roll(start, around)[-1]
+            rest = np.concatenate([end[None, 1:], corners[1 + len(around) // every :]])
+            tour = self._search.tour(rest, legs - len(actions)) if len(rest) > 1 else None
+        return self._valued(Plan.at(step, state, actions, NONE, tour), reward, "tour")
+
+    def _valued(self, plan: Plan, reward: AnytimeReward, kind: str) -> Candidate:
+        path = self._rollout.follow(plan)
+        return Candidate(plan, path, reward.value(path.leg_places_m), kind)
