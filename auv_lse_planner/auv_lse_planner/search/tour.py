@@ -8,8 +8,8 @@ length l_k and t = (a - S_k) / l_k,
     p = w_k + (a - S_k) u_k,    dp = (1 - t) dw_k + t dw_k+1  across u_k, dw_k - u_k dS_k along it,
 
 and dS_k collects the changes of length of all segments before: a gradient g = dJ/dp of the places becomes one of the
-waypoints in a few sums (`pull_back`). Waypoints are moved by L-BFGS-B within the box of the free area; where places come
-too near to what may not be entered, the clearance's own gradient pushes them off.
+waypoints in a few sums (`pull_back`). Waypoints are moved by L-BFGS-B within the box of the free area; where places
+come too near to what may not be entered, the clearance's own gradient pushes them off.
 """
 
 from __future__ import annotations
@@ -237,7 +237,7 @@ class TourSearch:
         return tours
 
     def tour(self, waypoints_m: Array, legs: int) -> Tour:
-        """The tour along a polyline, as long as so many legs at least: it goes straight on behind the polyline's end."""
+        """The tour along a polyline, about so many legs long; behind the polyline's end it goes straight on."""
         every, total_m = self.segment_legs(legs), legs * self._leg_m
         segments = math.ceil(legs / every)
         at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(waypoints_m, axis=0).T))])

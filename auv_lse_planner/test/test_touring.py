@@ -1,0 +1,114 @@
+import numpy as np
+import pytest
+from planner_helpers import centers, settings
+
+from auv_lse_common.plan import Plan
+from auv_lse_planner.vehicle_planner import VehiclePlanner
+
+STEPS = 12
+
+
+def _travel(planner, decisions, data=None, heard=()):
+    """Decides and jumps to the end of each leg; `data` gives the centers before a decision."""
+    v = planner.settings.vehicle
+    planner.odometry(0.0, v.start_heading_rad, v.start_north_m, v.start_east_m)
+    given = []
+    for i in range(decisions):
+        now_s = 15.7 * i
+        for at, mate, plan in heard:
+            if at == i:
+                planner.hear(now_s, mate, plan)
+        if data is not None:
+            planner.set_centers(data(i), now_s)
+        given.append(planner.decide(now_s))
+        end = given[-1].leg.end_state
+        planner.odometry(now_s + 15.7, *(float(x) for x in end))
+    return given
+
+
+def _planner(vehicle=1, vehicles=1, steps=STEPS, method="tour", **sections):
+    planner = {"method": method, **sections.pop("planner", {})}
+    return VehiclePlanner(vehicle, settings(planner, vehicles, steps, **sections), np.random.default_rng(1))
+
+
+def _growing(seed=3):
+    """Data that grows by twenty soundings a decision."""
+    return lambda i: centers(np.random.default_rng(seed), 1 + 20 * i)
+
+
+def test_a_mission_is_planned_to_its_end_and_the_account_is_never_negative():
+    planner = _planner()
+    for decision in _travel(planner, STEPS, _growing()):
+        path = planner.rollout.follow(decision.plan).from_step(decision.leg.step)
+        assert path.step + len(path) == STEPS
+        assert decision.bound.account >= 0.0
+    with pytest.raises(ValueError, match="all 12 steps are decided"):
+        planner.decide(999.0)
+
+
+def test_the_account_keeps_what_each_choice_brought_and_the_bound_starts_from_mowing():
+    planner = _planner()
+    records = [d.bound for d in _travel(planner, STEPS, _growing())]
+    for before, after in zip(records, records[1:], strict=False):
+        change = after.jbar - after.incumbent_value
+        assert after.account == pytest.approx(max(0.0, before.account + change), abs=1e-9)
+        assert change >= -before.account - 1e-9
+        assert after.lower_bound == pytest.approx(after.promised - after.account)
+    assert records[0].lower_bound <= records[0].promised
+    assert any(not r.incumbent_kept for r in records[1:])
+
+
+def test_a_tour_flown_blindly_is_never_given_up():
+    decisions = _travel(_planner(method="fixed_tour"), STEPS, _growing())
+    assert all(d.plan == decisions[0].plan for d in decisions)
+    assert all(d.bound.incumbent_kept for d in decisions[1:])
+
+
+def test_shallow_ground_voids_the_tour_without_a_charge():
+    def ground(i):
+        data = centers(np.random.default_rng(5), 40)
+        ahead = np.stack([np.full(9, 60.0), np.linspace(-20, 60, 9)], axis=1)
+        return (
+            data
+            if i < 2
+            else type(data)(
+                np.concatenate([data.places_m, ahead]),
+                np.concatenate([data.depths_m, np.full(9, 1.0)]),
+                np.concatenate([data.noise_std_m, np.full(9, 0.1)]),
+            )
+        )
+
+    planner = _planner(gp={"length_scale_m": 20.0})
+    straight = Plan.at(0, np.zeros(3), (), 0xF8)
+    _travel(planner, 1, ground)
+    planner._horizon._plan, planner._horizon.path = straight, planner.rollout.follow(straight)
+    before = planner.records[-1].account
+    planner.set_centers(ground(2), 10.0)
+    planner.decide(15.7)
+    record = planner.records[-1]
+    assert record.void == "shallow ground"
+    assert record.account == before
+    assert np.isnan(record.incumbent_value)
+
+
+def test_team_mates_never_heard_are_taken_to_mow_until_they_count_as_silent():
+    planner = _planner(2, 3, planner={"plan_expiry_s": 100.0})
+    ahead = planner.team.in_time_order(0.0)
+    assert len(ahead) == 2
+    legs, places = ahead[0]
+    mowing = planner.rollout.path(0, np.zeros(3), (), 0xFA)
+    assert places == pytest.approx(mowing.places_m)
+    assert legs == pytest.approx(np.arange(1, STEPS + 1))
+    later, remaining = planner.team.in_time_order(31.5)[0]  # two legs of 15.7 s
+    assert remaining == pytest.approx(mowing.places_m[2:])
+    assert later[0] == pytest.approx(3.0 - 31.5 / 15.70796)
+    assert planner.team.in_time_order(101.0) == []
+
+
+def test_a_plan_heard_takes_the_place_of_mowing_and_a_silent_mate_is_dropped():
+    planner = _planner(1, 2, planner={"plan_expiry_s": 100.0})
+    planner.hear(5.0, 2, Plan.at(0, np.array([0.0, 100.0, 100.0]), (5, 5, 5), 0xFF))
+    ((legs, places),) = planner.team.in_time_order(5.0)
+    assert places[:, 1] == pytest.approx([100.0] * 3)
+    assert legs == pytest.approx([1, 2, 3])
+    assert planner.team.in_time_order(106.0) == []
