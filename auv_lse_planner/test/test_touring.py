@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 from planner_helpers import centers, settings
@@ -49,7 +51,7 @@ def test_a_mission_is_planned_to_its_end_and_the_account_is_never_negative():
 def test_the_account_keeps_what_each_choice_brought_and_the_bound_starts_from_mowing():
     planner = _planner()
     records = [d.bound for d in _travel(planner, STEPS, _growing())]
-    for before, after in zip(records, records[1:], strict=False):
+    for before, after in itertools.pairwise(records):
         change = after.jbar - after.incumbent_value
         assert after.account == pytest.approx(max(0.0, before.account + change), abs=1e-9)
         assert change >= -before.account - 1e-9

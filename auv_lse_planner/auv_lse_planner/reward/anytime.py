@@ -102,7 +102,7 @@ class _Schedule:
     @property
     def share(self) -> Array:
         """-dJ / dR at each checkpoint (J,)."""
-        return self.weights - np.append(self.weights[1:], 0.0)
+        return np.asarray(self.weights - np.append(self.weights[1:], 0.0))
 
 
 class AnytimeReward:
