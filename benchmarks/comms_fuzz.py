@@ -16,15 +16,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from auv_lse_common.plan import NONE, Plan
-from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
-from auv_lse_comms.packet.fields import (
-    HEADER_STRUCT,
-    PACKET_BYTES,
-    SAMPLE_BYTES,
-    capacity,
-    samples_start,
-)
+from auv_lse_common.plan import NONE, Plan, Tour
+from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
+from auv_lse_comms.packet.fields import FIRST_TERMINAL, HEADER_STRUCT, PACKET_BYTES, SAMPLE_BYTES, TOUR, samples_start
 
 LIMITS = Limits(
     steps=100,
@@ -40,9 +34,9 @@ class Finding(AssertionError):
 
 
 def packet(rng: np.random.Generator) -> Packet:
-    """A packet within `LIMITS`, of any length of path and any number of samples."""
-    n_actions = int(rng.integers(0, 30))
-    n = int(rng.integers(0, capacity(n_actions) + 1))
+    """A packet within `LIMITS`, of any length of path, with a tour or without, and any number of samples."""
+    n_actions, legs = int(rng.integers(0, 30)), int(rng.integers(1, 4))
+    bearings = rng.integers(0, 256, int(rng.integers(1, 33))).tolist()
     low, high = (-100.0, -100.0, -10.0), (800.0, 700.0, 60.0)
     plan = Plan(
         step=int(rng.integers(0, 101)),
@@ -51,8 +45,14 @@ def packet(rng: np.random.Generator) -> Packet:
         east_m=float(rng.uniform(-100.0, 700.0)),
         actions=tuple(rng.integers(0, 11, n_actions).tolist()),
         naive_path=int(rng.choice([0xF0, 0xF1, 0xF2, 0xF3, NONE])),
+        tour=Tour(segment_legs=legs, bearings=tuple(bearings)) if rng.random() < 0.5 else None,
     )
+    n = int(rng.integers(0, room_for_samples(plan) + 1))
     return Packet(plan, rng.uniform(low, high, (n, 3)))
+
+
+def _samples_start(plan: Plan) -> int:
+    return samples_start(len(plan.actions), len(plan.tour_fields[1]))
 
 
 def _random_length(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
@@ -87,13 +87,32 @@ def _burst(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, 
 def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     data = bytearray(good)
     for i in range(HEADER_STRUCT.size, PACKET_BYTES):
-        data[i] = min(data[i], int(rng.integers(0, 0xF0)))
+        data[i] = min(data[i], int(rng.integers(0, FIRST_TERMINAL)))
     return bytes(data), {"terminal"}
+
+
+def _reserved(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    """A terminal byte that ends the path, after the actions or the tour, and is no naive path's."""
+    at = _samples_start(sent.plan) - 1
+    return good[:at] + bytes([int(rng.integers(FIRST_TERMINAL, TOUR))]) + good[at + 1 :], {"naive_path"}
+
+
+def _bad_tour(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    """A tour with segments of no legs, too many legs, or too few or too many segments."""
+    if sent.plan.tour is None:
+        return good, set()
+    data, at = bytearray(good), HEADER_STRUCT.size + len(sent.plan.actions) + 1
+    kind = int(rng.integers(0, 4))
+    if kind < 2:
+        data[at], data[at + 1] = (0, data[at + 1]) if kind == 0 else (100, max(2, data[at + 1]))
+    else:
+        data[at + 1] = 0 if kind == 2 else int(rng.integers(65, 256))
+    return bytes(data), {"tour", "terminal"} if kind == 3 else {"tour"}
 
 
 def _not_finite(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     places = [2, 6, 10]
-    start = samples_start(len(sent.plan.actions))
+    start = _samples_start(sent.plan)
     places += [start + 4 * i for i in range(3 * len(sent.samples))]
     at = int(rng.choice(places))
     value = float(rng.choice([np.nan, np.inf, -np.inf]))
@@ -109,7 +128,7 @@ def _outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes
 def _sample_outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     if not len(sent.samples):
         return good, set()
-    at = samples_start(len(sent.plan.actions)) + 4 * int(rng.integers(0, 3 * len(sent.samples)))
+    at = _samples_start(sent.plan) + 4 * int(rng.integers(0, 3 * len(sent.samples)))
     value = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(3.0, 30.0))
     return good[:at] + struct.pack("<f", value) + good[at + 4 :], {"sample"}
 
@@ -117,12 +136,12 @@ def _sample_outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tupl
 def _gap(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     if len(sent.samples) < 2:
         return good, set()
-    at = samples_start(len(sent.plan.actions)) + SAMPLE_BYTES * int(rng.integers(0, len(sent.samples) - 1))
+    at = _samples_start(sent.plan) + SAMPLE_BYTES * int(rng.integers(0, len(sent.samples) - 1))
     return good[:at] + b"\xff" * SAMPLE_BYTES + good[at + SAMPLE_BYTES :], {"gap"}
 
 
 def _spare(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
-    stop = samples_start(len(sent.plan.actions)) + SAMPLE_BYTES * capacity(len(sent.plan.actions))
+    stop = _samples_start(sent.plan) + SAMPLE_BYTES * room_for_samples(sent.plan)
     if stop == PACKET_BYTES:
         return good, set()
     data = bytearray(good)
@@ -139,6 +158,8 @@ DAMAGES: dict[str, Damage] = {
     "bits flipped": _flipped,
     "burst": _burst,
     "lost terminal": _lost_terminal,
+    "reserved terminal": _reserved,
+    "tour": _bad_tour,
     "NaN or infinite": _not_finite,
     "position outside": _outside,
     "sample outside": _sample_outside,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,13 @@ class Tour:
         """
         object.__setattr__(self, "segment_legs", operator.index(self.segment_legs))
         object.__setattr__(self, "bearings", tuple(operator.index(bearing) for bearing in self.bearings))
+
+    @classmethod
+    def from_fields(cls, segment_legs: int, bearings: Sequence[int]) -> Tour | None:
+        """The tour of a message's two fields; None where they say that there is none: 0 and no bearings."""
+        if segment_legs == 0 and len(bearings) == 0:
+            return None
+        return cls(segment_legs=segment_legs, bearings=tuple(bearings))
 
     @property
     def is_sound(self) -> bool:
@@ -208,6 +216,11 @@ class Plan:
             naive_path=naive_path,
             tour=tour,
         )
+
+    @property
+    def tour_fields(self) -> tuple[int, tuple[int, ...]]:
+        """The tour as a message's two fields, `segment_legs` and `bearings`; 0 and none without a tour."""
+        return (0, ()) if self.tour is None else (self.tour.segment_legs, self.tour.bearings)
 
     @property
     def state(self) -> Array:

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header
 
 from auv_lse_common.health import Health
-from auv_lse_common.plan import Plan
+from auv_lse_common.plan import Plan, Tour
 from auv_lse_msgs.msg import Plan as PlanMessage
 from auv_lse_msgs.msg import Sounding
 
@@ -66,6 +66,7 @@ def sounding_message(row: Sequence[float]) -> Sounding:
 
 def plan_message(now_s: float, vehicle: int, plan: Plan) -> PlanMessage:
     """Plan message of a vehicle's plan, decided or received at `now_s` (s)."""
+    segment_legs, bearings = plan.tour_fields
     return PlanMessage(
         header=header(now_s),
         vehicle=vehicle,
@@ -74,6 +75,8 @@ def plan_message(now_s: float, vehicle: int, plan: Plan) -> PlanMessage:
         north_m=plan.north_m,
         east_m=plan.east_m,
         actions=list(plan.actions),
+        segment_legs=segment_legs,
+        bearings=list(bearings),
         naive_path=plan.naive_path,
     )
 
@@ -86,5 +89,6 @@ def plan_from_message(message: PlanMessage) -> Plan:
         north_m=message.north_m,
         east_m=message.east_m,
         actions=tuple(message.actions),
+        tour=Tour.from_fields(message.segment_legs, message.bearings),
         naive_path=message.naive_path,
     )

@@ -154,6 +154,17 @@ def test_a_tour_that_is_not_sound_has_no_waypoints(legs: int, bearings: tuple[in
         tour.waypoints_m(np.zeros(2), LEG_M)
 
 
+def test_a_plan_says_its_tour_as_a_messages_two_fields():
+    tour = Tour(segment_legs=2, bearings=(0, 255))
+    plan = Plan.at(0, np.zeros(3), (1,), 0xF0, tour)
+    assert plan.tour_fields == (2, (0, 255))
+    assert Tour.from_fields(*plan.tour_fields) == tour
+    assert Plan.at(0, np.zeros(3), (1,), 0xF0).tour_fields == (0, ())
+    assert Tour.from_fields(0, np.zeros(0, dtype=np.uint8)) is None
+    assert not Tour.from_fields(0, (1,)).is_sound
+    assert not Tour.from_fields(1, ()).is_sound
+
+
 def test_a_tour_holds_integers_only():
     assert type(Tour(segment_legs=np.uint8(2), bearings=np.array([3, 4], dtype=np.uint8)).bearings[0]) is int
     with pytest.raises(TypeError):

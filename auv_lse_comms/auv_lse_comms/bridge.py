@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.plan import Plan
 from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
-from auv_lse_comms.packet.fields import capacity
+from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode, room_for_samples
 from auv_lse_comms.packet.selection import Receivers, every_nth, most_useful
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Slot, Tdma
@@ -254,7 +253,7 @@ class ModemBridge:
 
     def _compose(self, plan: Plan) -> tuple[bytes, Array]:
         """The packet, and the rows of `_unsent` that went into it."""
-        room = capacity(len(plan.actions), self._config.reserve)
+        room = room_for_samples(plan, self._config.reserve)
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
             unsent[:, 5] = unsent[:, 4]

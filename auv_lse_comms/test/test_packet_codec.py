@@ -15,9 +15,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_comms.packet import fields
-from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,7 +59,42 @@ GOLDEN = {
         [(1.0, -2.5, 15.0)] * 19,
     ),
     # 237 actions: 14 + 237 + 1 = 252
-    "longest path": (START + "ef" * 237 + "f1", (0xEF,) * 237, 0xF1, []),
+    "longest path": (START + "df" * 237 + "f1", (0xDF,) * 237, 0xF1, []),
+}
+
+GOLDEN_TOURS = {
+    # 14 + 3 + 1 + 1 + 1 + 3 + 1 + 19 * 12 = 252, none spare
+    "three actions, then three segments of two legs": (
+        START + "00050a" + "ef" + "02" + "03" + "0040ff" + "f0" + SAMPLE_A * 19,
+        (0, 5, 10),
+        Tour(segment_legs=2, bearings=(0, 64, 255)),
+        0xF0,
+        [(1.0, -2.5, 15.0)] * 19,
+    ),
+    # 14 + 0 + 1 + 1 + 1 + 50 + 1 + 15 * 12 = 248, 4 spare
+    "fifty segments": (
+        START + "ef" + "02" + "32" + "00" * 25 + "80" * 25 + "ff" + SAMPLE_B * 15 + "ff" * 4,
+        (),
+        Tour(segment_legs=2, bearings=(0,) * 25 + (128,) * 25),
+        0xFF,
+        [(200.0, -0.25, 16.5)] * 15,
+    ),
+    # as many of everything as a tour can have: 14 + 5 + 3 + 64 + 1 + 13 * 12 = 243, 9 spare; bytes 0xFF are bearings
+    "64 segments of 255 legs": (
+        START + "0001020304" + "ef" + "ff" + "40" + "ff" * 64 + "fe" + SAMPLE_A + UNUSED * 12 + "ff" * 9,
+        (0, 1, 2, 3, 4),
+        Tour(segment_legs=255, bearings=(255,) * 64),
+        0xFE,
+        [(1.0, -2.5, 15.0)],
+    ),
+    # the tour takes the last byte that there is: 14 + 223 + 3 + 11 + 1 = 252
+    "no room for a sample": (
+        START + "00" * 223 + "ef" + "01" + "0b" + "0102030405060708090a0b" + "ff",
+        (0,) * 223,
+        Tour(segment_legs=1, bearings=tuple(range(1, 12))),
+        0xFF,
+        [],
+    ),
 }
 
 
@@ -72,6 +107,27 @@ def test_golden_packet_packed_by_hand(layout: str) -> None:
     packet = Packet(plan, np.array(samples).reshape(-1, 3))
     assert encode(packet) == data
     assert decode(data) == packet
+
+
+@pytest.mark.parametrize("layout", GOLDEN_TOURS)
+def test_golden_packet_with_a_tour_packed_by_hand(layout: str) -> None:
+    text, actions, tour, naive_path, samples = GOLDEN_TOURS[layout]
+    data = bytes.fromhex(text)
+    assert len(data) == 252
+    plan = Plan(step=42, heading_rad=0.5, north_m=100.0, east_m=-2.5, actions=actions, naive_path=naive_path, tour=tour)
+    packet = Packet(plan, np.array(samples).reshape(-1, 3))
+    assert encode(packet) == data
+    assert decode(data) == packet
+
+
+def test_a_full_tour_leaves_room_for_fifteen_samples() -> None:
+    tour = Tour(segment_legs=2, bearings=(7,) * 50)
+    for actions in range(5):
+        assert room_for_samples(dataclasses.replace(PLAIN.plan, actions=(0,) * actions, tour=tour)) == 15
+    assert fields.capacity(3, reserve=6, segments=50) == 14
+    assert fields.capacity(0, reserve=6, segments=48) == 15
+    with pytest.raises(ValueError, match="185 actions, a tour of 50 segments and 0 bytes of tag do not fit"):
+        fields.capacity(185, segments=50)
 
 
 def test_golden_packet_with_room_for_a_tag() -> None:
@@ -95,13 +151,14 @@ def test_capacity_is_the_papers() -> None:
         fields.capacity(238)
 
 
-def spare_bytes(n_actions: int) -> int:
+def spare_bytes(n_actions: int, segments: int = 0) -> int:
     """Bytes left over after the samples of a full packet."""
-    return fields.PACKET_BYTES - fields.samples_start(n_actions) - fields.capacity(n_actions) * fields.SAMPLE_BYTES
+    samples = fields.capacity(n_actions, segments=segments) * fields.SAMPLE_BYTES
+    return fields.PACKET_BYTES - fields.samples_start(n_actions, segments) - samples
 
 
-def layout_table(n_actions: int) -> str:
-    """The layout of a packet with this many actions, as a table for the documentation."""
+def layout_table(n_actions: int, segments: int = 0) -> str:
+    """The layout of a packet with so many actions and segments of a tour, as a table for the documentation."""
     rows = ["| bytes | type | field | unit | range | meaning |", "|---|---|---|---|---|---|"]
     at = 0
 
@@ -113,7 +170,7 @@ def layout_table(n_actions: int) -> str:
         if field.type == "float32":
             limits = f"{field.low:g} to {field.high:g}"
         elif field.low >= fields.FIRST_TERMINAL:
-            limits = f"0x{int(field.low):02X} to 0x{int(field.high):02X}"
+            limits = " to ".join(dict.fromkeys(f"0x{int(v):02X}" for v in (field.low, field.high)))
         else:
             limits = f"{int(field.low)} to {int(field.high)}"
         rows.append(f"| {span} | {kind} | `{name}` | {field.unit} | {limits} | {field.meaning} |")
@@ -123,23 +180,27 @@ def layout_table(n_actions: int) -> str:
         row(field, field.name)
     if n_actions:
         row(fields.ACTION, fields.ACTION.name, n_actions)
+    if segments:
+        for field in fields.TOUR_HEADER:
+            row(field, field.name)
+        row(fields.BEARING, fields.BEARING.name, segments)
     row(fields.TERMINAL, fields.TERMINAL.name)
-    n = fields.capacity(n_actions)
+    n = fields.capacity(n_actions, segments=segments)
     for field in fields.SAMPLE:
         row(field, f"samples[0].{field.name}")
-    last = fields.samples_start(n_actions) + n * fields.SAMPLE_BYTES - 1
+    last = fields.samples_start(n_actions, segments) + n * fields.SAMPLE_BYTES - 1
     rows.append(f"| {at}-{last} | {n - 1} x 3 float32 | `samples[1..{n - 1}]` | m | as above | unused ones all 0xFF |")
     if last + 1 < fields.PACKET_BYTES:
-        rows.append(
-            f"| {last + 1}-{fields.PACKET_BYTES - 1} | {spare_bytes(n_actions)} bytes | spare | | 0xFF | or the tag |"
-        )
+        spare = spare_bytes(n_actions, segments)
+        span = "251 | 1 byte" if spare == 1 else f"{last + 1}-{fields.PACKET_BYTES - 1} | {spare} bytes"
+        rows.append(f"| {span} | spare | | 0xFF | or the tag |")
     return "\n".join(rows)
 
 
 def test_documented_layouts_derive_from_the_table() -> None:
     text = (ROOT / "docs" / "packet.md").read_text()
-    for n_actions in (3, 10):
-        assert layout_table(n_actions) in text
+    for n_actions, segments in ((3, 0), (10, 0), (3, 50)):
+        assert layout_table(n_actions, segments) in text
     for reason, meaning in REASONS.items():
         assert f"| `{reason}` | {meaning} |" in text
 
@@ -149,18 +210,27 @@ def single(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(low, high, width=32, allow_nan=False)
 
 
+def tours() -> st.SearchStrategy[Tour]:
+    """Tours of every length."""
+    bearings = st.lists(st.integers(0, 255), min_size=1, max_size=64)
+    return st.builds(lambda legs, b: Tour(segment_legs=legs, bearings=tuple(b)), st.integers(1, 255), bearings)
+
+
 @st.composite
 def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
-    n_actions = draw(st.integers(0, fields.MAX_ACTIONS - reserve))
-    n = draw(st.integers(0, fields.capacity(n_actions, reserve)))
+    tour = draw(st.none() | tours())
+    segments = 0 if tour is None else len(tour.bearings)
+    n_actions = draw(st.integers(0, fields.PACKET_BYTES - reserve - fields.samples_start(0, segments)))
+    n = draw(st.integers(0, fields.capacity(n_actions, reserve, segments)))
     rows = [[draw(single(f.low, f.high)) for f in fields.SAMPLE] for _ in range(n)]
     plan = Plan(
         step=draw(st.integers(0, 65535)),
         heading_rad=draw(single(fields.HEADER[1].low, fields.HEADER[1].high)),
         north_m=draw(single(fields.HEADER[2].low, fields.HEADER[2].high)),
         east_m=draw(single(fields.HEADER[3].low, fields.HEADER[3].high)),
-        actions=tuple(draw(st.lists(st.integers(0, 239), min_size=n_actions, max_size=n_actions))),
+        actions=tuple(draw(st.lists(st.integers(0, 223), min_size=n_actions, max_size=n_actions))),
         naive_path=draw(st.integers(0xF0, 0xFF)),
+        tour=tour,
     )
     return Packet(plan, np.array(rows, dtype=float).reshape(n, 3))
 
@@ -225,6 +295,17 @@ LIMITS = Limits(
         ({"actions": (0,) * 238}, "terminal", "238 actions: expected at most 237"),
         ({"naive_path": 0xEF}, "naive_path", "naive_path = 239: expected 240..255"),
         ({"naive_path": 256}, "naive_path", "naive_path = 256"),
+        ({"actions": (224,)}, "action", r"actions \[224\]: expected indices 0\.\.223"),
+        ({"tour": Tour(segment_legs=0, bearings=(1,))}, "tour", "segment_legs = 0: expected 1..255"),
+        ({"tour": Tour(segment_legs=256, bearings=(1,))}, "tour", "segment_legs = 256"),
+        ({"tour": Tour(segment_legs=1, bearings=())}, "tour", "segments = 0: expected 1..64"),
+        ({"tour": Tour(segment_legs=1, bearings=(0,) * 65)}, "tour", "segments = 65"),
+        ({"tour": Tour(segment_legs=1, bearings=(0, 256))}, "tour", "bearings = 256: expected 0..255"),
+        (
+            {"actions": (0,) * 171, "tour": Tour(segment_legs=1, bearings=(0,) * 64)},
+            "terminal",
+            "171 actions: expected at most 170 beside a tour of 64 segments",
+        ),
         ({"samples": np.zeros((20, 3))}, "sample", "20 samples: expected at most 19 with 3 actions"),
         ({"samples": np.zeros((2, 4))}, "sample", r"shape \(2, 4\): expected \(n, 3\)"),
         ({"samples": np.zeros(3)}, "sample", r"shape \(3,\)"),
@@ -257,6 +338,7 @@ def test_sender_raises_on_what_is_not_an_integer(change: dict[str, object]) -> N
         ({"north_m": 500.1}, "position"),
         ({"east_m": -20.1}, "position"),
         ({"actions": (0, 11)}, "action"),
+        ({"tour": Tour(segment_legs=10, bearings=(0,) * 11)}, "tour"),
         ({"samples": np.array([[501.0, 0.0, 1.0]])}, "sample"),
         ({"samples": np.array([[0.0, 601.0, 1.0]])}, "sample"),
         ({"samples": np.array([[0.0, 0.0, 50.1]])}, "sample"),
@@ -323,6 +405,33 @@ def test_damage_has_its_reason() -> None:
     assert reason(good[:-1] + b"\x00") == "spare"
     assert reason(good[:14] + bytes(238)) == "terminal"
     assert decode(bytearray(good)) == decode(memoryview(good)) == decode(good)
+    for terminal in range(0xE0, 0xEF):  # reserved: 0xEE for a word to stop, the others for what is still unknown
+        assert reason(good[:17] + bytes([terminal]) + good[18:]) == "naive_path"
+
+
+def test_a_damaged_tour_has_its_reason() -> None:
+    plan = dataclasses.replace(PLAIN.plan, tour=Tour(segment_legs=2, bearings=(1, 2, 3, 4)))
+    good = encode(Packet(plan, np.full((18, 3), 7.0)))
+    assert good[17:25] == bytes.fromhex("ef 02 04 01 02 03 04 ff")
+
+    def reason(at: int, *values: int, stop: int = 252, reserve: int = 0) -> str:
+        data = (good[:at] + bytes(values) + good[at + len(values) :])[:stop]
+        with pytest.raises(PacketError) as caught:
+            decode(data, LIMITS, reserve)
+        return caught.value.reason
+
+    assert reason(18, 0) == "tour", "segments of no legs"
+    assert reason(18, 34) == "tour", "longer than the mission"
+    assert reason(19, 0) == "tour", "no segment"
+    assert reason(19, 65) == "tour"
+    assert reason(24, 0xEF) == "naive_path", "a second tour"
+    assert reason(24, 0xEE) == "naive_path"
+    assert reason(24, 0x01) == "naive_path", "an action after the tour"
+    # a tour that leaves no byte for a terminal: 230 actions, then one of 20 segments
+    assert reason(14, *([0] * 230), 0xEF, 1, 20) == "terminal"
+    # the same where the last bytes are the tag's
+    assert reason(14, *([0] * 230), 0xEF, 1, 3, 0, 0, 0, 0xFF, 0xFF, reserve=6) == "terminal"
+    assert reason(14, *([0] * 237), 0xEF) == "terminal"
 
 
 def load_fuzz() -> ModuleType:
@@ -350,6 +459,8 @@ def test_fuzz_only_packet_errors_escape() -> None:
         "spare",
         "action",
         "step",
+        "tour",
+        "naive_path",
     ):
         assert name in reasons
     assert 0 < counts["bits flipped"]["decoded"] < sum(counts["bits flipped"].values())

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
 from auv_lse_common.params import merge, parameter, section
+from auv_lse_common.plan import MAX_ACTION_SET
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
@@ -99,8 +100,11 @@ class MotionConfig:
         """
         if not self.actions_deg:
             raise ValueError("motion.actions_deg: is empty; expected at least one heading change (deg)")
-        if len(self.actions_deg) > 0xF0:
-            raise ValueError(f"motion.actions_deg: has {len(self.actions_deg)} values; a packet's byte holds 240")
+        if len(self.actions_deg) > MAX_ACTION_SET:
+            raise ValueError(
+                f"motion.actions_deg: has {len(self.actions_deg)} values; expected at most {MAX_ACTION_SET}, which a "
+                "packet's byte tells from what ends the actions"
+            )
         if len(set(self.actions_deg)) != len(self.actions_deg):
             raise ValueError(f"motion.actions_deg: {list(self.actions_deg)} names a heading change twice")
         largest = max(abs(a) for a in self.actions_deg)

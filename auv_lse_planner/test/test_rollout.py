@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from planner_helpers import rollout
 
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_planner.paths.naive_ids import HOLD, LAWNMOWERS, STRIPS
 
 PLAN = Plan(step=4, heading_rad=0.3, north_m=150.0, east_m=150.0, actions=(5, 10, 2), naive_path=LAWNMOWERS[0])
@@ -79,6 +79,13 @@ def test_naive_paths_of_many_states_are_those_of_each(naive_path, samples):
         ({"actions": (-1,)}, False),
         ({"north_m": math.nan}, False),
         ({"heading_rad": math.inf}, False),
+        ({"tour": Tour(segment_legs=2, bearings=(0, 255))}, True),
+        ({"tour": Tour(segment_legs=0, bearings=(0, 255))}, False),
+        ({"tour": Tour(segment_legs=256, bearings=(0, 255))}, False),
+        ({"tour": Tour(segment_legs=2, bearings=())}, False),
+        ({"tour": Tour(segment_legs=2, bearings=(0,) * 65)}, False),
+        ({"tour": Tour(segment_legs=2, bearings=(0, 256))}, False),
+        ({"tour": Tour(segment_legs=2, bearings=(-1,))}, False),
     ],
 )
 def test_plans_that_cannot_be_followed_are_known(change, followed):

@@ -1,8 +1,11 @@
 """A mission written as a recording and read back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from auv_lse_common.plan import Tour
 from auv_lse_common.recording import RecordingError
 from auv_lse_sim.record import bag
 from auv_lse_sim.record.bag import read_bag, read_run, write_run
@@ -15,6 +18,9 @@ def same(a, b):
 
 def test_a_run_survives_the_recording(tmp_path, synthetic_run):
     run = synthetic_run(steps=6)
+    tour = Tour(segment_legs=2, bearings=(0, 255, 64))
+    decisions = run.vehicles[1].decisions
+    decisions[2] = replace(decisions[2], plan=replace(decisions[2].plan, tour=tour))
     write_run(run, tmp_path / "run")
     back = read_run(tmp_path / "run", ground=run.ground, wall_s=run.wall_s)
     assert back.parameters == run.parameters
@@ -56,13 +62,15 @@ def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, 
     text = bag._definition("Plan").read_text()
     assert "naive_path " in text
     old = tmp_path / "Plan.msg"
-    old.write_text(text.replace("naive_path ", "heuristic "))
+    no_tour = [line for line in text.splitlines(keepends=True) if "segment_legs" not in line and "bearings" not in line]
+    assert len(no_tour) == len(text.splitlines()) - 2
+    old.write_text("".join(no_tour).replace("naive_path ", "heuristic "))
     now = bag._definition
     monkeypatch.setattr(bag, "_definition", lambda name: old if name == "Plan" else now(name))
     records = bag._records
 
     def old_records(run, types):
-        def plan(naive_path, **fields):
+        def plan(naive_path, segment_legs, bearings, **fields):
             return types["auv_lse_msgs/msg/Plan"](heuristic=naive_path, **fields)
 
         return records(run, {**types, "auv_lse_msgs/msg/Plan": plan})

@@ -5,6 +5,9 @@ import random
 
 import pytest
 
+from auv_lse_common.plan import Plan, Tour
+from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import (
@@ -112,6 +115,25 @@ def test_every_usable_rate_both_ways(rate, size, frames):
     (packet,) = wire.of(PacketReceived)
     assert (packet.payload, packet.snr_db, packet.rate) == (payload, 5.0, rate)
     assert packet.utc_s == pytest.approx(wire.now_s + packet_duration_s(rate, size), abs=1e-4)
+
+
+def test_a_plan_with_a_tour_goes_through_the_modem():
+    """From the sender's bridge through driver and modem, and out of another modem into the receiver's bridge."""
+    tour = Tour(segment_legs=2, bearings=tuple(range(0, 250, 5)))
+    plan = Plan(step=3, heading_rad=0.5, north_m=1.0, east_m=2.0, actions=(1, 2, 3), naive_path=0xF4, tour=tour)
+    sender = ModemBridge(TdmaConfig(), PacketConfig(), 1, 3)
+    sender.set_plan(plan)
+    sender.add_soundings([[t, 100.0 + t, 50.0, 15.0] for t in range(40)])
+    out, into = Wire(vehicle=1), Wire(vehicle=3)
+    out.driver.send(out.now_s, sender.poll(1.0))
+    out.flow()
+    (packet,) = out.sent
+    into.modem.arrive(HeardPacket(start_s=NOW_S, source=1, destination=0, payload=packet.payload, snr_db=5.0))
+    into.flow()
+    (heard,) = into.of(PacketReceived)
+    received = ModemBridge(TdmaConfig(), PacketConfig(), 3, 3).receive(4.0, heard.source, heard.payload)
+    assert received.packet.plan == plan
+    assert len(received.packet.samples) == 15
 
 
 def test_what_cannot_be_decoded_is_reported_as_a_failed_reception():

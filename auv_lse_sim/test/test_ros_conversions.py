@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import math
 
@@ -11,7 +12,7 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
-from auv_lse_common.plan import Plan
+from auv_lse_common.plan import Plan, Tour
 from auv_lse_common.ros_conversions import doubles, floats, header, plan_from_message, plan_message, seconds, stamp
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.centers import Centers
@@ -63,6 +64,11 @@ def test_odometry_becomes_enu_with_its_covariance() -> None:
 def test_plans_and_legs_come_back() -> None:
     plan = Plan(step=7, heading_rad=0.5, north_m=1.25, east_m=-2.5, actions=(1, 10, 0), naive_path=0xF4)
     assert plan_from_message(plan_message(1.0, 3, plan)) == plan
+    with_tour = dataclasses.replace(plan, tour=Tour(segment_legs=2, bearings=(0, 255, 64)))
+    assert plan_from_message(plan_message(1.0, 3, with_tour)) == with_tour
+    hostile = plan_message(1.0, 3, with_tour)
+    hostile.segment_legs = 0
+    assert not plan_from_message(hostile).tour.is_sound
     leg = MotionTable(MotionConfig()).leg(7, plan.state, 3)
     message = waypoint_message(1.0, leg, 1.5, 4.0, last=True)
     assert leg_of_waypoint(message) == leg

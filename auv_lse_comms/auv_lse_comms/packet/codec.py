@@ -13,18 +13,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import Plan
+from auv_lse_common.plan import Plan, Tour
 from auv_lse_comms.packet.fields import (
     ACTION,
+    BEARING,
     FILL,
     FIRST_TERMINAL,
     HEADER,
     HEADER_STRUCT,
-    MAX_ACTIONS,
     PACKET_BYTES,
     SAMPLE,
     SAMPLE_BYTES,
     TERMINAL,
+    TOUR,
+    TOUR_HEADER,
     PacketField,
     capacity,
     samples_start,
@@ -59,7 +61,8 @@ REASONS = {
     "position": "the path's start lies outside the area",
     "action": "an action that is not in the action set",
     "terminal": "no terminal byte ends the actions, or too many actions",
-    "naive_path": "a terminal byte below 0xF0 or above 0xFF",
+    "tour": "a tour without segments, with more than 64, or longer than the mission",
+    "naive_path": "a terminal byte that is reserved: 0xE0 to 0xEE, or 0xEF after a tour",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
@@ -130,7 +133,7 @@ class Packet:
     """What one packet says: its sender's plan, and some of what the sender measured.
 
     Attributes:
-        plan: Where the sender's path begins, its actions, and the naive path that continues it.
+        plan: Where the sender's path begins, its actions, its tour, and the naive path that continues it.
         samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
     """
 
@@ -144,6 +147,15 @@ class Packet:
         return self.plan == other.plan and np.array_equal(self.samples, other.samples)
 
     __hash__ = None  # type: ignore[assignment]  # holds an array
+
+
+def room_for_samples(plan: Plan, reserve: int = 0) -> int:
+    """Samples that fit a packet with this plan; `reserve` bytes at the end are kept for a tag.
+
+    Raises:
+        ValueError: if the plan does not fit a packet.
+    """
+    return capacity(len(plan.actions), reserve, 0 if plan.tour is None else len(plan.tour.bearings))
 
 
 def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> bytes:
@@ -165,20 +177,26 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     _check("naive_path", naive_path, TERMINAL)
     if any(not ACTION.low <= action <= ACTION.high for action in actions):
         raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
-    if len(actions) > MAX_ACTIONS - reserve:
-        raise PacketError("terminal", f"{len(actions)} actions: expected at most {MAX_ACTIONS - reserve}")
+    _check_tour(plan.tour, limits)
+    segments = 0 if plan.tour is None else len(plan.tour.bearings)
+    most = PACKET_BYTES - reserve - samples_start(0, segments)
+    if len(actions) > most:
+        beside = f" beside a tour of {segments} segments" if segments else ""
+        raise PacketError("terminal", f"{len(actions)} actions: expected at most {most}{beside}")
     samples = np.asarray(packet.samples, dtype=float)
     if samples.ndim != 2 or samples.shape[1] != len(SAMPLE):
         raise PacketError("sample", f"samples of shape {samples.shape}: expected (n, {len(SAMPLE)})")
-    if len(samples) > (room := capacity(len(actions), reserve)):
-        raise PacketError("sample", f"{len(samples)} samples: expected at most {room} with {len(actions)} actions")
+    if len(samples) > (room := room_for_samples(plan, reserve)):
+        what = f"{len(actions)} actions" + (f" and a tour of {segments} segments" if segments else "")
+        raise PacketError("sample", f"{len(samples)} samples: expected at most {room} with {what}")
     with np.errstate(over="ignore"):
         small_samples = samples.astype("<f4")
     start = (plan.heading_rad, plan.north_m, plan.east_m)
     _check_start(step, *start, limits)
     _check_actions(actions, limits)
     _check_samples(small_samples, limits)
-    used = HEADER_STRUCT.pack(step, *start) + bytes(actions) + bytes([naive_path]) + small_samples.tobytes()
+    path = bytes(actions) + _tour_bytes(plan.tour) + bytes([naive_path])
+    used = HEADER_STRUCT.pack(step, *start) + path + small_samples.tobytes()
     return used.ljust(PACKET_BYTES, bytes([FILL]))
 
 
@@ -205,10 +223,14 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     if end == last:
         raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
     actions = tuple(data[HEADER_STRUCT.size : end])
-    naive_path = data[end]
     _check_actions(actions, limits)
-    start = samples_start(len(actions))
-    places = capacity(len(actions), reserve)
+    tour = _read_tour(data[end:last])
+    _check_tour(tour, limits)
+    segments = 0 if tour is None else len(tour.bearings)
+    start = samples_start(len(actions), segments)
+    naive_path = data[start - 1]
+    _check("naive_path", naive_path, TERMINAL)
+    places = capacity(len(actions), reserve, segments)
     stop = start + places * SAMPLE_BYTES
     n = places
     while n and data[start + (n - 1) * SAMPLE_BYTES : start + n * SAMPLE_BYTES] == _UNUSED:
@@ -223,7 +245,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
         if data[place : place + SAMPLE_BYTES] == _UNUSED:
             raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
         raise
-    plan = Plan(step=step, heading_rad=heading, north_m=north, east_m=east, actions=actions, naive_path=naive_path)
+    plan = Plan.at(step, np.array([heading, north, east]), actions, naive_path, tour)
     return Packet(plan, samples.astype(float))
 
 
@@ -252,6 +274,36 @@ def _check_start(step: int, heading: float, north: float, east: float, limits: L
 def _check_actions(actions: Sequence[int], limits: Limits | None) -> None:
     if limits is not None and actions and max(actions) >= limits.n_actions:
         raise PacketError("action", f"action {max(actions)}: the set has {limits.n_actions}")
+
+
+def _check_tour(tour: Tour | None, limits: Limits | None) -> None:
+    """Checks what holds for a tour whoever it comes from: the one place for sender and receivers."""
+    if tour is None:
+        return
+    for value, table in ((tour.segment_legs, TOUR_HEADER[1]), (len(tour.bearings), TOUR_HEADER[2])):
+        _check("tour", value, table)
+    for bearing in tour.bearings:
+        _check("tour", bearing, BEARING)
+    if limits is not None and tour.legs - tour.segment_legs >= limits.steps:
+        raise PacketError("tour", f"a tour of {tour.legs} legs: expected none longer than {limits.steps} steps")
+
+
+def _tour_bytes(tour: Tour | None) -> bytes:
+    return b"" if tour is None else bytes([TOUR, tour.segment_legs, len(tour.bearings), *tour.bearings])
+
+
+def _read_tour(rest: bytes) -> Tour | None:
+    """The tour that `rest`, the bytes after the actions, begins with, unchecked; None if they are no tour.
+
+    Raises:
+        PacketError: if the bytes end before the tour and a terminal byte.
+    """
+    if rest[0] != TOUR:
+        return None
+    n = len(TOUR_HEADER)
+    if len(rest) <= n or len(rest) <= n + rest[2]:
+        raise PacketError("terminal", "no byte ends the tour")
+    return Tour(segment_legs=rest[1], bearings=tuple(rest[n : n + rest[2]]))
 
 
 def _check_samples(samples: NDArray[np.float32], limits: Limits | None) -> None:

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auv_lse_common.plan import NONE
+from auv_lse_common.plan import BEARINGS, MAX_ACTION_SET, MAX_SEGMENT_LEGS, MAX_SEGMENTS, NONE
 
 #: Bytes of every packet: one frame of the Micromodem holds 256.
 PACKET_BYTES = 252
-#: The lowest terminal byte. Below it a byte of the path is an action.
-FIRST_TERMINAL = 0xF0
+#: The first byte of the path that is not below it ends the actions.
+FIRST_TERMINAL = MAX_ACTION_SET
+#: Ends the actions of a plan with a tour, which follows.
+TOUR = 0xEF
+#: The lowest id of a naive path. Bytes from `FIRST_TERMINAL` on, below this and other than `TOUR`, are reserved.
+FIRST_NAIVE_PATH = 0xF0
 #: Fills unused bytes.
 FILL = 0xFF
 
@@ -71,13 +75,30 @@ HEADER = (
 )
 #: Repeated once per action.
 ACTION = PacketField(name="actions", type="uint8", low=0, high=FIRST_TERMINAL - 1, meaning="index in the action set")
-#: Once, after the actions.
+#: Only if the plan has a tour: once, after the actions.
+TOUR_HEADER = (
+    PacketField(name="tour", type="uint8", low=TOUR, high=TOUR, meaning="ends the actions: a tour follows"),
+    PacketField(
+        name="segment_legs", type="uint8", low=1, high=MAX_SEGMENT_LEGS, meaning="legs that each segment is long"
+    ),
+    PacketField(name="segments", type="uint8", low=1, high=MAX_SEGMENTS, meaning="number of segments"),
+)
+#: Repeated once per segment of the tour.
+BEARING = PacketField(
+    name="bearings",
+    type="uint8",
+    unit="1/256 turn",
+    low=0,
+    high=BEARINGS - 1,
+    meaning="direction of each segment, clockwise from north",
+)
+#: Once, after the actions and the tour.
 TERMINAL = PacketField(
     name="naive_path",
     type="uint8",
-    low=FIRST_TERMINAL,
+    low=FIRST_NAIVE_PATH,
     high=NONE,
-    meaning="ends the actions: 0xFF no more path, else the id of the naive path that continues to the mission's end",
+    meaning="ends the path: 0xFF no more of it, else the id of the naive path that continues to the mission's end",
 )
 #: Repeated once per sample; an unused place holds 12 bytes 0xFF.
 SAMPLE = (
@@ -88,32 +109,41 @@ SAMPLE = (
 
 HEADER_STRUCT = struct.Struct("<" + "".join(field.code for field in HEADER))
 SAMPLE_BYTES = sum(field.size for field in SAMPLE)
-#: Most actions that leave room for the terminal byte.
+_TOUR_HEADER_BYTES = sum(field.size for field in TOUR_HEADER)
+#: Most actions that leave room for the terminal byte, without a tour.
 MAX_ACTIONS = (PACKET_BYTES - HEADER_STRUCT.size - TERMINAL.size) // ACTION.size
 
 if HEADER_STRUCT.size != sum(field.size for field in HEADER) or MAX_ACTIONS < 1:
     raise AssertionError(f"the field table does not fit a packet of {PACKET_BYTES} bytes")
 
 
-def samples_start(n_actions: int) -> int:
-    """First byte of the samples in a packet with this many actions."""
-    return HEADER_STRUCT.size + n_actions * ACTION.size + TERMINAL.size
+def path_bytes(n_actions: int, segments: int = 0) -> int:
+    """Bytes that a plan's path takes: its actions, its tour of so many segments (0: none), and the terminal byte."""
+    tour = _TOUR_HEADER_BYTES + segments * BEARING.size if segments else 0
+    return n_actions * ACTION.size + tour + TERMINAL.size
 
 
-def capacity(n_actions: int, reserve: int = 0) -> int:
+def samples_start(n_actions: int, segments: int = 0) -> int:
+    """First byte of the samples in a packet with so many actions and segments of a tour (0: no tour)."""
+    return HEADER_STRUCT.size + path_bytes(n_actions, segments)
+
+
+def capacity(n_actions: int, reserve: int = 0, segments: int = 0) -> int:
     """Samples that fit a packet.
 
     Args:
         n_actions: Actions in the packet, 0 to `MAX_ACTIONS`.
         reserve: Bytes at the end kept for the tag, 0 if there is none.
+        segments: Segments of the tour in the packet, 0 if there is none.
 
     Raises:
-        ValueError: if the actions and the reserve do not fit the packet.
+        ValueError: if the actions, the tour and the reserve do not fit the packet.
     """
-    room = PACKET_BYTES - reserve - samples_start(n_actions)
-    if n_actions < 0 or reserve < 0 or room < 0:
+    room = PACKET_BYTES - reserve - samples_start(n_actions, segments)
+    if n_actions < 0 or reserve < 0 or segments < 0 or room < 0:
+        tour = f", a tour of {segments} segments" if segments else ""
         raise ValueError(
-            f"{n_actions} actions and {reserve} bytes of tag do not fit a packet of {PACKET_BYTES} bytes; "
-            f"expected at most {MAX_ACTIONS - reserve} actions"
+            f"{n_actions} actions{tour} and {reserve} bytes of tag do not fit a packet of {PACKET_BYTES} bytes; "
+            f"expected at most {PACKET_BYTES - reserve - samples_start(0, segments)} actions"
         )
     return room // SAMPLE_BYTES

@@ -120,7 +120,7 @@ class Rollout:
         return PlannedPath(step, states, every, len(own), self.leg_places(states[:-1], every))
 
     def can_follow(self, plan: Plan) -> bool:
-        """Whether a received plan can be followed: its state is finite, its step, actions and naive path are known.
+        """Whether a received plan can be followed: its state is finite; step, actions, tour and naive path are known.
 
         A step beyond the mission counts as unknown: such a plan would keep all true plans of its sender out as older.
         """
@@ -128,6 +128,7 @@ class Rollout:
             all(math.isfinite(v) for v in plan.state)
             and plan.step <= self.steps
             and all(0 <= a < self.motion.actions for a in plan.actions)
+            and (plan.tour is None or plan.tour.is_sound)
             and plan.naive_path in (*IDS, NONE)
             and (plan.tour is None or plan.tour.is_sound)
         )

@@ -18,7 +18,7 @@ import yaml
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for, read_parameter_file
-from auv_lse_common.plan import Plan
+from auv_lse_common.plan import Plan, Tour
 from auv_lse_common.recording import RecordingError, read_messages
 from auv_lse_sim.record.run_data import (
     DecisionRecord,
@@ -151,7 +151,7 @@ class _VehicleLog:
         """The collected messages as arrays, in order of time; a plan without its bound gets NaN values."""
         decisions = []
         # A decision publishes both with one stamp. The plan's own step is not the decision's: a plan that is kept
-        # stays anchored where it began. Older recordings call its naive path "heuristic".
+        # stays anchored where it began. Older recordings call its naive path "heuristic" and know no tours.
         for now_s in sorted(self.plans):
             plan, bound = self.plans[now_s], self.bounds.get(now_s)
             decisions.append(
@@ -165,6 +165,7 @@ class _VehicleLog:
                         east_m=float(plan.east_m),
                         actions=tuple(plan.actions),
                         naive_path=int(plan.naive_path if hasattr(plan, "naive_path") else plan.heuristic),
+                        tour=Tour.from_fields(getattr(plan, "segment_legs", 0), getattr(plan, "bearings", ())),
                     ),
                     jbar=float(bound.jbar) if bound else math.nan,
                     reward_so_far=float(bound.reward_so_far) if bound else math.nan,
@@ -298,6 +299,7 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             )
             yield float(block[0, 0]), ns + "/team/samples", own + "SampleArray", message
         for d in vehicle.decisions:
+            segment_legs, bearings = d.plan.tour_fields
             plan = types[own + "Plan"](
                 header=header(d.now_s),
                 vehicle=vehicle.vehicle,
@@ -306,6 +308,8 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
                 north_m=d.plan.north_m,
                 east_m=d.plan.east_m,
                 actions=np.array(d.plan.actions, dtype=np.uint8),
+                segment_legs=segment_legs,
+                bearings=np.array(bearings, dtype=np.uint8),
                 naive_path=d.plan.naive_path,
             )
             yield d.now_s, ns + "/plan", own + "Plan", plan
