@@ -78,6 +78,40 @@ class LevelSet:
             mean_m, std_of_mean_m, std_after_m, self.level_m, self.cost_false_safe, self.cost_false_unsafe, self.method
         )
 
+    def risk_sums(self, mean_m: Array, variance_m2: Array, left_m2: Array) -> Array:
+        """Exact expected risk summed over cells (M,), for each of several variances left: falling ones are fastest.
+
+        Args:
+            mean_m: Mean of the depth given the data in hand (M,).
+            variance_m2: Variance given the data in hand (M,).
+            left_m2: Variances (J, M) that will be left, at most those in hand.
+
+        Returns:
+            Sums (J,).
+        """
+        return self._risk_sums(mean_m, variance_m2, left_m2, False)[0]
+
+    def risk_sums_and_slopes(self, mean_m: Array, variance_m2: Array, left_m2: Array) -> tuple[Array, Array]:
+        """`risk_sums`, and the slopes (J, M) of the risks in the variances left, as `expected_bayes_risk_slope`."""
+        return self._risk_sums(mean_m, variance_m2, left_m2, True)
+
+    def _risk_sums(self, mean: Array, variance: Array, left: Array, with_slopes: bool) -> tuple[Array, Array]:
+        c1, c2 = self.cost_false_safe, self.cost_false_unsafe
+        if not compiled.USE_NUMBA:
+            return self.risk_sums_numpy(mean, variance, left)
+        sums, slopes = np.empty(len(left)), np.empty(left.shape if with_slopes else (0, 0))
+        z = 0.0 if c1 == c2 else float(ndtri(c2 / (c1 + c2)))
+        mean, variance, left = (np.ascontiguousarray(x, dtype=float) for x in (mean, variance, left))
+        compiled_risk().risk_sums(mean, variance, left, self.level_m, c1, c2, z, sums, slopes)
+        return sums, slopes
+
+    def risk_sums_numpy(self, mean_m: Array, variance_m2: Array, left_m2: Array) -> tuple[Array, Array]:
+        """`risk_sums_and_slopes` with NumPy and SciPy alone: the reference of the compiled one."""
+        std_of_mean, std_after = np.sqrt(np.maximum(variance_m2 - left_m2, 0.0)), np.sqrt(left_m2)
+        costs = self.cost_false_safe, self.cost_false_unsafe
+        risks = expected_bayes_risk_numpy(mean_m, std_of_mean, std_after, self.level_m, *costs)
+        return risks.sum(axis=1), self.expected_risk_slope(mean_m, std_of_mean, std_after)
+
     def expected_risk_slope(self, mean_m: ArrayLike, std_of_mean_m: ArrayLike, std_after_m: ArrayLike) -> Array:
         """`expected_bayes_risk_slope` for this level and these costs."""
         return expected_bayes_risk_slope(

@@ -136,6 +136,32 @@ def test_slope_agrees_with_finite_differences(costs):
     assert slope == pytest.approx((8 * near - far) / (12 * step), rel=1e-6, abs=1e-10)
 
 
+@pytest.mark.parametrize("costs", [(10.0, 10.0), (3.0, 12.0), (12.0, 3.0)])
+def test_compiled_risk_sums_agree_with_numpy(costs):
+    if not compiled.USE_NUMBA:
+        pytest.skip("numba is not installed")
+    rng = np.random.default_rng(6)
+    level = LevelSet(cost_false_safe=costs[0], cost_false_unsafe=costs[1])
+    mean = np.concatenate([rng.uniform(5, 25, 300), np.full(50, 15.0), 15.0 + rng.normal(0, 1e-3, 50), [15.0, 3.0]])
+    total = np.append(rng.uniform(1, 60, len(mean) - 2), [0.0, 0.0])
+    # from nothing measured, by steps of every size, to nothing left; some stay as they are, one comes back
+    fall = 10.0 ** rng.uniform(-9, 0.5, (14, len(mean))) * (rng.random((14, len(mean))) < 0.8)
+    left = total * np.exp(-np.cumsum(fall, axis=0))
+    left = np.concatenate([total[None], left, 1e-12 * left[-1:], 0.0 * left[-1:], left[3:4]])
+    for row in range(1, len(left) - 1):  # one cell at a time too, so that errors cannot cancel
+        several = left[: row + 1]
+        expected, slopes = level.risk_sums_numpy(mean, total, several)
+        # 0.5 c eps for each of 400 cells, as the exact integral, and the steps' 1e-12
+        assert level.risk_sums(mean, total, several) == pytest.approx(expected, rel=1e-11, abs=1e-11)
+        sums, found = level.risk_sums_and_slopes(mean, total, several)
+        assert sums == pytest.approx(expected, rel=1e-11, abs=1e-11)
+        assert found == pytest.approx(slopes, rel=1e-6, abs=1e-9)  # where little is left, of what rounding left
+    for p in range(len(mean)):
+        one = slice(p, p + 1)
+        expected = level.risk_sums_numpy(mean[one], total[one], left[:, one])[0]
+        assert level.risk_sums(mean[one], total[one], left[:, one]) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
 def test_theorem_1_over_random_numbers():
     rng = np.random.default_rng(2)
     n = 300_000

@@ -40,9 +40,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dgemm, dtrmm
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from auv_lse_gp.columns import Columns
 from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
@@ -60,6 +60,8 @@ GRADIENT_MATES_EVERY = 3
 #: Cells of less risk, as a share of the largest that a place can have, are left out of the value, of the gradient.
 NO_RISK = 1e-9
 LITTLE_RISK = 1e-3
+#: Rows of the blocks in which the cells are conditioned on places.
+BLOCK = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,8 @@ class _Schedule:
     @property
     def share(self) -> Array:
         """-dJ / dR at each checkpoint (J,)."""
-        return np.asarray(self.weights - np.append(self.weights[1:], 0.0))
+        following: Array = np.append(self.weights[1:], 0.0)
+        return self.weights - following
 
 
 class AnytimeReward:
@@ -229,117 +232,171 @@ class _Drop:
         self._level_set, self._scale = level_set, scale
         self._posterior = kept.posterior
         columns = kept.columns()
-        risk = _expected(level_set, columns, columns.planned_var_m2)
+        after = np.minimum(columns.planned_var_m2, columns.data_var_m2)
+        risk = level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
         self.risk_before = scale * float(risk.sum())
-        counts = np.flatnonzero(risk > least_share * level_set.largest_risk)
-        self._cells = columns.take(counts)
-        self._cells_white = np.ascontiguousarray(self._cells.white.T)
-        self._before = risk[counts]
+        counted = np.flatnonzero(risk > least_share * level_set.largest_risk)
+        self._before = float(risk[counted].sum())
+        self._cells = _Cells(
+            columns.scaled[counted],
+            np.ascontiguousarray(columns.white.T[:, counted]),
+            columns.mean_m[counted],
+            columns.data_var_m2[counted],
+            columns.planned_var_m2[counted],
+        )
         self._mate_groups = schedule.after(mate_legs)
-        self._mates = _Measured(self._posterior, self._posterior.kernel.scale(mates_m), self._cells, self._cells_white)
-        self._mates_own = self._mates.covariance(self._mates)
+        self._mates = _Measured(self._posterior, self._posterior.kernel.scale(mates_m))
+        self._timetables: dict[bytes, _Timetable] = {}
 
     def drops(self, places_m: Array, legs: Array) -> Array:
         """Drop of risk up to each checkpoint since the one before (J,)."""
-        if not len(self.schedule.checkpoints):
-            return np.zeros(0)
-        joint = _Joint(self, places_m, legs)
-        return self._drops(joint.left())
+        if not len(places_m) + len(self._mates):
+            return np.zeros(len(self.schedule.checkpoints))
+        left = self._joint(places_m, legs).left(len(self.schedule.checkpoints))
+        return self._drops(self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left))
 
     def weighted_and_gradient(self, places_m: Array, legs: Array) -> tuple[float, Array]:
         """J, and its gradient with respect to the own places (P, 2)."""
         if not len(places_m) or not len(self.schedule.checkpoints):
             return 0.0, np.zeros_like(places_m)
-        joint = _Joint(self, places_m, legs)
-        left = joint.left()
-        slopes = self._level_set.expected_risk_slope(
-            self._cells.mean_m, np.sqrt(self._cells.data_var_m2 - left), np.sqrt(left)
-        )
+        joint, cells = self._joint(places_m, legs), self._cells
+        left = joint.left(len(self.schedule.checkpoints))
+        risks, slopes = self._level_set.risk_sums_and_slopes(cells.mean_m, cells.data_var_m2, left)
         slopes *= self._scale * self.schedule.share[:, None]
         later = np.cumsum(slopes[::-1], axis=0)[::-1]  # of all checkpoints that include a row
-        value = float(self.schedule.weights @ self._drops(left))
-        return value, joint.gradient(later)
+        return float(self.schedule.weights @ self._drops(risks)), joint.gradient(later)
 
-    def _drops(self, left: Array) -> Array:
-        risks = _expected(self._level_set, self._cells, left)
-        return np.asarray(-self._scale * np.diff(risks.sum(axis=1), prepend=self._before.sum()))
+    def _joint(self, places_m: Array, legs: Array) -> _Joint:
+        key = legs.tobytes()
+        if key not in self._timetables:
+            groups = self.schedule.after(legs), self._mate_groups
+            self._timetables[key] = _Timetable(self._posterior, self._cells, self._mates, *groups)
+        own = _Measured(self._posterior, self._posterior.kernel.scale(places_m))
+        return _Joint(self._posterior, self._cells, own, self._timetables[key])
+
+    def _drops(self, risks: Array) -> Array:
+        return np.asarray(-self._scale * np.diff(risks, prepend=self._before))
+
+
+@dataclass(frozen=True, slots=True)
+class _Cells:
+    """What the posterior says about the map's cells; see `Columns`, but w is (n, M): a row for each measurement."""
+
+    scaled: Array
+    white: Array
+    mean_m: Array
+    data_var_m2: Array
+    planned_var_m2: Array
 
 
 class _Measured:
-    """Places that will be measured, with what the posterior says of them and of the cells together.
+    """Places that will be measured.
 
     Attributes:
         scaled: The places in the kernel's axes and lengths, (P, 2).
         white: Their whitened covariance with data and planned places, (P, n).
-        cross: Their covariance with the cells, C (P, M).
     """
 
-    def __init__(self, posterior: Posterior, scaled: Array, cells: Columns, cells_white: Array) -> None:
+    def __init__(self, posterior: Posterior, scaled: Array) -> None:
         """Takes places (P, 2) already scaled."""
-        kernel = posterior.kernel
-        self._kernel = kernel
+        self._kernel = posterior.kernel
         self.scaled = scaled
-        self.white = posterior.factor.solve_rows_in_place(kernel.of_scaled(scaled, posterior.scaled))
-        self.cross = kernel.of_scaled(scaled, cells.scaled)
-        if self.white.shape[1]:
-            self.cross -= self.white @ cells_white
+        self.white = posterior.factor.solve_rows_in_place(posterior.kernel.of_scaled(scaled, posterior.scaled))
 
     def __len__(self) -> int:
         """Number of places."""
         return len(self.scaled)
 
     def covariance(self, other: _Measured) -> Array:
-        """Covariance with other places, without noise."""
-        own: Array = self._kernel.of_scaled(self.scaled, other.scaled)
-        return own - self.white @ other.white.T if self.white.shape[1] else own
+        """Covariance (P, Q) with other places, without noise."""
+        prior: Array = self._kernel.of_scaled(self.scaled, other.scaled)
+        return prior - self.white @ other.white.T if self.white.shape[1] else prior
+
+    def covariance_with_cells(self, cells: _Cells, out: Array) -> Array:
+        """Covariance (P, M) with the cells, into `out`."""
+        self._kernel.of_scaled(self.scaled, cells.scaled, out)
+        if out.size and self.white.shape[1]:
+            dgemm(-1.0, cells.white.T, self.white.T, beta=1.0, c=out.T, overwrite_c=1)  # BLAS takes rows for columns
+        return out
+
+
+class _Timetable:
+    """Own and mates' places in time order, with the mates' part of their covariances; and room to work in.
+
+    Attributes:
+        mates: The mates' places.
+        groups: Number of the first checkpoint that includes each place, ascending, (P + Q,).
+        order: Number of each place among own and then mates', (P + Q,).
+        own: Rows of the own places, (P,).
+        others: Rows of the mates' places, (Q,).
+    """
+
+    def __init__(
+        self, posterior: Posterior, cells: _Cells, mates: _Measured, own_groups: Ints, mate_groups: Ints
+    ) -> None:
+        """Sorts the places."""
+        groups = np.concatenate([own_groups, mate_groups])
+        self.mates = mates
+        self.order = np.argsort(groups, kind="stable")
+        self.groups = groups[self.order]
+        rows = np.empty_like(self.order)
+        rows[self.order] = np.arange(len(self.order))
+        self.own, self.others = rows[: len(own_groups)], rows[len(own_groups) :]
+        total, count = len(self.order), len(cells.mean_m)
+        self._mates_cross = mates.covariance_with_cells(cells, np.empty((len(mates), count)))
+        self._matrix = np.zeros((total, total))
+        self._matrix[np.ix_(self.others, self.others)] = mates.covariance(mates)
+        self._matrix[np.diag_indices(total)] += posterior.noise_var_m2
+        # Memory that is used again need not be asked for and cleared: a third of the time.
+        self._own_cross, self._cross = np.empty((len(own_groups), count)), np.empty((total, count))
+        self.spare = np.empty((total, count))
+
+    def matrix(self, own: _Measured) -> Array:
+        """Covariance of all measurements in time order, its lower triangle."""
+        matrix = self._matrix.copy()
+        if not len(self.others):
+            matrix += own.covariance(own)
+            return matrix
+        matrix[np.ix_(self.own, self.own)] += own.covariance(own)
+        both = own.covariance(self.mates)
+        matrix[np.ix_(self.own, self.others)] = both
+        matrix[np.ix_(self.others, self.own)] = both.T
+        return matrix
+
+    def cross(self, own: _Measured, cells: _Cells) -> Array:
+        """Covariance of all places in time order with the cells, C; overwritten by the next call."""
+        if not len(self.others):
+            return own.covariance_with_cells(cells, self._cross)
+        self._cross[self.own] = own.covariance_with_cells(cells, self._own_cross)
+        self._cross[self.others] = self._mates_cross
+        return self._cross
 
 
 class _Joint:
-    """Own and mates' places in time order, conditioned on one after another."""
+    """Own and mates' places, conditioned on one after another in time order."""
 
-    def __init__(self, drop: _Drop, places_m: Array, legs: Array) -> None:
+    def __init__(self, posterior: Posterior, cells: _Cells, own: _Measured, timetable: _Timetable) -> None:
         """Factorizes their covariance.
 
         Raises:
             ValueError: if it is not positive definite.
         """
-        self._drop, self._posterior = drop, drop._posterior
-        mates = drop._mates
-        own = _Measured(self._posterior, self._posterior.kernel.scale(places_m), drop._cells, drop._cells_white)
-        groups = np.concatenate([drop.schedule.after(legs), drop._mate_groups])
-        order = np.argsort(groups, kind="stable")
-        self._own, self._mates = own, mates
-        self._groups, self._order = groups[order], order
-        rows = np.empty(len(order), dtype=np.int64)
-        rows[order] = np.arange(len(order))
-        self._rows = rows[: len(own)]  # of the own places, in time order
-        count, total = len(own), len(order)
-        matrix = np.empty((total, total))
-        matrix[:count, :count] = own.covariance(own)
-        if len(mates):
-            matrix[count:, :count] = mates.covariance(own)
-            matrix[:count, count:] = matrix[count:, :count].T
-            matrix[count:, count:] = drop._mates_own
-        matrix[np.diag_indices(total)] += self._posterior.noise_var_m2
-        cross = np.concatenate([own.cross, mates.cross])
-        if len(mates):
-            matrix, cross = matrix[np.ix_(order, order)], cross[order]
-        lower, failed = dpotrf(matrix, lower=1, clean=1)
+        self._posterior, self._cells, self._own, self._timetable = posterior, cells, own, timetable
+        matrix = timetable.matrix(own)
+        self._lower, failed = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)  # symmetric; Fortran-ordered
         if failed:
-            raise ValueError(not_positive_definite(total))
-        self._inverse, _ = dtrtri(lower, lower=1)  # products with it run four times as fast as triangular solves
-        self._reductions: Array = self._inverse @ cross  # Y
+            raise ValueError(not_positive_definite(len(matrix)))
+        self._reductions = _solve_in_place(self._lower, timetable.cross(own, cells))  # Y
 
-    def left(self) -> Array:
+    def left(self, checkpoints: int) -> Array:
         """Variance left at the cells after each checkpoint (J, M)."""
-        cells, count = self._drop._cells, len(self._drop.schedule.checkpoints)
-        bounds = np.searchsorted(self._groups, np.arange(count + 1))
-        left = np.empty((count, len(cells)))
-        now = cells.planned_var_m2
-        for j in range(count):
+        bounds = np.searchsorted(self._timetable.groups, np.arange(checkpoints + 1))
+        left = np.empty((checkpoints, len(self._cells.mean_m)))
+        now = self._cells.planned_var_m2
+        for j in range(checkpoints):
             part = self._reductions[bounds[j] : bounds[j + 1]]
-            now = np.maximum(now - np.einsum("pm,pm->m", part, part), 0.0)
-            left[j] = now
+            np.maximum(now - np.einsum("pm,pm->m", part, part), 0.0, out=left[j])
+            now = left[j]
         return left
 
     def gradient(self, later: Array) -> Array:
@@ -348,26 +405,33 @@ class _Joint:
         Args:
             later: -dJ / ds_q^2 of the cells, summed over each checkpoint and those after it, (J, M).
         """
-        kernel, cells, own = self._posterior.kernel, self._drop._cells, self._rows
-        reductions, inverse = self._reductions, self._inverse
-        y_bar = 2.0 * reductions * later[self._groups]
-        phi = -np.tril(y_bar @ reductions.T)
-        phi[np.diag_indices(len(phi))] *= 0.5
-        c_bar = inverse[:, own].T @ y_bar
-        k_bar = inverse.T @ phi @ inverse
-        k_bar = (0.5 * (k_bar + k_bar.T))[own]
-        every = np.concatenate([self._own.scaled, self._mates.scaled])[self._order]
-        gradient = kernel.gradient_sums(self._own.scaled, c_bar, cells.scaled)
-        gradient += kernel.gradient_sums(self._own.scaled, 2.0 * k_bar, every)
+        kernel, scaled, timetable = self._posterior.kernel, self._own.scaled, self._timetable
+        y_bar = np.take(later, timetable.groups, axis=0, out=timetable.spare, mode="clip")
+        y_bar *= self._reductions
+        lower = np.tril(y_bar @ self._reductions.T)  # halves: the factor 2 of Ybar comes last
+        lower[np.diag_indices(len(lower))] *= 0.5
+        inverse, _ = dtrtri(self._lower, lower=1)
+        of_own = np.ascontiguousarray(inverse[:, timetable.own].T)
+        c_bar = of_own @ y_bar
+        k_bar = of_own @ (-0.5 * (lower + lower.T)) @ inverse  # Phi and its transpose first: own rows are enough
+        every = np.concatenate([scaled, timetable.mates.scaled])[timetable.order]
+        gradient = kernel.gradient_sums(scaled, c_bar, self._cells.scaled)
+        gradient += kernel.gradient_sums(scaled, 2.0 * k_bar, every)
         if len(self._posterior):
-            white = np.concatenate([self._own.white, self._mates.white])[self._order]
-            both = self._drop._cells_white @ c_bar.T + 2.0 * (white.T @ k_bar.T)
+            white = np.concatenate([self._own.white, timetable.mates.white])[timetable.order]
+            both = self._cells.white @ c_bar.T + 2.0 * (white.T @ k_bar.T)
             x_bar = -self._posterior.factor.solve_transposed(both)
-            gradient += kernel.gradient_sums(self._own.scaled, x_bar.T, self._posterior.scaled)
-        return gradient
+            gradient += kernel.gradient_sums(scaled, x_bar.T, self._posterior.scaled)
+        return 2.0 * gradient
 
 
-def _expected(level_set: LevelSet, cells: Columns, left: Array) -> Array:
-    """Expected risk (..., M) at the cells once the variances (..., M) are left."""
-    after = np.minimum(left, cells.data_var_m2)
-    return level_set.expected_risk(cells.mean_m, np.sqrt(cells.data_var_m2 - after), np.sqrt(after))
+def _solve_in_place(lower: Array, right: Array) -> Array:
+    """L^-1 right, for right (P, M), C-ordered: by products with small inverses, much faster than a triangular solve."""
+    for begin in range(0, len(lower) if right.size else 0, BLOCK):
+        rows = slice(begin, begin + BLOCK)
+        part = right[rows].T  # Fortran-ordered: BLAS works in place
+        if begin:
+            dgemm(-1.0, right[:begin].T, lower[rows, :begin], beta=1.0, c=part, trans_b=1, overwrite_c=1)
+        inverse, _ = dtrtri(lower[rows, rows], lower=1)
+        dtrmm(1.0, inverse, part, side=1, lower=1, trans_a=1, overwrite_b=1)
+    return right
