@@ -23,13 +23,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.columns import join_by_path
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
+from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 from benchmarks.rows import Row, row
@@ -138,6 +141,61 @@ def evaluations(sizes: Sizes = FULL) -> list[Row]:
         rows[1]["against"] = rows[2]["against"] = name
         rows[1]["ratio"], rows[2]["ratio"] = batched / theirs, alone / theirs
     return rows
+
+
+#: Anytime reward: kernel centers of the map, legs left, team mates with as many legs.
+TOUR_CENTERS, TOUR_LEGS, TOUR_MATES = 170, 100, 2
+
+
+def anytime(sizes: Sizes = FULL) -> list[Row]:
+    """The anytime reward of a whole mission's path among two team mates: its value, its gradient."""
+    count, legs = min(TOUR_CENTERS, sizes.centers), TOUR_LEGS if sizes is FULL else 8
+    posterior = Posterior(GpConfig())
+    posterior.follow(centers(count))
+    area = OperatingArea(AreaConfig())
+    fine, coarse = (KeptColumns(posterior, area.grid(spacing).places_m) for spacing in (20.0, 24.0))
+    rng = np.random.default_rng(3)
+    paths = [_walk(rng, legs) for _ in range(1 + TOUR_MATES)]
+    mates = [(np.arange(legs) + 0.4 * number, path) for number, path in enumerate(paths[1:], 1)]
+    reward = AnytimeReward(fine, LevelSet(), mates, legs, 0, legs, 1.5, coarse)
+    own = paths[0]
+    value_ms = 1e3 / per_second(lambda: reward.value(own[:, None]), 1, sizes.least_s)
+    gradient_ms = 1e3 / per_second(lambda: reward.value_and_gradient(own), 1, sizes.least_s)
+    _, gradient = reward.value_and_gradient(own)
+    begin = time.process_time()
+    differences = np.array([_difference(reward, own, i) for i in range(own.size)])
+    finite_ms = 1e3 * (time.process_time() - begin)
+    error = float(np.abs(gradient.ravel() - differences).max() / np.abs(gradient).max())
+    what = f"{legs} legs, {count} centers, {TOUR_MATES} mates"
+    return [
+        row(f"anytime value, {what}", value_ms, "ms", goal="<= 5", holds=value_ms <= 5.0),
+        row(
+            f"anytime gradient, {what}",
+            gradient_ms,
+            "ms",
+            "fourth-order differences",
+            finite_ms / gradient_ms,
+            "<= 6",
+            gradient_ms <= 6.0,
+        ),
+        row("its largest error", error, "of the largest", "fourth-order differences", None, "<= 1e-6", error <= 1e-6),
+    ]
+
+
+def _walk(rng: np.random.Generator, legs: int) -> Any:
+    """Ends (L, 2) of the legs of a wandering path that the area's borders reflect."""
+    heading = np.cumsum(rng.normal(0.0, 0.4, legs))
+    ends = np.cumsum(23.5 * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+    low, width = np.array([-30.0, -30.0]), np.array([560.0, 660.0])
+    return low + width - np.abs((ends - low) % (2.0 * width) - width)
+
+
+def _difference(reward: AnytimeReward, places_m: Any, number: int) -> float:
+    """Slope of the gradient's value in one coordinate, by differences of fourth order."""
+    aside = np.zeros(places_m.size)
+    aside[number] = 0.02
+    at = [reward.value_and_gradient(places_m + k * aside.reshape(-1, 2))[0] for k in (-2, -1, 1, 2)]
+    return float((at[0] - 8.0 * at[1] + 8.0 * at[2] - at[3]) / (12.0 * 0.02))
 
 
 def _risk_of(mean: Any, before: Any, after: Any) -> float:
@@ -297,7 +355,7 @@ def memory(sizes: Sizes = FULL) -> list[Row]:
 def run(*, smoke: bool = False) -> list[Row]:
     """All rows; `smoke`: at the smallest sizes, in seconds."""
     sizes = SMOKE if smoke else FULL
-    return [*evaluations(sizes), *decisions(sizes), *samples_cost(sizes), *memory(sizes)]
+    return [*evaluations(sizes), *anytime(sizes), *decisions(sizes), *samples_cost(sizes), *memory(sizes)]
 
 
 if __name__ == "__main__":
