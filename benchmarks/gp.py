@@ -426,7 +426,7 @@ def updates(
     times = []
     for i in range(n, n + 5):
         begin = clock()
-        depth_map.add_samples([[*places[i], depths[i]]])
+        depth_map.add_soundings([[0.0, *places[i], depths[i]]])
         depth_map.field()
         times.append(clock() - begin)
     update = float(np.median(times))
@@ -451,7 +451,7 @@ def real_time(sizes: Sizes = FULL) -> list[Row]:
         place = rng.uniform(0.0, (600.0, 700.0))
         if abs(place[1] - 350.0) < 12.0:
             continue  # left for the vehicle
-        depth_map.add_samples([[*place, 15.0 + 5.0 * np.sin(place[0] / 80.0) + 0.3 * rng.normal()]])
+        depth_map.add_soundings([[0.0, *place, 15.0 + 5.0 * np.sin(place[0] / 80.0) + 0.3 * rng.normal()]])
     depth_map.field()
     slowest = total = 0.0
     before = dataclasses.replace(depth_map.counts)

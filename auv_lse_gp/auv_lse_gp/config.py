@@ -62,6 +62,16 @@ class GpConfig:
     outlier_sigmas: float = parameter(
         0.0, low=0.0, help="A sounding more than this many sigmas off its prediction is flagged, not kept; 0: no gate."
     )
+    team_outlier_sigmas: float = parameter(
+        5.0,
+        low=0.0,
+        help="The same for samples heard from team mates, against the vehicle's own map; 0: no gate.",
+    )
+    max_centers: int = parameter(
+        3000,
+        low=1,
+        help="Kernel centers at most; half of them from samples heard. What would be one more is given up, and said.",
+    )
     min_depth_m: float = parameter(0.0, unit="m", help="A sounding shallower than this is refused as absurd.")
     max_depth_m: float = parameter(1000.0, unit="m", help="A sounding deeper than this is refused as absurd.")
     map_resolution_m: float = parameter(5.0, above=0.0, unit="m", help="Cell size of the map.")

@@ -66,10 +66,31 @@ class Isobath:
     band_probability: float
 
 
+@dataclasses.dataclass(slots=True)
+class TeamSamples:
+    """What became of one team mate's samples.
+
+    Attributes:
+        heard: How many came.
+        outliers: How many did not fit the map.
+        kept: How many became centers.
+    """
+
+    heard: int = 0
+    outliers: int = 0
+    kept: int = 0
+
+    @property
+    def suspicious(self) -> bool:
+        """More than a tenth of them, and more than three, do not fit: a wrong place, a bad sensor, or forged ones."""
+        return self.outliers > max(3.0, 0.1 * self.heard)
+
+
 class DepthMap:
     """A vehicle's own map, from its own soundings and its team's samples.
 
     Attributes:
+        team: What became of the team mates' samples, by the number of the vehicle.
         gp: The Gaussian process.
         level_set: Level and costs.
         area: The operating area.
@@ -83,6 +104,7 @@ class DepthMap:
         self.area = area
         self.grid = area.grid(gp_config.map_resolution_m)
         self.last_problem = ""
+        self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
         self._moments = KeptMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
         self._field: DepthField | None = None
@@ -117,9 +139,40 @@ class DepthMap:
             outcomes[i] = self._add(*rows[i, 1:])
         return outcomes
 
-    def add_samples(self, samples: ArrayLike) -> list[Outcome | None]:
-        """Takes samples heard from the team, in the order given: north, east, depth (m) of each (n, 3)."""
-        return [self._add(*row) for row in _rows("samples", samples, 3)]
+    def add_samples(self, samples: ArrayLike, source: int) -> list[Outcome | None]:
+        """Takes the samples of a packet, in the order given.
+
+        Samples are only taken if they fit this vehicle's own map (`gp.team_outlier_sigmas`), and, where they would be
+        new centers, as long as samples hold less than half of `gp.max_centers`.
+
+        Args:
+            samples: North, east, depth (m) of each (n, 3).
+            source: Number of the vehicle that they come from.
+
+        Returns:
+            What became of each; None for one that was refused (counted, see `last_problem`).
+        """
+        rows = _rows("samples", samples, 3)
+        told = self.team.setdefault(source, TeamSamples())
+        told.heard += len(rows)
+        sigmas = self.gp.config.team_outlier_sigmas
+        fit = np.ones(len(rows), dtype=bool)
+        finite = np.isfinite(rows).all(axis=1)
+        if sigmas > 0.0 and len(self.gp) and finite.any():
+            fit[finite] = self.gp.fits(rows[finite, :2], rows[finite, 2], sigmas)
+        return [self._add_sample(row, ok, told) for row, ok in zip(rows, fit, strict=True)]
+
+    def _add_sample(self, row: Array, fits: bool, told: TeamSamples) -> Outcome | None:
+        if not fits:
+            told.outliers += 1
+            self.gp.counts.outliers += 1
+            return Outcome.OUTLIER
+        if sum(mate.kept for mate in self.team.values()) >= self.gp.config.max_centers // 2:
+            self.gp.counts.full += 1
+            return Outcome.FULL
+        outcome = self._add(*row)
+        told.kept += outcome is Outcome.KEPT
+        return outcome
 
     def field(self) -> DepthField:
         """The posterior on the grid, brought up to date."""

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from auv_lse_gp.config import GpConfig
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 class SoundingError(ValueError):
@@ -32,14 +38,14 @@ def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: flo
         )
 
 
-def is_outlier(config: GpConfig, depth_m: float, mean_m: float, variance_m2: float) -> bool:
-    """Whether a sounding is farther off its prediction than `gp.outlier_sigmas`.
+def within_gate(config: GpConfig, depths_m: Array, mean_m: Array, variance_m2: Array, sigmas: float) -> Mask:
+    """Which soundings are no farther off their prediction than `sigmas` standard deviations, noise included.
 
     Args:
-        config: The gate and the noise of a sounding.
-        depth_m: The sounding.
-        mean_m: Predicted depth there.
-        variance_m2: Variance of that depth.
+        config: The noise of a sounding.
+        depths_m: Soundings, shape (P,).
+        mean_m: Predicted depths there, shape (P,).
+        variance_m2: Variances of these depths, shape (P,).
+        sigmas: The gate.
     """
-    spread_m = math.sqrt(variance_m2 + config.noise_std_m**2)
-    return abs(depth_m - mean_m) > config.outlier_sigmas * spread_m
+    return np.asarray(np.abs(depths_m - mean_m) <= sigmas * np.sqrt(variance_m2 + config.noise_std_m**2))

@@ -21,11 +21,20 @@ def map_health(depth_map: DepthMap, update_s: float, field_s: float) -> Health:
         "too_close": counts.too_close,
         "merged": counts.merged,
         "outliers": counts.outliers,
+        "full": counts.full,
         "refused": counts.refused,
         "last_refused": depth_map.last_problem,
         "update_ms": f"{1e3 * update_s:.2f}",
         "map_ms": f"{1e3 * field_s:.2f}",
     }
+    values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}
+    suspicious = [f"auv{k}" for k, m in sorted(depth_map.team.items()) if m.suspicious]
+    if suspicious:
+        text = f"samples of {', '.join(suspicious)} do not fit the own map: its place, its sensor, or a forger?"
+        return Health(level=Level.WARN, text=text, values=values)
+    if counts.full:
+        text = f"{counts.full} soundings given up: the map has gp.max_centers = {depth_map.gp.config.max_centers}"
+        return Health(level=Level.WARN, text=text, values=values)
     if counts.refused:
         return Health(level=Level.WARN, text=f"{counts.refused} soundings refused", values=values)
     return Health(level=Level.OK, text="ok", values=values)

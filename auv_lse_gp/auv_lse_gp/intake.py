@@ -36,7 +36,7 @@ class MapIntake:
         if self._soundings:
             self.map.add_soundings(self._soundings)
             self._soundings = []
-        for _, _, samples in sorted(self._samples, key=lambda entry: entry[:2]):
-            self.map.add_samples(samples)
+        for _, source, samples in sorted(self._samples, key=lambda entry: entry[:2]):
+            self.map.add_samples(samples, source)
         self._samples = []
         return waited

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_gp.centers import Centers, CenterTable
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.factor import IllConditionedError
-from auv_lse_gp.gate import SoundingError, check_sounding, is_outlier
+from auv_lse_gp.gate import SoundingError, check_sounding, within_gate
 from auv_lse_gp.kernels import LOCAL_RATIO
 from auv_lse_gp.local_subset import predict_locally
 from auv_lse_gp.merging import MERGE_WINDOW, MERGED_AT_MOST, MergedCenter
@@ -38,6 +38,7 @@ class Outcome(enum.Enum):
     TOO_CLOSE = "too_close"
     MERGED = "merged"
     OUTLIER = "outlier"
+    FULL = "full"
 
 
 @dataclasses.dataclass(slots=True)
@@ -48,6 +49,7 @@ class Counts:
     too_close: int = 0
     merged: int = 0
     outliers: int = 0
+    full: int = 0
     refused: int = 0
 
 
@@ -112,11 +114,14 @@ class OnlineGp:
         place = np.array([[north_m, east_m]])
         if self.config.outlier_sigmas > 0.0 and len(self):
             mean, variance = self._posterior.moments(place)  # as it stands, without merges that wait
-            if is_outlier(self.config, depth_m, float(mean[0]), float(variance[0])):
+            if not within_gate(self.config, np.array([depth_m]), mean, variance, self.config.outlier_sigmas)[0]:
                 self.counts.outliers += 1
                 return Outcome.OUTLIER
         near = self._index.too_close(north_m, east_m)
         if near is None:
+            if len(self) >= self.config.max_centers:
+                self.counts.full += 1
+                return Outcome.FULL
             self._append(Centers(place, np.array([depth_m]), np.array([self.config.noise_std_m])))
             self._index.add(north_m, east_m)
             if self.config.merge:
@@ -131,6 +136,12 @@ class OnlineGp:
         self.revision += 1
         self.counts.merged += 1
         return Outcome.MERGED
+
+    def fits(self, places_m: ArrayLike, depths_m: ArrayLike, sigmas: float) -> NDArray[np.bool_]:
+        """Whether soundings (P,) at places (P, 2) lie within `sigmas` standard deviations of the map, shape (P,)."""
+        self._sync()
+        mean, variance = self._posterior.moments(places_m)
+        return within_gate(self.config, np.asarray(depths_m, dtype=float), mean, variance, sigmas)
 
     def _may_merge(self, number: int) -> bool:
         return self.config.merge and number >= len(self) - MERGE_WINDOW and not self._merged[number].full

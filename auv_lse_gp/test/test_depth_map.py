@@ -7,8 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from auv_lse_common import compiled
+from auv_lse_common.health import Level
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.config import KERNELS
+from auv_lse_gp.health import map_health
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
 
@@ -73,7 +75,7 @@ def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
     depth_map = DepthMap(GpConfig(min_spacing_m=10.0, merge=False), LevelSet(), AREA)
     outcomes = depth_map.add_soundings([[2.0, 104.0, 100.0, 15.0], [1.0, 100.0, 100.0, 15.0]])
     assert outcomes == [Outcome.TOO_CLOSE, Outcome.KEPT]
-    outcomes = depth_map.add_samples([[50.0, 50.0, 10.0], [50.0, 53.0, 10.0]])
+    outcomes = depth_map.add_samples([[50.0, 50.0, 10.0], [50.0, 53.0, 10.0]], 2)
     assert outcomes == [Outcome.KEPT, Outcome.TOO_CLOSE]
     assert depth_map.centers.places_m.tolist() == [[100.0, 100.0], [50.0, 50.0]]
     assert depth_map.add_soundings(np.zeros((0, 4))) == []
@@ -90,11 +92,56 @@ def test_refused_soundings_are_counted_and_the_rest_is_taken():
     assert np.isfinite(depth_map.field().mean_m[depth_map.grid.inside]).all()
 
 
+def surveyed(**values):
+    """A map with own soundings on a grid of the true depth, and places between them."""
+    depth_map = DepthMap(GpConfig(length_scale_m=60.0, **values), LevelSet(level_m=15.0), AREA)
+    rng = np.random.default_rng(2)
+    north, east = (axis.ravel() for axis in np.meshgrid(np.arange(10.0, 200.0, 20.0), np.arange(10.0, 240.0, 20.0)))
+    own = np.column_stack([np.arange(len(north)), north, east, depth(north, east) + rng.normal(0, 0.3, len(north))])
+    depth_map.add_soundings(own)
+    return depth_map, rng.uniform([20, 20], [180, 220], (200, 2)), rng
+
+
+def test_forged_samples_do_not_turn_the_map_over():
+    depth_map, places, rng = surveyed()
+    before = depth_map.field().p_safe.copy()
+    samples = np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, len(places))])
+    forged = rng.random(len(samples)) < 0.5
+    samples[forged, 2] = np.where(samples[forged, 2] > 15.0, 2.0, 874.0)
+    outcomes = np.array([o for packet in np.split(samples, 10) for o in depth_map.add_samples(packet, 3)])
+    assert (outcomes[forged] == Outcome.OUTLIER).all()
+    assert (outcomes[~forged] != Outcome.OUTLIER).mean() > 0.98
+    inside = depth_map.grid.inside
+    assert (((depth_map.field().p_safe > 0.5) != (before > 0.5))[inside]).mean() < 0.03
+    health = map_health(depth_map, 0.0, 0.0)
+    assert health.level is Level.WARN
+    assert "samples of auv3 do not fit the own map" in health.text
+    assert health.values["samples of auv3 that do not fit"] == f"{forged.sum()} of 200"
+
+
+def test_samples_with_a_mates_place_error_fit_and_are_not_told_of():
+    depth_map, places, rng = surveyed()
+    off = places + rng.normal(0.0, 3.0, places.shape)  # what drift leaves in a mate's places
+    depth_map.add_samples(np.column_stack([places, depth(*off.T) + rng.normal(0, 0.3, len(places))]), 2)
+    assert not depth_map.team[2].suspicious
+    assert map_health(depth_map, 0.0, 0.0).level is Level.OK
+
+
+def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
+    depth_map, places, _ = surveyed(max_centers=150, min_spacing_m=0.0, merge=False)
+    own = len(depth_map.centers)
+    assert own < 150
+    told = [depth_map.add_samples([[*place, depth(*place)]], 2)[0] for place in places]
+    assert len(depth_map.centers) == min(150, own + 75)
+    assert told[-1] is Outcome.FULL
+    assert "soundings given up: the map has gp.max_centers = 150" in map_health(depth_map, 0.0, 0.0).text
+
+
 def test_isobath_and_its_band():
     depth_map = DepthMap(GpConfig(mean_depth_m=15.0, length_scale_m=60.0), LevelSet(level_m=15.0), AREA)
     rng = np.random.default_rng(1)
     places = rng.uniform([0, 0], [200, 240], (500, 2))
-    depth_map.add_samples(np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, 500)]))
+    depth_map.add_samples(np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, 500)]), 2)
     isobath = depth_map.isobath()
     assert isobath.band_probability == 0.95
     line = max(isobath.lines, key=len)

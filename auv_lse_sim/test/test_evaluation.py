@@ -131,8 +131,10 @@ def test_local_map_takes_what_the_vehicle_took_in_its_order(synthetic_run):
             new = rows[(rows[:, 0] > tick - 1) & (rows[:, 0] <= tick)]
             if add is not None:
                 add(new)
-            elif len(new):
-                by_tick.add_samples(new[:, 2:5])
+            else:
+                for arrival, source in dict.fromkeys(map(tuple, new[:, :2])):
+                    packet = new[(new[:, 0] == arrival) & (new[:, 1] == source)]
+                    by_tick.add_samples(packet[:, 2:5], int(source))
     rebuilt = local_map(vehicle, settings[1], area, 1.0)
     assert np.array_equal(rebuilt.centers.places_m, by_tick.centers.places_m)
     assert np.array_equal(rebuilt.field().risk, by_tick.field().risk)

@@ -169,7 +169,8 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
     for tick in np.unique(ticks_heard):
         count = int(np.searchsorted(ticks_own, tick, side="right"))
         depth_map.add_soundings(own[done:count])
-        depth_map.add_samples(heard[ticks_heard == tick, 2:5])
+        for packet in _packets(heard[ticks_heard == tick]):
+            depth_map.add_samples(packet[:, 2:5], int(packet[0, 1]))
         done = count
     depth_map.add_soundings(own[done:])
     return depth_map
@@ -182,6 +183,12 @@ def _risk_alone(vehicle: VehicleRun, settings: PlannerSettings, map_m: Array) ->
         with contextlib.suppress(SoundingError, IllConditionedError):  # refused by the vehicle's own map, too
             gp.add(float(north), float(east), float(depth))
     return float(settings.level_set.risk(*gp.predict(map_m)).mean())
+
+
+def _packets(heard: Array) -> list[Array]:
+    """The rows of each packet: time of arrival, source, north, east, depth of a sample in each row."""
+    new = np.any(heard[1:, :2] != heard[:-1, :2], axis=1)
+    return np.split(heard, np.flatnonzero(new) + 1)
 
 
 def _tick_s(run: RunData) -> float:
