@@ -253,17 +253,22 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
         text = path.read_text()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return parse_parameters(text, str(path))
+
+
+def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
+    """As `read_parameter_file`, from the file's text; `where` names it in messages."""
     try:
         data = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise ParameterError(f"{path}: not valid YAML: {error}") from error
+        raise ParameterError(f"{where}: not valid YAML: {error}") from error
     shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
     if not isinstance(data, Mapping) or not data:
-        raise ParameterError(f"{path}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")
+        raise ParameterError(f"{where}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")
     patterns: dict[str, dict[str, Any]] = {}
     for pattern, body in data.items():
         if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
-            raise ParameterError(f"{path}: under {pattern!r}: expected {shape}")
+            raise ParameterError(f"{where}: under {pattern!r}: expected {shape}")
         patterns[str(pattern)] = dict(body["ros__parameters"] or {})
     return patterns
 

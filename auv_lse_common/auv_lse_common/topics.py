@@ -20,12 +20,14 @@ class Topic:
             where a does not run.
         latched: True if a late reader gets the last message.
         recorded: True if the recorder subscribes to it from the start.
+        command: True if hardware acts on it, so that a replay leaves it out.
     """
 
     kind: str
     readers: tuple[str, ...] = ()
     latched: bool = False
     recorded: bool = True
+    command: bool = False
 
 
 #: Topics of one vehicle, by their name below its namespace.
@@ -40,9 +42,9 @@ VEHICLE_TOPICS = {
     "isobath": Topic(kind="visualization_msgs/msg/Marker"),
     "plan": Topic(kind="auv_lse_msgs/msg/Plan", readers=("modem_node",), latched=True),
     "path": Topic(kind="nav_msgs/msg/Path"),
-    "waypoint": Topic(kind="auv_lse_msgs/msg/Waypoint", readers=("vehicle_link_node|sim_node",)),
+    "waypoint": Topic(kind="auv_lse_msgs/msg/Waypoint", readers=("vehicle_link_node|sim_node",), command=True),
     "planner/bound": Topic(kind="auv_lse_msgs/msg/Bound"),
-    "modem/tx": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("micromodem_node|sim_node",)),
+    "modem/tx": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("micromodem_node|sim_node",), command=True),
     "modem/rx": Topic(kind="auv_lse_msgs/msg/ModemRx", readers=("modem_node",)),
     "modem/failed": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",), recorded=False),
     "team/plans": Topic(kind="auv_lse_msgs/msg/Plan", readers=("planner_node",)),

@@ -4,11 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
 
+from auv_lse_common.params import read_parameter_file
 from auv_lse_common.plan import Tour
-from auv_lse_common.recording import RecordingError
+from auv_lse_common.recording import MISSION_FILE, SOFTWARE, Recording, RecordingError, recording_in
 from auv_lse_sim.record import bag
-from auv_lse_sim.record.bag import read_bag, read_run, write_run
+from auv_lse_sim.record.bag import flown_parameters, read_bag, read_run, write_run
+from auv_lse_sim.record.software import version
 
 
 def same(a, b):
@@ -102,6 +107,52 @@ def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
     assert counts["/truth/auv2/odometry"] == len(run.vehicles[1].truth)
 
 
+def test_a_recording_holds_the_mission_file_and_the_softwares_version(tmp_path, synthetic_run):
+    run = synthetic_run(steps=2)
+    write_run(run, tmp_path)
+    with Recording(recording_in(tmp_path)) as recording:
+        assert recording.text(SOFTWARE) == version()
+        assert yaml.safe_load(recording.text(MISSION_FILE)).keys() == run.parameters.keys()
+        assert recording.topics[MISSION_FILE].latched
+        assert recording.topics["/auv1/plan"].latched
+        assert not recording.topics["/auv1/sounding"].latched
+    (tmp_path / "mission.yaml").unlink()
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    alone = tmp_path / "elsewhere" / "copied.mcap"
+    alone.parent.mkdir()
+    alone.write_bytes(file.read_bytes())
+    for path in (tmp_path, tmp_path / "bag", alone):
+        assert flown_parameters(path) == run.parameters, path
+        assert read_run(path).steps == 2
+
+
+def other_bag(source, to, plugin):
+    """The same messages as `ros2 bag record` would leave them: other storage, log times of a wall clock, no texts."""
+    with AnyReader([source]) as reader, Writer(to, version=9, storage_plugin=plugin) as writer:
+        connections = {}
+        for number, (c, _, data) in enumerate(reader.messages()):
+            if c.topic in (MISSION_FILE, SOFTWARE):
+                continue
+            if c.topic not in connections:
+                connections[c.topic] = writer.add_connection(c.topic, c.msgtype, typestore=reader.typestore)
+            writer.write(connections[c.topic], 1_700_000_000 * 10**9 + number * 10**6, data)
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])
+def test_a_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
+    run = synthetic_run(steps=3)
+    write_run(run, tmp_path / "run")
+    other_bag(tmp_path / "run" / "bag", tmp_path / "other", plugin)
+    with pytest.raises(RecordingError, match=r"holds no mission file .* --mission FILE"):
+        read_run(tmp_path / "other")
+    back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
+    assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
+    assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
+    assert back.sim_s == pytest.approx(run.sim_s), "times are the messages' own"
+    (file,) = [f for f in (tmp_path / "other").iterdir() if f.suffix in (".mcap", ".db3")]
+    assert read_run(file, mission=tmp_path / "run" / "mission.yaml").steps == 3
+
+
 def test_a_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
     write_run(run, tmp_path)
@@ -111,8 +162,10 @@ def test_a_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run
 
 def test_a_recording_cut_off_is_named(tmp_path, synthetic_run):
     run = synthetic_run(steps=1)
-    with pytest.raises(RecordingError, match=r"has no metadata\.yaml"):
+    with pytest.raises(RecordingError, match=r"nothing: does not exist"):
         read_bag(tmp_path / "nothing", run.parameters)
+    with pytest.raises(RecordingError, match=r"has no metadata\.yaml"):
+        read_bag(tmp_path, run.parameters)
     write_run(run, tmp_path)
     (file,) = (tmp_path / "bag").glob("*.mcap")
     file.write_bytes(file.read_bytes()[:100])

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import os
 import socket
-import subprocess
 import time
 import traceback
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -22,6 +18,7 @@ from auv_lse_sim.campaign.spec import Job
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.record.run_data import RunData
+from auv_lse_sim.record.software import version
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import fit_to_ground
@@ -71,18 +68,6 @@ def row_head(job: Job) -> dict[str, Any]:
     """The columns that are known before the mission is flown."""
     text = yaml.safe_dump(job.patterns, sort_keys=False)
     return {**names_of(job), "version": version(), "parameters": text}
-
-
-@functools.cache
-def version() -> str:
-    """Version of the running code: its commit ("-dirty": changed since), or the package's version."""
-    here = Path(__file__).resolve().parent
-    command = ["git", "-C", str(here), "describe", "--always", "--dirty"]
-    try:
-        found = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        found = ""
-    return found or metadata.version("auv_lse_sim")
 
 
 def _results(e: Evaluation) -> dict[str, Any]:

@@ -18,9 +18,10 @@ from typing import Any
 
 from auv_lse_sim.campaign.cluster import lost_cluster_is_an_error
 from auv_lse_sim.campaign.errors import CampaignError
-from auv_lse_sim.campaign.mission_row import failed_row, mission_row, version
+from auv_lse_sim.campaign.mission_row import failed_row, mission_row
 from auv_lse_sim.campaign.rows import Rows, columns_of, rows_of
 from auv_lse_sim.campaign.spec import CampaignSpec, Job
+from auv_lse_sim.record.software import version
 
 #: Missions handed out beyond one per thread of the cluster, as a share of them (at least one): no thread waits.
 AHEAD = 0.25

@@ -7,9 +7,8 @@ Positions become ENU at this boundary, as in every other message (see docs/frame
 from __future__ import annotations
 
 import math
-import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +16,19 @@ import numpy as np
 import yaml
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
-from auv_lse_common.params import parameters_for, read_parameter_file
+from auv_lse_common.params import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.plan import Plan, Tour
-from auv_lse_common.recording import RecordingError, read_messages
+from auv_lse_common.recording import (
+    MISSION_FILE,
+    SOFTWARE,
+    TEXT,
+    Recording,
+    RecordingError,
+    message_folder,
+    read_messages,
+    recording_in,
+)
+from auv_lse_common.topics import recorded_topics
 from auv_lse_sim.record.run_data import (
     DecisionRecord,
     GroundGrid,
@@ -28,24 +37,56 @@ from auv_lse_sim.record.run_data import (
     RunData,
     VehicleRun,
 )
+from auv_lse_sim.record.software import version
+
+Patterns = dict[str, dict[str, Any]]
 
 #: Messages of this project that a recording holds and this module writes.
 OWN_MESSAGES = ("Bound", "ModemRx", "ModemTx", "Plan", "SampleArray", "Sounding")
 
 
-def read_run(folder: Path, *, ground: GroundGrid | None = None, wall_s: float = math.nan) -> RunData:
-    """Reads a run folder (`mission.yaml` and `bag/`).
+def read_run(
+    path: Path, *, mission: Path | None = None, ground: GroundGrid | None = None, wall_s: float = math.nan
+) -> RunData:
+    """Reads the recording of a mission.
 
     Args:
-        folder: The run folder.
+        path: The run folder, the rosbag2 directory, or its file of messages.
+        mission: The mission file that was flown, for a recording that does not hold it.
         ground: True ground on the evaluation grid, None if there is none.
         wall_s: Wall-clock time the mission took (s), NaN if not known.
 
     Raises:
-        RecordingError: naming the folder and what is missing or broken in it.
-        ParameterError: if `mission.yaml` is not a parameter file.
+        RecordingError: naming the recording and what is missing or broken in it.
+        ParameterError: if the mission file is not a parameter file.
     """
-    return read_bag(folder / "bag", read_parameter_file(folder / "mission.yaml"), ground=ground, wall_s=wall_s)
+    return read_bag(recording_in(path), flown_parameters(path, mission), ground=ground, wall_s=wall_s)
+
+
+def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
+    """The mission file as flown: the one given, else the recording's own, else `mission.yaml` beside it.
+
+    Args:
+        path: The run folder, the rosbag2 directory, or its file of messages.
+        mission: A mission file that stands in for the recording's.
+
+    Raises:
+        RecordingError: if there is no recording, or none of the three.
+        ParameterError: if it is not a parameter file.
+    """
+    if mission is not None:
+        return read_parameter_file(mission)
+    with Recording(recording_in(path)) as recording:
+        text = recording.text(MISSION_FILE)
+    if text is not None:
+        return parse_parameters(text, f"{path}: {MISSION_FILE}")
+    for folder in (path, path.parent):
+        if (folder / "mission.yaml").is_file():
+            return read_parameter_file(folder / "mission.yaml")
+    raise RecordingError(
+        f"{path}: holds no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it; expected the "
+        f"mission file that was flown: --mission FILE"
+    )
 
 
 def read_bag(
@@ -151,22 +192,14 @@ class _VehicleLog:
         """The collected messages as arrays, in order of time; a plan without its bound gets NaN values."""
         decisions = []
         # A decision publishes both with one stamp. The plan's own step is not the decision's: a plan that is kept
-        # stays anchored where it began. Older recordings call its naive path "heuristic" and know no tours.
+        # stays anchored where it began.
         for now_s in sorted(self.plans):
             plan, bound = self.plans[now_s], self.bounds.get(now_s)
             decisions.append(
                 DecisionRecord(
                     now_s=now_s,
                     step=int(bound.step) if bound else int(plan.step),
-                    plan=Plan(
-                        step=int(plan.step),
-                        heading_rad=float(plan.heading_rad),
-                        north_m=float(plan.north_m),
-                        east_m=float(plan.east_m),
-                        actions=tuple(plan.actions),
-                        naive_path=int(plan.naive_path if hasattr(plan, "naive_path") else plan.heuristic),
-                        tour=Tour.from_fields(getattr(plan, "segment_legs", 0), getattr(plan, "bearings", ())),
-                    ),
+                    plan=plan_of(plan),
                     jbar=float(bound.jbar) if bound else math.nan,
                     reward_so_far=float(bound.reward_so_far) if bound else math.nan,
                     lower_bound=float(bound.lower_bound) if bound else math.nan,
@@ -191,6 +224,19 @@ class _VehicleLog:
         )
 
 
+def plan_of(message: Any) -> Plan:
+    """The plan of a recorded Plan message. Older recordings call its naive path "heuristic" and know no tours."""
+    return Plan(
+        step=int(message.step),
+        heading_rad=float(message.heading_rad),
+        north_m=float(message.north_m),
+        east_m=float(message.east_m),
+        actions=tuple(message.actions),
+        naive_path=int(message.naive_path if hasattr(message, "naive_path") else message.heuristic),
+        tour=Tour.from_fields(getattr(message, "segment_legs", 0), getattr(message, "bearings", ())),
+    )
+
+
 _NEEDED = re.compile(r"(/truth)?/auv\d+/(sounding|odometry|plan|planner/bound|modem/tx|modem/rx|team/samples)")
 
 
@@ -203,8 +249,13 @@ def _seconds(stamp: Any) -> float:
 
 def write_mission_file(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
     """Writes a mission's parameters as the ROS 2 parameter file they were read from."""
+    path.write_text(_mission_text(parameters))
+
+
+def _mission_text(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     body = {pattern: {"ros__parameters": dict(values)} for pattern, values in parameters.items()}
-    path.write_text(yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=110))
+    text: str = yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=110)
+    return text
 
 
 def write_run(run: RunData, folder: Path) -> None:
@@ -217,38 +268,37 @@ def write_run(run: RunData, folder: Path) -> None:
     Raises:
         RecordingError: if there is a recording already, or this project's message definitions are not found.
     """
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    from auv_lse_sim.record.recorder import BagWriter  # needs rosbags, which reading names if it is missing
 
     folder.mkdir(parents=True, exist_ok=True)
     if (folder / "bag").exists():
         raise RecordingError(f"{folder / 'bag'}: exists; expected a folder without a recording")
     write_mission_file(folder / "mission.yaml", run.parameters)
+    store = _types()
+    topics = recorded_topics(max((v.vehicle for v in run.vehicles), default=0))
+    latched = {MISSION_FILE, SOFTWARE, *(name for name, topic in topics.items() if topic.latched)}
+    writer = BagWriter(folder / "bag", store, {})
+    known: set[str] = set()
+    for stamp_s, topic, kind, message in sorted(_records(run, store.types), key=lambda record: record[0]):
+        if topic not in known:
+            known.add(topic)
+            writer.add_topic(topic, kind, topic in latched)
+        writer.write(topic, round(stamp_s * 1e9), bytes(store.serialize_cdr(message, kind)))
+    writer.close()
+
+
+def _types() -> Any:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in OWN_MESSAGES:
-        file = _definition(name)
-        store.register(get_types_from_msg(file.read_text(), f"auv_lse_msgs/msg/{name}"))
-    records = sorted(_records(run, store.types), key=lambda record: record[0])
-    with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections: dict[str, Any] = {}
-        for stamp_s, topic, kind, message in records:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connections[topic], round(stamp_s * 1e9), store.serialize_cdr(message, kind))
+        store.register(get_types_from_msg(_definition(name).read_text(), f"auv_lse_msgs/msg/{name}"))
+    return store
 
 
 def _definition(name: str) -> Path:
-    """The `.msg` file of a message: in the source tree, else in an installed ROS workspace."""
-    places: Sequence[Path] = [
-        Path(__file__).resolve().parents[3] / "auv_lse_msgs",
-        *(Path(p) / "share" / "auv_lse_msgs" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p),
-    ]
-    for place in places:
-        if (file := place / "msg" / f"{name}.msg").is_file():
-            return file
-    raise RecordingError(
-        f"{name}.msg: not found in {', '.join(map(str, places))}; expected the package auv_lse_msgs there"
-    )
+    """The `.msg` file of a message."""
+    return message_folder() / f"{name}.msg"
 
 
 def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[tuple[float, str, str, Any]]:
@@ -278,6 +328,8 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             ),
         )
 
+    for topic, text in ((MISSION_FILE, _mission_text(run.parameters)), (SOFTWARE, version())):
+        yield 0.0, topic, TEXT, types[TEXT](data=text)
     own = "auv_lse_msgs/msg/"
     for vehicle in run.vehicles:
         ns = f"/auv{vehicle.vehicle}"

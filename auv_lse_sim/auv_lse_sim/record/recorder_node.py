@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from auv_lse_common.base_node import EVERY, BaseNode, run
 from auv_lse_common.params import ParameterError, section
+from auv_lse_common.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_common.topics import recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_planner.config import MissionConfig
 from auv_lse_sim.record.config import RecordConfig
 from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_types
+from auv_lse_sim.record.software import mission_text, version
 
 _DISCOVERY_PERIOD_S = 2.0
 
@@ -34,7 +36,7 @@ class RecorderNode(BaseNode):
             raise ParameterError(f"{self.where}: record.folder: missing; expected the rosbag2 directory to make")
         self._share = {"auv_lse_msgs": Path(get_package_share_directory("auv_lse_msgs")) / "msg"}
         self._types = message_types(list(self._share.values()))
-        snapshot = {"parameters": yaml.safe_dump(self.parameters), "seed": str(mission.seed)}
+        snapshot = {"software": version(), "seed": str(mission.seed)}
         try:
             self._bag = BagWriter(Path(config.folder), self._types, snapshot, config.flush_s)
         except RecorderError as error:
@@ -42,6 +44,8 @@ class RecorderNode(BaseNode):
         self._refused: set[str] = set()
         self._topics: set[str] = set()
         self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
+        self._write_text(MISSION_FILE, mission_text(sys.argv, self.parameters))
+        self._write_text(SOFTWARE, version())
         for name, topic in recorded_topics(mission.vehicles).items():
             self._record(name, topic.kind, latched=topic.latched)
         if self.lockstep:
@@ -49,6 +53,13 @@ class RecorderNode(BaseNode):
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover)
         self.get_logger().info(f"recording to {config.folder}")
+
+    def _write_text(self, topic: str, text: str) -> None:
+        """Writes a text that holds for the whole recording; nobody publishes it."""
+        self._bag.add_topic(topic, TEXT, latched=True)
+        data = self._types.serialize_cdr(self._types.types[TEXT](data=text), TEXT)
+        self._bag.write(topic, self.get_clock().now().nanoseconds, bytes(data))
+        self._topics.add(topic)
 
     def _record(self, topic: str, kind: str, latched: bool = False, best_effort: bool = False) -> None:
         package, _, name = kind.split("/")
@@ -72,6 +83,11 @@ class RecorderNode(BaseNode):
         writers = self.get_publishers_info_by_topic(topic)
         return any(w.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for w in writers)
 
+    def _is_latched(self, topic: str) -> bool:
+        """Whether every writer of the topic keeps its last messages, so that what came before is recorded too."""
+        writers = self.get_publishers_info_by_topic(topic)
+        return bool(writers) and all(w.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for w in writers)
+
     def _writer_of(self, topic: str) -> Callable[[bytes], None]:
         clock = self.get_clock()
 
@@ -88,14 +104,14 @@ class RecorderNode(BaseNode):
                 self.destroy_subscription(subscription)
                 self._subscribe(topic, message, latched, best_effort=True)
         for topic, kinds in self.get_topic_names_and_types():
-            if topic in self._topics or topic in self._refused or topic.startswith("/lockstep/"):
+            if topic in self._topics or topic in self._refused or "/lockstep/" in topic:
                 continue
             try:
                 package = kinds[0].split("/")[0]
                 if package not in self._share:
                     self._share[package] = Path(get_package_share_directory(package)) / "msg"
                     self._types = message_types(list(self._share.values()))
-                self._record(topic, kinds[0], best_effort=self._has_best_effort_writer(topic))
+                self._record(topic, kinds[0], self._is_latched(topic), self._has_best_effort_writer(topic))
             except (RecorderError, PackageNotFoundError, ImportError, AttributeError) as error:
                 self._refused.add(topic)
                 self.get_logger().warning(f"{topic} ({', '.join(kinds)}) is not recorded: {error!r}")

@@ -1,0 +1,1 @@
+"""Recordings played again, and their decisions computed again."""

@@ -1,0 +1,38 @@
+"""scripts/replay: plays a recording, computes its decisions again, or makes its report anew."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from auv_lse_sim.engine.launcher import LaunchError
+from auv_lse_sim.replay.options import parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Does what the command line asks for. Returns 0; 1 if something differs or failed; 2 if it cannot be done; 130."""
+    options = parser().parse_args(arguments)
+    root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
+    try:
+        # Imported where they are used: playing needs ROS, the other two do not.
+        if options.report:
+            from auv_lse_sim.replay.report import report_again
+
+            for line in report_again(options.run, options.mission, options.out):
+                print(line)
+            return 0
+        from auv_lse_sim.replay.play import play
+
+        return play(options, root)
+    except (LaunchError, OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+"""Single keys from a terminal, read without waiting."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+from types import TracebackType
+from typing import Any
+
+#: What a key means to a replay.
+MEANINGS = {" ": "pause", "\x1b[C": "next", "\x1b[A": "faster", "\x1b[B": "slower"}
+HELP = "space: pause, right: next message, up/down: rate, Ctrl-C: end"
+
+
+class Keys:
+    """The keys pressed; a context manager that gives the terminal back as it was. Without a terminal there are none.
+
+    Attributes:
+        available: Whether there is a terminal.
+    """
+
+    def __init__(self) -> None:
+        """Touches nothing yet."""
+        self.available = sys.stdin is not None and sys.stdin.isatty()
+        self._before: list[Any] = []
+
+    def __enter__(self) -> Keys:
+        """Makes keys come at once and unseen; Ctrl-C stays an interrupt."""
+        if self.available:
+            import termios
+            import tty
+
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Gives the terminal back."""
+        if self.available:
+            import termios
+
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+
+    def wait(self, seconds: float) -> list[str]:
+        """Waits so long at most; returns the meanings of the keys pressed."""
+        if not self.available:
+            select.select([], [], [], seconds)
+            return []
+        ready, _, _ = select.select([sys.stdin], [], [], seconds)
+        return meanings(os.read(sys.stdin.fileno(), 64).decode(errors="replace")) if ready else []
+
+
+def meanings(text: str) -> list[str]:
+    """What a terminal's characters mean; others are ignored."""
+    found = []
+    while text:
+        key = next((k for k in MEANINGS if text.startswith(k)), text[0])
+        found += [MEANINGS[key]] if key in MEANINGS else []
+        text = text[len(key) :]
+    return found

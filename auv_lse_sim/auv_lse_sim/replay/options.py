@@ -1,0 +1,49 @@
+"""The command line of scripts/replay."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/replay."""
+    p = argparse.ArgumentParser(
+        prog="scripts/replay",
+        description="Plays a recording on a ROS domain of its own, for any viewer; or makes its report "
+        "anew (--report).",
+        epilog="keys while it plays: space: pause and go on; right: the next message in a pause; up, down: faster, "
+        "slower. Exit codes: 0, 2 (the request cannot be met), 130 (Ctrl-C).",
+    )
+    p.add_argument(
+        "run",
+        type=Path,
+        metavar="RUN",
+        help="run folder, rosbag2 directory (also of `ros2 bag record`), or its .mcap or .db3 file",
+    )
+    play = p.add_argument_group("playing")
+    play.add_argument("--rate", type=float, default=1.0, metavar="X", help="times as fast as recorded (default: 1)")
+    play.add_argument("--start", type=float, default=0.0, metavar="S", help="seconds into the recording to begin at")
+    play.add_argument("--duration", type=float, metavar="S", help="seconds of the recording to play (default: all)")
+    play.add_argument(
+        "--topics", nargs="+", metavar="NAME", help="topics to play, with wildcards ('/auv1/*'); the clock always is"
+    )
+    play.add_argument("--loop", action="store_true", help="begin again at the end")
+    play.add_argument("--paused", action="store_true", help="begin with a pause: time to start a viewer")
+    play.add_argument(
+        "--commands", action="store_true", help="play waypoints and modem/tx too, on which vehicles and modems act"
+    )
+    play.add_argument(
+        "--domain",
+        type=int,
+        metavar="N",
+        help="ROS domain to play on, with this shell's own discovery settings (default: a free one, on this machine "
+        "alone)",
+    )
+    again = p.add_argument_group("computing again, without ROS")
+    again.add_argument("--report", action="store_true", help="make summary, figures and report.html anew")
+    again.add_argument("--out", type=Path, metavar="DIR", help="folder of the report (default: RUN)")
+    p.add_argument(
+        "--mission", type=Path, metavar="FILE", help="mission file that was flown, if the recording does not hold it"
+    )
+    return p

@@ -1,0 +1,154 @@
+"""A recording played: which topics, at what pace, by which keys; and over real rclpy, with its clock."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from auv_lse_common.recording import RecordedTopic
+from auv_lse_sim.record.bag import write_run
+from auv_lse_sim.replay.__main__ import main
+from auv_lse_sim.replay.keys import meanings
+from auv_lse_sim.replay.pace import Pace, is_command, last_of_each, programme
+
+S = 10**9
+
+
+def topic(name: str) -> RecordedTopic:
+    return RecordedTopic(name=name, kind="std_msgs/msg/String", count=1, reliable=True, latched=False, depth=1)
+
+
+TOPICS = {name: topic(name) for name in ("/clock", "/auv1/plan", "/auv1/waypoint", "/auv2/modem/tx", "/sim/status")}
+
+
+def test_a_message_is_due_when_the_recordings_time_has_come() -> None:
+    pace = Pace(10 * S, 4.0, 100.0)
+    assert pace.now_ns(101.0) == 14 * S
+    assert pace.wait_s(14 * S, 101.0) == 0.0
+    assert pace.wait_s(18 * S, 101.0) == pytest.approx(1.0)
+
+
+def test_a_pause_holds_the_time_and_the_right_arrow_goes_to_the_next_message() -> None:
+    pace = Pace(0, 1.0, 0.0)
+    pace.toggle(5.0)
+    assert pace.now_ns(50.0) == 5 * S
+    assert pace.wait_s(6 * S, 50.0) == float("inf")
+    pace.step_to(6 * S, 51.0)
+    assert pace.now_ns(60.0) == 6 * S
+    pace.toggle(70.0)
+    assert pace.now_ns(71.0) == 7 * S, "goes on from the message stepped to"
+
+
+def test_another_rate_begins_where_the_recording_is() -> None:
+    pace = Pace(0, 1.0, 0.0)
+    pace.change_rate(2.0, 10.0)
+    assert pace.now_ns(11.0) == 12 * S
+
+
+def test_commands_are_left_out_unless_asked_for() -> None:
+    assert is_command("/auv12/waypoint")
+    assert is_command("/glider3/modem/tx")
+    assert not is_command("/auv1/modem/rx")
+    chosen = programme(TOPICS)
+    assert chosen.commands == ("/auv1/waypoint", "/auv2/modem/tx")
+    assert [t.name for t in chosen.played] == ["/clock", "/auv1/plan", "/sim/status"]
+    assert [t.name for t in programme(TOPICS, commands=True).played] == list(TOPICS)
+
+
+def test_topics_are_chosen_with_wildcards_and_the_clock_always_is() -> None:
+    chosen = programme(TOPICS, ["/auv1/*", "/nothing"])
+    assert [t.name for t in chosen.played] == ["/clock", "/auv1/plan"]
+    assert chosen.unknown == ("/nothing",)
+
+
+def test_late_readers_get_the_last_message_of_each_latched_topic() -> None:
+    messages = [("/a", 1, b"1"), ("/b", 2, b"2"), ("/a", 3, b"3")]
+    assert last_of_each(messages) == [("/b", 2, b"2"), ("/a", 3, b"3")]
+
+
+def test_keys_as_terminals_send_them() -> None:
+    assert meanings(" \x1b[Cx\x1b[A\x1b[B") == ["pause", "next", "faster", "slower"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["nowhere"], "nowhere: does not exist"),
+        (["RUN", "--rate", "0"], "--rate 0: expected more than 0"),
+        (["RUN", "--start", "1e6"], "expected 0 to"),
+        (["RUN", "--topics", "/nothing"], "--topics /nothing: not in the recording; it has /auv1/"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_with_words(
+    tmp_path: Path, synthetic_run, capsys, arguments: list[str], expected: str
+) -> None:
+    pytest.importorskip("rclpy")
+    pytest.importorskip("auv_lse_msgs")
+    write_run(synthetic_run(steps=1), tmp_path / "a run")
+    assert main([str(tmp_path / "a run") if a == "RUN" else a for a in arguments]) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_the_report_is_made_anew_from_the_recording(tmp_path: Path, synthetic_run, capsys) -> None:
+    run = synthetic_run(steps=4)
+    write_run(run, tmp_path / "run")
+    assert main([str(tmp_path / "run"), "--report"]) == 0
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["steps"] == 4
+    assert summary["f1"] is not None, "the truth was recorded, so the ground is the mission file's"
+    assert "<html" in (tmp_path / "run" / "report.html").read_text()
+    assert str(tmp_path / "run" / "report.html") in capsys.readouterr().out
+    for vehicle in run.vehicles:
+        vehicle.truth = np.empty((0, 4))
+    write_run(run, tmp_path / "at sea")
+    assert main([str(tmp_path / "at sea" / "bag"), "--report", "--out", str(tmp_path / "page")]) == 0
+    assert json.loads((tmp_path / "page" / "summary.json").read_text())["f1"] is None, "no truth: none is made up"
+
+
+@pytest.mark.ros
+def test_a_recording_played_over_rclpy(tmp_path: Path, synthetic_run) -> None:
+    rclpy = pytest.importorskip("rclpy")
+    messages = pytest.importorskip("auv_lse_msgs.msg")
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from rosgraph_msgs.msg import Clock
+
+    write_run(synthetic_run(steps=6), tmp_path)  # 94 s
+    command = [sys.executable, "-m", "auv_lse_sim.replay", str(tmp_path), "--rate", "10", "--start", "30"]
+    environment = {**os.environ, "AUV_LSE_ROOT": str(Path(__file__).resolve().parents[2])}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        domain = int(re.search(r"ROS_DOMAIN_ID=(\d+)", process.stdout.readline())[1])
+        context = rclpy.Context()
+        rclpy.init(context=context, domain_id=domain)
+        node = rclpy.create_node("viewer", context=context)
+        times, steps, legs = [], [], []
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(Clock, "/clock", lambda m: times.append(m.clock.sec + 1e-9 * m.clock.nanosec), 100)
+        node.create_subscription(messages.Plan, "/auv1/plan", lambda m: steps.append(m.step), latched)
+        node.create_subscription(messages.Waypoint, "/auv1/waypoint", legs.append, 10)
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        until = time.monotonic() + 60.0
+        while process.poll() is None and time.monotonic() < until:
+            executor.spin_once(timeout_sec=0.1)
+        rest = process.stdout.read()
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert process.returncode == 0, rest
+    assert times == sorted(times), "the clock runs"
+    assert times[-1] > 90.0
+    assert 30.0 <= times[0] < 80.0
+    assert steps[0] >= 1, "the plan of before the start is latched"
+    assert steps[-1] == 5
+    assert not legs, "commands are left out"
+    assert "messages" in rest
