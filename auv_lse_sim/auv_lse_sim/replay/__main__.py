@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_sim.engine.launcher import LaunchError
+from auv_lse_common.domain import DomainError
 from auv_lse_sim.replay.options import parser
 
 
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from auv_lse_sim.replay.play import play
 
         return play(options, root)
-    except (LaunchError, OSError, ValueError) as error:
+    except (DomainError, OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from auv_lse_common.domain import local_environment, own_domain
 from auv_lse_common.recording import Recording, RecordingError, recording_in
 from auv_lse_sim.engine.display import clock
-from auv_lse_sim.engine.launcher import local_environment, own_domain
 from auv_lse_sim.replay.keys import HELP, Keys
 from auv_lse_sim.replay.pace import Programme, programme
 from auv_lse_sim.replay.player_node import Player, Progress
