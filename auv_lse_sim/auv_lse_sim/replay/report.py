@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from auv_lse_sim.engine.mission import headlines
 from auv_lse_sim.judge.evaluation import ground_grid
 from auv_lse_sim.judge.report import write_report
+from auv_lse_sim.judge.words import headlines
 from auv_lse_sim.record.bag import read_run
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
