@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from auv_lse_common.executor import make_executor
 from auv_lse_common.lockstep import TICK_ANNOUNCES, Ticks
 from auv_lse_common.params import ParameterError, check_sections, merge, nest, to_mapping
 from auv_lse_common.ros_conversions import seconds
@@ -363,7 +364,12 @@ class VehicleNode(BaseNode):
 
 def spin(node: Node) -> None:
     """Serves the node's callbacks until shutdown: the one place that chooses the executor."""
-    rclpy.spin(node)
+    executor = make_executor()
+    try:
+        executor.add_node(node)
+        executor.spin()
+    finally:
+        executor.shutdown()
 
 
 def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:

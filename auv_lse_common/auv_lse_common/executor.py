@@ -1,0 +1,376 @@
+"""An executor that keeps its wait set: serves a node's callbacks as rclpy's does, in a fraction of the processor time.
+
+rclpy 7.1 makes a wait set anew, in Python, for every message: it lists every publisher, subscription, timer and
+service of the node, enters each one's handle, adds two event handlers for every publisher and subscription, waits, and
+runs one callback as a coroutine. `StandingExecutor` lists them once, and again only when something was made or
+destroyed (rclpy tells an executor so by `wake`). One round:
+
+1. If entities have changed: give up their handles, list them anew, make a new wait set.
+2. Fill the wait set, which rcl empties with every wait, and wait.
+3. Mark every guard condition that is ready, as its trigger is gone by now.
+4. Run what is ready: waitables, timers, guard conditions, subscriptions, clients, services. Subscriptions take turns,
+   one message each, until all are empty or have had `_TURNS`, so that none keeps timers and services waiting. A
+   callback that makes or destroys an entity ends the round; what was ready still is in the next one.
+
+Handlers of an incompatible reader or writer, which rclpy makes for every publisher and subscription and which have
+something to say at discovery alone, join the wait set when no message has come for a second, and at least once a
+second.
+
+What may need a coroutine (a service, a client, a waitable, an `async def` callback) runs as rclpy runs it, and while a
+task is pending rclpy's own rounds are used.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from typing import Any
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.logging import get_logger
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.waitable import NumberOfEntities, Waitable
+
+#: Environment variable by which scripts/bench asks for rclpy's own executor: "rclpy".
+_CHOICE = "AUV_LSE_EXECUTOR"
+#: Messages of one subscription taken before timers and services have their turn again.
+_TURNS = 100
+#: Wall clock (s) after which a busy node looks whether a reader or writer is incompatible.
+_RARE_PERIOD_S = 1.0
+_RARE = (
+    "RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS",
+    "RCL_PUBLISHER_INCOMPATIBLE_TYPE",
+    "RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS",
+    "RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE",
+)
+#: What is used of rclpy beyond its documented interface.
+_EXECUTOR_NEEDS = (
+    "_context",
+    "_guard",
+    "_sigint_gc",
+    "_is_shutdown",
+    "_tasks",
+    "_tasks_lock",
+    "_cb_iter",
+    "_make_handler",
+    "_take_client",
+    "_take_service",
+    "_take_subscription",
+    "_take_timer",
+    "_take_waitable",
+    "_take_guard_condition",
+)
+_WAIT_SET_NEEDS = (
+    "clear_entities",
+    "add_subscription",
+    "add_guard_condition",
+    "add_timer",
+    "add_client",
+    "add_service",
+    "get_ready_entities",
+    "wait",
+)
+
+
+def missing_of(executor: Executor) -> list[str]:
+    """What `StandingExecutor` needs of rclpy's executor and wait set, and the installed rclpy lacks."""
+    wait_set = getattr(_rclpy, "WaitSet", None)
+    missing = [f"Executor.{name}" for name in _EXECUTOR_NEEDS if not hasattr(executor, name)]
+    return missing + [f"WaitSet.{name}" for name in _WAIT_SET_NEEDS if not hasattr(wait_set, name)]
+
+
+def make_executor() -> Executor:
+    """The executor for a node of the stack. Where rclpy lacks what ours needs: rclpy's own, with a warning."""
+    plain = SingleThreadedExecutor()
+    if os.environ.get(_CHOICE) == "rclpy":
+        return plain
+    missing = missing_of(plain)
+    if missing:
+        get_logger("auv_lse").warning(
+            f"this rclpy has no {', '.join(missing)} (expected: rclpy 7.1, ROS 2 Jazzy); callbacks are served by "
+            "rclpy's SingleThreadedExecutor, which takes more processor time"
+        )
+        return plain
+    plain.shutdown()
+    return StandingExecutor()
+
+
+class StandingExecutor(SingleThreadedExecutor):
+    """Serves the callbacks of nodes in the thread that spins; see the top of this file."""
+
+    def __init__(self) -> None:
+        """An executor of the default context, without nodes."""
+        self._changed = True
+        self._entities: _Entities | None = None
+        self._serving = threading.RLock()  # held by the thread that uses the entities
+        self._rare_due_s = 0.0
+        super().__init__()
+
+    def wake(self) -> None:
+        """Entities were made or destroyed: they are listed anew. May be called from any thread."""
+        self._changed = True
+        super().wake()
+
+    def add_node(self, node: Node) -> bool:
+        """Serves a node from now on; False if it was served already."""
+        self._changed = True
+        return super().add_node(node)
+
+    def remove_node(self, node: Node) -> None:
+        """Serves a node no longer."""
+        super().remove_node(node)
+        self._changed = True
+        self._release()
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Serves nothing any more; the thread that spins gives up every handle."""
+        done = super().shutdown(timeout_sec)
+        self._changed = True
+        self._release()
+        return done
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """One round: waits until something is ready or `timeout_sec` is over (None: for ever), and runs all of it."""
+        if self._tasks:
+            super().spin_once(timeout_sec)
+            return
+        with self._serving:
+            if self._cb_iter is not None:  # a round of rclpy's that was not finished; it holds handles
+                self._cb_iter.close()
+                self._cb_iter = None
+            if not self._is_shutdown:
+                self._round(None if timeout_sec is None or timeout_sec < 0.0 else timeout_sec)
+            if self._is_shutdown:
+                self._release()
+
+    def _round(self, timeout_s: float | None) -> None:
+        if self._changed or self._entities is None:
+            self._changed = False  # first: what changes while they are listed is listed in the next round
+            self._release()
+            self._entities = _Entities(self._context, self.get_nodes(), (self._guard, self._sigint_gc))
+        entities = self._entities
+        self._wait(entities, timeout_s)
+        if self._is_shutdown:
+            return
+        if not self._context.ok():
+            raise ExternalShutdownException()
+        entities.mark_guards()
+        for run, ready in (
+            (self._run_waitables, entities.ready_waitables()),
+            (self._run_timers, entities.ready("timer")),
+            (self._run_guards, entities.node_guards),
+            (self._run_subscriptions, entities.ready("subscription")),
+            (self._run_clients, entities.ready("client")),
+            (self._run_services, entities.ready("service")),
+        ):
+            if ready and not self._changed:
+                run(ready)
+
+    def _release(self) -> None:
+        """Gives up the handles, unless another thread is using them: that one will."""
+        if self._serving.acquire(blocking=False):
+            try:
+                if self._entities is not None:
+                    self._entities.close()
+                    self._entities = None
+            finally:
+                self._serving.release()
+
+    def _wait(self, entities: _Entities, timeout_s: float | None) -> None:
+        left_s = self._rare_due_s - time.monotonic()
+        if left_s > 0.0 and entities.rare:
+            short = timeout_s is not None and timeout_s <= left_s
+            entities.wait(timeout_s if short else left_s, with_rare=False)
+            if short or entities.anything_ready():
+                return
+            timeout_s = None if timeout_s is None else timeout_s - left_s
+        entities.wait(timeout_s, with_rare=True)
+        self._rare_due_s = time.monotonic() + _RARE_PERIOD_S
+
+    # ------------------------------------------------------------------ callbacks
+
+    def _run_subscriptions(self, ready: Sequence[_Served]) -> None:
+        for _ in range(_TURNS):
+            left = [served for served in ready if self._run_subscription(*served)]
+            if not left or self._changed:
+                return
+            ready = left
+
+    def _run_subscription(self, subscription: Subscription, node: Node) -> bool:
+        """Takes one message and handles it; False if there was none, or the round is over."""
+        group, callback = subscription.callback_group, subscription.callback
+        if self._changed:
+            return False
+        if inspect.iscoroutinefunction(callback):
+            self._run_task(subscription, node, self._take_subscription)
+            return False
+        if not group.beginning_execution(subscription):
+            return False
+        try:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                return False
+            if subscription._callback_type is Subscription.CallbackType.MessageOnly:
+                callback(taken[0])
+            else:
+                callback(*taken)
+        finally:
+            group.ending_execution(subscription)
+        return True
+
+    def _run_timers(self, ready: Sequence[_Served]) -> None:
+        for timer, node in ready:
+            if self._changed:
+                return
+            if not timer.handle.is_timer_ready():  # canceled by a callback of this round
+                continue
+            if inspect.iscoroutinefunction(timer.callback):
+                self._run_task(timer, node, self._take_timer)
+            elif timer.callback_group.beginning_execution(timer):
+                try:
+                    timer.handle.call_timer()
+                    timer.callback()
+                finally:
+                    timer.callback_group.ending_execution(timer)
+
+    def _run_guards(self, guards: Sequence[_Served]) -> None:
+        for guard, node in guards:
+            if guard._executor_triggered and not self._changed:
+                self._run_task(guard, node, self._take_guard_condition)
+
+    def _run_waitables(self, ready: Sequence[_Served]) -> None:
+        self._run_tasks(ready, self._take_waitable)
+
+    def _run_clients(self, ready: Sequence[_Served]) -> None:
+        self._run_tasks(ready, self._take_client)
+
+    def _run_services(self, ready: Sequence[_Served]) -> None:
+        self._run_tasks(ready, self._take_service)
+
+    def _run_tasks(self, ready: Sequence[_Served], take: Callable[[Any], Any]) -> None:
+        for entity, node in ready:
+            if not self._changed:
+                self._run_task(entity, node, take)
+
+    def _run_task(self, entity: Any, node: Node, take: Callable[[Any], Any]) -> None:
+        """Runs a callback as rclpy does: as a task, which may be suspended."""
+        if not self.can_execute(entity):
+            return
+        task = self._make_handler(entity, node, take)
+        try:
+            task()
+        finally:
+            with self._tasks_lock:
+                self._tasks = [entry for entry in self._tasks if not entry[0].done()]
+        if task.exception() is not None:
+            raise task.exception()
+
+
+#: The name of each kind in a wait set (in the order of `NumberOfEntities`), and that of a node's list of them.
+_KINDS = {
+    "subscription": "subscriptions",
+    "guard_condition": "guards",
+    "timer": "timers",
+    "client": "clients",
+    "service": "services",
+}
+#: An entity of rclpy's, and its node.
+_Served = tuple[Any, Node]
+
+
+class _Entities:
+    """What some nodes want to be served, in one wait set. Their handles stay in use until `close`.
+
+    Attributes:
+        node_guards: The nodes' guard conditions.
+        rare: Whether there are handlers of incompatible readers or writers.
+    """
+
+    def __init__(self, context: Any, nodes: Sequence[Node], own_guards: Sequence[Any]) -> None:
+        """Lists the entities of `nodes`; `own_guards` are the executor's, which only end a wait."""
+        self._stack = ExitStack()
+        self._stack.enter_context(context.handle)
+        self._served: dict[str, dict[int, _Served]] = {}
+        handles: dict[str, list[Any]] = {}
+        for kind, name in _KINDS.items():
+            entered = [(entity, node) for node in nodes for entity in getattr(node, name) if self._enter(entity.handle)]
+            self._served[kind] = {entity.handle.pointer: (entity, node) for entity, node in entered}
+            handles[kind] = [entity.handle for entity, _ in entered]
+        self.node_guards = list(self._served["guard_condition"].values())
+        handles["guard_condition"] += [guard.handle for guard in own_guards if self._enter(guard.handle)]
+        waitables = [(waitable, node) for node in nodes for waitable in node.waitables if self._enter(waitable)]
+        self._rare = [served for served in waitables if _is_rare(served[0])]
+        self._frequent = [served for served in waitables if not _is_rare(served[0])]
+        self.rare = bool(self._rare)
+        counts = NumberOfEntities(*(len(handles[kind]) for kind in _KINDS))
+        for waitable, _ in waitables:
+            counts += waitable.get_num_entities()
+        self._wait_set = _rclpy.WaitSet(
+            counts.num_subscriptions,
+            counts.num_guard_conditions,
+            counts.num_timers,
+            counts.num_clients,
+            counts.num_services,
+            counts.num_events,
+            context.handle,
+        )
+        self._adds = [(getattr(self._wait_set, f"add_{kind}"), handle) for kind in _KINDS for handle in handles[kind]]
+        self._waited_for = waitables
+
+    def _enter(self, handle: Any) -> bool:
+        try:
+            self._stack.enter_context(handle)
+        except InvalidHandle:  # destroyed meanwhile
+            return False
+        return True
+
+    def close(self) -> None:
+        """Gives the handles up."""
+        self._wait_set = None
+        self._stack.close()
+
+    def wait(self, timeout_s: float | None, with_rare: bool) -> None:
+        """Waits until something is ready or `timeout_s` is over (None: for ever)."""
+        for guard, _ in self.node_guards:
+            if guard._executor_triggered:  # its callback was not run
+                guard.trigger()
+        self._wait_set.clear_entities()
+        for add, handle in self._adds:
+            add(handle)
+        self._waited_for = [*self._frequent, *self._rare] if with_rare else self._frequent
+        for waitable, _ in self._waited_for:
+            waitable.add_to_wait_set(self._wait_set)
+        self._wait_set.wait(-1 if timeout_s is None else int(timeout_s * 1e9))
+
+    def ready(self, kind: str) -> list[_Served]:
+        """The entities of a kind that the last wait found ready."""
+        served = self._served[kind]
+        return [served[pointer] for pointer in self._wait_set.get_ready_entities(kind)] if served else []
+
+    def ready_waitables(self) -> list[_Served]:
+        """The waitables that the last wait found ready."""
+        return [served for served in self._waited_for if served[0].is_ready(self._wait_set)]
+
+    def anything_ready(self) -> bool:
+        """Whether the last wait ended before its time."""
+        return any(self._wait_set.get_ready_entities(kind) for kind in _KINDS) or bool(self.ready_waitables())
+
+    def mark_guards(self) -> None:
+        """Notes which guard conditions the last wait found ready: rcl has taken their triggers."""
+        if self.node_guards:
+            ready = self._wait_set.get_ready_entities("guard_condition")
+            for guard, _ in self.node_guards:
+                if guard.handle.pointer in ready:
+                    guard._executor_triggered = True
+
+
+def _is_rare(waitable: Waitable) -> bool:
+    """Whether it handles an event that comes at discovery alone."""
+    return getattr(getattr(waitable, "event_type", None), "name", "") in _RARE
