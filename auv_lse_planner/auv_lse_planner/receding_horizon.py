@@ -174,6 +174,10 @@ class RecedingHorizon:
         )
         return Decision(plan=for_team, leg=leg, bound=bound, statistics=statistics)
 
+    def adopt(self, plan: Plan, step: int) -> None:
+        """Goes on from another plan than the one just decided for mission step `step`; the account stays."""
+        self._plan, self.path = plan, self._rollout.follow(plan).from_step(step)
+
     def _tour(
         self, now_s: float, step: int, state: Array, reanchored: bool, deadline: Callable[[], bool] | None
     ) -> Decision:

@@ -71,6 +71,14 @@ class Travel:
         else:
             self._next_leg = leg
 
+    def replace(self, leg: Leg) -> None:
+        """Takes a leg in place of the one taken last."""
+        self.decided = leg.step + 1
+        if self._next_leg is None:
+            self.leg = leg
+        else:
+            self._next_leg = leg
+
     def _begin(self, leg: Leg, now_s: float) -> None:
         self.leg, self.leg_started_s, self._next_leg = leg, now_s, None
 

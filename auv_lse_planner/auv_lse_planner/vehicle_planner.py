@@ -213,6 +213,16 @@ class VehiclePlanner:
             self.posterior.forget_planned()
         return self._taken(decision, now_s, reanchored)
 
+    def adopt(self, plan: Plan, leg: Leg) -> None:
+        """Follows another plan, with another next leg, than the one just decided: a replay goes on from what was flown.
+
+        Args:
+            plan: A plan that `rollout` can follow; it holds at the leg's step.
+            leg: The leg to travel in place of the one decided.
+        """
+        self._travel.replace(leg)
+        self._horizon.adopt(plan, leg.step)
+
     def _taken(self, decision: Decision, now_s: float, reanchored: bool) -> Decision:
         self._travel.take(decision.leg, now_s, at_once=reanchored)
         self.records.append(decision.bound)

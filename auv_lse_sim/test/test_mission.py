@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from auv_lse_comms.packet.codec import decode
 from auv_lse_comms.tdma import Tdma
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.record.bag import read_run
+from auv_lse_sim.replay.__main__ import main as replay
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
 
@@ -144,6 +146,20 @@ def test_both_wirings_decide_alike(mission: tuple[Path, subprocess.CompletedProc
         for a, b in zip(ros.decisions, fleet.decisions, strict=True):
             assert (a.now_s, a.step, a.plan) == (b.now_s, b.step, b.plan)
             assert a.jbar == b.jbar
+
+
+def test_computed_again_from_its_recording_the_mission_is_the_same(
+    mission: tuple[Path, subprocess.CompletedProcess[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = mission
+    assert replay([str(folder), "--recompute", "gp,planner"]) == 0
+    out = capsys.readouterr().out
+    assert f"planner: {3 * STEPS} decisions compared, 0 differ" in out
+    assert re.search(r"gp: [1-9]\d+ maps compared, 0 differ", out)
+    assert replay([str(folder / "bag"), "--recompute", "gp", "--set", "gp.length_scale_m=60.0"]) == 1
+    out = capsys.readouterr().out
+    assert "changed: gp.length_scale_m: 70.0 -> 60.0" in out
+    assert "0 differ" not in out
 
 
 def test_two_missions_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -107,7 +108,18 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     if options.area is not None:
         south, west, north, east = options.area
         wanted["area.polygon_m"] = [south, west, north, west, north, east, south, east]
-    for text in options.set:
+    wanted.update(settings_given(options.set))
+    return wanted
+
+
+def settings_given(texts: Sequence[str]) -> dict[str, Any]:
+    """The parameters that `--set NAME=VALUE` sets, flat: {name: value}.
+
+    Raises:
+        ParameterError: for a text that is not NAME=VALUE, or whose value is not YAML.
+    """
+    wanted: dict[str, Any] = {}
+    for text in texts:
         name, sign, value = text.partition("=")
         if not sign or not name:
             raise ParameterError(f"--set {text!r}: expected NAME=VALUE, as in planner.iterations=500")

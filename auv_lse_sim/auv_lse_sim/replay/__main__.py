@@ -17,6 +17,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
     try:
         # Imported where they are used: playing needs ROS, the other two do not.
+        if options.recompute:
+            from auv_lse_sim.replay.again import recompute
+
+            return recompute(options)
         if options.report:
             from auv_lse_sim.replay.report import report_again
 

@@ -5,15 +5,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+#: What can be computed again from a recording.
+PARTS = ("gp", "planner")
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/replay."""
     p = argparse.ArgumentParser(
         prog="scripts/replay",
-        description="Plays a recording on a ROS domain of its own, for any viewer; or makes its report "
-        "anew (--report).",
+        description="Plays a recording on a ROS domain of its own, for any viewer; or computes its decisions again and "
+        "reports what differs (--recompute); or makes its report anew (--report).",
         epilog="keys while it plays: space: pause and go on; right: the next message in a pause; up, down: faster, "
-        "slower. Exit codes: 0, 2 (the request cannot be met), 130 (Ctrl-C).",
+        "slower. Exit codes: 0 (recomputed: all the same), 1 (something differs, or it failed), 2 (the request cannot "
+        "be met), 130 (Ctrl-C).",
     )
     p.add_argument(
         "run",
@@ -41,9 +45,35 @@ def parser() -> argparse.ArgumentParser:
         "alone)",
     )
     again = p.add_argument_group("computing again, without ROS")
+    again.add_argument(
+        "--recompute",
+        type=_parts,
+        metavar="PARTS",
+        help="gp, planner or gp,planner: feed the recorded inputs to today's code and compare",
+    )
+    again.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="change a parameter first; may be repeated"
+    )
+    again.add_argument("--all", action="store_true", help="list every step, not only those that differ")
+    again.add_argument("--csv", type=Path, metavar="FILE", help="write every step to a CSV file as well")
+    again.add_argument(
+        "--tolerance",
+        type=float,
+        default=1e-9,
+        metavar="X",
+        help="relative difference of values that counts as none (default: 1e-9: rounding of another machine)",
+    )
     again.add_argument("--report", action="store_true", help="make summary, figures and report.html anew")
     again.add_argument("--out", type=Path, metavar="DIR", help="folder of the report (default: RUN)")
     p.add_argument(
         "--mission", type=Path, metavar="FILE", help="mission file that was flown, if the recording does not hold it"
     )
     return p
+
+
+def _parts(text: str) -> tuple[str, ...]:
+    parts = tuple(part.strip() for part in text.split(","))
+    for part in parts:
+        if part not in PARTS:
+            raise argparse.ArgumentTypeError(f"{part!r}: expected {', '.join(PARTS)}, or both with a comma")
+    return parts
