@@ -1,0 +1,70 @@
+"""Which ROS domain to look at, and the end of a command that looks."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.domain import DomainError, busy_domains, domain_number, local_environment
+from auv_lse_common.inspect.message_text import FieldError
+
+
+def add_graph_options(p: argparse.ArgumentParser) -> None:
+    """Adds what every command that looks at nodes takes."""
+    p.add_argument(
+        "--domain",
+        metavar="N",
+        help="ROS domain (default: ROS_DOMAIN_ID; if that is not set, that of the mission on this machine, else 0)",
+    )
+    p.add_argument(
+        "--spin-time", type=float, metavar="S", help="seconds to look for nodes (default: until no new one comes up)"
+    )
+
+
+def join(wanted: str | None, root: Path | None = None) -> int:
+    """Puts the environment of the chosen domain into this process; returns the domain.
+
+    Raises:
+        DomainError: if it is none, or several missions run on this machine and none is named.
+    """
+    text = wanted or os.environ.get("ROS_DOMAIN_ID")
+    busy = busy_domains()
+    if text:
+        domain = domain_number(text)
+    elif len(busy) > 1:
+        raise DomainError(f"missions run in the ROS domains {', '.join(map(str, busy))}; expected --domain N for one")
+    elif busy:
+        domain = busy[0]
+        print(f"ROS domain {domain}, of the mission on this machine", file=sys.stderr)
+    else:
+        domain = 0
+    root = root or Path(os.environ.get("AUV_LSE_ROOT", Path.cwd()))
+    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    if domain in busy and (root / "config" / "fastdds_localhost.xml").is_file():
+        os.environ.update(local_environment(root, domain))
+    return domain
+
+
+def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespace, Any], int]) -> int:
+    """Runs a command on the graph of the chosen domain. Returns its exit code; 1 for an error, 130 after Ctrl-C."""
+    try:
+        join(options.domain)
+        from auv_lse_common.inspect.graph_node import Graph, GraphError  # after the environment is set
+    except DomainError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    try:
+        with Graph(options.spin_time) as graph:
+            return command(options, graph)
+    except (GraphError, FieldError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:  # its reader, as `head`, has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130

@@ -1,0 +1,292 @@
+"""A node that looks at the others: names, endpoints, messages, parameters."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from rclpy.signals import SignalHandlerOptions
+
+#: The graph counts as known when it has not changed for so long (s), but not before the first look at it is so old.
+_QUIET_S, _LEAST_S = 0.5, 1.0
+_ANSWER_S = 5.0
+
+
+class GraphError(RuntimeError):
+    """A node, topic or parameter that cannot be had."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Endpoint:
+    """A publisher or subscription of a topic.
+
+    Attributes:
+        node: Name of its node, "" if not known.
+        namespace: The node's namespace.
+        kind: "PUBLISHER" or "SUBSCRIPTION".
+        type: Message type.
+        type_hash: Hash of the message type, "" if not known.
+        gid: Its address in DDS, bytes in hexadecimal.
+        qos: Lines of its quality of service.
+        profile: Its quality of service, as rclpy has it.
+    """
+
+    node: str
+    namespace: str
+    kind: str
+    type: str
+    type_hash: str
+    gid: str
+    qos: tuple[str, ...]
+    profile: Any
+
+    @property
+    def full_name(self) -> str:
+        """The node's full name."""
+        return f"{self.namespace.rstrip('/')}/{self.node}"
+
+
+class Graph:
+    """A context that joins the environment's ROS domain and knows what is there."""
+
+    def __init__(self, spin_s: float | None = None) -> None:
+        """Args: spin_s: how long (s) to look for others; None: until nothing new has come up for a while."""
+        self._spin_s = spin_s
+
+    def __enter__(self) -> Graph:
+        """Joins, and waits until the others are known. Ctrl-C stays the caller's."""
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        # A name that begins with an underscore is hidden from `list`.
+        self.node = rclpy.create_node(f"_auv_lse_inspect_{os.getpid()}", start_parameter_services=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._discover()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leaves."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+    def _discover(self) -> None:
+        began = changed = time.monotonic()
+        seen: Any = None
+        while True:
+            self.spin(0.05)
+            now, found = time.monotonic(), (self.nodes(hidden=True), self.topics(hidden=True))
+            if found != seen:
+                seen, changed = found, now
+            if self._spin_s is not None:
+                if now - began >= self._spin_s:
+                    return
+            elif now - began >= _LEAST_S and now - changed >= _QUIET_S:
+                return
+
+    def spin(self, seconds: float) -> None:
+        """Handles what comes in for `seconds`."""
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+
+    # ------------------------------------------------------------------ topics
+
+    def topics(self, hidden: bool = False) -> dict[str, tuple[str, ...]]:
+        """The types of each topic, by name."""
+        found = self.node.get_topic_names_and_types()
+        return {name: tuple(kinds) for name, kinds in sorted(found) if hidden or not _is_hidden(name)}
+
+    def endpoints(self, topic: str) -> tuple[list[Endpoint], list[Endpoint]]:
+        """Publishers and subscriptions of a topic, without this node's own."""
+        pairs = (self.node.get_publishers_info_by_topic(topic), self.node.get_subscriptions_info_by_topic(topic))
+        publishers, subscriptions = ([e for i in infos if (e := _endpoint(i)) is not None] for infos in pairs)
+        me = self.node.get_name()
+        return [e for e in publishers if e.node != me], [e for e in subscriptions if e.node != me]
+
+    def message_type(self, topic: str, wanted: str | None = None) -> type | None:
+        """The class of a topic's messages; None if the topic is not there and no type is given.
+
+        Raises:
+            GraphError: if the type is not installed, or the topic has several.
+        """
+        if wanted is None:
+            kinds = self.topics(hidden=True).get(topic, ())
+            if len(kinds) > 1:
+                raise GraphError(f"{topic}: has the types {', '.join(kinds)}; expected one; name it after the topic")
+            if not kinds:
+                return None
+            wanted = kinds[0]
+        package, _, name = wanted.replace("/msg/", "/").partition("/")
+        try:
+            return getattr(import_module(f"{package}.msg"), name)
+        except (ImportError, AttributeError) as error:
+            raise GraphError(
+                f"{topic}: type {wanted}: cannot be read ({error}); expected its package to be installed and sourced"
+            ) from error
+
+    def listen(self, topic: str, kind: type, take: Callable[[Any], None], raw: bool = False) -> None:
+        """Subscribes so that every present publisher is heard, late ones' last message too where it is kept."""
+        profiles = [endpoint.profile for endpoint in self.endpoints(topic)[0]]
+        reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
+        kept = bool(profiles) and all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+        quality = QoSProfile(
+            depth=1000,
+            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+        )
+        self.node.create_subscription(kind, topic, take, quality, raw=raw)
+
+    # ------------------------------------------------------------------ nodes
+
+    def nodes(self, hidden: bool = False) -> list[str]:
+        """Full names of the nodes, one for each node of that name."""
+        found = self.node.get_node_names_and_namespaces()
+        names = [f"{space.rstrip('/')}/{name}" for name, space in found if hidden or not name.startswith("_")]
+        return sorted(names)
+
+    def node_topics(self, name: str) -> dict[str, list[tuple[str, tuple[str, ...]]]]:
+        """What a node subscribes to, publishes, serves and calls: {heading: (name, types)}.
+
+        Raises:
+            GraphError: if there is no such node.
+        """
+        space, _, base = name.rpartition("/")
+        by = self.node
+        calls = {
+            "Subscribers": by.get_subscriber_names_and_types_by_node,
+            "Publishers": by.get_publisher_names_and_types_by_node,
+            "Service Servers": by.get_service_names_and_types_by_node,
+            "Service Clients": by.get_client_names_and_types_by_node,
+        }
+        try:
+            found = {heading: call(base, space or "/") for heading, call in calls.items()}
+        except Exception as error:  # rclpy raises NodeNameNonExistentError of its C layer
+            raise GraphError(f"node {name}: is not there") from error
+        return {h: [(n, tuple(t)) for n, t in sorted(pairs)] for h, pairs in found.items()}
+
+    # ------------------------------------------------------------------ parameters
+
+    def parameter_names(self, node: str) -> list[str]:
+        """Names of a node's parameters."""
+        answer = self._call(node, ListParameters, "list_parameters", ListParameters.Request())
+        return sorted(answer.result.names)
+
+    def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any]:
+        """Values of some of a node's parameters; None for one that is not set."""
+        answer = self._call(node, GetParameters, "get_parameters", GetParameters.Request(names=list(names)))
+        values = [_value(v) for v in answer.values]
+        return dict(zip(names, values, strict=False))  # fewer values than names: rcl stops at one it does not know
+
+    def descriptions(self, node: str, names: Sequence[str]) -> list[Any]:
+        """Descriptors of some of a node's parameters."""
+        request = DescribeParameters.Request(names=list(names))
+        return list(self._call(node, DescribeParameters, "describe_parameters", request).descriptors)
+
+    def set_parameter(self, node: str, name: str, value: Any) -> str | None:
+        """Sets a parameter; returns the reason of a refusal, None if it is set."""
+        request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
+        result = self._call(node, SetParameters, "set_parameters", request).results[0]
+        return None if result.successful else result.reason or "no reason given"
+
+    def _call(self, node: str, kind: type, service: str, request: Any) -> Any:
+        client = self.node.create_client(kind, f"{node}/{service}")
+        until = time.monotonic() + _ANSWER_S
+        while not client.service_is_ready():
+            if time.monotonic() > until:
+                raise GraphError(f"node {node}: offers no {service}; expected a node with parameter services")
+            self.spin(0.05)
+        future = client.call_async(request)
+        while not future.done():
+            if time.monotonic() > until:
+                raise GraphError(f"node {node}: no answer to {service} within {_ANSWER_S:g} s (is it busy?)")
+            self._executor.spin_once(timeout_sec=0.1)
+        self.node.destroy_client(client)
+        return future.result()
+
+
+def mismatches(publishers: Sequence[Endpoint], subscriptions: Sequence[Endpoint]) -> list[str]:
+    """A sentence for each pair of endpoints that do not exchange messages, and what would mend it."""
+    found = []
+    for publisher in publishers:
+        for subscription in subscriptions:
+            pair = f"{publisher.full_name} publishes, but {subscription.full_name} does not get it"
+            if publisher.type != subscription.type:
+                found.append(f"{pair}: type {publisher.type} against {subscription.type}")
+                continue
+            result, reason = qos_check_compatible(publisher.profile, subscription.profile)
+            if result == QoSCompatibility.ERROR:
+                found.append(f"{pair}: {_explained(publisher, subscription) or reason}")
+    return found
+
+
+def _explained(publisher: Endpoint, subscription: Endpoint) -> str:
+    p, s = publisher.profile, subscription.profile
+    reasons = []
+    if p.reliability == ReliabilityPolicy.BEST_EFFORT and s.reliability == ReliabilityPolicy.RELIABLE:
+        reasons.append("it asks for RELIABLE and is offered BEST_EFFORT (fix: the reader asks for BEST_EFFORT)")
+    if p.durability == DurabilityPolicy.VOLATILE and s.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        reasons.append("it asks for TRANSIENT_LOCAL and is offered VOLATILE (fix: the writer offers TRANSIENT_LOCAL)")
+    return "; ".join(reasons)
+
+
+def parameter_type(code: int) -> str:
+    """The name of a parameter's type, as `ros2 param describe` says it."""
+    names = {
+        getattr(ParameterType, f"PARAMETER_{name.upper().replace(' ', '_')}"): name
+        for name in (
+            "not set", "bool", "integer", "double", "string", "byte array", "bool array", "integer array",
+            "double array", "string array",
+        )
+    }  # fmt: skip
+    return {"bool": "boolean", "bool array": "boolean array"}.get(names[code], names[code])
+
+
+def _is_hidden(name: str) -> bool:
+    return any(part.startswith("_") for part in name.split("/"))
+
+
+def _value(message: Any) -> Any:
+    value = parameter_value_to_python(message)
+    return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _endpoint(info: Any) -> Endpoint | None:
+    if _is_hidden(info.node_name):
+        return None
+    q = info.qos_profile
+    lines = (
+        f"Reliability: {q.reliability.name}",
+        f"History (Depth): {q.history.name}" + (f" ({q.depth})" if q.history.name == "KEEP_LAST" else ""),
+        f"Durability: {q.durability.name}",
+        f"Lifespan: {_duration(q.lifespan)}",
+        f"Deadline: {_duration(q.deadline)}",
+        f"Liveliness: {q.liveliness.name}",
+        f"Liveliness lease duration: {_duration(q.liveliness_lease_duration)}",
+    )
+    return Endpoint(
+        node=info.node_name,
+        namespace=info.node_namespace,
+        kind=info.endpoint_type.name,
+        type=info.topic_type,
+        type_hash=str(getattr(info, "topic_type_hash", "") or ""),
+        gid=".".join(f"{b:02x}" for b in info.endpoint_gid),
+        qos=lines,
+        profile=q,
+    )
+
+
+def _duration(value: Any) -> str:
+    return "Infinite" if value.nanoseconds >= 2**63 - 1 else f"{value.nanoseconds} nanoseconds"

@@ -1,0 +1,93 @@
+"""scripts/nodes: list, info; arguments and output as those of `ros2 node`."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from auv_lse_common.inspect.domain_choice import add_graph_options, run_command
+
+_ACTION = "/_action/"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/nodes."""
+    p = argparse.ArgumentParser(
+        prog="scripts/nodes",
+        description="Looks at running nodes, as `ros2 node` does, on machines without that command.",
+        epilog="Exit codes: 0; 1 a node is not there; 2 a wrong command line; 130 Ctrl-C.",
+    )
+    commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    c = commands.add_parser("list", help="names of the nodes")
+    add_graph_options(c)
+    c.add_argument("-a", "--all", action="store_true", help="those whose name has a leading underscore too")
+    c.add_argument("-c", "--count-nodes", action="store_true", help="their number alone")
+    c.set_defaults(run=run_list)
+    c = commands.add_parser("info", help="what a node subscribes to, publishes, serves and calls")
+    add_graph_options(c)
+    c.add_argument("node", metavar="NODE", help="full name, as /auv1/planner_node")
+    c.set_defaults(run=run_info)
+    return p
+
+
+def run_list(options: argparse.Namespace, graph: Any) -> int:
+    """`nodes list`."""
+    names = graph.nodes(options.all)
+    if options.count_nodes:
+        print(len(names))
+        return 0
+    for name in names:
+        print(name)
+    for name, count in Counter(names).items():
+        if count > 1:
+            print(f"warning: {count} nodes have the name {name}; one of them may be a left-over", file=sys.stderr)
+    return 0
+
+
+def run_info(options: argparse.Namespace, graph: Any) -> int:
+    """`nodes info`."""
+    name = known_node(options.node, graph)
+    print(name)
+    found = graph.node_topics(name)
+    actions = {"Action Servers": "Service Servers", "Action Clients": "Service Clients"}
+    for heading, pairs in found.items():
+        print(f"  {heading}:")
+        for topic, kinds in pairs:
+            if _ACTION not in topic:
+                print(f"    {topic}: {', '.join(kinds)}")
+    for heading, services in actions.items():
+        print(f"  {heading}:")
+        for topic, kinds in found[services]:
+            if topic.endswith(f"{_ACTION}send_goal"):
+                print(f"    {topic.removesuffix(f'{_ACTION}send_goal')}: {kinds[0].removesuffix('_SendGoal')}")
+    return 0
+
+
+def known_node(name: str, graph: Any) -> str:
+    """The full name of a node that is there.
+
+    Raises:
+        GraphError: if it is not, with the name of one like it.
+    """
+    from auv_lse_common.inspect.graph_node import GraphError
+
+    full, there = name if name.startswith("/") else f"/{name}", graph.nodes(hidden=True)
+    if full not in there:
+        near = difflib.get_close_matches(full, there, n=1, cutoff=0.6)
+        hint = f"did you mean {near[0]}?" if near else "scripts/nodes list names those that are there"
+        raise GraphError(f"node {full}: is not there; {hint}")
+    return full
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Looks at nodes. Returns 0, 1, 2 or 130, as the help says."""
+    options = parser().parse_args(arguments)
+    return run_command(options, options.run)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""How often messages come and how large they are, over the last ones; as `ros2 topic hz` and `bw` say it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+
+
+class Rate:
+    """The rate of a topic over its last messages."""
+
+    def __init__(self, window: int) -> None:
+        """Args: window: how many intervals between messages count."""
+        self._times: deque[float] = deque(maxlen=window + 1)
+        self._told = 0
+        self._count = 0
+
+    def note(self, now_s: float) -> None:
+        """A message has come at `now_s` (s)."""
+        self._times.append(now_s)
+        self._count += 1
+
+    def text(self) -> str:
+        """The rate in two lines; "no new messages" if none has come since the last call."""
+        if self._count == self._told or len(self._times) < 2:
+            return "no new messages"
+        self._told = self._count
+        times = list(self._times)
+        gaps = [b - a for a, b in pairwise(times)]
+        mean = sum(gaps) / len(gaps)
+        deviation = math.sqrt(sum((gap - mean) ** 2 for gap in gaps) / len(gaps))
+        rate = 1.0 / mean if mean > 0.0 else math.inf
+        return (
+            f"average rate: {rate:.3f}\n"
+            f"\tmin: {min(gaps):.3f}s max: {max(gaps):.3f}s std dev: {deviation:.5f}s window: {len(gaps)}"
+        )
+
+
+class Bandwidth:
+    """The bandwidth of a topic over its last messages."""
+
+    def __init__(self, window: int) -> None:
+        """Args: window: how many messages count."""
+        self._messages: deque[tuple[float, int]] = deque(maxlen=window)
+
+    def note(self, now_s: float, size: int) -> None:
+        """A message of `size` bytes has come at `now_s` (s)."""
+        self._messages.append((now_s, size))
+
+    def text(self, now_s: float) -> str:
+        """Bandwidth and sizes in two lines, up to `now_s` (s)."""
+        if len(self._messages) < 2:
+            return "no new messages"
+        sizes = [size for _, size in self._messages]
+        span = now_s - self._messages[0][0]
+        rate = sum(sizes) / span if span > 0.0 else math.inf
+        mean = sum(sizes) / len(sizes)
+        return (
+            f"{_bytes(rate)}/s from {len(sizes)} messages\n"
+            f"\tMessage size mean: {_bytes(mean)} min: {_bytes(min(sizes))} max: {_bytes(max(sizes))}"
+        )
+
+
+def _bytes(count: float) -> str:
+    if count < 1000.0:
+        return f"{count:.0f} B"
+    return f"{count / 1000.0:.2f} KB" if count < 1e6 else f"{count / 1e6:.2f} MB"
