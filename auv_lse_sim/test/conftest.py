@@ -11,7 +11,8 @@ from auv_lse_common.plan import Plan
 from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.campaign.cluster import cluster
-from auv_lse_sim.judge.evaluation import ground_grid, mission_settings
+from auv_lse_sim.judge.evaluation import ground_grid
+from auv_lse_sim.judge.team_map import mission_settings
 from auv_lse_sim.record.run_data import DecisionRecord, PacketReceived, PacketSent, RunData, VehicleRun
 
 sys.path.insert(0, str(Path(__file__).parent))  # `sim_helpers`: pytest's importlib mode does not find it by itself

@@ -6,7 +6,8 @@ import pytest
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_sim.judge.certainty import FOUND, LIKELY, lines_of
-from auv_lse_sim.judge.evaluation import evaluate, ground_grid, local_map, mission_settings
+from auv_lse_sim.judge.evaluation import evaluate, ground_grid, local_map
+from auv_lse_sim.judge.team_map import mission_settings
 from auv_lse_sim.record.run_data import GroundGrid, RunData, VehicleRun
 
 

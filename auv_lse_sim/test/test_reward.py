@@ -7,8 +7,8 @@ from auv_lse_common.plan import NONE
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.kernels import Kernel
 from auv_lse_planner.vehicle_planner import VehiclePlanner
-from auv_lse_sim.judge.evaluation import mission_settings
 from auv_lse_sim.judge.reward import PlannedPaths, leg_times, reward_curves, running_maximum
+from auv_lse_sim.judge.team_map import mission_settings
 
 
 def settings_of(run):

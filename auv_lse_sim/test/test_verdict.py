@@ -5,7 +5,7 @@ import pytest
 
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthField, DepthMap
-from auv_lse_sim.judge.evaluation import mission_settings
+from auv_lse_sim.judge.team_map import mission_settings
 from auv_lse_sim.judge.verdict import judge
 from auv_lse_sim.record.run_data import GroundGrid
 

@@ -27,7 +27,15 @@ from auv_lse_gp.receivers_risk import ReceiversRisk
 from auv_lse_planner.decision import Decision
 from auv_lse_planner.intake import PlannerIntake
 from auv_lse_planner.vehicle_planner import VehiclePlanner
-from auv_lse_sim.record.run_data import DecisionRecord, GroundGrid, PacketReceived, PacketSent, RunData, VehicleRun
+from auv_lse_sim.record.run_data import (
+    DecisionRecord,
+    GroundGrid,
+    PacketReceived,
+    PacketSent,
+    RunData,
+    VehicleRun,
+    origin_of,
+)
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Ground
 from auv_lse_sim.world.world import VehicleOutput, World
@@ -272,6 +280,6 @@ class Fleet:
             ground=GroundGrid.sample(self.ground, grid.north_m, grid.east_m, grid.inside),
             sim_s=self.now_s,
             wall_s=self._wall_s,
-            origin=self.ground.origin,
+            origin=self.ground.origin or origin_of(self.settings.to_patterns()),
             notes=notes,
         )

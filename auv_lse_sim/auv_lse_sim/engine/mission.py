@@ -158,7 +158,8 @@ def conclude(
     """Evaluates the recording into summary.json, isobath.geojson and, if `report`, the figures and the report."""
     # Imported here: the figures' libraries take a second to load, and a mission that fails needs none of them.
     from auv_lse_sim.judge.evaluation import evaluate, ground_grid
-    from auv_lse_sim.judge.report import write_isobath, write_report
+    from auv_lse_sim.judge.report import write_report
+    from auv_lse_sim.judge.team_map import write_isobath
     from auv_lse_sim.judge.words import headlines
     from auv_lse_sim.record.bag import read_run
 
@@ -171,7 +172,7 @@ def conclude(
         evaluation = evaluate(run)
         summary = evaluation.summary
         summary.write(folder / "summary.json")
-        write_isobath(evaluation, folder / "isobath.geojson")
+        write_isobath(evaluation.team_map, folder / "isobath.geojson", run.origin, evaluation.truth)
     phases["report"] = time.monotonic() - began
     times = folder / "logs" / "times.json"
     times.write_text(json.dumps({**json.loads(times.read_text()), "wall_s": phases}, indent=1) + "\n")

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,7 @@ from auv_lse_sim.judge import certainty, isobath
 from auv_lse_sim.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN, Piece
 from auv_lse_sim.judge.reward import PAPERS_METHODS, Curves, reward_curves
 from auv_lse_sim.judge.summary import Summary
+from auv_lse_sim.judge.team_map import TeamMap, map_of, mission_settings, team_map
 from auv_lse_sim.judge.tracks import least_separation, navigation_error, path_length_m, true_positions
 from auv_lse_sim.judge.verdict import Verdict, judge
 from auv_lse_sim.record.run_data import DepthSource, GroundGrid, RunData, VehicleRun
@@ -49,13 +49,10 @@ class Evaluation:
     Attributes:
         run: The mission.
         settings: Settings of each vehicle, in order.
-        area: The operating area.
-        prior: Map before the mission.
-        team: Map from all soundings of all vehicles, in order of time.
+        team_map: Map from all soundings of all vehicles, in order of time, and its isobath.
         local: Each vehicle's own final map.
         alone_risk: Mean risk of each vehicle's map from its own soundings alone (cost/place).
         curves: Reward and bounds over steps.
-        pieces: The estimated isobath, in pieces of one certainty.
         truth: Lines of the true isobath (empty without truth).
         scored: Cells judged, shape of the map.
         summary: The figures of merit.
@@ -63,13 +60,10 @@ class Evaluation:
 
     run: RunData
     settings: list[PlannerSettings]
-    area: OperatingArea
-    prior: DepthField
-    team: DepthField
+    team_map: TeamMap
     local: list[DepthField]
     alone_risk: tuple[float, ...]
     curves: Curves
-    pieces: list[Piece]
     truth: list[Array]
     scored: Mask
     summary: Summary = field(init=False)
@@ -78,17 +72,25 @@ class Evaluation:
         """Computes the summary."""
         self.summary = _summary(self)
 
+    @property
+    def area(self) -> OperatingArea:
+        """The operating area."""
+        return self.team_map.area
 
-def mission_settings(parameters: Mapping[str, Mapping[str, Any]], vehicles: int) -> list[PlannerSettings]:
-    """Planner settings of vehicles 1..K from a mission file's parameters.
+    @property
+    def prior(self) -> DepthField:
+        """Map before the mission."""
+        return self.team_map.prior
 
-    Raises:
-        ParameterError: naming the parameter that cannot be used.
-    """
-    return [
-        PlannerSettings.from_parameters(parameters_for(parameters, f"/auv{k}/planner_node"), f"mission file, auv{k}")
-        for k in range(1, vehicles + 1)
-    ]
+    @property
+    def team(self) -> DepthField:
+        """Map from all soundings."""
+        return self.team_map.field
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The estimated isobath, in pieces of one certainty."""
+        return self.team_map.pieces
 
 
 def ground_grid(settings: PlannerSettings, ground: DepthSource) -> GroundGrid:
@@ -108,48 +110,29 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
         ValueError: if there is no vehicle, or the true ground is not on the map's grid.
         ParameterError: if the parameters cannot be used.
     """
-    if not run.vehicles:
-        raise ValueError("run: has no vehicle; expected at least one")
+    team = team_map(run)
     settings = mission_settings(run.parameters, max(v.vehicle for v in run.vehicles))
     settings = [settings[v.vehicle - 1] for v in run.vehicles]
-    first = settings[0]
-    area = OperatingArea(first.area)
-    blank = DepthMap(first.gp, first.level_set, area)
-    prior = blank.field()
-    scored = prior.grid.inside.copy()
+    first, area = settings[0], team.area
+    scored = team.field.grid.inside.copy()
     if run.ground is not None:
         if run.ground.depth_m.shape != scored.shape:
             raise ValueError(
                 f"run.ground: shape {run.ground.depth_m.shape}; expected the map's {scored.shape} (see ground_grid)"
             )
         scored &= np.isfinite(run.ground.depth_m)
-    everything = np.concatenate([v.soundings for v in run.vehicles])
-    team_map = _map(first, area, everything)
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
-    some = _thinned(prior.grid, scored)
+    some = _thinned(team.field.grid, scored)
     curves = reward_curves(run, settings, area, bounds, some)
     return Evaluation(
         run=run,
         settings=settings,
-        area=area,
-        prior=prior,
-        team=team_map.field(),
+        team_map=team,
         local=local,
         alone_risk=tuple(_risk_alone(v, s, some) for v, s in zip(run.vehicles, settings, strict=True)),
         curves=curves,
-        pieces=certainty.classify(team_map.isobath().lines, team_map.field(), prior, sounded_places(run)),
         truth=_true_isobath(run, first, scored),
         scored=scored,
-    )
-
-
-def sounded_places(run: RunData) -> Array:
-    """Where all vehicles measured: north, east, the place's error per axis (m; NaN where unknown), shape (S, 3)."""
-    return np.concatenate(
-        [
-            np.column_stack([v.soundings[:, 1:3], np.sqrt((v.place_std_at(v.soundings[:, 0]) ** 2).mean(axis=1))])
-            for v in run.vehicles
-        ]
     )
 
 
@@ -193,12 +176,6 @@ def _packets(heard: Array) -> list[Array]:
 
 def _tick_s(run: RunData) -> float:
     return float(parameters_for(run.parameters, "/sim_node").get("sim", {}).get("tick_s", 1.0))
-
-
-def _map(settings: PlannerSettings, area: OperatingArea, soundings: Array) -> DepthMap:
-    depth_map = DepthMap(settings.gp, settings.level_set, area)
-    depth_map.add_soundings(soundings)
-    return depth_map
 
 
 def _true_isobath(run: RunData, settings: PlannerSettings, scored: Mask) -> list[Array]:
@@ -320,4 +297,4 @@ def _without_navigation_error(e: Evaluation) -> Verdict | None:
     if e.run.ground is None or any(len(v.truth) == 0 for v in e.run.vehicles):
         return None
     soundings = np.concatenate([true_positions(v) for v in e.run.vehicles])
-    return judge(_map(e.settings[0], e.area, soundings).field(), e.settings[0], e.run.ground, e.scored, e.truth)
+    return judge(map_of(e.settings[0], e.area, soundings).field(), e.settings[0], e.run.ground, e.scored, e.truth)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from auv_lse_sim.judge import isobath, report_figures, summary, words
-from auv_lse_sim.judge.certainty import CLASSES
+from auv_lse_sim.judge import report_figures, summary, words
 from auv_lse_sim.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.judge.page_parts import embedded, facts, head, number, table
 from auv_lse_sim.judge.summary import Summary
+from auv_lse_sim.judge.team_map import write_isobath
 from auv_lse_sim.record.bag import write_mission_file
 from auv_lse_sim.record.run_data import RunData
 
@@ -40,47 +37,10 @@ def write_outputs(evaluation: Evaluation, folder: Path) -> Summary:
     if not (folder / "mission.yaml").exists():
         write_mission_file(folder / "mission.yaml", evaluation.run.parameters)
     evaluation.summary.write(folder / "summary.json")
-    write_isobath(evaluation, folder / "isobath.geojson")
+    write_isobath(evaluation.team_map, folder / "isobath.geojson", evaluation.run.origin, evaluation.truth)
     drawn = report_figures.draw_all(evaluation, folder)
     (folder / "report.html").write_text(page(evaluation, folder, drawn))
     return evaluation.summary
-
-
-def write_isobath(e: Evaluation, path: Path) -> None:
-    """Writes the estimated isobath, the 95 % band about it and, where known, the true one as GeoJSON.
-
-    Each piece of the estimate is a feature with its class (found, likely, guessed), the reason why it is not found,
-    and the median of its sideways standard deviation (null where the ground has no slope).
-    """
-    level = e.settings[0].level_set.level_m
-    common = {"depth_m": level, "seed": e.summary.seed, "method": e.summary.method}
-    grid = e.team.grid
-    with np.errstate(invalid="ignore", divide="ignore"):
-        score = (e.team.mean_m - level) / np.maximum(e.team.std_m, 1e-9)
-    features: list[tuple[Mapping[str, Any], list[Any]]] = [
-        (
-            {
-                "name": "estimated isobath",
-                "class": piece.kind,
-                "reason": piece.reason,
-                "length_m": round(piece.length_m, 1),
-                "std_m": _finite(float(np.median(piece.std_m))),
-                **common,
-            },
-            [piece.line],
-        )
-        for piece in sorted(e.pieces, key=lambda p: CLASSES.index(p.kind))
-    ]
-    for name, side in (("shallow edge of the 95 % band", -1.0), ("deep edge of the 95 % band", 1.0)):
-        lines = isobath.trace(grid.north_m, grid.east_m, score, side * 1.959964)
-        features.append(({"name": name, **common}, lines))
-    if e.truth:
-        features.append(({"name": "true isobath", **common}, e.truth))
-    isobath.write_geojson(path, features, e.run.origin)
-
-
-def _finite(value: float) -> float | None:
-    return round(value, 1) if math.isfinite(value) else None
 
 
 def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:

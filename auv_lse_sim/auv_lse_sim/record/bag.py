@@ -36,6 +36,7 @@ from auv_lse_sim.record.run_data import (
     PacketSent,
     RunData,
     VehicleRun,
+    origin_of,
 )
 from auv_lse_sim.record.software import version
 
@@ -147,14 +148,8 @@ def read_bag(
         ground=ground,
         sim_s=last_s,
         wall_s=wall_s,
-        origin=_origin(parameters),
+        origin=origin_of(parameters),
     )
-
-
-def _origin(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, float] | None:
-    area = parameters_for(parameters, "/auv1/planner_node").get("area", {})
-    latitude, longitude = area.get("origin_lat_deg"), area.get("origin_lon_deg")
-    return None if latitude is None or longitude is None else (float(latitude), float(longitude))
 
 
 class _VehicleLog:

@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.params import parameters_for
 from auv_lse_common.plan import Plan
 
 Array = NDArray[np.float64]
@@ -190,6 +191,13 @@ class GroundGrid:
         north, east = np.meshgrid(north_m, east_m, indexing="ij")
         depth = np.asarray(ground.depth_m(north.ravel(), east.ravel()), dtype=float).reshape(north.shape)
         return cls(north_m=np.asarray(north_m), east_m=np.asarray(east_m), depth_m=depth, inside=np.asarray(inside))
+
+
+def origin_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, float] | None:
+    """Latitude and longitude (deg, WGS84) of north = east = 0 by a mission file's `area`, None if it has none."""
+    area = parameters_for(parameters, "/auv1/planner_node").get("area", {})
+    latitude, longitude = area.get("origin_lat_deg"), area.get("origin_lon_deg")
+    return None if latitude is None or longitude is None else (float(latitude), float(longitude))
 
 
 @dataclass(slots=True, kw_only=True)
