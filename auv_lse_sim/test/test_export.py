@@ -150,7 +150,7 @@ def test_a_place_error_that_is_not_known_is_left_empty(tmp_path, synthetic_run):
 def test_the_qgis_project_names_the_files_beside_it(on_earth, local):
     """QGIS 3.22 opened both by hand; here: what it reads of them is there, and every file that they name exists."""
     for (folder, _, _), crs in ((on_earth, "EPSG:4326"), (local, None)):
-        project = ElementTree.parse(folder / "mission.qgs").getroot()
+        project = ElementTree.parse(folder / "isobath.qgs").getroot()
         layers = project.findall("projectlayers/maplayer")
         ids = [layer.findtext("id") for layer in layers]
         assert ids == [layer.get("id") for layer in project.findall("layer-tree-group/layer-tree-layer")]

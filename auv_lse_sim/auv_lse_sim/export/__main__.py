@@ -17,7 +17,7 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/export",
         description="Writes what a mission found for other programs: isobath.geojson (with its band, and each piece's "
         "class: found, likely or guessed); risk, depth and std (standard deviation of the depth) as GeoTIFF and as "
-        "ESRI ASCII grid; soundings.csv; and mission.qgs, a QGIS project that opens all of them, with a style (.qml) "
+        "ESRI ASCII grid; soundings.csv; and isobath.qgs, a QGIS project that opens all of them, with a style (.qml) "
         "beside each file.",
         epilog="With area.origin_lat_deg and origin_lon_deg in the mission file, the files lie where they belong on "
         "Earth; without, they are in local metres. A second export into the same folder replaces the first.",

@@ -56,5 +56,5 @@ def write_export(run: RunData, team: TeamMap, folder: Path) -> Iterator[str]:
     count = write_soundings(folder / "soundings.csv", run, reference)
     yield f"written: {folder / 'soundings.csv'} ({count} soundings)"
     write_qgis(folder, team, reference)
-    yield f"written: {folder / 'mission.qgs'} (QGIS), and a style (.qml) for each file"
+    yield f"written: {folder / 'isobath.qgs'} (QGIS), and a style (.qml) for each file"
     yield f"coordinates: {reference.describe()}"

@@ -53,7 +53,7 @@ class _Layer:
 
 
 def write_qgis(folder: Path, team: TeamMap, reference: Reference) -> None:
-    """Writes `mission.qgs` and the styles into the folder of an export.
+    """Writes `isobath.qgs` and the styles into the folder of an export.
 
     Args:
         folder: Where the exported files are.
@@ -65,7 +65,7 @@ def write_qgis(folder: Path, team: TeamMap, reference: Reference) -> None:
         style = Element("qgis", version=VERSION)
         style.append(layer.style)
         _write(folder / f"{layer.name}.qml", style)
-    _write(folder / "mission.qgs", _project(layers, team.field.grid, team.level_m, reference))
+    _write(folder / "isobath.qgs", _project(layers, team.field.grid, team.level_m, reference))
 
 
 def _layers(team: TeamMap, reference: Reference) -> list[_Layer]:
