@@ -15,10 +15,19 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+#: No vehicle is farther than this from the map's origin, north or east (m).
+FARTHEST_M = 1e6
+
 
 def wrap_pi(angle_rad: Any) -> Any:
     """Angle (scalar or array, rad) wrapped to [-pi, pi)."""
     return (np.asarray(angle_rad) + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def is_possible(heading_rad: float, north_m: float, east_m: float) -> bool:
+    """Whether numbers can be a vehicle's state: within a turn, and within `FARTHEST_M` of the origin; not if NaN."""
+    turn = 2.0 * math.pi * (1.0 + 1e-6)  # float32's 2 pi is a little more than 2 pi
+    return abs(heading_rad) <= turn and abs(north_m) <= FARTHEST_M and abs(east_m) <= FARTHEST_M
 
 
 def yaw_from_heading(heading_rad: float) -> float:

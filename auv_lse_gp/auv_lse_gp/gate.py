@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.frames import FARTHEST_M
 from auv_lse_gp.config import GpConfig
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: flo
             f"sounding at north_m={north_m:.1f}, east_m={east_m:.1f}: depth_m={depth_m!r}; expected "
             f"{config.min_depth_m:g} to {config.max_depth_m:g} m (gp.min_depth_m, gp.max_depth_m)"
         )
-    if max(abs(north_m), abs(east_m)) > 1e6:
+    if max(abs(north_m), abs(east_m)) > FARTHEST_M:
         raise SoundingError(
             f"sounding at north_m={north_m!r}, east_m={east_m!r}: expected within 1000 km of the local origin"
         )

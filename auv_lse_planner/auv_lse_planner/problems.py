@@ -7,6 +7,7 @@ where it is about one) and stays the same while the problem lasts; its text may 
 from __future__ import annotations
 
 from auv_lse_planner.config import PlannerConfig
+from auv_lse_planner.paths.free_space import HOLD_BEYOND_M, FreeSpace
 from auv_lse_planner.team import Team
 from auv_lse_planner.travel import Travel
 
@@ -22,6 +23,23 @@ def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: b
         "odometry old": f"odometry: last {age_s:.1f} s ago, more than planner.odometry_timeout_s = "
         f"{planner.odometry_timeout_s:g} s; planning has stopped"
     }
+
+
+def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
+    """Odometry that no vehicle can have, and a place outside of the area."""
+    found = {}
+    if travel.absurd:
+        found["odometry absurd"] = (
+            f"odometry: {travel.absurd} odometry messages ignored: not finite, or more than 1000 km from the origin"
+        )
+    if travel.estimate is None:
+        return found
+    outside_m = -space.clearance_m(travel.estimate.north_m, travel.estimate.east_m)
+    if outside_m > HOLD_BEYOND_M:
+        found["outside"] = f"place: {outside_m:.0f} m outside of the area, more than {HOLD_BEYOND_M:.0f} m: holding"
+    elif outside_m > 0.0:
+        found["outside"] = f"place: {outside_m:.0f} m outside of the area: coming back"
+    return found
 
 
 def of_map(now_s: float, map_s: float | None, refused: str, planner: PlannerConfig) -> dict[str, str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.frames import is_possible
 from auv_lse_common.leg import Leg
 from auv_lse_planner.config import PlannerConfig, VehicleConfig
 
@@ -41,6 +42,7 @@ class Travel:
         leg: The leg being travelled; None before the first decision.
         leg_started_s: Mission time at which it began; NaN before the first decision.
         decided: Number of steps decided.
+        absurd: Number of estimates that no vehicle can have; they are ignored.
         finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
     """
 
@@ -51,11 +53,16 @@ class Travel:
         self.leg: Leg | None = None
         self.leg_started_s = math.nan
         self.decided = 0
+        self.absurd = 0
         self.finished = False
         self._next_leg: Leg | None = None
 
     def move(self, estimate: EstimatedState) -> None:
         """Takes an estimated state; the next leg begins where the present one has ended."""
+        e = estimate
+        if not math.isfinite(e.now_s) or not is_possible(e.heading_rad, e.north_m, e.east_m):
+            self.absurd += 1
+            return
         self.estimate = estimate
         leg, following = self.leg, self._next_leg
         if leg is not None and following is not None and self._remaining_m(leg, estimate) <= 1e-9:

@@ -13,7 +13,6 @@ Theory of operation.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -145,9 +144,8 @@ class VehiclePlanner:
             self.plans_refused += 1
 
     def odometry(self, now_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
-        """Takes the estimated state of the vehicle at `now_s`; values that are not finite are ignored."""
-        if all(math.isfinite(v) for v in (now_s, heading_rad, north_m, east_m)):
-            self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
+        """Takes the estimated state of the vehicle at `now_s`; one that no vehicle can have is ignored and counted."""
+        self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
     # ------------------------------------------------------------------ where it is
 
@@ -175,6 +173,7 @@ class VehiclePlanner:
         """What keeps the planner from working as it should: a text for each problem, by its key (`problems.py`)."""
         started = now_s >= self.settings.vehicle.start_delay_s
         found = problems.of_odometry(now_s, self._travel, self.planner, started)
+        found |= problems.of_place(self._travel, self.space)
         found |= problems.of_map(now_s, self._map_s, self._map_refused, self.planner)
         if started:
             found |= problems.of_team(now_s, self._travel.decided, self.team, self.planner)

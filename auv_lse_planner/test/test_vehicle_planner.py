@@ -215,6 +215,56 @@ def test_it_escapes_from_a_corner_without_an_exception():
     assert planner.finished
 
 
+@pytest.mark.parametrize("method", ["augmented", "tour", "straddle"])
+@pytest.mark.parametrize(("north", "east", "heading"), [(-700.0, 30.0, 3.1), (900.0, -2000.0, 0.0)])
+def test_a_vehicle_far_outside_comes_back_and_says_so(method, north, east, heading):
+    planner = VehiclePlanner(1, settings({"method": method}, steps=200), np.random.default_rng(0))
+    state, said = np.array([heading, north, east]), []
+    for step in range(200):
+        planner.odometry(100.0 * step, *state)
+        said += [text for key, text in planner.problems(100.0 * step).items() if key == "outside"]
+        state = planner.decide(100.0 * step).leg.end_state
+        if planner.space.clearance_m(*state[1:]) > 0.0:
+            break
+    else:
+        pytest.fail(f"still outside, at {state}")
+    straight_m = math.hypot(north, east) + 200.0
+    assert step * planner.motion.leg_length_m < straight_m + 200.0
+    assert "m outside of the area: coming back" in said[0]
+
+
+def test_a_vehicle_beyond_the_limit_holds_and_says_so():
+    planner = VehiclePlanner(1, settings({"method": "augmented"}, steps=100), np.random.default_rng(0))
+    start = state = np.array([1.0, 5500.0, 300.0])
+    for step in range(20):
+        planner.odometry(100.0 * step, *state)
+        (text,) = (text for key, text in planner.problems(100.0 * step).items() if key == "outside")
+        assert "more than 5000 m: holding" in text
+        state = planner.decide(100.0 * step).leg.end_state
+    assert np.hypot(*(state - start)[1:]) < 100.0
+
+
+@pytest.mark.parametrize("value", [1e39, -1e39, 1e7, math.nan, math.inf])
+@pytest.mark.parametrize("field", [1, 2, 3])
+def test_absurd_odometry_is_ignored_and_counted(value, field):
+    planner = VehiclePlanner(1, settings({"method": "augmented"}, steps=10), np.random.default_rng(0))
+    good = [0.0, 0.1, 20.0, 30.0]
+    planner.odometry(*good)
+    bad = [1.0, *good[1:]]
+    bad[field] = value
+    planner.odometry(*bad)
+    assert "1 odometry" in planner.problems(1.0)["odometry absurd"]
+    assert np.isfinite(planner.decide(1.0).leg.end_state).all()
+
+
+@pytest.mark.parametrize("change", [{"heading_rad": 1e30}, {"north_m": 1e30}, {"east_m": -1e9}, {"heading_rad": -7.0}])
+def test_absurd_plans_are_refused_and_do_not_hang(change):
+    planner = VehiclePlanner(2, settings({"method": "augmented"}, steps=10, vehicles=2), np.random.default_rng(0))
+    good = Plan.at(0, np.array([0.1, 20.0, 30.0]), (), 0xF0)
+    planner.hear(0.0, 1, dataclasses.replace(good, **change))
+    assert planner.plans_refused == 1
+
+
 def test_shallow_ground_on_the_map_ends_the_incumbent():
     s = settings({"method": "lawnmower"}, steps=12)
     planner = VehiclePlanner(1, s, np.random.default_rng(1))

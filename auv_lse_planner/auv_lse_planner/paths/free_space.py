@@ -11,7 +11,8 @@ raster and read by bilinear interpolation. Theory of operation:
   feasible (the next state has the same loop), so that a vehicle that takes feasible actions always has one.
 - Where nothing is feasible (a start in a corner, a current, ground that has just turned out to be shallow):
   the *escape* is the action whose end is safe and whose track has the largest least clearance; if no end is safe,
-  the one whose end state comes nearest to being safe. It is deterministic and always exists.
+  the one whose end state comes nearest to being safe. It is deterministic and always exists. So a vehicle outside of
+  the area comes back; from farther outside than `HOLD_BEYOND_M` it does not, and circles: something else is wrong.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from auv_lse_planner.paths.motion import MotionTable, advance
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Clearance of places off the raster (m).
-OUTSIDE_M = -1.0e4
+#: Farther outside of the area than this a vehicle holds (m).
+HOLD_BEYOND_M = 5000.0
 
 
 class Area(Protocol):
@@ -76,12 +77,14 @@ class Space(NamedTuple):
 
 @compiled
 def clearance_at(raster, north0, east0, cell, north, east):
-    """Bilinear clearance (m) at a place."""
+    """Bilinear clearance (m) at a place; off the raster the nearest node's, less the distance to it."""
     x = (north - north0) / cell
     y = (east - east0) / cell
     rows, columns = raster.shape
     if not (x >= 0.0 and y >= 0.0 and x <= rows - 1 and y <= columns - 1):
-        return OUTSIDE_M
+        row = min(max(x, 0.0), rows - 1.0)
+        column = min(max(y, 0.0), columns - 1.0)
+        return raster[int(row), int(column)] - cell * math.hypot(x - row, y - column)
     i = min(int(x), rows - 2)
     j = min(int(y), columns - 2)
     u = x - i
@@ -150,6 +153,8 @@ def is_feasible(space, heading, north, east, action):
 def escape_action(space, heading, north, east):
     """The action to take where none is feasible; see the module's theory of operation."""
     raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
+    if clearance_at(raster, north0, east0, cell, north, east) < -HOLD_BEYOND_M:
+        return np.argmax(np.abs(turns))  # repeated, it is the tightest loop
     best = 0
     best_safe = False
     best_room = -1.0e18
@@ -280,6 +285,11 @@ class FreeSpace:
             m.turns_rad,
             m.steps_m,
         )
+
+    def clearance_m(self, north_m: float, east_m: float) -> float:
+        """Distance of a place to the border of the area that vehicles keep to, negative outside (m)."""
+        a = self.arguments(static=True)
+        return float(clearance_at(a.raster, a.north0, a.east0, a.cell, north_m, east_m))
 
     def feasible(self, state: Array) -> Ints:
         """Indices of the feasible actions of a state (3,), in ascending order; empty if there is none."""

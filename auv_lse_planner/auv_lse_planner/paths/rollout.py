@@ -5,13 +5,13 @@ The planner, its team mates and the judge of a mission all ask here, so that the
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.frames import is_possible
 from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_planner.paths.motion import MotionTable, roll_many
 from auv_lse_planner.paths.naive import NaivePaths
@@ -120,17 +120,16 @@ class Rollout:
         return PlannedPath(step, states, every, len(own), self.leg_places(states[:-1], every))
 
     def can_follow(self, plan: Plan) -> bool:
-        """Whether a received plan can be followed: its state is finite; step, actions, tour and naive path are known.
+        """Whether a received plan can be followed: a vehicle's state; known step, actions, tour and naive path.
 
         A step beyond the mission counts as unknown: such a plan would keep all true plans of its sender out as older.
         """
         return (
-            all(math.isfinite(v) for v in plan.state)
+            is_possible(plan.heading_rad, plan.north_m, plan.east_m)
             and plan.step <= self.steps
             and all(0 <= a < self.motion.actions for a in plan.actions)
             and (plan.tour is None or plan.tour.is_sound)
             and plan.naive_path in (*IDS, NONE)
-            and (plan.tour is None or plan.tour.is_sound)
         )
 
     def leg_places(self, states: Array, actions: Ints) -> Array:
