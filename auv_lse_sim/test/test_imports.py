@@ -54,6 +54,7 @@ def test_no_module_imports_itself_through_others():
         "auv_lse_sim.world.world",
         "auv_lse_sim.engine.fleet",
         "auv_lse_sim.record.bag",
+        "auv_lse_sim.live.command",
         "auv_lse_sim.judge.evaluation",
         "auv_lse_sim.campaign.runner",
         "auv_lse_sim.campaign.claims",

@@ -24,10 +24,11 @@ KEYS = {
     "scipy": "python3-scipy",
     "serial": "python3-serial",
     "shapely": "python3-shapely",
+    "tornado": "python3-tornado",
     "yaml": "python3-yaml",
 }
 #: Imports without a rosdep key, or with one that calls pip, which Ubuntu 24.04 refuses: named in a comment "pip: ...".
-FROM_PIP = {"dask", "distributed", "pyarrow", "rosbags"}
+FROM_PIP = {"dask", "distributed", "mcap", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
 OPTIONAL = {"llvmlite", "numba", "rasterio"}
 

@@ -1,0 +1,44 @@
+// Numbers and times for readers.
+
+export function clock(seconds) {
+  const whole = Math.max(0, Math.floor(seconds + 1e-6));
+  const two = (n) => String(n).padStart(2, "0");
+  const hours = Math.floor(whole / 3600), minutes = Math.floor(whole / 60) % 60;
+  return hours ? `${hours}:${two(minutes)}:${two(whole % 60)}` : `${minutes}:${two(whole % 60)}`;
+}
+
+// A number with as many digits after the point as asked for; a dash for unknown, a true minus sign.
+export function number(value, digits = 0) {
+  return value === null || value === undefined || !Number.isFinite(value) ? "–" : value.toFixed(digits).replace("-", "−");
+}
+
+// Distance between ticks, 1, 2 or 5 times a power of ten, so that about `count` of them fill a span.
+export function tickStep(span, count) {
+  const raw = Math.max(span, 1e-9) / Math.max(count, 1), power = 10 ** Math.floor(Math.log10(raw));
+  const factor = [1, 2, 5, 10].find((f) => f * power >= raw * 0.999);
+  return factor * power;
+}
+
+export function ticks(low, high, step) {
+  const found = [];
+  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) found.push(i * step);
+  return found;
+}
+
+// Digits after the point that tell the ticks of a step apart.
+export function tickDigits(step) {
+  return Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+}
+
+// Makes an element: tag, attributes, children (elements or texts).
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+}
+
+// Sets a text only if it differs: a screen reader is not told the same again.
+export function say(target, text) {
+  if (target.textContent !== text) target.textContent = text;
+}

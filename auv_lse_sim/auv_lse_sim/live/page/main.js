@@ -1,0 +1,258 @@
+// Wires the parts of the page: events in, a moment chosen, everything drawn as it was then.
+
+import { Chart, teamSum } from "./chart.js";
+import { LAYERS, themeColors, vehicleColor } from "./colors.js";
+import { clock, element, number, say } from "./format.js";
+import { Link } from "./link.js";
+import { MapView } from "./map.js";
+import { Player } from "./player.js";
+import { SlotView } from "./slots.js";
+import { Store } from "./store.js";
+import { VehicleCards } from "./vehicles.js";
+
+const $ = (id) => document.getElementById(id);
+const store = new Store(), player = new Player(store);
+const map = new MapView($("map"), $("readout"), store);
+const slots = new SlotView($("slots"), $("slots-words"), store);
+const cards = new VehicleCards($("vehicles"), store, (vehicle) => choose(vehicle));
+const reward = new Chart($("reward"), store, rewardCurves, (t) => player.seek(t));
+const risk = new Chart($("risk"), store, riskCurves, (t) => player.seek(t));
+let source = { connection: "connecting" }, begun = null, drawn = "", lastFrame = performance.now();
+
+// ---------------------------------------------------------------------- what is drawn
+
+function rewardCurves() {
+  const soFar = teamSum(store, (b) => b.reward), bound = teamSum(store, (b) => b.bound_max);
+  const { ink, accent } = themeColors();
+  const promised = bound.some((q, i) => soFar[i] && q.value > soFar[i].value + 1e-6); // only some methods have a bound
+  const curves = [{ name: "reward so far", color: ink, steps: true, points: soFar }];
+  return promised ? [...curves, { name: "lower bound", color: accent, dash: [6, 4], steps: true, points: bound }] : curves;
+}
+
+function riskCurves() {
+  return store.facts.vehicles.map(({ number: vehicle }) => ({
+    name: `auv${vehicle}`,
+    color: vehicleColor(vehicle),
+    points: store.list("map", vehicle).map((m) => ({ t: m.t, value: m.mean_risk })),
+  }));
+}
+
+function expectedEnd() {
+  const { facts } = store, known = facts.vehicles.some((v) => store.list("bound", v.number).length);
+  const done = source.growing ? 0 : store.lastS;
+  return done || Math.max(store.lastS, known ? store.startS + facts.steps * facts.leg_s : store.lastS);
+}
+
+function draw() {
+  const t = player.t, end = expectedEnd();
+  map.draw(t);
+  slots.draw(t);
+  const kinds = reward.draw(t, end), risks = risk.draw(t, end);
+  const words = (values, digits) => values.map(({ name, value }) => `${name} ${number(value, digits)}`).join(", ");
+  say($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}.`);
+  say($("risk-words"), `Now: ${words(risks, 2)}. Less is better.`);
+  cards.update(t, map.vehicle);
+  tellMap(t);
+}
+
+function tellMap(t) {
+  const { facts } = store, level = number(facts.level_m, facts.level_m % 1 ? 1 : 0);
+  const shown = store.at("map", map.vehicle, t), plan = store.at("plan", map.vehicle, t);
+  say($("map-title"), `What auv${map.vehicle} knows of the ${level} m isobath`);
+  const age = shown ? `Map of ${clock(shown.t - store.startS)}` : "No map yet";
+  const goesOn = plan?.continued ? `; its plan goes on as ${plan.continued}` : "";
+  say($("map-words"), `${age}${goesOn}.`);
+  map.canvas.setAttribute("aria-label", `Map of the area, colored by ${map.layer.replace("_", " ")}, with the vehicles’ tracks and plans`);
+}
+
+function tellState() {
+  const pill = $("state"), status = store.at("status", "", player.t);
+  let [text, level] = ["", ""];
+  if (source.connection === "lost") [text, level] = ["connection lost, trying again", "error"];
+  else if (!store.facts) [text, level] = [source.waiting || "waiting for a mission", ""];
+  else if (!player.following && source.growing) [text, level] = ["looking back", "warning"];
+  else if (status && source.growing) [text, level] = [status.state, status.state === "failed" ? "error" : "ok"];
+  else if (source.growing) [text, level] = ["running", "ok"];
+  else [text, level] = [status?.state === "failed" ? "failed" : "recording", status?.state === "failed" ? "error" : ""];
+  say(pill, text);
+  pill.dataset.level = level;
+  const problem = source.problem || (status?.state === "failed" ? status.text : "");
+  $("problem").hidden = !problem;
+  say($("problem"), problem);
+  $("live").hidden = !source.growing;
+  $("live").setAttribute("aria-pressed", String(player.following));
+}
+
+function tellMission() {
+  const { facts } = store, n = facts.vehicles.length;
+  say($("title"), facts.name);
+  document.title = `${facts.name} · live view`;
+  const status = store.at("status", "", player.t);
+  const speed = status && source.growing ? ` · ${number(status.speed, status.speed < 10 ? 1 : 0)} × real time` : "";
+  say($("facts"), `${n} vehicle${n > 1 ? "s" : ""} · method ${facts.method} · seed ${facts.seed}${speed}`);
+}
+
+function tellTime() {
+  const slider = $("time"), start = store.startS, last = Math.max(store.lastS - start, 1), now = player.t - start;
+  if (slider.max !== String(Math.ceil(last))) slider.max = String(Math.ceil(last));
+  const value = String(Math.round(now));
+  if (slider.value !== value) slider.value = value;
+  const spoken = `${clock(now)} of ${clock(last)}`;
+  if (slider.getAttribute("aria-valuetext") !== spoken) slider.setAttribute("aria-valuetext", spoken);
+  say($("clock"), `${clock(now)} / ${clock(last)}`);
+  const moving = player.playing || (player.following && source.growing);
+  say($("play"), moving ? "❚❚" : "▶");
+  $("play").setAttribute("aria-label", moving ? "Pause" : "Play");
+}
+
+// ---------------------------------------------------------------------- legend and choices
+
+function choose(vehicle) {
+  if (!store.facts?.vehicles.some((v) => v.number === vehicle)) return;
+  map.vehicle = vehicle;
+  drawn = "";
+}
+
+function chooseLayer(name) {
+  map.layer = name;
+  for (const button of $("layers").children) {
+    const chosen = button.dataset.layer === name;
+    button.setAttribute("aria-checked", String(chosen));
+    button.tabIndex = chosen ? 0 : -1;
+  }
+  drawLegend();
+  drawn = "";
+}
+
+function makeLayers() {
+  for (const { name, key, label, title } of LAYERS) {
+    const button = element("button", { type: "button", role: "radio", title: `${title} (${key})`, "data-layer": name }, label);
+    button.addEventListener("click", () => chooseLayer(name));
+    $("layers").append(button);
+  }
+  $("layers").addEventListener("keydown", (e) => {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[e.key], all = [...$("layers").children];
+    if (!by) return;
+    e.stopPropagation();
+    const next = all[(all.findIndex((b) => b.dataset.layer === map.layer) + by + all.length) % all.length];
+    chooseLayer(next.dataset.layer);
+    next.focus();
+  });
+}
+
+function drawLegend() {
+  const root = $("legend"), { facts } = store, layer = LAYERS.find((l) => l.name === map.layer);
+  root.replaceChildren();
+  if (!facts) return;
+  const bar = element("canvas", { width: "110", height: "12", "aria-hidden": "true" }), c = bar.getContext("2d");
+  for (let i = 0; i < 110; i++) {
+    const at = 3 * Math.round((i / 109) * 254);
+    c.fillStyle = `rgb(${layer.colors[at]} ${layer.colors[at + 1]} ${layer.colors[at + 2]})`;
+    c.fillRect(i, 0, 1, 12);
+  }
+  const scale = facts.layers.find((l) => l.name === layer.name);
+  const ends = { risk: ["0", `${number(facts.largest_risk, 1)} cost units`], p_safe: ["0", "1"], std: ["0", "largest here (m)"],
+    depth: [`${number(scale.low)} m`, `${number(scale.low + 254 * scale.step)} m`] }[layer.name];
+  const words = (text) => element("span", {}, text);
+  root.append(element("span", { title: layer.title }, words(layer.label), words(ends[0]), bar, words(ends[1])));
+  const toggles = { band: "95 % band", plans: "Plans", samples: "Samples heard" };
+  if (facts.true_isobath.length) toggles.true_isobath = "True isobath (dashed)";
+  if (facts.simulated) toggles.truth = "True tracks (dotted)";
+  for (const [name, text] of Object.entries(toggles)) {
+    const box = element("input", { type: "checkbox" });
+    box.checked = map.shown[name];
+    box.addEventListener("change", () => {
+      map.shown[name] = box.checked;
+      drawn = "";
+    });
+    root.append(element("label", {}, box, text));
+  }
+}
+
+function chooseTheme(name) {
+  const dark = name === "dark" || (name === "auto" && matchMedia("(prefers-color-scheme: dark)").matches);
+  document.documentElement.toggleAttribute("data-dark", dark);
+  say($("theme"), `Theme: ${name}`);
+  $("theme").dataset.name = name;
+  drawn = "";
+}
+
+function nextTheme() {
+  chooseTheme({ auto: "light", light: "dark", dark: "auto" }[$("theme").dataset.name]);
+}
+
+// ---------------------------------------------------------------------- keys
+
+const KEYS = {
+  " ": () => player.toggle(),
+  l: () => player.follow(),
+  Home: () => player.seek(store.startS),
+  End: () => (source.growing ? player.follow() : player.seek(store.lastS)),
+  t: nextTheme,
+  "?": () => $("help").showModal(),
+  ...Object.fromEntries(LAYERS.map(({ key, name }) => [key, () => chooseLayer(name)])),
+};
+
+document.addEventListener("keydown", (e) => {
+  if (e.ctrlKey || e.metaKey || e.altKey || $("help").open || ["SELECT"].includes(e.target.tagName)) return;
+  if (e.target === $("time") && /^(Arrow|Home|End|Page)/.test(e.key)) return; // the slider's own
+  if (e.key === " " && ["BUTTON", "INPUT"].includes(e.target.tagName) && e.target !== $("time")) return;
+  const arrows = { ArrowLeft: -10, ArrowRight: 10 };
+  let meant = true;
+  if (store.facts && map.key(e)) drawn = "";
+  else if (arrows[e.key] && e.target !== $("map")) player.seek(player.t + arrows[e.key] * (e.shiftKey ? 6 : 1));
+  else if (KEYS[e.key]) KEYS[e.key]();
+  else if (/^[1-9]$/.test(e.key)) choose(Number(e.key));
+  else meant = false;
+  if (meant) e.preventDefault();
+});
+
+// ---------------------------------------------------------------------- start
+
+function frame(now) {
+  player.growing = Boolean(source.growing);
+  player.advance(Math.min(0.25, (now - lastFrame) / 1000));
+  lastFrame = now;
+  if (begun !== store.facts) {
+    begun = store.facts;
+    player.begin();
+    map.begin();
+    cards.begin();
+    drawLegend();
+  }
+  const { clientWidth, clientHeight } = $("map");
+  const probe = map.probe ? `${map.probe.x} ${map.probe.y}` : "";
+  const focus = document.activeElement === $("map");
+  const state = [player.t, store.changes, clientWidth, clientHeight, innerWidth, devicePixelRatio, probe, focus, JSON.stringify(map.view), JSON.stringify(source)].join(" ");
+  if (state !== drawn) {
+    drawn = state;
+    tellState();
+    if (store.facts) {
+      tellMission();
+      tellTime();
+      draw();
+    }
+  }
+  requestAnimationFrame(frame);
+}
+
+makeLayers();
+chooseLayer("risk");
+chooseTheme("auto");
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => chooseTheme($("theme").dataset.name));
+$("theme").addEventListener("click", nextTheme);
+$("play").addEventListener("click", () => player.toggle());
+$("live").addEventListener("click", () => player.follow());
+$("fit").addEventListener("click", () => map.fit());
+$("time").addEventListener("input", () => player.seek(Number($("time").value) + store.startS));
+$("rate").addEventListener("change", () => (player.rate = Number($("rate").value)));
+$("help-button").addEventListener("click", () => $("help").showModal());
+const kept = $("kept").textContent;
+if (kept) {
+  source = { connection: "open", growing: false };
+  for (const event of JSON.parse(kept)) store.add(event);
+} else {
+  new Link(store, (state) => (source = state.connection === "open" ? state : { ...source, ...state }));
+}
+window.liveView = { store, player, map }; // for tests, and for the curious
+requestAnimationFrame(frame);

@@ -1,0 +1,84 @@
+// A card for each vehicle: its health, how far it is, where, and its packets. A card chooses whose map is shown.
+
+import { vehicleColor } from "./colors.js";
+import { element, number, say } from "./format.js";
+
+const WORST = ["ok", "warning", "error", "stale"];
+const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… not heard" };
+const SILENT_S = 30;
+
+export class VehicleCards {
+  constructor(root, store, onChoose) {
+    this.root = root;
+    this.store = store;
+    this.onChoose = onChoose;
+    this.cards = new Map();
+  }
+
+  begin() {
+    this.cards.clear();
+    this.root.replaceChildren();
+    for (const { number: vehicle, depth_m } of this.store.facts?.vehicles ?? []) {
+      const card = element("button", { type: "button", class: "vehicle", "aria-pressed": "false" });
+      const swatch = element("span", { class: "swatch", style: `background: ${vehicleColor(vehicle)}` });
+      const health = element("span", { class: "health" }), note = element("p", { class: "note" }), list = element("dl");
+      const meter = element("i", { style: `background: ${vehicleColor(vehicle)}` });
+      const fields = Object.fromEntries(["step", "north, east", "place ±", "depth", "speed", "decision", "packets", "heard"].map((name) => {
+        const value = element("dd");
+        list.append(element("dt", {}, name), value);
+        return [name, value];
+      }));
+      card.append(
+        element("span", { class: "name" }, swatch, `auv${vehicle}`, health),
+        element("div", { class: "meter", "aria-hidden": "true" }, meter), list, note);
+      card.addEventListener("click", () => this.onChoose(vehicle));
+      this.root.append(card);
+      this.cards.set(vehicle, { card, health, note, meter, fields, depth_m });
+    }
+  }
+
+  update(t, chosen) {
+    for (const [vehicle, parts] of this.cards) this.updateCard(vehicle, parts, t, vehicle === chosen);
+  }
+
+  updateCard(vehicle, { card, health, note, meter, fields }, t, chosen) {
+    const { store } = this, at = (kind) => store.at(kind, vehicle, t);
+    const pose = at("pose"), bound = at("bound"), slots = at("slots"), facts = store.facts;
+    const { level, notes } = this.health(vehicle, t, pose);
+    if (slots?.missed) notes.push(`${slots.missed} slots missed`);
+    const steps = store.at("status", "", t)?.steps?.[vehicle - 1] ?? bound?.step ?? 0;
+    if (health.dataset.level !== level) health.dataset.level = level;
+    say(health, SIGNS[level]);
+    say(note, notes.join("; "));
+    note.hidden = !notes.length;
+    const width = `${(100 * Math.min(1, steps / facts.steps)).toFixed(1)}%`;
+    if (meter.style.width !== width) meter.style.width = width;
+    say(fields.step, `${steps} of ${facts.steps}`);
+    say(fields["north, east"], pose ? `${number(pose.north)}, ${number(pose.east)} m` : "–");
+    say(fields["place ±"], pose ? `${number(pose.std, 1)} m` : "–");
+    say(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
+    say(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
+    say(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", cut" : ""}` : "–");
+    const sent = store.between("sent", vehicle, -Infinity, t).length, heard = store.between("received", vehicle, -Infinity, t).length;
+    say(fields.packets, `${sent} sent`);
+    say(fields.heard, `${heard} packets`);
+    card.setAttribute("aria-pressed", String(chosen));
+    card.title = chosen ? "The map shows what this vehicle knows" : "Show what this vehicle knows";
+  }
+
+  // The worst that its nodes say, and what they say if it is not "ok".
+  health(vehicle, t, pose) {
+    if (!pose) return { level: "unknown", notes: [] };
+    const finished = this.store.at("status", "", t)?.state === "finished";
+    if (!finished && t - pose.t > SILENT_S) return { level: "silent", notes: [`nothing heard for ${number(t - pose.t)} s`] };
+    const nodes = new Map();
+    for (const event of this.store.between("health", vehicle, -Infinity, t)) nodes.set(event.node, event);
+    let level = "ok";
+    const notes = [];
+    for (const { node, level: own, text } of nodes.values()) {
+      if (WORST.indexOf(own) > WORST.indexOf(level)) level = own;
+      if (own !== "ok") notes.push(`${node}: ${text}`);
+    }
+    return { level, notes };
+  }
+}

@@ -1,0 +1,64 @@
+"""A plan as lines on the map: its own actions as arcs, and what continues them to the mission's end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.plan import NONE, Plan
+from auv_lse_gp.area import OperatingArea
+from auv_lse_planner.config import PlannerSettings
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.rollout import Rollout
+
+Array = NDArray[np.float64]
+
+#: Points on each leg of a plan.
+POINTS_PER_LEG = 4
+
+
+class PlanLines:
+    """Follows the plans of one vehicle."""
+
+    def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
+        """Takes what a path follows from; the first plan compiles the inner loops if nothing has done so before."""
+        self._motion = MotionTable(settings.motion)
+        space = FreeSpace(area, self._motion, settings.area.raster_m)
+        naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
+        self._rollout = Rollout(self._motion, naive, settings.mission.steps, settings.planner.samples_per_leg)
+        self._points_m = np.stack(
+            [self._motion.samples(action, POINTS_PER_LEG) for action in range(self._motion.actions)]
+        )
+
+    def lines(self, plan: Plan) -> dict[str, Any]:
+        """The plan's legs as one line of points, `POINTS_PER_LEG` to a leg after the first point.
+
+        Returns:
+            "step" of the first point, "own": how many legs are the plan's own actions, "line": north, east, north, ...
+            in decimetres, and "continued": what continues the actions.
+        """
+        if not self._rollout.can_follow(plan):
+            return {"step": plan.step, "own": 0, "line": [], "continued": "unknown"}
+        path = self._rollout.follow(plan)
+        ahead, starboard = np.moveaxis(self._points_m[path.actions], 2, 0)
+        heading = path.states[:-1, :1]
+        c, s = np.cos(heading), np.sin(heading)
+        north = path.states[:-1, 1:2] + c * ahead - s * starboard
+        east = path.states[:-1, 2:3] + s * ahead + c * starboard
+        points = np.concatenate([path.states[:1, 1:], np.stack([north, east], axis=2).reshape(-1, 2)])
+        return {"step": plan.step, "own": path.own, "line": decimetres(points), "continued": _continued(plan)}
+
+
+def _continued(plan: Plan) -> str:
+    return "" if plan.naive_path == NONE else f"naive path 0x{plan.naive_path:02X}"
+
+
+def decimetres(points_m: Array | Sequence[Any]) -> list[int]:
+    """Places (n, 2) as whole decimetres: north, east, north, east, ..."""
+    flat: list[int] = np.round(10.0 * np.asarray(points_m)).astype(int).ravel().tolist()
+    return flat

@@ -1,0 +1,149 @@
+"""A headless Chromium for the tests of a page, spoken to by its DevTools protocol."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.request import Request, urlopen
+
+from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+CHROMIUM = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+_OPTIONS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+]
+
+
+class Browser:
+    """One tab; a context manager. Everything that the page reports as an error is kept in `errors`."""
+
+    def __init__(self, folder: Path) -> None:
+        """Starts nothing yet; the browser's profile goes to `folder`."""
+        self._folder = folder
+        self._count = 0
+        self.errors: list[str] = []
+
+    def __enter__(self) -> Browser:
+        """Starts the browser with an empty tab."""
+        command = [CHROMIUM, *_OPTIONS, f"--user-data-dir={self._folder}", "about:blank"]
+        self._process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            self._connect()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def _connect(self) -> None:
+        port_file, until = self._folder / "DevToolsActivePort", time.monotonic() + 30.0
+        while not (port_file.is_file() and len(port_file.read_text().splitlines()) == 2):
+            assert time.monotonic() < until, "Chromium has not opened its DevTools port in 30 s"
+            time.sleep(0.05)
+        port = int(port_file.read_text().splitlines()[0])
+        with urlopen(Request(f"http://127.0.0.1:{port}/json/new?about:blank", method="PUT"), timeout=10) as answer:
+            address = json.load(answer)["webSocketDebuggerUrl"]
+
+        async def connected() -> WebSocketClientConnection:
+            return await websocket_connect(address, max_message_size=1 << 28)
+
+        self._loop = asyncio.new_event_loop()
+        self._socket = self._loop.run_until_complete(connected())
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def __exit__(self, *_: object) -> None:
+        """Ends the browser."""
+        self.call("Browser.close")
+        self._loop.close()
+        self._end()
+
+    def _end(self) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(5)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait(5)
+
+    def call(self, method: str, **parameters: Any) -> Any:
+        """Calls a method of the protocol and gives its result."""
+        self._count += 1
+        number = self._count
+        self._socket.write_message(json.dumps({"id": number, "method": method, "params": parameters}))
+
+        async def answer() -> Any:
+            while True:
+                text = await asyncio.wait_for(self._socket.read_message(), 30)
+                assert text is not None, "the browser has gone"
+                message = json.loads(text)
+                self._note(message)
+                if message.get("id") == number:
+                    assert "error" not in message, message["error"]
+                    return message["result"]
+
+        return self._loop.run_until_complete(answer())
+
+    def _note(self, message: dict[str, Any]) -> None:
+        parameters = message.get("params", {})
+        if message.get("method") == "Runtime.exceptionThrown":
+            details = parameters["exceptionDetails"]
+            self.errors.append(details.get("exception", {}).get("description", details["text"]))
+        elif message.get("method") == "Log.entryAdded" and parameters["entry"]["level"] == "error":
+            self.errors.append(parameters["entry"]["text"])
+
+    def open(self, url: str) -> None:
+        """Goes to an address."""
+        self.call("Page.navigate", url=url)
+
+    def size(self, width: int, height: int, *, mobile: bool = False, scale: float = 1.0) -> None:
+        """Sets the size of the window (CSS pixels)."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=mobile
+        )
+
+    def media(self, **features: str) -> None:
+        """Sets media features, as prefers_color_scheme="dark"."""
+        pairs = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        self.call("Emulation.setEmulatedMedia", features=pairs)
+
+    def ask(self, expression: str) -> Any:
+        """The value of a JavaScript expression (JSON)."""
+        result = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in result, result["exceptionDetails"]
+        return result["result"].get("value")
+
+    def wait(self, expression: str, what: str = "", limit_s: float = 20.0, good: Callable[[Any], bool] = bool) -> Any:
+        """Waits until an expression is true, and gives its value."""
+        until = time.monotonic() + limit_s
+        while not good(value := self.ask(expression)):
+            assert time.monotonic() < until, f"{what or expression}: {value!r} after {limit_s} s; {self.errors}"
+            time.sleep(0.05)
+        return value
+
+    def press(self, key: str, *, shift: bool = False) -> None:
+        """Presses a key."""
+        text = {"text": key} if len(key) == 1 else {}
+        for kind in ("keyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, modifiers=8 if shift else 0, **text)
+
+    def picture(self, path: Path) -> None:
+        """Writes what the window shows as PNG."""
+        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
