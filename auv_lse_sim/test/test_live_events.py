@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from auv_lse_common.plan import NONE, Plan
-from auv_lse_common.recording import RecordingError
+from auv_lse_common.recording import RecordingError, recording_in
 from auv_lse_gp.area import OperatingArea
 from auv_lse_sim.live.events import MissionEvents, topics_of
 from auv_lse_sim.live.facts import mission_facts
 from auv_lse_sim.live.follow import RecordingFollower
 from auv_lse_sim.live.map_layers import OUTSIDE, LayerCoder, scales_of, thinning
 from auv_lse_sim.live.plan_lines import POINTS_PER_LEG, PlanLines
-from auv_lse_sim.live.recording import RecordingFile, find_parameters, find_recording
+from auv_lse_sim.live.recording import RecordingFile, find_parameters
 from auv_lse_sim.live.timeline import Timeline
 from auv_lse_sim.record.bag import write_run
 from auv_lse_sim.settings import Settings
@@ -137,7 +137,7 @@ def test_numbers_that_json_lacks_become_null(settings):
 
 def test_a_recording_becomes_a_timeline(run_folder, synthetic_run):
     timeline = Timeline()
-    follower = RecordingFollower(find_recording(run_folder), timeline)
+    follower = RecordingFollower(recording_in(run_folder), timeline)
     assert follower.read() > 1000
     _, first, events = timeline.since("", 0, 10**6)
     kinds = {kind: [e for e in events if e["kind"] == kind] for kind in {e["kind"] for e in events}}
@@ -155,7 +155,7 @@ def test_a_recording_becomes_a_timeline(run_folder, synthetic_run):
 
 
 def test_a_growing_recording_gives_what_is_there_and_goes_on(run_folder, tmp_path):
-    whole, copy = find_recording(run_folder), tmp_path / "part" / "bag" / "bag.mcap"
+    whole, copy = run_folder / "bag" / "bag.mcap", tmp_path / "part" / "bag" / "bag.mcap"
     (tmp_path / "part").mkdir()
     (tmp_path / "part" / "mission.yaml").write_text((run_folder / "mission.yaml").read_text())
     topics = frozenset(topics_of(2))
@@ -171,16 +171,14 @@ def test_a_growing_recording_gives_what_is_there_and_goes_on(run_folder, tmp_pat
 
 
 def test_what_is_no_recording_is_named(tmp_path):
-    with pytest.raises(RecordingError, match="nowhere: does not exist"):
-        find_recording(tmp_path / "nowhere")
-    with pytest.raises(RecordingError, match=r"holds no recording; expected bag/\*\.mcap"):
-        find_recording(tmp_path)
     text = tmp_path / "a.mcap"
     text.write_text("not a recording at all")
     with pytest.raises(RecordingError, match="expected an MCAP file"):
         list(RecordingFile(text).messages(frozenset()))
+    empty = tmp_path / "b.mcap"
+    empty.write_bytes(b"")
     with pytest.raises(RecordingError, match="name it: --mission FILE"):
-        find_parameters(text)
+        find_parameters(empty)
 
 
 def test_the_facts_hold_what_the_page_draws(settings):

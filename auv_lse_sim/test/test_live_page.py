@@ -13,8 +13,8 @@ import pytest
 from browser import CHROMIUM, Browser
 from PIL import Image
 
+from auv_lse_common.recording import recording_in
 from auv_lse_sim.live.follow import RecordingFollower
-from auv_lse_sim.live.recording import find_recording
 from auv_lse_sim.live.server import LiveServer
 from auv_lse_sim.live.timeline import Timeline
 from auv_lse_sim.record.bag import write_run
@@ -53,7 +53,7 @@ def serving(tmp_path_factory, synthetic_run):
     folder = tmp_path_factory.mktemp("page") / "a run"
     write_run(synthetic_run(), folder)
     serving = Serving(Timeline())
-    RecordingFollower(find_recording(folder), serving.timeline).follow(threading.Event())
+    RecordingFollower(recording_in(folder), serving.timeline).follow(threading.Event())
     yield serving
     serving.stop()
 

@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from auv_lse_common.params import ParameterError
-from auv_lse_common.recording import RecordingError
+from auv_lse_common.recording import RecordingError, recording_in
 from auv_lse_sim.live.follow import RecordingFollower
 from auv_lse_sim.live.page import live_page
-from auv_lse_sim.live.recording import find_recording
 from auv_lse_sim.live.server import LiveServer, PortTakenError
 from auv_lse_sim.live.timeline import Timeline
 
@@ -61,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if options.run is None:
             raise RecordingError("RUN: missing; expected a run folder, a rosbag2 directory or an MCAP file")
-        follower = RecordingFollower(find_recording(options.run), timeline, options.mission)
+        follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
         if options.write is not None:
             return write_page(follower, timeline, options.write)
         return asyncio.run(serve(timeline, follower.follow, options.port, options.open))

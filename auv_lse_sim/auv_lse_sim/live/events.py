@@ -22,6 +22,7 @@ from auv_lse_sim.live.map_layers import LayerCoder, grid_axes, scales_of, thinni
 from auv_lse_sim.live.own_map import OwnMap
 from auv_lse_sim.live.plan_lines import PlanLines, decimetres
 from auv_lse_sim.live.timeline import Event
+from auv_lse_sim.record.bag import plan_of
 from auv_lse_sim.settings import Settings
 
 Array = NDArray[np.float64]
@@ -196,14 +197,7 @@ class MissionEvents:
         }
 
     def _plan(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        plan = Plan(
-            step=int(message.step),
-            heading_rad=float(message.heading_rad),
-            north_m=float(message.north_m),
-            east_m=float(message.east_m),
-            actions=tuple(int(a) for a in message.actions),
-            naive_path=int(message.naive_path),
-        )
+        plan = plan_of(message)
         if plan == self._plans.get(vehicle):
             return []
         self._plans[vehicle] = plan
@@ -250,8 +244,8 @@ class MissionEvents:
 
     def _samples(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
         places = np.column_stack([message.north_m, message.east_m])
-        self._map_of(vehicle).add_samples(np.column_stack([places, message.depth_m]))
         source = int(message.source)
+        self._map_of(vehicle).add_samples(np.column_stack([places, message.depth_m]), source)
         return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "places": decimetres(places)}]
 
     def _slots(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from auv_lse_common.recording import RecordingError
 from auv_lse_sim.live.events import MissionEvents, topics_of
 from auv_lse_sim.live.facts import mission_facts
-from auv_lse_sim.live.recording import RecordingFile, find_parameters
+from auv_lse_sim.live.recording import find_parameters, open_recording
 from auv_lse_sim.live.timeline import Timeline
 from auv_lse_sim.settings import Settings
 
@@ -31,7 +31,7 @@ class RecordingFollower:
         """Reads the mission file and begins the timeline; reads no message yet.
 
         Args:
-            recording: The MCAP file.
+            recording: As `recording_in` gives it.
             timeline: What is filled.
             mission: The mission file; None: the one beside the recording or inside of it.
 
@@ -45,9 +45,10 @@ class RecordingFollower:
         else:
             self.settings = Settings.load(mission)
             patterns = self.settings.to_patterns() if "sim:" in mission.read_text() else {}
-        run = recording.parent.parent if recording.parent.name == "bag" else recording
+        folder = recording if recording.is_dir() else recording.parent
+        run = folder.parent if folder.name == "bag" else recording
         self.problem = ""
-        self._file = RecordingFile(recording)
+        self._file = open_recording(recording)
         self._events = MissionEvents(self.settings)
         self._topics = frozenset(topics_of(self.settings.mission.vehicles))
         self._timeline = timeline

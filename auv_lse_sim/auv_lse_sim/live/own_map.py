@@ -22,7 +22,7 @@ class OwnMap:
         self._settings = settings
         self._area = area
         self._map: DepthMap | None = None
-        self._waiting: list[tuple[bool, ArrayLike]] = []
+        self._waiting: list[tuple[int, ArrayLike]] = []  # the vehicle they come from, 0 for its own soundings
         self._first_s = math.inf
         self._made_s = -math.inf
         self._stopped = False
@@ -34,15 +34,15 @@ class OwnMap:
 
     def add_soundings(self, rows: ArrayLike) -> None:
         """Takes own soundings: stamp (s), north, east, depth (m), shape (n, 4)."""
-        self._add(True, rows)
+        self._add(0, rows)
 
-    def add_samples(self, rows: ArrayLike) -> None:
-        """Takes samples heard: north, east, depth (m), shape (n, 3)."""
-        self._add(False, rows)
+    def add_samples(self, rows: ArrayLike, source: int) -> None:
+        """Takes samples heard from vehicle `source`: north, east, depth (m), shape (n, 3)."""
+        self._add(source, rows)
 
-    def _add(self, own: bool, rows: ArrayLike) -> None:
+    def _add(self, source: int, rows: ArrayLike) -> None:
         if not self._stopped:
-            self._waiting.append((own, rows))
+            self._waiting.append((source, rows))
 
     def field(self, now_s: float) -> DepthField | None:
         """The map, if one is due at `now_s` and the vehicle does not tell its own."""
@@ -53,10 +53,10 @@ class OwnMap:
         self._made_s = now_s
         if self._map is None:
             self._map = DepthMap(self._settings.gp, self._settings.level_set, self._area)
-        for own, rows in self._waiting:
-            if own:
-                self._map.add_soundings(rows)
+        for source, rows in self._waiting:
+            if source:
+                self._map.add_samples(rows, source)
             else:
-                self._map.add_samples(rows)
+                self._map.add_soundings(rows)
         self._waiting.clear()
         return self._map.field()

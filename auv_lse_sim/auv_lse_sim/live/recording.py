@@ -6,16 +6,15 @@ at its end, is not needed, and neither is `metadata.yaml`.
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from auv_lse_common.params import read_parameter_file
-from auv_lse_common.recording import RecordingError
+from auv_lse_common.params import parse_parameters, read_parameter_file
+from auv_lse_common.recording import MISSION_FILE, RecordingError, read_messages
 
 _MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
@@ -118,21 +117,33 @@ class RecordingFile:
         self._channels[channel.id] = (channel.topic, schema.name)
 
 
-def find_recording(run: Path) -> Path:
-    """The MCAP file of a run folder, of a rosbag2 directory, or the file itself.
+class WholeRecording:
+    """Reads the messages of a complete recording: several files, or sqlite3.
 
-    Raises:
-        RecordingError: if there is none.
+    Attributes:
+        path: As `recording_in` gives it.
+        complete: True once it has been read.
     """
-    if run.is_file():
-        return run
-    if not run.exists():
-        raise RecordingError(f"{run}: does not exist; expected a run folder, a rosbag2 directory or an MCAP file")
-    for folder in (run / "bag", run):
-        files = sorted(folder.glob("*.mcap"))
-        if files:
-            return files[0]
-    raise RecordingError(f"{run}: holds no recording; expected bag/*.mcap or *.mcap in it")
+
+    def __init__(self, path: Path) -> None:
+        """Opens nothing yet."""
+        self.path = path
+        self.complete = False
+
+    def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
+        """The messages of some topics: topic and message; none at the second call.
+
+        Raises:
+            RecordingError: if it cannot be read.
+        """
+        if not self.complete:
+            self.complete = True
+            yield from read_messages(self.path, re.compile("|".join(map(re.escape, sorted(topics)))))
+
+
+def open_recording(path: Path) -> RecordingFile | WholeRecording:
+    """The reader of what `recording_in` has found."""
+    return RecordingFile(path) if path.suffix == ".mcap" else WholeRecording(path)
 
 
 def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
@@ -142,14 +153,10 @@ def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
         RecordingError: if there is none.
         ParameterError: if it is not a parameter file.
     """
-    for folder in (recording.parent, recording.parent.parent):
+    for folder in (recording, recording.parent, recording.parent.parent):
         if (path := folder / "mission.yaml").is_file():
             return read_parameter_file(path), str(path)
-    metadata = recording.parent / "metadata.yaml"
-    if metadata.is_file():
-        inside = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"].get("custom_data") or {}
-        if text := inside.get("parameters"):
-            return {"/**": yaml.safe_load(text)}, f"{metadata} (custom_data)"
-    raise RecordingError(
-        f"{recording}: no mission.yaml beside it or above it, and none in its metadata; name it: --mission FILE"
-    )
+    for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
+        where = f"{recording} ({MISSION_FILE})"
+        return parse_parameters(str(message.data), where), where
+    raise RecordingError(f"{recording}: no mission.yaml beside it or above it, and none in it; name it: --mission FILE")
