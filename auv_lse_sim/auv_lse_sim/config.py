@@ -9,6 +9,7 @@ from auv_lse_sim.world.config import (
     AltimeterConfig,
     BathymetryConfig,
     ChannelConfig,
+    ChartConfig,
     CompassConfig,
     CurrentConfig,
     DvlConfig,
@@ -42,6 +43,7 @@ class SimConfig:
     ideal: bool = parameter(False, help="true: perfect vehicles, instruments and water; the channel is not touched")
     bathymetry: BathymetryConfig = field(default_factory=BathymetryConfig)
     lake: LakeConfig = field(default_factory=LakeConfig)
+    chart: ChartConfig = field(default_factory=ChartConfig)
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     current: CurrentConfig = field(default_factory=CurrentConfig)
     navigation: NavigationConfig = field(default_factory=NavigationConfig)

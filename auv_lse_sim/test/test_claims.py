@@ -72,7 +72,7 @@ def test_the_claims_follow_the_measurements():
         (3, "augmented"): rows_of(200.0, 1.0, kept=False),
         (3, "plain"): rows_of(230.0, 0.8),
         (3, "lawnmower"): rows_of(150.0, 0.9),
-        (3, "best"): rows_of(180.0, 0.4),
+        (3, "tour"): rows_of(180.0, 0.4),
     }
     found = claims(groups)
     assert len(found) == 5
@@ -90,6 +90,21 @@ def test_the_claims_follow_the_measurements():
     assert "90 % of packets" in local.what
     assert "2.0 % of the risk before, 10 % of the risk after" in local.value
     assert {e.verdict for e in found[4].evidence if "final risk" in e.what} == {SUPPORTED}
+
+
+def test_each_claim_says_how_it_stands_with_either_prior():
+    flat = {(3, "augmented"): rows_of(200.0, 1.0), (3, "lawnmower"): rows_of(150.0, 0.9)}
+    charted = {(3, "augmented"): rows_of(200.0, 0.5), (3, "lawnmower"): rows_of(150.0, 0.9)}
+    searched = next(c for c in claims(flat, charted) if "more efficiently" in c.text)
+    verdicts = {(e.prior, e.verdict) for e in searched.evidence if "final risk" in e.what}
+    assert verdicts == {("flat", CONTRADICTED), ("chart", SUPPORTED)}
+    # reward and F1 are alike; risk at a third, final risk and isobath turn
+    assert searched.standing() == (
+        "flat prior: 1 supported, 2 undecided, 3 contradicted; chart as prior: 4 supported, 2 undecided."
+    )
+    only = claims({}, charted)
+    assert {e.prior for c in only for e in c.evidence} == {"chart"}
+    assert "flat" not in only[0].standing()
 
 
 def test_a_large_local_error_contradicts():

@@ -22,22 +22,22 @@ def test_the_full_study_is_what_was_asked_for():
     assert [v for v, _ in loss.points] == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
     sensitivity = study.campaigns["sensitivity"].jobs()  # refused if two settings were the same mission
     assert len(sensitivity) == len(study.campaigns["sensitivity"].settings) * 10
-    costs = {j.group: j.patterns["/**"]["level_set"] for j in sensitivity}["costs 4, best"]
+    costs = {j.group: j.patterns["/**"]["level_set"] for j in sensitivity}["costs 4, tour"]
     assert costs["cost_false_safe"] == pytest.approx(16.0)
     assert costs["cost_false_unsafe"] == pytest.approx(4.0)
 
 
 def test_sensitivities_of_chosen_methods_are_the_same_missions():
     every = {j.id: j for j in full_study(1, 2, ("sensitivity",)).campaigns["sensitivity"].jobs()}
-    some = full_study(1, 2, ("sensitivity",), ("best",)).campaigns["sensitivity"].jobs()
+    some = full_study(1, 2, ("sensitivity",), ("tour",)).campaigns["sensitivity"].jobs()
     assert len(some) * 3 == len(every)
-    assert all(every[j.id].group.endswith(", best") for j in some)
+    assert all(every[j.id].group.endswith(", tour") for j in some)
 
 
 def test_points_at_the_default_are_flown_once_for_all_sweeps():
     loss, team = SWEEPS[0], next(s for s in SWEEPS if s.name == "team")
-    assert sweep_name(loss, 0.0, "best") == sweep_name(team, 3.0, "best") == "default, best"
-    assert sweep_name(team, 2.0, "best") == "team 2, best"
+    assert sweep_name(loss, 0.0, "tour") == sweep_name(team, 3.0, "tour") == "default, tour"
+    assert sweep_name(team, 2.0, "tour") == "team 2, tour"
 
 
 def test_the_large_area_is_four_times_the_trials():
@@ -51,3 +51,20 @@ def test_the_large_area_is_four_times_the_trials():
         study.campaigns[name].jobs()[0].patterns["/**"]["area"]["polygon_m"] for name in ("trials", "large")
     )
     assert area(large) == pytest.approx(4.0 * area(trial))
+
+
+def test_the_trials_are_flown_with_a_chart_too():
+    study = full_study(50, 10, ("trials", "charted"))
+    charted = study.campaigns["charted"].jobs()
+    assert len({job.seed for job in charted}) == 20
+    assert {job.group for job in charted} == {job.group for job in study.campaigns["trials"].jobs()}
+    parameters = charted[0].patterns["/**"]
+    assert parameters["sim"]["chart"] == {"smoothing_m": 75.0, "error_m": 2.5, "error_length_m": 75.0}
+    assert parameters["gp"]["signal_std_m"] == 5.0
+
+
+def test_some_sensitivities_can_be_flown_alone():
+    study = full_study(1, 5, ("sensitivity",), ("augmented", "plain"), ("loss", "slot", "team"))
+    jobs = study.campaigns["sensitivity"].jobs()
+    # 6 losses, 4 slot lengths, 8 teams, the default of the three flown once
+    assert len(jobs) == (6 + 4 + 8 - 2) * 2 * 5

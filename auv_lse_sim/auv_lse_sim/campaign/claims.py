@@ -9,12 +9,16 @@ so differences are taken seed by seed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from auv_lse_sim.campaign.rows import Row, value_of
 from auv_lse_sim.campaign.statistics import Interval, interval, paired
+from auv_lse_sim.campaign.study import OURS
 
 SUPPORTED, CONTRADICTED, UNDECIDED = "supported", "contradicted", "undecided"
+
+#: What was known before the mission: a constant depth, or a coarse chart (`study.CHART`).
+FLAT, CHART = "flat", "chart"
 
 #: A local map counts as close to the map from all soundings if they differ by less than this share of the risk at
 #: the start. The paper says "small" and gives no number.
@@ -35,11 +39,13 @@ class Evidence:
         what: What was measured, with its unit.
         value: The result, as text.
         verdict: `SUPPORTED`, `CONTRADICTED` or `UNDECIDED`.
+        prior: What was known of the ground before the mission, `FLAT` or `CHART`.
     """
 
     what: str
     value: str
     verdict: str
+    prior: str = FLAT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +63,18 @@ class Claim:
     source: str
     evidence: tuple[Evidence, ...]
     remark: str = ""
+
+    def standing(self) -> str:
+        """How the claim stands with either prior, in one sentence."""
+        parts = []
+        for prior, name in ((FLAT, "flat prior"), (CHART, "chart as prior")):
+            found = [e.verdict for e in self.evidence if e.prior == prior]
+            if found:
+                counts = ", ".join(
+                    f"{found.count(v)} {v}" for v in (SUPPORTED, UNDECIDED, CONTRADICTED) if found.count(v)
+                )
+                parts.append(f"{name}: {counts}")
+        return "; ".join(parts) + "."
 
 
 def verdict(difference: Interval, more_is_better: bool) -> str:
@@ -125,13 +143,29 @@ def share(flags: Sequence[bool | None], what: str) -> Evidence | None:
     return Evidence(what=what, value=f"{held} of {len(known)} missions", verdict=judged)
 
 
-def claims(groups: Mapping[tuple[int, str], Sequence[Row]], ours: str = "best") -> list[Claim]:
-    """Every claim with its evidence.
+def claims(
+    groups: Mapping[tuple[int, str], Sequence[Row]],
+    charted: Mapping[tuple[int, str], Sequence[Row]] | None = None,
+    ours: str = OURS,
+) -> list[Claim]:
+    """Every claim with its evidence, from missions with a flat prior and with a chart.
 
     Args:
-        groups: Finished rows by (number of vehicles, method).
+        groups: Finished rows by (number of vehicles, method), with a flat prior.
+        charted: The same with a coarse chart as prior.
         ours: The project's own method.
     """
+    found = _claims(groups, ours)
+    with_chart = {claim.text: claim for claim in _claims(charted or {}, ours)}
+    merged = []
+    for claim in [*found, *(c for text, c in with_chart.items() if text not in {f.text for f in found})]:
+        flat = claim.evidence if claim in found else ()
+        more = with_chart[claim.text].evidence if claim.text in with_chart else ()
+        merged.append(replace(claim, evidence=(*flat, *(replace(e, prior=CHART) for e in more))))
+    return merged
+
+
+def _claims(groups: Mapping[tuple[int, str], Sequence[Row]], ours: str) -> list[Claim]:
     teams = sorted({vehicles for vehicles, _ in groups})
     found = [_augmented_against_plain(groups, teams), _above_the_bound(groups, teams), _local_maps(groups, teams)]
     found += [_against_lawnmower(groups, teams, "augmented"), _ours(groups, teams, ours)]
@@ -229,8 +263,7 @@ def _ours(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Sequence[int],
             found = compare(groups.get((k, ours), ()), groups.get((k, other), ()), f"{k} AUVs, {other}", weak=False)
             evidence += [e for e in found if "reward" not in e.what]
     return Claim(
-        text=f"Our own method ('{ours}': the map's reward chooses among the plain search's finalists) maps better than "
-        "the paper's two and the lawnmower.",
+        text=f"Our own method ('{ours}') maps better than the paper's two and the lawnmower.",
         source="not in the paper: this project's claim",
         evidence=tuple(evidence),
         remark=f"Differences are {ours} − the other method.",

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from auv_lse_sim.campaign.mission_row import simulate
+from auv_lse_sim.campaign.mission_row import judged
 from auv_lse_sim.campaign.study import Study, trial_name
 from auv_lse_sim.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.judge.report import write_outputs
@@ -27,7 +26,7 @@ def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], E
     jobs = {wanted[job.group]: job for job in spec.jobs() if job.seed == spec.seeds[0] and job.group in wanted}
     places = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
     flights = {
-        key: client.submit(_evaluated, job.patterns, f"example {job.group}", pure=False)
+        key: client.submit(judged, job.patterns, f"example {job.group}", pure=False)
         for key, job in jobs.items()
         if client is not None and not places[key].exists()
     }
@@ -50,10 +49,6 @@ def _keep(evaluation: Evaluation, place: Path) -> None:
         _keep_ground(evaluation.run.ground, run / "ground.npz")
         write_outputs(evaluation, run)
         run.rename(place)
-
-
-def _evaluated(patterns: Mapping[str, Any], where: str) -> Evaluation:
-    return evaluate(simulate(patterns, where))
 
 
 def _keep_ground(ground: GroundGrid | None, path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import socket
+import tempfile
 import time
 import traceback
 from collections.abc import Mapping
@@ -20,6 +21,7 @@ from auv_lse_sim.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.record.run_data import RunData
 from auv_lse_sim.record.software import version
 from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.chart import with_chart
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import fit_to_ground
 
@@ -27,12 +29,24 @@ from auv_lse_sim.world.navigable import fit_to_ground
 BOUNDS = 11
 
 
-def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str) -> RunData:
-    """Flies a mission in this process; its area and starts are fitted to the ground, as scripts/mission does."""
+def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str, folder: Path) -> RunData:
+    """Flies a mission in this process; its area and starts are fitted to the ground, as scripts/mission does.
+
+    Args:
+        patterns: Its complete mission file.
+        where: Where that came from, for messages.
+        folder: An existing folder for the chart of `sim.chart`, which is needed as long as the run is judged.
+    """
     settings = Settings.from_patterns(patterns, where)
     ground = ground_of(settings)
     settings, _ = fit_to_ground(settings, ground)
-    return Fleet(settings, ground).run()
+    return Fleet(with_chart(settings, folder), ground).run()
+
+
+def judged(patterns: Mapping[str, Mapping[str, Any]], where: str, bounds: int = 34) -> Evaluation:
+    """A mission flown in this process and judged; `bounds` as `evaluate` takes it."""
+    with tempfile.TemporaryDirectory(prefix="auv_lse_") as folder:
+        return evaluate(simulate(patterns, where, Path(folder)), bounds)
 
 
 def mission_row(job: Job, bounds: int = BOUNDS) -> dict[str, Any]:
@@ -40,7 +54,7 @@ def mission_row(job: Job, bounds: int = BOUNDS) -> dict[str, Any]:
     began = time.perf_counter()
     row = row_head(job)
     try:
-        evaluation = evaluate(simulate(job.patterns, f"mission {job.id}"), bounds)
+        evaluation = judged(job.patterns, f"mission {job.id}", bounds)
         row.update(_results(evaluation))
         row["status"] = "ok"
         row["error"] = "; ".join(evaluation.run.notes) or None

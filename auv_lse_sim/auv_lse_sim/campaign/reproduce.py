@@ -20,7 +20,7 @@ from auv_lse_sim.campaign.progress_display import duration
 from auv_lse_sim.campaign.reproduce_page import write_page
 from auv_lse_sim.campaign.results import write_results
 from auv_lse_sim.campaign.runner import CampaignState
-from auv_lse_sim.campaign.study import METHODS, SENSITIVE, full_study, quick_study
+from auv_lse_sim.campaign.study import CAMPAIGNS, METHODS, SENSITIVE, SWEEP_NAMES, full_study, quick_study
 from auv_lse_sim.campaign.study_runner import estimate_s, fly_study
 
 
@@ -34,7 +34,13 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--quick", action="store_true", help="a small version, in about 3 minutes")
     p.add_argument("--out", type=Path, metavar="DIR", help="folder of results (default: runs/reproduce[-quick])")
-    p.add_argument("--seeds", type=int, default=50, metavar="N", help="seeds of the field trials (default: 50)")
+    p.add_argument(
+        "--seeds",
+        type=int,
+        default=50,
+        metavar="N",
+        help="seeds of the field trials (default: 50, with a chart 20)",
+    )
     p.add_argument("--sweep-seeds", type=int, default=10, metavar="N", help="seeds of the sensitivities (default: 10)")
     p.add_argument(
         "--sweep-methods",
@@ -45,10 +51,18 @@ def parser() -> argparse.ArgumentParser:
         help=f"methods of the sensitivities (default: {' '.join(SENSITIVE)})",
     )
     p.add_argument(
+        "--sweeps",
+        nargs="+",
+        choices=SWEEP_NAMES,
+        default=SWEEP_NAMES,
+        metavar="NAME",
+        help=f"sensitivities (default: {' '.join(SWEEP_NAMES)})",
+    )
+    p.add_argument(
         "--only",
         nargs="+",
-        choices=("trials", "large", "sensitivity"),
-        default=("trials", "large", "sensitivity"),
+        choices=CAMPAIGNS,
+        default=CAMPAIGNS,
         help="campaigns to fly (default: all)",
     )
     add_cluster_options(p)
@@ -71,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         study = (
             quick_study(QUICK_S)
             if options.quick
-            else full_study(options.seeds, options.sweep_seeds, options.only, options.sweep_methods)
+            else full_study(options.seeds, options.sweep_seeds, options.only, options.sweep_methods, options.sweeps)
         )
         folder = options.out or default_root() / ("reproduce-quick" if options.quick else "reproduce")
         folder.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 from auv_lse_sim.campaign.claims import Claim, claims
 from auv_lse_sim.campaign.page import comparison, curves, sweep_figure
 from auv_lse_sim.campaign.rows import Row
-from auv_lse_sim.campaign.study import Study, Sweep, trial_name
+from auv_lse_sim.campaign.study import SENSITIVE, Study, Sweep, trial_name
 from auv_lse_sim.campaign.study_figures import path_figure, reward_figure
 from auv_lse_sim.campaign.study_results import (
     COLUMNS,
@@ -42,7 +42,8 @@ def write_page(study: Study, folder: Path, examples: Mapping[tuple[int, str], Ev
     trials = by_trial(done.get("trials", []), study.teams)
     large = by_trial(done.get("large", []), (study.large_team,))
     swept = by_sweep(study, done.get("sensitivity", []))
-    found = claims(trials)
+    charted = by_trial(done.get("charted", []), study.teams)
+    found = claims(trials, charted)
     parts = [
         head("The paper, reproduced"),
         "<h1>Collaborative isobath mapping: the paper's results, reproduced</h1>",
@@ -52,6 +53,12 @@ def write_page(study: Study, folder: Path, examples: Mapping[tuple[int, str], Ev
         "<h2>The paper's figures</h2>" + _paper_figures(folder, examples),
         "<h2>Field trials over seeds</h2>" + _table(trials) + _groups_figure(folder, "trials", trials),
     ]
+    if charted:
+        parts.append(
+            "<h2>With a coarse chart as prior</h2><p>The same lakes, with a chart as the prior mean of every map: the "
+            "truth smoothed over 75 m, with errors of 2.5 m.</p>"
+        )
+        parts.append(_table(charted) + _groups_figure(folder, "charted", charted))
     if large:
         parts.append(
             "<h2>In an area four times as large</h2><p>1400 m × 1200 m: three vehicles cannot saturate it.</p>"
@@ -66,9 +73,9 @@ def write_page(study: Study, folder: Path, examples: Mapping[tuple[int, str], Ev
     path = folder / "reproduce.html"
     path.write_text("\n".join(parts) + "\n</body></html>\n")
     (folder / "results.json").write_text(
-        json.dumps(as_data(found, {"trials": trials, "large": large}), indent=2) + "\n"
+        json.dumps(as_data(found, {"trials": trials, "charted": charted, "large": large}), indent=2) + "\n"
     )
-    (folder / "results.md").write_text(markdown(found, trials, large, swept, _subtitle(study, done, failed)))
+    (folder / "results.md").write_text(markdown(found, trials, charted, large, swept, _subtitle(study, done, failed)))
     return path
 
 
@@ -88,11 +95,16 @@ _MARKS = {"supported": "✔ supported", "contradicted": "✘ contradicted", "und
 
 
 def _claim(claim: Claim) -> str:
-    rows = [[html.escape(e.what), html.escape(e.value), _MARKS[e.verdict]] for e in claim.evidence]
+    rows = [[e.prior, html.escape(e.what), html.escape(e.value), _MARKS[e.verdict]] for e in claim.evidence]
     remark = f"<p>{html.escape(claim.remark)}</p>" if claim.remark else ""
+    remark = f"<p>How it stands. {html.escape(claim.standing())}</p>" + remark
     return (
         f"<h3>{html.escape(claim.text)}</h3><p class='sub'>{html.escape(claim.source)}</p>"
-        + table(["measured here", "result (mean ± half the 95 % interval)", "this claim is"], rows, ["", "n", "n"])
+        + table(
+            ["prior", "measured here", "result (mean ± half the 95 % interval)", "this claim is"],
+            rows,
+            ["", "", "n", "n"],
+        )
         + remark
     )
 
@@ -121,7 +133,7 @@ def _groups_figure(folder: Path, name: str, groups: Groups) -> str:
 def _paper_figures(folder: Path, examples: Mapping[tuple[int, str], Evaluation]) -> str:
     parts = []
     for team in sorted({k for k, _ in examples}, reverse=True):
-        methods = [m for m in ("augmented", "plain", "best") if (team, m) in examples]
+        methods = [m for m in SENSITIVE if (team, m) in examples]
         own = {m: examples[team, m] for m in methods}
         for name, caption, figure in (
             (

@@ -39,7 +39,8 @@ def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
     to = to or folder / "reruns" / str(row["id"])
     if to.exists() and any(to.iterdir()):
         raise CampaignError(f"{to}: exists and is not empty; expected a new folder (--to)")
-    run = simulate(yaml.safe_load(row["parameters"]), f"mission {row['id']}")
+    to.mkdir(parents=True, exist_ok=True)
+    run = simulate(yaml.safe_load(row["parameters"]), f"mission {row['id']}", to)
     write_run(run, to)
     summary = write_outputs(evaluate(run, BOUNDS), to)
     now = {field.name: getattr(summary, field.name) for field in dataclasses.fields(summary)}

@@ -1,7 +1,8 @@
 """The study that reproduces the paper: which settings are flown, over how many seeds.
 
-Three campaigns: the field trials (teams of 2 and 3; the paper's two methods, the lawnmower and our own), the same in an
-area large enough that three vehicles do not saturate it, and sensitivity to one parameter at a time.
+Four campaigns: the field trials (teams of 2 and 3; the paper's two methods, the lawnmower and our own), the same where
+a coarse chart is known beforehand, the same in an area large enough that three vehicles do not saturate it, and
+sensitivity to one parameter at a time.
 """
 
 from __future__ import annotations
@@ -14,11 +15,21 @@ from typing import Any
 
 from auv_lse_sim.campaign.spec import CampaignSpec
 
+#: The project's own method.
+OURS = "tour"
+
 #: The methods compared: the paper's two, its floor, and ours.
-METHODS = ("augmented", "plain", "lawnmower", "best")
+METHODS = ("augmented", "plain", "lawnmower", OURS)
 
 #: The methods whose sensitivity is measured.
-SENSITIVE = ("augmented", "plain", "best")
+SENSITIVE = ("augmented", "plain", OURS)
+
+#: The campaigns of a full study.
+CAMPAIGNS = ("trials", "charted", "large", "sensitivity")
+
+#: A coarse chart as prior. The paper speaks of where the isobath is expected before the mission, so that its prior was
+#: not flat. What such charts leave of these lakes has a standard deviation of 3.8 to 4.9 m (seeds 8200 to 8205).
+CHART: Mapping[str, Any] = {"sim.chart.smoothing_m": 75.0, "sim.chart.error_m": 2.5, "gp.signal_std_m": 5.0}
 
 #: An area in which three vehicles cannot see everything in 100 steps: four times the field trial's.
 LARGE: Mapping[str, Any] = {
@@ -97,6 +108,9 @@ SWEEPS = (
 )
 
 
+SWEEP_NAMES = tuple(sweep.name for sweep in SWEEPS)
+
+
 def trial_name(vehicles: int, method: str) -> str:
     """Name of a setting of the field trials."""
     return f"{vehicles} AUVs, {method}"
@@ -113,7 +127,7 @@ class Study:
 
     Attributes:
         name: "full" or "quick".
-        campaigns: The campaigns, by name ("trials", "large", "sensitivity"), in order.
+        campaigns: The campaigns, by name (of `CAMPAIGNS`), in order.
         sweeps: The sensitivities that the last one holds.
         teams: Team sizes of the trials.
         large_team: Team size in the large area.
@@ -129,7 +143,7 @@ class Study:
     large_team: int
     examples: tuple[tuple[int, str], ...]
     budget_s: float
-    only: tuple[str, ...] = ("trials", "large", "sensitivity")
+    only: tuple[str, ...] = CAMPAIGNS
 
     @property
     def flown(self) -> dict[str, CampaignSpec]:
@@ -143,20 +157,37 @@ def base_mission() -> Path:
     return root / "config" / "missions" / "default.yaml"
 
 
-def full_study(seeds: int, sweep_seeds: int, only: Sequence[str], sweep_methods: Sequence[str] = SENSITIVE) -> Study:
-    """Everything: the trials over `seeds` seeds, large area and sensitivities (of `sweep_methods`) over fewer."""
+def full_study(
+    seeds: int,
+    sweep_seeds: int,
+    only: Sequence[str],
+    sweep_methods: Sequence[str] = SENSITIVE,
+    sweeps: Sequence[str] = SWEEP_NAMES,
+) -> Study:
+    """Everything: the trials over `seeds` seeds; chart, large area and sensitivities over fewer.
+
+    Args:
+        seeds: Seeds of the field trials.
+        sweep_seeds: Seeds of the sensitivities.
+        only: Names of the campaigns that are flown.
+        sweep_methods: Methods of the sensitivities.
+        sweeps: Names of the sensitivities.
+    """
     trials = [{"label": trial_name(k, m), "mission.vehicles": k, "planner.method": m} for k in (2, 3) for m in METHODS]
     large = [{"label": trial_name(3, m), "mission.vehicles": 3, "planner.method": m} for m in METHODS]
+    fewer = max(sweep_seeds, min(seeds, 20))
+    chosen = [sweep for sweep in SWEEPS if sweep.name in sweeps]
     campaigns = {
         "trials": _spec("trials", trials, {}, seeds),
-        "large": _spec("large", large, LARGE, max(sweep_seeds, min(seeds, 20))),
-        "sensitivity": _spec("sensitivity", _swept(SWEEPS, sweep_methods), {}, sweep_seeds),
+        "charted": _spec("charted", trials, CHART, fewer),
+        "large": _spec("large", large, LARGE, fewer),
+        "sensitivity": _spec("sensitivity", _swept(chosen, sweep_methods), {}, sweep_seeds),
     }
     return Study(
         name="full",
         campaigns=campaigns,
         only=tuple(only),
-        sweeps=SWEEPS,
+        sweeps=tuple(chosen),
         teams=(2, 3),
         large_team=3,
         examples=tuple((k, m) for k in (2, 3) for m in SENSITIVE),

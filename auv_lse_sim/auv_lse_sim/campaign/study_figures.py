@@ -51,7 +51,7 @@ def path_figure(missions: Mapping[str, Evaluation]) -> Figure:
 _LINES = {
     "augmented": {"color": "#009E73", "ls": "-", "lw": 1.8},
     "plain": {"color": "#0072B2", "ls": (0, (5, 1.5)), "lw": 1.6},
-    "best": {"color": "#CC79A7", "ls": (0, (1.2, 1.0)), "lw": 1.6},
+    "tour": {"color": "#CC79A7", "ls": (0, (1.2, 1.0)), "lw": 1.6},
 }
 
 

@@ -78,6 +78,7 @@ def by_sweep(study: Study, rows: Sequence[Row]) -> list[tuple[Sweep, Lines]]:
 def markdown(
     found: Sequence[Claim],
     trials: Groups,
+    charted: Groups,
     large: Groups,
     swept: Sequence[tuple[Sweep, Lines]],
     subtitle: str,
@@ -85,9 +86,13 @@ def markdown(
     """Tables and claims as text, for a document."""
     lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", "", *_markdown_table(trials)]
     for claim in found:
-        lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark}", ""]
-        lines += ["| measured here | result | this claim is |", "|---|---|---|"]
-        lines += [f"| {e.what.replace('|', chr(92) + '|')} | {e.value} | {e.verdict} |" for e in claim.evidence]
+        lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark} How it stands. {claim.standing()}", ""]
+        lines += ["| prior | measured here | result | this claim is |", "|---|---|---|---|"]
+        lines += [
+            f"| {e.prior} | {e.what.replace('|', chr(92) + '|')} | {e.value} | {e.verdict} |" for e in claim.evidence
+        ]
+    if charted:
+        lines += ["", "**With a coarse chart as prior**", "", *_markdown_table(charted)]
     if large:
         lines += ["", "**In an area four times as large**", "", *_markdown_table(large)]
     for sweep, by_method in swept:

@@ -8,12 +8,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from auv_lse_sim.campaign.mission_row import simulate
+from auv_lse_sim.campaign.mission_row import judged
 from auv_lse_sim.campaign.progress_display import progress_display
 from auv_lse_sim.campaign.rows import Rows, columns_of
 from auv_lse_sim.campaign.runner import CampaignState, run_campaign
 from auv_lse_sim.campaign.study import Study
-from auv_lse_sim.judge.evaluation import evaluate
 
 
 def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
@@ -49,9 +48,9 @@ def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
 
 
 def _probe_s(patterns: Mapping[str, Any], factor: float) -> float:
-    simulate(patterns, "probe")  # compiles, and fills the caches
+    judged(patterns, "probe", 3)  # compiles, and fills the caches
     began = time.perf_counter()
-    evaluate(simulate(patterns, "probe"), 3)
+    judged(patterns, "probe", 3)
     return (time.perf_counter() - began) * factor
 
 

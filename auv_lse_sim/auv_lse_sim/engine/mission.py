@@ -25,6 +25,7 @@ from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.engine.run_folder import run_folder
 from auv_lse_sim.engine.vehicle_file import write_vehicle_file
 from auv_lse_sim.settings import SECTION_CLASSES, Settings
+from auv_lse_sim.world.chart import with_chart
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import fit_to_ground
 
@@ -85,6 +86,7 @@ def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:
     """Writes the complete mission.yaml into the run folder, with its recording and its emulated hardware in there."""
+    settings = with_chart(settings, folder)
     settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
     hardware = hardware_of(options.modem, options.vehicle_link, settings.mission.vehicles, folder)
     settings = settings.with_overrides(hardware)

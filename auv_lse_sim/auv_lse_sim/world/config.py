@@ -12,6 +12,19 @@ _IDEAL = "true: this part is perfect, whatever the other parameters say"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ChartConfig:
+    """A coarse chart of the ground that the team has before the mission, as the prior mean of its map (`gp.mean`)."""
+
+    smoothing_m: float = parameter(
+        0.0, low=0.0, high=10e3, unit="m", help="standard deviation of the weights that smooth the truth; 0: no chart"
+    )
+    error_m: float = parameter(2.5, low=0.0, high=100.0, unit="m", help="standard deviation of the chart's errors")
+    error_length_m: float = parameter(
+        75.0, above=0.0, high=10e3, unit="m", help="the same for the weights that smooth its errors"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DynamicsConfig:
     """How the vehicle follows its legs."""
 
