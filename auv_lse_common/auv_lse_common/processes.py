@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 _STOP_S = 3.0
 
@@ -93,11 +94,28 @@ def start(
             stderr=subprocess.STDOUT,
             env=environment,
             start_new_session=True,
-            preexec_fn=_die_with_parent,
+            preexec_fn=die_with_parent,
         )
 
 
-def end(processes: Iterable[subprocess.Popen[bytes]]) -> None:
+class Running(Protocol):
+    """A process that leads a group of its own; `subprocess.Popen` is one."""
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        ...
+
+    def poll(self) -> int | None:
+        """The exit code, None while it runs."""
+        ...
+
+    def wait(self, timeout: float) -> int:
+        """Waits for its end; raises `subprocess.TimeoutExpired` if it still runs then."""
+        ...
+
+
+def end(processes: Iterable[Running]) -> None:
     """Ends processes started by `start` with all of their children: asks twice, then kills."""
     everyone = list(processes)
     for sign, patience_s in ((signal.SIGINT, _STOP_S), (signal.SIGTERM, 1.0), (signal.SIGKILL, 5.0)):
@@ -117,7 +135,7 @@ def last_lines(log: Path, lines: int = 15) -> str:
     return "\n".join(text[-lines:]) or "(no output)"
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Runs in the child: asks Linux to end it with its parent, even if the parent is killed."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG

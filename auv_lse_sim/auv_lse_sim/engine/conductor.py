@@ -73,7 +73,7 @@ def conduct(
     start_s = _START_S + 10.0 * settings.mission.vehicles if start_s is None else start_s
     progress = MissionProgress(vehicles=settings.mission.vehicles, steps_total=settings.mission.steps)
     marks = {"began": time.monotonic()}
-    group = ProcessGroup(folder / "logs", environment)
+    group = ProcessGroup(folder / "logs", environment, processes)
     with contextlib.ExitStack() as stack:
         stack.callback(group.stop)
         for process in processes:

@@ -4,34 +4,40 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_common.processes import LaunchError, Process, end, executable_path, last_lines, start
+from auv_lse_common.processes import Process, end, executable_path, last_lines
+from auv_lse_sim.engine.fork_server import ForkedProcess, ForkServer
 
 
 class ProcessGroup:
     """The running processes of a mission."""
 
-    def __init__(self, log_folder: Path, environment: dict[str, str]) -> None:
-        """Starts nothing yet; each process's output goes to a file in `log_folder`."""
+    def __init__(self, log_folder: Path, environment: dict[str, str], processes: Sequence[Process] = ()) -> None:
+        """Starts nothing yet.
+
+        Args:
+            log_folder: Gets a file with the output of each process.
+            environment: The processes' environment.
+            processes: What will be started, as far as it is known: starts faster then.
+
+        Raises:
+            LaunchError: if one of `processes` is not installed.
+        """
         self._logs = log_folder
-        self._environment = environment
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._server = ForkServer(processes, self.log("fork_server"), environment)
+        self._running: dict[str, ForkedProcess] = {}
 
     def start(self, process: Process, parameter_file: Path, extra: Sequence[str] = ()) -> None:
         """Starts one process with the mission's parameters.
 
         Raises:
-            LaunchError: if it cannot be started.
+            LaunchError: if it is not installed.
         """
         path = executable_path(process)
         command = [str(path), "--ros-args", "--params-file", str(parameter_file), *process.ros_arguments, *extra]
-        try:
-            self._running[process.name] = start(command, self.log(process.name), self._environment)
-        except OSError as error:
-            raise LaunchError(f"{process.name}: cannot be started ({path}): {error}") from error
+        self._running[process.name] = self._server.start(process, command, self.log(process.name))
 
     def log(self, name: str) -> Path:
         """The file with the output of a process."""
@@ -39,7 +45,8 @@ class ProcessGroup:
 
     def ended(self) -> list[tuple[str, int]]:
         """Name and exit code of the processes that have ended by themselves."""
-        return [(name, process.returncode) for name, process in self._running.items() if process.poll() is not None]
+        codes = {name: process.poll() for name, process in self._running.items()}
+        return [(name, code) for name, code in codes.items() if code is not None]
 
     def last_words(self, name: str, lines: int = 15) -> str:
         """The last lines of a process's log."""
@@ -60,3 +67,4 @@ class ProcessGroup:
         end(first.values())
         end(p for n, p in self._running.items() if n not in first)
         self._running.clear()
+        self._server.close()

@@ -1,0 +1,61 @@
+"""The fork server: what it starts is a process of its own, with its own log, command line and exit code."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs the built workspace (scripts/test sets it up)", allow_module_level=True)
+
+from auv_lse_common.processes import LaunchError, Process, end
+from auv_lse_sim.engine.fork_server import ForkServer
+
+pytestmark = pytest.mark.ros
+
+MODEM = Process(package="auv_lse_comms", executable="modem_node", namespace="/auv1")
+
+
+def test_each_process_is_one_of_its_own_and_its_end_is_told(tmp_path: Path) -> None:
+    server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
+    try:
+        asked = server.start(MODEM, ["modem_node", "--help"], tmp_path / "help.log")
+        assert asked.wait(30.0) == 0
+        assert "modem_node: packets and TDMA of one vehicle" in (tmp_path / "help.log").read_text()
+        refused = server.start(MODEM, ["modem_node", "--ros-args", "-r", "__ns:=/auv"], tmp_path / "refused.log")
+        assert refused.wait(30.0) == 2
+        assert "expected one that ends in the vehicle's number" in (tmp_path / "refused.log").read_text()
+
+        command = ["modem_node", "--ros-args", "-r", "__ns:=/auv7"]
+        running, killed = (server.start(MODEM, command, tmp_path / f"{n}.log") for n in "ab")
+        shown = Path(f"/proc/{running.pid}/cmdline").read_bytes().rstrip(b"\0").split(b"\0")
+        assert [word.decode() for word in shown] == command, "ps shows what ros2 run would show"
+        assert os.getpgid(running.pid) == running.pid, "it leads a group of its own"
+        os.kill(killed.pid, signal.SIGKILL)
+        assert killed.wait(10.0) == -signal.SIGKILL
+        assert running.poll() is None
+        with pytest.raises(subprocess.TimeoutExpired):
+            running.wait(0.01)
+        end([running])
+        assert running.poll() is not None
+        last = server.start(MODEM, command, tmp_path / "c.log")
+        assert last.pid
+    finally:
+        server.close()
+    until = time.monotonic() + 10.0
+    while Path(f"/proc/{last.pid}").exists():
+        assert time.monotonic() < until, "a process outlives the server"
+        time.sleep(0.05)
+    assert last.poll() is not None
+
+
+def test_a_process_that_is_not_installed_is_named(tmp_path: Path) -> None:
+    ghost = Process(package="auv_lse_gp", executable="sonar_node", namespace="/")
+    with pytest.raises(LaunchError, match="auv_lse_gp has no executable sonar_node"):
+        ForkServer([ghost], tmp_path / "server.log", dict(os.environ))
