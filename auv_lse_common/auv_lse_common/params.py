@@ -172,7 +172,10 @@ def _scalar(hint: Any, value: Any, key: str, field: dataclasses.Field[Any], expe
         if isinstance(value, float):
             raise problem
     elif hint is float:
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:  # a whole number beyond a float's range
+            raise problem from None
         if not math.isfinite(value):
             raise problem
     low, high, above = (field.metadata.get(k) for k in ("low", "high", "above"))
@@ -222,13 +225,19 @@ def describe(cls: type, prefix: str = "") -> list[tuple[str, Any, str, str, str]
 
 
 def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested mapping from ROS's dotted names: {"gp.kernel": 1} becomes {"gp": {"kernel": 1}}."""
+    """Nested mapping from ROS's dotted names: {"gp.kernel": 1} becomes {"gp": {"kernel": 1}}.
+
+    Raises:
+        ParameterError: if a name is a section and a value both.
+    """
     nested: dict[str, Any] = {}
     for name, value in flat.items():
-        *parents, leaf = name.split(".")
+        *parents, leaf = str(name).split(".")
         level = nested
         for parent in parents:
             level = level.setdefault(parent, {})
+            if not isinstance(level, dict):
+                raise ParameterError(f"{name}: got {value!r}; expected '{parent}' to be a section, and it has a value")
         level[leaf] = value
     return nested
 
@@ -253,6 +262,8 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
         text = path.read_text()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # bytes that are no text
+        raise ParameterError(f"{path}: is no text in UTF-8: {error}") from error
     return parse_parameters(text, str(path))
 
 
@@ -262,6 +273,8 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
         data = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ParameterError(f"{where}: not valid YAML: {error}") from error
+    except (RecursionError, ValueError) as error:  # nested without end; a date or number that cannot be
+        raise ParameterError(f"{where}: not valid YAML: {str(error) or 'nested too deeply'}") from error
     shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
     if not isinstance(data, Mapping) or not data:
         raise ParameterError(f"{where}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")
@@ -269,7 +282,10 @@ def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
     for pattern, body in data.items():
         if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
             raise ParameterError(f"{where}: under {pattern!r}: expected {shape}")
-        patterns[str(pattern)] = dict(body["ros__parameters"] or {})
+        values = body["ros__parameters"]
+        if not isinstance(values, Mapping | None):
+            raise ParameterError(f"{where}: under {pattern!r}: ros__parameters: got {values!r}; expected parameters")
+        patterns[str(pattern)] = {str(name): value for name, value in (values or {}).items()}
     return patterns
 
 

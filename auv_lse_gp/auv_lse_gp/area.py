@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 #: Largest number of raster nodes: a finer raster over a larger area is a mistake in the configuration.
 MAX_NODES = 20_000_000
+#: Largest number of cells of a grid, for the same reason.
+MAX_CELLS = 2_000_000
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,6 +147,12 @@ class OperatingArea:
         if not (math.isfinite(resolution_m) and resolution_m > 0.0):
             raise ValueError(f"resolution_m: got {resolution_m!r}; expected a finite number > 0")
         low_n, high_n, low_e, high_e = self.extent_m
+        cells = (high_n - low_n) * (high_e - low_e) / resolution_m**2
+        if cells > MAX_CELLS:
+            raise ValueError(
+                f"resolution_m: got {resolution_m!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m "
+                f"would have {cells:.3g} cells; expected at most {MAX_CELLS}: choose a larger resolution"
+            )
         axes: list[Array] = []
         for low, high in ((low_n, high_n), (low_e, high_e)):
             first, last = math.floor(low / resolution_m), math.ceil(high / resolution_m)

@@ -37,6 +37,14 @@ def from_method(paper: Any, **options: Any) -> Any:
 DEPTHS_M = (3.0, 4.0, 5.0)
 
 
+def with_depth(parameters: Mapping[str, Any], vehicle: int) -> Mapping[str, Any]:
+    """The parameters of vehicle number `vehicle` with its turn of `DEPTHS_M`, unless they name a depth."""
+    own = parameters.get("vehicle", {})
+    if not isinstance(own, Mapping) or "depth_m" in own:  # what is no section is refused where it is read
+        return parameters
+    return merge(parameters, {"vehicle": {"depth_m": DEPTHS_M[(vehicle - 1) % len(DEPTHS_M)]}})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissionConfig:
     """What all vehicles of a mission share."""
@@ -240,8 +248,8 @@ class PlannerSettings:
         Raises:
             ParameterError: naming the key, the value, what was expected and `where`.
         """
-        if vehicle is not None and "depth_m" not in parameters.get("vehicle", {}):
-            parameters = merge(parameters, {"vehicle": {"depth_m": DEPTHS_M[(vehicle - 1) % len(DEPTHS_M)]}})
+        if vehicle is not None:
+            parameters = with_depth(parameters, vehicle)
         return cls(
             mission=section(MissionConfig, parameters, "mission", where),
             level_set=section(LevelSet, parameters, "level_set", where),

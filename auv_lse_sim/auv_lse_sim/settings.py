@@ -33,12 +33,12 @@ from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import (
-    DEPTHS_M,
     MissionConfig,
     MotionConfig,
     PlannerConfig,
     PlannerSettings,
     VehicleConfig,
+    with_depth,
 )
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.record.config import RecordConfig
@@ -137,9 +137,7 @@ class Settings:
         vehicles = []
         for number in range(1, mission.vehicles + 1):
             own = _overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number)
-            if "depth_m" not in own.get("vehicle", {}):
-                own = merge(own, {"vehicle": {"depth_m": DEPTHS_M[(number - 1) % len(DEPTHS_M)]}})
-            vehicles.append(_vehicle_settings(own, f"{where} (auv{number})"))
+            vehicles.append(_vehicle_settings(with_depth(own, number), f"{where} (auv{number})"))
         return cls(
             where=where,
             mission=mission,

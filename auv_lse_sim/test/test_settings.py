@@ -6,8 +6,9 @@ import sys
 import pytest
 
 from auv_lse_common.params import ParameterError, describe, parameters_for, read_parameter_file
+from auv_lse_planner.config import DEPTHS_M
 from auv_lse_sim.config import SimConfig
-from auv_lse_sim.settings import DEPTHS_M, Settings
+from auv_lse_sim.settings import Settings
 
 
 def write(tmp_path, text):
