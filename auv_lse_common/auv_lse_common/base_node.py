@@ -31,8 +31,8 @@ EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: The last message also reaches readers that come later (latched).
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-#: A clock that nothing sets back, for timers that run whatever the mission's time does.
-STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+#: A clock that nothing sets back.
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 #: Without lockstep, how often (s) a vehicle's node handles what has come in.
@@ -65,7 +65,12 @@ class BaseNode(Node):
         self._tunable: tuple[str, ...] = ()
         self._apply: Callable[[dict[str, Any]], None] | None = None
         if self.lockstep:
-            self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator, clock=STEADY)
+            self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator)
+
+    def create_timer(self, timer_period_sec: float, callback: Callable[[], None], *others: Any, **options: Any) -> Any:
+        """A timer on a steady clock: one on the system's would fall silent for as long as that is set back."""
+        options.setdefault("clock", _STEADY)
+        return super().create_timer(timer_period_sec, callback, *others, **options)
 
     def _look_for_simulator(self) -> None:
         """Lockstep: warns once if nobody gives the ticks that this node waits for."""
@@ -105,7 +110,7 @@ class BaseNode(Node):
             elif checks % 200 == 0:  # every 10 s
                 self.get_logger().warning(f"still waiting for readers of {waiting}")
 
-        timer = self.create_timer(0.05, check, clock=STEADY)
+        timer = self.create_timer(0.05, check)
 
     def show_parameters(
         self,

@@ -15,6 +15,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 import rclpy
+from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 
 from auv_lse_common import base_node
@@ -96,6 +97,11 @@ def test_a_node_that_cannot_be_made_ends_with_words(capfd: pytest.CaptureFixture
 
     assert run(make, []) == 2
     assert capfd.readouterr().err == "error: vehicle: got 4; expected 1 to mission.vehicles = 3\n"
+
+
+def test_timers_do_not_wait_for_the_system_clock_to_catch_up(make: Callable[[str], BaseNode]) -> None:
+    timer = make("sim: {lockstep: false}").create_timer(0.1, lambda: None)
+    assert timer.clock.clock_type is ClockType.STEADY_TIME
 
 
 @pytest.mark.parametrize("lockstep", [True, False])

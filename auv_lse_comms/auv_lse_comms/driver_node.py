@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from auv_lse_common.base_node import STEADY, VehicleNode
+from auv_lse_common.base_node import VehicleNode
 from auv_lse_common.health import Health
 from auv_lse_common.ros_conversions import diagnostics
 from auv_lse_comms.transport import PortWatcher, Transport
@@ -62,8 +62,8 @@ class DriverNode(VehicleNode):
         self._bytes = self.create_guard_condition(self._on_bytes)
         self.phase(self._status_name, lambda now_s: self._exchange(poll=True), self.totals)
         self.begin()
-        self.create_timer(_POLL_PERIOD_S, self._on_timer, clock=STEADY)
-        self.create_timer(_DIAGNOSTICS_PERIOD_S, self.diagnose, clock=STEADY)
+        self.create_timer(_POLL_PERIOD_S, self._on_timer)
+        self.create_timer(_DIAGNOSTICS_PERIOD_S, self.diagnose)
 
     @abstractmethod
     def on_event(self, event: Any) -> None:

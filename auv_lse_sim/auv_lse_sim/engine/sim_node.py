@@ -10,7 +10,7 @@ import rclpy
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from auv_lse_common.base_node import EVERY, STEADY, BaseNode, quality_of, run
+from auv_lse_common.base_node import EVERY, BaseNode, quality_of, run
 from auv_lse_common.ros_conversions import seconds, stamp
 from auv_lse_common.topics import MISSION_TOPICS, reader_count
 from auv_lse_comms.transport import PortWatcher
@@ -44,11 +44,11 @@ class SimNode(BaseNode):
         ports = [port for port in (self._sim.links.rack, self._sim.links.dock) if port is not None]
         self._watchers = [PortWatcher(port, self._bytes.trigger) for port in ports]
         if ports:
-            self.create_timer(0.2, self._sim.greet, clock=STEADY)
+            self.create_timer(0.2, self._sim.greet)
         if self.lockstep:
             self._tick = self._publisher(LockstepTick, "/lockstep/tick")
             self.create_subscription(LockstepDone, "/lockstep/done", self._on_recorded, EVERY)
-            self.create_timer(1.0, self._watch, clock=STEADY)
+            self.create_timer(1.0, self._watch)
         self.when_matched(self._readers, self._begin)
         self._publish_status(self._sim.state, self._sim.message)
 
@@ -78,7 +78,7 @@ class SimNode(BaseNode):
         self._sim.begin()
         if not self.lockstep:
             factor = self._settings.sim.real_time_factor or 1.0
-            self.create_timer(self._settings.sim.tick_s / factor, self._run_tick, clock=STEADY)
+            self.create_timer(self._settings.sim.tick_s / factor, self._run_tick)
         self._advance()
 
     def _advance(self) -> None:
@@ -93,7 +93,7 @@ class SimNode(BaseNode):
         for problem in sim.take_problems():
             self.get_logger().error(problem)
         if sim.state is MissionState.FINISHED and self._settings.sim.shutdown_at_end:
-            self.create_timer(1.0, rclpy.try_shutdown, clock=STEADY)
+            self.create_timer(1.0, rclpy.try_shutdown)
         if outputs:
             self._clock_topic.publish(ClockMessage(clock=stamp(sim.now_s)))
             for k, output in outputs.items():
