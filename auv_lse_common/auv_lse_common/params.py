@@ -95,9 +95,7 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
     fields = {f.name: f for f in dataclasses.fields(cls) if f.init}  # type: ignore[arg-type]  # any dataclass
     for key in mapping:
         if key not in fields:
-            near = difflib.get_close_matches(str(key), fields, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(sorted(fields))}"
-            raise ParameterError(f"{where}.{key}: unknown parameter (value {mapping[key]!r}){hint}")
+            _refuse_unknown(key, mapping[key], fields, where)
     values: dict[str, Any] = {}
     for name, field in fields.items():
         key = f"{where}.{name}"
@@ -115,6 +113,35 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         raise
     except ValueError as error:
         raise ParameterError(f"{where}: {error}") from error
+
+
+def problems(cls: type, mapping: Any, where: str) -> list[str]:
+    """What is wrong with a mapping for dataclass `cls`: every unknown key, wrong type and value out of range.
+
+    `from_mapping` stops at the first one. What holds between several parameters is checked by `from_mapping` alone.
+    """
+    if not isinstance(mapping, Mapping):
+        return [f"{where}: expected a mapping of parameters, got {mapping!r}"]
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.init}
+    found: list[str] = []
+    for key, value in mapping.items():
+        try:
+            if key not in fields:
+                _refuse_unknown(key, value, fields, where)
+            elif dataclasses.is_dataclass(hints[key]):
+                found += problems(typing.cast(type, hints[key]), value, f"{where}.{key}")
+            else:
+                _convert(hints[key], value, f"{where}.{key}", fields[key])
+        except ParameterError as error:
+            found.append(str(error))
+    return found
+
+
+def _refuse_unknown(key: Any, value: Any, known: typing.Iterable[str], where: str) -> None:
+    near = difflib.get_close_matches(str(key), known, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else f"; known: {', '.join(sorted(known))}"
+    raise ParameterError(f"{where}.{key}: unknown parameter (value {value!r}){hint}")
 
 
 def _describe(hint: Any, field: dataclasses.Field[Any]) -> str:

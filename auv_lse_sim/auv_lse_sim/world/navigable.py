@@ -254,7 +254,7 @@ def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
     for number, own in enumerate(settings.vehicles, 1):
         v = own.vehicle
         start = np.array([v.start_north_m, v.start_east_m])
-        if float(area.clearance_m(start[None])[0]) >= margin + 0.5 and _can_turn(
+        if float(area.clearance_m(start[None])[0]) >= margin + 0.5 and can_turn(
             area, motion, v.start_heading_rad, start
         ):
             continue
@@ -271,7 +271,8 @@ def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
     return (settings.with_overrides(overrides) if overrides else settings), notes
 
 
-def _can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, place: Array) -> bool:
+def can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, place: Array) -> bool:
+    """Whether a vehicle at `place` (2,) has room for a turning circle to one side."""
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     for ahead, starboard, radius in motion.loops_m:
         center = place + np.array([c * ahead - s * starboard, s * ahead + c * starboard])

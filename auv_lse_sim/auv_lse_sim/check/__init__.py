@@ -1,0 +1,1 @@
+"""Looks over a mission file before anybody flies it."""
