@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from auv_lse_sim.campaign.reliability_figure import reliability_figure
 from auv_lse_sim.campaign.rows import Row, by_group, value_of
 from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.campaign.statistics import Interval, interval
@@ -24,6 +25,7 @@ from auv_lse_sim.judge.page_parts import embedded, facts, head, number, table
 MEASURES: tuple[tuple[str, str, bool], ...] = (
     ("risk_third", "risk at a third (cost/place)", False),
     ("risk_after", "final risk (cost/place)", False),
+    ("loss_after", "true loss (cost/place)", False),
     ("f1", "F1", True),
     ("isobath_error_m", "isobath error (m)", False),
     ("misclassified_m2", "misclassified (m²)", False),
@@ -47,6 +49,9 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
     if groups:
         drawn.append(_draw(comparison(groups), folder, "comparison.png", _COMPARISON))
         drawn.append(_draw(curves(groups), folder, "reward_curves.png", _CURVES))
+        reliability = reliability_figure(groups)
+        if reliability is not None:
+            drawn.append(_draw(reliability, folder, "reliability.png", _RELIABILITY))
         for name in spec.varied:
             figure = sweep(spec, groups, name)
             if figure is not None:
@@ -75,6 +80,13 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
 
 _COMPARISON = "Every setting: each seed's result (dots), their mean and its 95 % confidence interval."
 _CURVES = "Risk over the map, and stepwise team reward, over steps: mean over seeds, 95 % confidence interval."
+
+
+_RELIABILITY = (
+    "How often it is so where the final maps say how probable it is (left; the dotted line is an honest map, above it "
+    "the map is too careful, below it too bold), and how the places are spread over the probabilities (right). All "
+    "places of all missions of a setting; 95 % interval by drawing missions."
+)
 
 
 def _draw(figure: Figure, folder: Path, name: str, caption: str) -> tuple[str, str]:

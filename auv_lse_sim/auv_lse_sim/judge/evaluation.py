@@ -24,6 +24,7 @@ from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.judge import certainty, isobath
 from auv_lse_sim.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN, Piece
+from auv_lse_sim.judge.reliability import Reliability
 from auv_lse_sim.judge.reward import PAPERS_METHODS, Curves, reward_curves
 from auv_lse_sim.judge.summary import Summary
 from auv_lse_sim.judge.team_map import TeamMap, map_of, mission_settings, team_map
@@ -196,6 +197,9 @@ def _summary(e: Evaluation) -> Summary:
     papers = first.planner.method in PAPERS_METHODS
     bound = _last(curves.bound_max[:-1]) if papers else None
     risk_team, p_safe = e.team.risk[scored], e.team.p_safe[scored]
+    reliability = None
+    if truth is not None:
+        reliability = Reliability.of(p_safe, truth.depth_m[scored] >= first.level_set.level_m)
     claim = None if truth is None else isobath.judge_claim(certainty.lines_of(e.pieces, FOUND), e.truth)
 
     def mean(values: Array) -> float:
@@ -241,6 +245,10 @@ def _summary(e: Evaluation) -> Summary:
         mowing_risk=known(curves.mowing_risk),
         map_bound_kept=bool(mean(e.team.risk) <= curves.mowing_risk) if run.steps else None,
         loss_after=of(verdict, lambda v: v.loss),
+        reliability_error=None if reliability is None else known(reliability.error),
+        reliability_cells=None if reliability is None else reliability.cells,
+        reliability_expected=None if reliability is None else reliability.expected,
+        reliability_safe=None if reliability is None else reliability.safe,
         deep_m2=area(p_safe >= SURE),
         shallow_m2=area(p_safe <= 1.0 - SURE),
         unsure_m2=area((p_safe > 1.0 - SURE) & (p_safe < SURE)),

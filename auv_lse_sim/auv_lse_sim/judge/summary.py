@@ -53,6 +53,16 @@ class Summary:
     loss_after: float | None = figure(
         "cost/place", "mean of the costs really incurred by the final calls; as large as risk_after if that is honest"
     )
+    reliability_error: float | None = figure(
+        "", "mean over the map of |share that is safe - mean P(safe)| of a place's class of P(safe); 0 is honest"
+    )
+    reliability_cells: tuple[float, ...] | None = figure(
+        "",
+        "places of the map in each class of P(safe), the probability of being at least the level deep; the classes' "
+        "limits are those of `judge/reliability.py`",
+    )
+    reliability_expected: tuple[float, ...] | None = figure("", "how many of them should be safe: their summed P(safe)")
+    reliability_safe: tuple[float, ...] | None = figure("", "how many of them are safe")
     deep_m2: float = figure("m2", "area that is at least the level deep with a probability of at least 95 %")
     shallow_m2: float = figure("m2", "area that is shallower with a probability of at least 95 %")
     unsure_m2: float = figure("m2", "the rest of the area judged")

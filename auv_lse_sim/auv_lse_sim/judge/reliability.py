@@ -1,0 +1,86 @@
+"""How often it is so where the map says how probable it is: the reliability of P(safe) (Murphy and Winkler, 1977).
+
+A map is reliable if, of all places that it calls safe with a probability p, a share p is safe. Most places of a map
+are nearly sure, so that the classes of probability are narrow at both ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+#: Limits of the classes of probability; each holds its lower limit, the last one both.
+EDGES = (0.0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
+#: Number of classes.
+CLASSES = len(EDGES) - 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reliability:
+    """Places by class of probability.
+
+    Attributes:
+        cells: Places in each class, shape (`CLASSES`,).
+        expected: How many of them should be safe: the sum of their probabilities, shape (`CLASSES`,).
+        safe: How many of them are safe, shape (`CLASSES`,).
+    """
+
+    cells: tuple[float, ...]
+    expected: tuple[float, ...]
+    safe: tuple[float, ...]
+
+    @classmethod
+    def of(cls, p_safe: ArrayLike, safe: ArrayLike) -> Reliability:
+        """The reliability of probabilities (P,) of being safe at places that are safe or not (P,).
+
+        Raises:
+            ValueError: if there are not as many of the one as of the other, or a probability is not from 0 to 1.
+        """
+        p, is_safe = np.asarray(p_safe, dtype=float).ravel(), np.asarray(safe, dtype=bool).ravel()
+        if p.shape != is_safe.shape:
+            raise ValueError(f"p_safe has {p.size} values, safe {is_safe.size}; expected as many of both")
+        if not ((p >= 0.0) & (p <= 1.0)).all():
+            raise ValueError(f"p_safe: from {p.min()} to {p.max()}; expected probabilities from 0 to 1")
+        which = np.clip(np.searchsorted(EDGES, p, side="right") - 1, 0, CLASSES - 1)
+
+        def sums(weights: Array) -> tuple[float, ...]:
+            return tuple(np.bincount(which, weights, minlength=CLASSES).tolist())
+
+        return cls(cells=sums(np.ones_like(p)), expected=sums(p), safe=sums(is_safe.astype(float)))
+
+    @classmethod
+    def together(cls, parts: Sequence[Reliability]) -> Reliability:
+        """The places of several maps in one."""
+
+        def added(name: str) -> tuple[float, ...]:
+            rows = [getattr(part, name) for part in parts]
+            return tuple(np.sum(rows, axis=0, initial=0.0).tolist()) if rows else (0.0,) * CLASSES
+
+        return cls(cells=added("cells"), expected=added("expected"), safe=added("safe"))
+
+    @property
+    def probabilities(self) -> Array:
+        """Mean probability of each class's places, shape (`CLASSES`,); NaN in a class without places."""
+        return self._shares(self.expected)
+
+    @property
+    def shares(self) -> Array:
+        """Share of each class's places that are safe, shape (`CLASSES`,); NaN in a class without places."""
+        return self._shares(self.safe)
+
+    def _shares(self, counts: Sequence[float]) -> Array:
+        cells = np.asarray(self.cells)
+        shares: Array = np.divide(counts, cells, out=np.full(CLASSES, np.nan), where=cells > 0.0)
+        return shares
+
+    @property
+    def error(self) -> float:
+        """Mean over all places of |share safe - mean probability| of their class (expected calibration error)."""
+        total = sum(self.cells)
+        off = np.abs(np.asarray(self.safe) - np.asarray(self.expected)).sum()
+        return float(off / total) if total else float("nan")
