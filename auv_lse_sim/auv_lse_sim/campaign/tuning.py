@@ -1,0 +1,146 @@
+"""What too little and too much of a parameter do to a mission: pictures and figures of merit for docs/tuning.md.
+
+    python -m auv_lse_sim.campaign.tuning --out docs/figures
+
+Each parameter is flown at three values over the same lakes, in a small mission (the quick study's), all else as in the
+default mission. One lake is drawn; the figures of merit are means over all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_sim.campaign.study import SMALL, base_mission
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.judge.evaluation import Evaluation, evaluate
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.ground_source import ground_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Knob:
+    """A parameter to show.
+
+    Attributes:
+        name: Short name, of its picture too.
+        parameter: Its full name.
+        values: Little, the method's default, much.
+        unit: Unit, "" for none.
+        method: The planning method that it is shown with.
+        own_map: Whether vehicle 1's own map is drawn in place of the team's: where it is the link that counts.
+    """
+
+    name: str
+    parameter: str
+    values: tuple[float, float, float]
+    unit: str = ""
+    method: str = "tour"
+    own_map: bool = False
+
+
+KNOBS = (
+    Knob(name="iterations", parameter="planner.iterations", values=(1, 14, 100)),
+    Knob(name="interval", parameter="planner.tour_interval", values=(1, 5, 30), unit="legs"),
+    Knob(name="weight", parameter="planner.anytime_weight", values=(0.0, 1.5, 20.0)),
+    Knob(name="horizon", parameter="planner.horizon", values=(1, 10, 30), unit="legs", method="plain"),
+    Knob(name="exploration", parameter="planner.exploration", values=(0.0, 0.5, 5.0), method="plain"),
+    Knob(name="spacing", parameter="gp.min_spacing_m", values=(2.0, 10.0, 60.0), unit="m"),
+    Knob(name="length_scale", parameter="gp.length_scale_m", values=(15.0, 70.0, 400.0), unit="m"),
+    Knob(name="slot", parameter="tdma.slot_s", values=(5.0, 10.0, 120.0), unit="s", own_map=True),
+)
+
+#: The figures of merit of a mission that are shown, by their names here.
+MERITS = ("risk", "loss", "isobath_m", "own_risk", "planning_s")
+
+
+def fly(knob: Knob, value: float, seed: int) -> Evaluation:
+    """One small mission with a parameter set."""
+    wanted: Mapping[str, Any] = {**SMALL, "planner.method": knob.method, "mission.seed": seed, knob.parameter: value}
+    settings = Settings.load(base_mission(), wanted)
+    return evaluate(Fleet(settings, ground_of(settings)).run(), 2)
+
+
+def merits(e: Evaluation) -> dict[str, float]:
+    """The figures of merit of a mission (`MERITS`); NaN where there is none."""
+    s = e.summary
+    found = (s.risk_after, s.loss_after, s.isobath_error_m, float(np.mean(s.local_risk)), s.planning_median_s)
+    return {name: float("nan") if value is None else float(value) for name, value in zip(MERITS, found, strict=True)}
+
+
+def shown(knob: Knob, value: float) -> str:
+    """A value with its unit."""
+    return f"{value:g} {knob.unit}".strip()
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(
+        prog="python -m auv_lse_sim.campaign.tuning",
+        description="Flies small missions with little and much of each tunable parameter, and draws them for "
+        "docs/tuning.md. With 5 seeds about 10 minutes of one core.",
+    )
+    p.add_argument("--out", type=Path, default=Path("runs/tuning"), metavar="DIR", help="folder (default: runs/tuning)")
+    p.add_argument("--seeds", type=int, default=5, metavar="N", help="lakes; the first is drawn (default: 5)")
+    p.add_argument(
+        "--only", nargs="+", choices=[k.name for k in KNOBS], metavar="NAME",
+        help=f"parameters to show (default: all: {', '.join(k.name for k in KNOBS)})",
+    )  # fmt: skip
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Flies and draws. Returns 0; 2 if it cannot be done; 130 after Ctrl-C."""
+    options = parser().parse_args(arguments)
+    try:
+        if options.seeds < 1:
+            raise ValueError(f"--seeds {options.seeds}: expected at least 1")
+        options.out.mkdir(parents=True, exist_ok=True)
+        for knob in KNOBS:
+            if options.only is None or knob.name in options.only:
+                _show(knob, options.seeds, options.out)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped; the pictures made so far are kept", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _show(knob: Knob, seeds: int, folder: Path) -> None:
+    """Flies one parameter's missions, draws them, and prints its rows of the table."""
+    from auv_lse_sim.campaign.tuning_figure import tuning_figure  # draws: a second to load
+    from auv_lse_sim.judge.figures import save
+
+    drawn: list[Evaluation] = []
+    means: list[dict[str, float]] = []
+    for value in knob.values:
+        found: list[dict[str, float]] = []
+        for seed in range(1, seeds + 1):
+            print(f"{knob.parameter} {shown(knob, value)}: lake {seed} of {seeds}", file=sys.stderr, flush=True)
+            mission = fly(knob, value, seed)
+            found.append(merits(mission))
+            if seed == 1:
+                drawn.append(mission)
+        means.append({name: float(np.nanmean([row[name] for row in found])) for name in MERITS})
+        m = means[-1]
+        print(
+            f"| `{knob.parameter}` ({knob.method}) | {shown(knob, value)} | {m['risk']:.2f} | {m['loss']:.2f} | "
+            f"{m['isobath_m']:.1f} | {m['own_risk']:.2f} | {1e3 * m['planning_s']:.0f} |",
+            flush=True,
+        )
+    save(tuning_figure(knob, drawn, means), folder / f"tuning_{knob.name}.png")
+    numbers = {"parameter": knob.parameter, "method": knob.method, "seeds": seeds, "values": knob.values}
+    (folder / f"tuning_{knob.name}.json").write_text(json.dumps({**numbers, "means": means}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
