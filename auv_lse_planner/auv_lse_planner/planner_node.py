@@ -25,7 +25,17 @@ from auv_lse_planner.ros_conversions import bound_message, navigation, path_mess
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
-_TUNABLE = ("method", "iterations", "exploration", "horizon", "naive_paths", "incumbent", "deadline_s")
+_TUNABLE = (
+    "method",
+    "iterations",
+    "exploration",
+    "horizon",
+    "naive_paths",
+    "incumbent",
+    "anytime_weight",
+    "tour_interval",
+    "deadline_s",
+)
 
 
 class PlannerNode(VehicleNode):

@@ -11,9 +11,10 @@ from mcap.exceptions import EndOfFile
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_types
+from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_texts, message_types
 
 MESSAGES = Path(__file__).resolve().parents[2] / "auv_lse_msgs" / "msg"
 
@@ -53,6 +54,50 @@ def test_a_recording_is_read_back_with_its_snapshot(tmp_path: Path, types: Any) 
     with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
         header = make_reader(file).get_header()
     assert header.profile == "ros2"
+
+
+def test_definitions_are_whole_and_keep_their_comments(tmp_path: Path, types: Any) -> None:
+    """Two independent readers read every message by them; units and meanings are there for a person."""
+    bag = BagWriter(tmp_path / "bag", types, {})
+    bag.texts = message_texts([MESSAGES])
+    bag.add_topic("/auv1/sounding", "auv_lse_msgs/msg/Sounding")
+    bag.add_topic("/auv1/odometry", "nav_msgs/msg/Odometry")
+    kind = types.types["auv_lse_msgs/msg/Sounding"]
+    header = types.types["std_msgs/msg/Header"](
+        stamp=types.types["builtin_interfaces/msg/Time"](sec=3, nanosec=4), frame_id="map"
+    )
+    message = kind(header=header, north_m=1.0, east_m=2.0, depth_m=3.0)
+    bag.write("/auv1/sounding", 1, bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding")))
+    bag.close()
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        ((schema, _, _, by_mcap),) = reader.iter_decoded_messages()
+        schemas = {found.name: found.data.decode() for found in reader.get_summary().schemas.values()}
+    assert (by_mcap.header.stamp.sec, by_mcap.header.frame_id, by_mcap.depth_m) == (3, "map", 3.0)
+    assert "water surface to bottom, positive down" in schema.data.decode()
+    for part in (
+        "std_msgs/Header",
+        "geometry_msgs/PoseWithCovariance",
+        "geometry_msgs/Quaternion",
+        "geometry_msgs/Twist",
+    ):
+        assert f"MSG: {part}\n" in schemas["nav_msgs/msg/Odometry"], "the types in it are there"
+    with AnyReader([tmp_path / "bag"]) as reader:
+        ((connection, _, data),) = reader.messages()
+        assert reader.deserialize(data, connection.msgtype).depth_m == 3.0
+
+
+def test_types_that_come_up_later_can_be_recorded(tmp_path: Path, types: Any) -> None:
+    """It failed: the recorder read the new package's definitions, but the writer went on with the old ones."""
+    bag = BagWriter(tmp_path / "bag", types, {})
+    folder = tmp_path / "share" / "ctd_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Salinity.msg").write_text("float64 salinity_psu  # practical salinity\n")
+    with pytest.raises(RecorderError, match="ctd_msgs"):
+        bag.add_topic("/ctd", "ctd_msgs/msg/Salinity")
+    bag.types = message_types([folder])
+    bag.add_topic("/ctd", "ctd_msgs/msg/Salinity")
+    bag.close()
 
 
 def test_a_power_cut_costs_no_more_than_the_flush_time(tmp_path: Path, types: Any) -> None:

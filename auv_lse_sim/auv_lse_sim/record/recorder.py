@@ -14,6 +14,8 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
+#: Stands between the definitions of a type and of the types in it.
+_RULE = 80 * "=" + "\n"
 _FOREVER = QosTime(9223372036, 854775807)
 
 
@@ -34,8 +36,25 @@ def message_types(folders: Sequence[Path]) -> Any:
     return store
 
 
+def message_texts(folders: Sequence[Path]) -> dict[str, str]:
+    """The definitions that `message_types` adds, by type, with their comments: units and meanings.
+
+    Those of ROS itself are made from the store: the installed ones may be of another version.
+    """
+    known = get_typestore(Stores.ROS2_JAZZY).fielddefs
+    files = (path for folder in folders for path in sorted(folder.glob("*.msg")))
+    found = {f"{path.parent.parent.name}/msg/{path.stem}": path for path in files}
+    return {name: path.read_text() for name, path in found.items() if name not in known}
+
+
 class BagWriter:
-    """One recording."""
+    """One recording.
+
+    Attributes:
+        types: Type store that knows every type to record (`message_types`); may be replaced by a larger one.
+        texts: Definitions as they were written (`message_texts`); others are made from the store.
+        count: Number of messages written.
+    """
 
     def __init__(self, folder: Path, types: Any, snapshot: Mapping[str, str], flush_s: float = 5.0) -> None:
         """Starts the recording.
@@ -49,7 +68,8 @@ class BagWriter:
         Raises:
             RecorderError: if the folder exists or cannot be made.
         """
-        self._types = types
+        self.types = types
+        self.texts: Mapping[str, str] = {}
         self._flush_ns = int(flush_s * 1e9)
         self._flushed_ns = 0
         self._connections: dict[str, Any] = {}
@@ -86,10 +106,23 @@ class BagWriter:
             avoid_ros_namespace_conventions=False,
         )
         try:
-            connection = self._writer.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=[qos])
+            text, number = self._definition(kind), self.types.hash_rihs01(kind)
+            connection = self._writer.add_connection(
+                topic, kind, msgdef=text, rihs01=number, offered_qos_profiles=[qos]
+            )
         except (KeyError, TypesysError, WriterError) as error:
             raise RecorderError(f"topic {topic} of type {kind}: cannot be recorded: {error!r}") from error
         self._connections[topic] = connection
+
+    def _definition(self, kind: str) -> str:
+        """The definition of a type and of all types in it, with the comments of those whose text is known."""
+        first, *others = self.types.generate_msgdef(kind, ros_version=2)[0].split(_RULE)
+        parts = [self.texts.get(kind, first)]
+        for other in others:
+            name, _, made = other.removeprefix("MSG: ").partition("\n")
+            package, _, leaf = name.partition("/")
+            parts.append(f"MSG: {name}\n{self.texts.get(f'{package}/msg/{leaf}', made)}")
+        return _RULE.join(part.rstrip("\n") + "\n" for part in parts)
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
         """Writes one message's CDR bytes, stamped `stamp_ns`."""
