@@ -16,6 +16,7 @@ DRAWING = (
     "auv_lse_sim.judge.report_figures",
     "auv_lse_sim.campaign.page",
     "auv_lse_sim.campaign.study_figures",
+    "auv_lse_sim.campaign.tuning_figure",
 )
 
 

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from auv_lse_sim.campaign.tuning import Knob, shown
+from auv_lse_sim.campaign.knobs import Knob, shown
 from auv_lse_sim.judge import isobath
 from auv_lse_sim.judge.certainty import FOUND
 from auv_lse_sim.judge.evaluation import Evaluation

@@ -1,0 +1,43 @@
+"""The parameters that docs/tuning.md shows, each at three values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Knob:
+    """A parameter to show.
+
+    Attributes:
+        name: Short name, of its picture too.
+        parameter: Its full name.
+        values: Little, the method's default, much.
+        unit: Unit, "" for none.
+        method: The planning method that it is shown with.
+        own_map: Whether vehicle 1's own map is drawn in place of the team's: where it is the link that counts.
+    """
+
+    name: str
+    parameter: str
+    values: tuple[float, float, float]
+    unit: str = ""
+    method: str = "tour"
+    own_map: bool = False
+
+
+KNOBS = (
+    Knob(name="iterations", parameter="planner.iterations", values=(1, 14, 100)),
+    Knob(name="interval", parameter="planner.tour_interval", values=(1, 5, 30), unit="legs"),
+    Knob(name="weight", parameter="planner.anytime_weight", values=(0.0, 1.5, 20.0)),
+    Knob(name="horizon", parameter="planner.horizon", values=(1, 10, 30), unit="legs", method="plain"),
+    Knob(name="exploration", parameter="planner.exploration", values=(0.0, 0.5, 5.0), method="plain"),
+    Knob(name="spacing", parameter="gp.min_spacing_m", values=(2.0, 10.0, 60.0), unit="m"),
+    Knob(name="length_scale", parameter="gp.length_scale_m", values=(15.0, 70.0, 400.0), unit="m"),
+    Knob(name="slot", parameter="tdma.slot_s", values=(5.0, 10.0, 120.0), unit="s", own_map=True),
+)
+
+
+def shown(knob: Knob, value: float) -> str:
+    """A value with its unit."""
+    return f"{value:g} {knob.unit}".strip()
