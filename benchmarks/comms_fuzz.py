@@ -18,7 +18,14 @@ import numpy as np
 
 from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
-from auv_lse_comms.packet.fields import FIRST_TERMINAL, HEADER_STRUCT, PACKET_BYTES, SAMPLE_BYTES, TOUR, samples_start
+from auv_lse_comms.packet.fields import (
+    FIRST_TERMINAL,
+    HEADER_STRUCT,
+    PACKET_BYTES,
+    RESERVED,
+    SAMPLE_BYTES,
+    samples_start,
+)
 
 LIMITS = Limits(
     steps=100,
@@ -94,7 +101,7 @@ def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple
 def _reserved(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     """A terminal byte that ends the path, after the actions or the tour, and is no naive path's."""
     at = _samples_start(sent.plan) - 1
-    return good[:at] + bytes([int(rng.integers(FIRST_TERMINAL, TOUR))]) + good[at + 1 :], {"naive_path"}
+    return good[:at] + bytes([int(rng.choice(RESERVED[:-1]))]) + good[at + 1 :], {"naive_path"}
 
 
 def _bad_tour(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:

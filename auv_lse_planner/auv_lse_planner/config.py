@@ -144,7 +144,7 @@ class PlannerConfig:
         True, help="whether a naive path continues the plan to the mission's end (paper: augmented)"
     )
     naive_paths: FromMethod[tuple[int, ...]] = from_method(
-        LAWNMOWERS[:1], low=0xF0, high=0xFE, help="ids of the naive paths to choose from (naive.py)"
+        LAWNMOWERS[:1], low=0xE0, high=0xFE, help="ids of the naive paths to choose from (naive.py)"
     )
     incumbent: FromMethod[bool] = from_method(
         True, help="whether the last plan is kept unless the new one is worth more on the same data"

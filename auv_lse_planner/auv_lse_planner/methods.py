@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from auv_lse_planner.paths.naive_ids import COVERING, STRIPS
+from auv_lse_planner.paths.naive_ids import COVERING, FITTED, STRIPS
 
 #: Nothing after the legs searched, and the last plan is not kept.
 _PLAIN: dict[str, Any] = {"augmented": False, "naive_paths": (), "incumbent": False}
@@ -64,7 +64,7 @@ METHODS: dict[str, dict[str, Any]] = {
         "iterations": 14,
         "tour_interval": 0,
     },
-    "lawnmower": {"proposals": "naive", "horizon": 1, "naive_paths": STRIPS},
+    "lawnmower": {"proposals": "naive", "horizon": 1, "naive_paths": FITTED},
     "random": {**_PLAIN, "proposals": "random", "horizon": 1},
     "myopic": {**_PLAIN, "proposals": "benefit", "horizon": 1},
     "max_variance": {**_PLAIN, "proposals": "variance", "horizon": 1},

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from auv_lse_common.plan import NONE, Plan
 from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.paths.free_space import FreeSpace
-from auv_lse_planner.paths.naive_ids import COVERING, LAWNMOWERS, STRIPS
+from auv_lse_planner.paths.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Value
@@ -154,9 +154,9 @@ class Touring:
         self, step: int, state: Array, reward: AnytimeReward, deadline: Callable[[], bool] | None
     ) -> tuple[list[Candidate], float, int, bool]:
         """Candidates for the mission's start, the naive paths first, and the best expected end of those."""
-        own = STRIPS[(self._vehicle - 1) % len(STRIPS)]
+        own = [strips[(self._vehicle - 1) % len(strips)] for strips in (FITTED, STRIPS)]
         naive = []
-        for naive_path in (own, *COVERING, *LAWNMOWERS):
+        for naive_path in (*own, *COVERING, *LAWNMOWERS):
             naive.append(self._valued(Plan.at(step, state, (), naive_path), reward, "naive"))
             if deadline is not None and deadline():
                 break

@@ -22,6 +22,7 @@ from auv_lse_comms.packet.fields import (
     HEADER,
     HEADER_STRUCT,
     PACKET_BYTES,
+    RESERVED,
     SAMPLE,
     SAMPLE_BYTES,
     TERMINAL,
@@ -62,7 +63,7 @@ REASONS = {
     "action": "an action that is not in the action set",
     "terminal": "no terminal byte ends the actions, or too many actions",
     "tour": "a tour without segments, with more than 64, or longer than the mission",
-    "naive_path": "a terminal byte that is reserved: 0xE0 to 0xEE, or 0xEF after a tour",
+    "naive_path": "a terminal byte that is reserved: 0xE5 to 0xEE, or 0xEF after a tour",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
@@ -174,7 +175,7 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     plan = packet.plan
     step, naive_path, actions = operator.index(plan.step), operator.index(plan.naive_path), plan.actions
     _check("step", step, HEADER[0])
-    _check("naive_path", naive_path, TERMINAL)
+    _check_terminal(naive_path)
     if any(not ACTION.low <= action <= ACTION.high for action in actions):
         raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
     _check_tour(plan.tour, limits)
@@ -229,7 +230,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     segments = 0 if tour is None else len(tour.bearings)
     start = samples_start(len(actions), segments)
     naive_path = data[start - 1]
-    _check("naive_path", naive_path, TERMINAL)
+    _check_terminal(naive_path)
     places = capacity(len(actions), reserve, segments)
     stop = start + places * SAMPLE_BYTES
     n = places
@@ -253,6 +254,12 @@ def _check(reason: str, value: float, table: PacketField) -> None:
     if not table.low <= value <= table.high:
         expected = f"{table.low:g}..{table.high:g} {table.unit}".rstrip()
         raise PacketError(reason, f"{table.name} = {value}: expected {expected}")
+
+
+def _check_terminal(naive_path: int) -> None:
+    _check("naive_path", naive_path, TERMINAL)
+    if naive_path in RESERVED:
+        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{RESERVED[-1]} are reserved")
 
 
 def _check_start(step: int, heading: float, north: float, east: float, limits: Limits | None) -> None:

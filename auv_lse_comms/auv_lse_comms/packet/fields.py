@@ -16,8 +16,8 @@ PACKET_BYTES = 252
 FIRST_TERMINAL = MAX_ACTION_SET
 #: Ends the actions of a plan with a tour, which follows.
 TOUR = 0xEF
-#: The lowest id of a naive path. Bytes from `FIRST_TERMINAL` on, below this and other than `TOUR`, are reserved.
-FIRST_NAIVE_PATH = 0xF0
+#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR`.
+RESERVED = range(0xE5, 0xF0)
 #: Fills unused bytes.
 FILL = 0xFF
 
@@ -96,7 +96,7 @@ BEARING = PacketField(
 TERMINAL = PacketField(
     name="naive_path",
     type="uint8",
-    low=FIRST_NAIVE_PATH,
+    low=FIRST_TERMINAL,
     high=NONE,
     meaning="ends the path: 0xFF no more of it, else the id of the naive path that continues to the mission's end",
 )

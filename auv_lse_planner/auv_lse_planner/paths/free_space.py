@@ -140,6 +140,20 @@ def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):
 
 
 @compiled
+def safe_reach(spacing, loops, tracks):
+    """Clearance (m) of a place from which every action is feasible: more than its leg and its end's loops reach to.
+
+    Clearances are 1-Lipschitz, and read bilinearly off a raster sqrt(2)-Lipschitz.
+    """
+    leg = spacing * (tracks.shape[1] - 1)  # the longest
+    reach = 1.5 * leg + 0.5 * spacing
+    for side in range(loops.shape[0]):
+        center = math.hypot(loops[side, 0], loops[side, 1])
+        reach = max(reach, 1.5 * (leg + center) + loops[side, 2] + 0.5 * spacing)
+    return reach
+
+
+@compiled
 def is_feasible(space, heading, north, east, action):
     """Whether the leg of `action` is free and its end state safe."""
     raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
@@ -224,6 +238,7 @@ class FreeSpace:
         north0_m: North of the first row.
         east0_m: East of the first column.
         cell_m: Spacing of the nodes.
+        margin_m: Distance that is kept from the border: clearance is counted from there.
     """
 
     def __init__(self, area: Area, motion: MotionTable, cell_m: float = 2.0) -> None:
@@ -232,6 +247,7 @@ class FreeSpace:
         low, high = corners.min(axis=0) - 2.0 * cell_m, corners.max(axis=0) + 2.0 * cell_m
         counts = np.ceil((high - low) / cell_m).astype(int) + 1
         self.motion = motion
+        self.margin_m = area.margin_m
         self.north0_m, self.east0_m, self.cell_m = float(low[0]), float(low[1]), cell_m
         north = self.north0_m + cell_m * np.arange(counts[0])
         east = self.east0_m + cell_m * np.arange(counts[1])

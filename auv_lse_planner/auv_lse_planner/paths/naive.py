@@ -8,6 +8,7 @@
 | 0xF8 | straight on, turning as little as needed at the boundary |
 | 0xF9 | hold: the tightest loop |
 | 0xFA .. 0xFE | as 0xF4, over strip 1 to 5 of as many strips of the area as there are vehicles (at most 5) |
+| 0xE0 .. 0xE4 | straight lanes fitted to strip 1 to 5 and to the path's length (`fitted_lanes.py`) |
 | 0xFF | none |
 
 A lawnmower is built from feasible primitives from any state. It follows the lane through its start, in the direction
@@ -33,9 +34,18 @@ from auv_lse_common.frames import wrap_pi
 from auv_lse_common.plan import NONE
 from auv_lse_gp.area import Grid
 from auv_lse_planner.config import PlannerConfig
-from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible, loop_clearance
+from auv_lse_planner.paths.fitted_lanes import PLACES, fitted_points
+from auv_lse_planner.paths.free_space import (
+    FreeSpace,
+    clearance_at,
+    escape_action,
+    is_feasible,
+    loop_clearance,
+    safe_reach,
+)
 from auv_lse_planner.paths.motion import advance
-from auv_lse_planner.paths.naive_ids import HOLD, IDS, LAWNMOWERS, MOWING, STRAIGHT_ON, STRIPS
+from auv_lse_planner.paths.naive_ids import FITTED, HOLD, IDS, LAWNMOWERS, MOWING, STRAIGHT_ON, STRIPS
+from auv_lse_planner.paths.steering import Steering
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -56,20 +66,6 @@ def _wrap(angle):
 @compiled
 def _lane_cost(offset, error):
     return abs(offset) + HEADING_WEIGHT_M * abs(error)
-
-
-@compiled
-def safe_reach(spacing, loops, tracks):
-    """Clearance (m) of a place from which every action is feasible: more than its leg and its end's loops reach to.
-
-    Clearances are 1-Lipschitz, and read bilinearly off a raster sqrt(2)-Lipschitz.
-    """
-    leg = spacing * (tracks.shape[1] - 1)  # the longest
-    reach = 1.5 * leg + 0.5 * spacing
-    for side in range(loops.shape[0]):
-        center = math.hypot(loops[side, 0], loops[side, 1])
-        reach = max(reach, 1.5 * (leg + center) + loops[side, 2] + 0.5 * spacing)
-    return reach
 
 
 @compiled
@@ -271,6 +267,8 @@ class NaivePaths:
             axis = math.atan2(longest[1], longest[0])
         self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
+        self._strip_places = [self._places_of_strip(polygon_m, number) for number in range(self._strips)]
+        self._steering = Steering(space)
         size = np.abs(space.motion.turns_rad)
         self._by_size = np.argsort(size, kind="stable").astype(np.int64)
 
@@ -305,6 +303,9 @@ class NaivePaths:
         state = np.asarray(state, dtype=float)
         motion = self.space.motion
         space = self.space.arguments(static=not around_shallows)
+        if naive_path in FITTED:
+            points = self._fitted(state, naive_path, steps)
+            return self._steering.actions(state, points, 1, steps, around_shallows)
         if naive_path in MOWING:
             return np.asarray(lawnmower(space, state, steps, *self._lanes(state, naive_path, steps)))
         if naive_path == STRAIGHT_ON:
@@ -319,7 +320,7 @@ class NaivePaths:
     def actions_from(self, states: Array, naive_path: int, steps: int) -> Ints:
         """Actions (B, steps) of a naive path from each of many states (B, 3): `actions`, all at once."""
         states = np.ascontiguousarray(states, dtype=float)
-        if naive_path not in MOWING or steps <= 0:
+        if naive_path not in MOWING or naive_path in FITTED or steps <= 0:
             rows = [self.actions(state, naive_path, steps) for state in states]
             return np.array(rows, dtype=np.int64).reshape(len(states), -1)
         lanes = [self._lanes(state, naive_path, steps) for state in states] if naive_path in STRIPS else []
@@ -347,6 +348,33 @@ class NaivePaths:
         spacing = max(spacing, 2.0 * motion.radius_m)
         return frame.axis_rad, spacing, side, low, high, motion.straight_on
 
+    def _fitted(self, state: Array, naive_path: int, steps: int) -> Array:
+        """Points a leg apart along the lanes that are fitted to a strip and to so many legs from a state."""
+        places, grid = self._strip_places[(naive_path - FITTED[0]) % self._strips]
+        leg_m = self.space.motion.leg_length_m
+        return fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
+
+    def _places_of_strip(self, polygon_m: Array, number: int) -> tuple[Array, Array]:
+        """Places (M, 2) of a strip along and across the main axis, and their spacing (2,)."""
+        space, axis = self.space, self._frames[0].axis_rad
+        c, s = math.cos(axis), math.sin(axis)
+        corners = np.column_stack(
+            [polygon_m[:, 0] * c + polygon_m[:, 1] * s, polygon_m[:, 1] * c - polygon_m[:, 0] * s]
+        )
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        width = (high[1] - low[1]) / self._strips
+        low[1], high[1] = low[1] + number * width, low[1] + (number + 1) * width
+        size = np.maximum(high - low, 1e-3)
+        counts = np.maximum(np.floor(size / math.sqrt(size[0] * size[1] / PLACES)), 1.0)
+        grid = size / counts
+        own = [low[k] + (np.arange(int(counts[k])) + 0.5) * grid[k] for k in (0, 1)]
+        along, across = (x.ravel() for x in np.meshgrid(*own, indexing="ij"))
+        row = np.rint((along * c - across * s - space.north0_m) / space.cell_m).astype(np.int64)
+        column = np.rint((along * s + across * c - space.east0_m) / space.cell_m).astype(np.int64)
+        inside = space.area_raster[row, column] >= -space.margin_m
+        places = np.column_stack([along, across])
+        return (places[inside] if inside.any() else places), grid
+
     def sums_along(self, states: Array, naive_path: int, steps: int, field: Array, grid: Grid) -> Array:
         """Sum of a gridded field over the leg ends of a naive path from each of many states (B, 3).
 
@@ -364,8 +392,8 @@ class NaivePaths:
 
     def different(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
         """`naive_paths` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
-        named = STRIPS[: self._strips] if self._strips > 1 else STRIPS[:0]
-        return tuple(h for h in naive_paths if h not in STRIPS or h in named) or naive_paths[:1]
+        named = (*(STRIPS[: self._strips] if self._strips > 1 else ()), *FITTED[: self._strips])
+        return tuple(h for h in naive_paths if h not in (*STRIPS, *FITTED) or h in named) or naive_paths[:1]
 
     def _freer_side(self, state: Array) -> int:
         """0 if the loop to port has more room than the one to starboard, else 1."""

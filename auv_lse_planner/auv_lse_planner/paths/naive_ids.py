@@ -8,6 +8,8 @@ STRAIGHT_ON = 0xF8
 HOLD = 0xF9
 #: Covering lawnmowers over one strip of the area each.
 STRIPS = (0xFA, 0xFB, 0xFC, 0xFD, 0xFE)
+#: Straight lanes fitted to one strip of the area each, and to the path's length.
+FITTED = (0xE0, 0xE1, 0xE2, 0xE3, 0xE4)
 #: All paths that follow lanes; all paths.
-MOWING = (*LAWNMOWERS, *COVERING, *STRIPS)
-IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD, *STRIPS)
+MOWING = (*LAWNMOWERS, *COVERING, *STRIPS, *FITTED)
+IDS = (*LAWNMOWERS, *COVERING, STRAIGHT_ON, HOLD, *STRIPS, *FITTED)

@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.compiled import compiled
-from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible
+from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible, safe_reach
 from auv_lse_planner.paths.motion import advance
-from auv_lse_planner.paths.naive import safe_reach
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

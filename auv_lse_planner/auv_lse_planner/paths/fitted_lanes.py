@@ -1,0 +1,185 @@
+"""Straight lanes that are fitted to an area and to the length of a path: the best lawnmower of its kind.
+
+Lanes lie along either axis of a strip of the area. How many there are, how far the outer ones are from the strip's
+sides and how far their ends are from the border is chosen so that the mean distance of the strip to the path is least,
+over all that the path's length allows: every lawnmower between too few lanes and lanes that it could not finish. The
+mean distance stands in for the expected risk of the map, which it follows closely (docs/planner.md), and needs neither
+a map nor its parameters. Behind the last lane the path returns midway between the lanes.
+
+The number of steps, the start and the area are all that counts, and all arithmetic is scalar: every receiver of a
+packet fits the same lanes to the last bit.
+"""
+
+from __future__ import annotations
+
+# The functions that numba compiles have no annotations: it infers types itself, per call.
+# mypy: disable-error-code="no-untyped-def"
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.compiled import compiled
+
+Array = NDArray[np.float64]
+
+#: Places of a strip whose distance to the path counts, at most.
+PLACES = 400
+#: Lanes, at most.
+MOST_LANES = 40
+#: Distances of the outer lanes from the strip's sides, and of lanes' ends from the border, in shares of half a gap.
+SIDES = (0.7, 0.85, 1.0)
+ENDS = (0.4, 0.55, 0.7, 0.85, 1.0)
+#: A design may be so many times as long as the path: its end is then cut off.
+TOO_LONG = 1.25
+
+
+@compiled
+def lay(places, grid, begin, count, side, end, corners):
+    """Corners (4 count - 1, 2) of `count` lanes with the way back between them, into `corners`; length without it.
+
+    Args:
+        places: Places of the strip, shape (M, 2): along and across the lanes (m).
+        grid: Their spacing along and across (m).
+        begin: Where the path begins, shape (2,).
+        count: Number of lanes.
+        side: Distance of the outer lanes from the strip's sides, in shares of half the gap of lanes that fill it.
+        end: Distance of the lanes' ends from the border, in the same shares.
+        corners: Room for the corners; the first is `begin`.
+    """
+    low, high, near, far = 1e18, -1e18, 1e18, -1e18
+    for p in range(places.shape[0]):
+        near, far = min(near, places[p, 0]), max(far, places[p, 0])
+        low, high = min(low, places[p, 1]), max(high, places[p, 1])
+    low -= 0.5 * grid[1]
+    high += 0.5 * grid[1]
+    half_gap = 0.5 * (high - low) / count
+    first, last = low + side * half_gap, high - side * half_gap
+    if count == 1:
+        first = last = 0.5 * (low + high)
+    if abs(begin[1] - first) > abs(begin[1] - last):
+        first, last = last, first
+    corners[0, 0], corners[0, 1] = begin[0], begin[1]
+    at = 1
+    for lane in range(2 * count - 1):
+        # lanes 0 to count - 1 sweep over the strip, then those between them lead back
+        number = float(lane) if lane < count else 2.0 * count - 1.5 - lane
+        across = first + (last - first) * (number / max(count - 1, 1))
+        begins, ends = 1e18, -1e18
+        for p in range(places.shape[0]):
+            if abs(places[p, 1] - across) <= 0.75 * grid[1]:
+                begins, ends = min(begins, places[p, 0]), max(ends, places[p, 0])
+        if begins > ends:
+            begins, ends = near, far
+        begins += end * half_gap - 0.5 * grid[0]
+        ends -= end * half_gap - 0.5 * grid[0]
+        if begins > ends:
+            begins = ends = 0.5 * (begins + ends)
+        if abs(corners[at - 1, 0] - begins) > abs(corners[at - 1, 0] - ends):
+            begins, ends = ends, begins
+        corners[at, 0], corners[at, 1] = begins, across
+        corners[at + 1, 0], corners[at + 1, 1] = ends, across
+        at += 2
+    length = 0.0
+    for k in range(2 * count):
+        length += math.sqrt((corners[k + 1, 0] - corners[k, 0]) ** 2 + (corners[k + 1, 1] - corners[k, 1]) ** 2)
+    return length
+
+
+@compiled
+def mean_distance(places, corners, length):
+    """Mean distance of places (M, 2) to the first `length` (m) of a polyline (n, 2)."""
+    nearest = np.full(places.shape[0], 1e18)
+    left = length
+    for k in range(corners.shape[0] - 1):
+        du, dv = corners[k + 1, 0] - corners[k, 0], corners[k + 1, 1] - corners[k, 1]
+        size = math.sqrt(du * du + dv * dv)
+        if size <= 0.0:
+            continue
+        most = min(left / size, 1.0)
+        for p in range(places.shape[0]):
+            u, v = places[p, 0] - corners[k, 0], places[p, 1] - corners[k, 1]
+            t = min(max((u * du + v * dv) / (size * size), 0.0), most)
+            u -= t * du
+            v -= t * dv
+            nearest[p] = min(nearest[p], u * u + v * v)
+        left -= size
+        if left <= 0.0:
+            break
+    total = 0.0
+    for p in range(places.shape[0]):
+        total += math.sqrt(nearest[p])
+    return total / places.shape[0]
+
+
+@compiled
+def fit(places, grid, begin, length, sides, ends):
+    """Whether the best lanes lie across the strip's first axis, their number, their shares of `sides` and `ends`."""
+    best = 1e18
+    best_across, best_count, best_side, best_end = False, 1, sides[0], ends[0]
+    for turned in range(2):
+        own = np.empty(places.shape)
+        own[:, 0], own[:, 1] = places[:, turned], places[:, 1 - turned]
+        start = np.array([begin[turned], begin[1 - turned]])
+        spacing = np.array([grid[turned], grid[1 - turned]])
+        for count in range(1, MOST_LANES + 1):
+            shortest = 1e18
+            for side in sides:
+                for end in ends:
+                    corners = np.empty((4 * count - 1, 2))
+                    size = lay(own, spacing, start, count, side, end, corners)
+                    shortest = min(shortest, size)
+                    if count > 1 and size > TOO_LONG * length:
+                        continue
+                    distance = mean_distance(own, corners, length)
+                    if distance < best:
+                        best = distance
+                        best_across, best_count, best_side, best_end = turned == 1, count, side, end
+            if shortest > TOO_LONG * length:
+                break
+    return best_across, best_count, best_side, best_end
+
+
+@compiled
+def points(corners, spacing, count):
+    """Points (count + 1, 2) at every `spacing` (m of arc) of a polyline (n, 2); behind its end straight on."""
+    result = np.empty((count + 1, 2))
+    result[0] = corners[0]
+    k, begin = 0, 0.0
+    du, dv, size = 1.0, 0.0, 0.0
+    for i in range(1, count + 1):
+        while k + 1 < corners.shape[0] and i * spacing > begin + size:
+            ahead_u, ahead_v = corners[k + 1, 0] - corners[k, 0], corners[k + 1, 1] - corners[k, 1]
+            begin += size
+            size = math.sqrt(ahead_u * ahead_u + ahead_v * ahead_v)
+            if size > 0.0:
+                du, dv = ahead_u / size, ahead_v / size
+            k += 1
+        along = i * spacing - begin
+        base = max(k - 1, 0)
+        result[i, 0] = corners[base, 0] + along * du
+        result[i, 1] = corners[base, 1] + along * dv
+    return result
+
+
+def fitted_points(places_m: Array, grid_m: Array, axis_rad: float, start_m: Array, leg_m: float, legs: int) -> Array:
+    """Points (legs + 1, 2), north and east, a leg apart along the fitted lanes of a strip.
+
+    Args:
+        places_m: Places of the strip along and across `axis_rad`, shape (M, 2).
+        grid_m: Their spacing along and across it, (2,).
+        axis_rad: The first axis of the strip (rad, clockwise from north); lanes may lie along or across it.
+        start_m: Where the path starts, north and east, shape (2,).
+        leg_m: Length of a leg.
+        legs: Legs of the path.
+    """
+    c, s = math.cos(axis_rad), math.sin(axis_rad)
+    north, east = float(start_m[0]), float(start_m[1])
+    begin = np.array([north * c + east * s, -north * s + east * c])
+    length = legs * leg_m
+    turned, count, side, end = fit(places_m, grid_m, begin, length, np.array(SIDES), np.array(ENDS))
+    order = [1, 0] if turned else [0, 1]
+    corners = np.empty((4 * count - 1, 2))
+    lay(np.ascontiguousarray(places_m[:, order]), grid_m[order], begin[order], count, side, end, corners)
+    along = points(corners, leg_m, legs)[:, order]
+    return np.column_stack([along[:, 0] * c - along[:, 1] * s, along[:, 0] * s + along[:, 1] * c])
