@@ -26,12 +26,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
+from auv_lse_planner.paths.naive_ids import STRIPS
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks.planner_loop import light_mission, settings_for
 
 METHODS = (
     "lawnmower",
+    "covering",
     "random",
     "myopic",
     "max_variance",
@@ -43,6 +45,8 @@ METHODS = (
     "bounded",
     "best",
 )
+#: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip.
+VARIANTS: dict[str, dict[str, Any]] = {"covering": {"method": "lawnmower", "naive_paths": STRIPS}}
 #: North and east span (m) of the areas, and their margin around the start (0, 0).
 AREAS = {"small": (400.0, 500.0, 20.0), "default": (600.0, 700.0, 50.0)}
 #: Share of a real lake's window that must be known; over the rest a vehicle measures nothing, and nothing is judged.
@@ -112,7 +116,8 @@ def mission(method: str, vehicles: int, where: str, name: str, loss: float, real
     _, section = area(where)
     ground = lake(name, where, Path(real) if real else None)
     seed = int(name) if name.isdigit() else sum(name.encode())
-    outcome = light_mission(settings_for(method, vehicles, section, mission={"steps": steps}), ground, seed, loss)
+    settings = settings_for(method, vehicles, section, VARIANTS.get(method), mission={"steps": steps})
+    outcome = light_mission(settings, ground, seed, loss)
     figures = {key: getattr(outcome, key) for key in (*FIGURES, "wall_max_ms", "travelled_m", "kept_share")}
     return {
         "method": method,

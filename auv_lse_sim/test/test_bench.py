@@ -105,6 +105,15 @@ def test_the_search_is_held_against_the_optimum(capsys):
     assert capsys.readouterr().out.count("of 1 situations") == 2
 
 
+def test_methods_are_held_against_hindsight(capsys):
+    hindsight = importlib.import_module("benchmarks.hindsight")
+    assert hindsight.main(["--lakes", "1", "--steps", "4", "--methods", "random", "--mutations", "3"]) == 0
+    out = capsys.readouterr().out
+    assert "| hindsight |" in out
+    assert "| random |" in out
+    assert out.count("100% |") == 1
+
+
 def test_missions_below_their_bound_are_counted(tmp_path, capsys):
     bound = importlib.import_module("benchmarks.planner_bound")
     lines = tmp_path / "bound.jsonl"
