@@ -1,0 +1,224 @@
+"""Hindsight as a yardstick: how much of the way from mowing to the best paths in hindsight a method has gone.
+
+    python -m benchmarks.hindsight --lakes 2 [--methods tour best] [--vehicles 1] [--area small] [--mutations 400]
+
+On each lake the methods are flown in the light loop, mowing among them. The flown paths are then improved by somebody
+who knows the lake: waypoints are shifted by chance, the vehicles steer along them, and what lowers the final risk plus
+the true loss is kept. All paths, flown or improved, are judged anew with soundings of their own: mean Bayes risk and
+mean cost of wrong calls on a 5 m grid. A method that did as well as hindsight has gone 100 % of the way; mowing has
+gone 0 %. Hindsight is no bound: it is what so many mutations found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.seeds import stream
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.centers import Centers
+from auv_lse_gp.gate import SoundingError
+from auv_lse_gp.online import OnlineGp
+from auv_lse_gp.posterior import Posterior
+from auv_lse_planner.config import PlannerSettings
+from auv_lse_planner.methods import METHODS
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.rollout import Rollout
+from auv_lse_planner.paths.steering import Steering
+from benchmarks.planner_loop import light_mission, settings_for
+from benchmarks.planner_methods import AREAS, area, lake
+
+Array = NDArray[np.float64]
+
+#: What the others are measured against.
+MOWING = "lawnmower"
+#: Grid (m) on which paths are judged, and on which mutations are.
+JUDGED_M, MUTATED_M = 5.0, 15.0
+#: Soundings on a leg, where paths are judged, and where mutations are: these stand for merged soundings.
+JUDGED_SOUNDINGS, MUTATED_SOUNDINGS = 8, 2
+#: Legs between waypoints, and how far (m) waypoints are shifted: standard deviations.
+WAYPOINT_LEGS = 2
+SHIFTS_M = (10.0, 25.0, 60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What paths brought.
+
+    Attributes:
+        risk: Mean Bayes risk at the end.
+        loss: Mean cost of the calls that were wrong.
+    """
+
+    risk: float
+    loss: float
+
+    @property
+    def sum(self) -> float:
+        """Risk and loss."""
+        return self.risk + self.loss
+
+
+class Sea:
+    """One lake with the vehicles' settings: where they may go, and what their paths are worth."""
+
+    def __init__(self, settings: PlannerSettings, ground: Any, seed: int) -> None:
+        """Prepares the grids; soundings draw their noise from `seed`."""
+        self.settings, self._ground, self._seed = settings, ground, seed
+        operating, self.motion = OperatingArea(settings.area), MotionTable(settings.motion)
+        space = FreeSpace(operating, self.motion, settings.area.raster_m)
+        self._steering = Steering(space)
+        naive = NaivePaths(space, settings.planner, operating.polygon)
+        steps = settings.mission.steps
+        self._fine, self._coarse = (
+            Rollout(self.motion, naive, steps, n) for n in (JUDGED_SOUNDINGS, MUTATED_SOUNDINGS)
+        )
+        margin = operating.margin_m
+        self.low_m, self.high_m = operating.polygon.min(axis=0) + margin, operating.polygon.max(axis=0) - margin
+        self._cells = {m: operating.grid(m).places_m for m in (JUDGED_M, MUTATED_M)}
+        self._safe = {}
+        for m, places in self._cells.items():
+            truth = np.asarray(ground.depth_m(places[:, 0], places[:, 1]))
+            self._cells[m], truth = places[np.isfinite(truth)], truth[np.isfinite(truth)]
+            self._safe[m] = truth >= settings.level_set.level_m
+        v = settings.vehicle
+        self.start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
+
+    def steered(self, waypoints_m: Array) -> tuple[Array, Array]:
+        """States before each leg (L, 3), and actions (L,), of a vehicle that follows waypoints (n, 2)."""
+        legs, leg_m = self.settings.mission.steps, self.motion.leg_length_m
+        corners = np.concatenate([self.start[None, 1:], waypoints_m])
+        at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+        wanted = np.arange(legs + 1) * leg_m
+        points = np.column_stack([np.interp(wanted, at, corners[:, k]) for k in (0, 1)])
+        actions = self._steering.actions(self.start, points, 1, legs)
+        return self.motion.roll(self.start, actions)[:-1], actions
+
+    def roughly(self, waypoints_m: Sequence[Array]) -> float:
+        """Risk plus loss of everybody's waypoints, fast: few soundings without noise on a coarse grid."""
+        places = np.concatenate([self._coarse.leg_places(*self.steered(w)).reshape(-1, 2) for w in waypoints_m])
+        depths = np.asarray(self._ground.depth_m(places[:, 0], places[:, 1]))
+        known = np.isfinite(depths)
+        posterior = Posterior(self.settings.gp)
+        noise = np.full(int(known.sum()), self.settings.gp.noise_std_m)
+        posterior.follow(Centers(places[known], depths[known], noise))
+        mean, variance = posterior.moments(self._cells[MUTATED_M])
+        return self._judged(MUTATED_M, mean, np.sqrt(variance)).sum
+
+    def judge(self, waypoints_m: Sequence[Array]) -> Judged:
+        """What everybody's waypoints bring: soundings as a vehicle takes and keeps them, on the fine grid."""
+        rng = stream(self._seed, "soundings")
+        # leg after leg, the vehicles in turn
+        places = np.stack([self._fine.leg_places(*self.steered(w)) for w in waypoints_m], axis=1).reshape(-1, 2)
+        depths = np.asarray(self._ground.depth_m(places[:, 0], places[:, 1])) + 0.2 * rng.normal(size=len(places))
+        gp = OnlineGp(self.settings.gp)
+        for (north, east), depth in zip(places, depths, strict=True):
+            try:
+                gp.add(float(north), float(east), max(float(depth), 0.1))
+            except SoundingError:
+                continue  # no ground is known there
+        return self._judged(JUDGED_M, *gp.predict(self._cells[JUDGED_M]))
+
+    def _judged(self, grid_m: float, mean: Array, std: Array) -> Judged:
+        level, safe = self.settings.level_set, self._safe[grid_m]
+        called = level.safe(mean, std)
+        loss = level.cost_false_safe * np.mean(called & ~safe) + level.cost_false_unsafe * np.mean(~called & safe)
+        return Judged(float(level.risk(mean, std).mean()), float(loss))
+
+
+def improved(sea: Sea, waypoints_m: Sequence[Array], mutations: int, rng: np.random.Generator) -> list[Array]:
+    """Waypoints of everybody, after so many mutations of which those that do no harm are kept."""
+    best = [np.array(w) for w in waypoints_m]
+    value = sea.roughly(best)
+    for _ in range(mutations):
+        vehicle = int(rng.integers(len(best)))
+        moved = best[vehicle].copy()
+        middle, width = int(rng.integers(len(moved))), int(rng.integers(1, 5))
+        share = np.maximum(1.0 - np.abs(np.arange(len(moved)) - middle) / width, 0.0)  # the neighbours come along
+        moved += share[:, None] * rng.normal(0.0, SHIFTS_M[int(rng.integers(len(SHIFTS_M)))], 2)
+        moved = np.clip(moved, sea.low_m, sea.high_m)
+        every = [*best[:vehicle], moved, *best[vehicle + 1 :]]
+        found = sea.roughly(every)
+        if found <= value:
+            best, value = every, found
+    return best
+
+
+def on_lake(options: argparse.Namespace, number: int) -> dict[str, Judged]:
+    """What each method and hindsight brought on one lake."""
+    _, section = area(options.area)
+    ground = lake(str(number), options.area, None)
+    mission = {"steps": options.steps}
+    sea = Sea(settings_for(MOWING, options.vehicles, section, mission=mission), ground, number)
+    flown: dict[str, list[Array]] = {}
+    for method in dict.fromkeys((MOWING, *options.methods)):
+        settings = settings_for(method, options.vehicles, section, mission=mission)
+        outcome = light_mission(settings, ground, number)
+        # the end of the last leg is not among the places visited
+        flown[method] = [
+            np.array([*boat.visited, (boat.north, boat.east)])[WAYPOINT_LEGS - 1 :: WAYPOINT_LEGS]
+            for boat in outcome.boats
+        ]
+        print(f"  lake {number}: {method} flown", file=sys.stderr, flush=True)
+    result = {method: sea.judge(waypoints) for method, waypoints in flown.items()}
+    rng = stream(number, "hindsight")
+    tries = [improved(sea, waypoints, options.mutations, rng) for waypoints in flown.values()]
+    result["hindsight"] = min((sea.judge(waypoints) for waypoints in tries), key=lambda judged: judged.sum)
+    return result
+
+
+def table(lakes: Sequence[dict[str, Judged]]) -> str:
+    """A Markdown table: means over the lakes; the way gone is that of the means."""
+    means = {name: np.array([[lake[name].risk, lake[name].loss] for lake in lakes]).mean(axis=0) for name in lakes[0]}
+    mowing, best = means[MOWING].sum(), means["hindsight"].sum()
+    text = ["| paths | risk at the end | true loss | sum | way from mowing to hindsight |", "|---|---|---|---|---|"]
+    for name, (risk, loss) in sorted(means.items(), key=lambda item: -item[1].sum()):
+        way = (mowing - risk - loss) / (mowing - best) if mowing > best else float("nan")
+        text.append(f"| {name} | {risk:.3f} | {loss:.3f} | {risk + loss:.3f} | {way:.0%} |")
+    return "\n".join(text)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.hindsight",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--methods", nargs="+", default=["tour"], choices=METHODS, metavar="METHOD", help="any method")
+    parser.add_argument("--vehicles", type=int, default=1, metavar="K", help="size of the team (default: %(default)s)")
+    parser.add_argument("--area", default="small", choices=AREAS, help="where (default: %(default)s)")
+    parser.add_argument("--lakes", type=int, default=2, help="number of synthetic lakes (default: %(default)s)")
+    parser.add_argument("--first", type=int, default=6000, help="seed of the first lake (default: %(default)s)")
+    parser.add_argument("--mutations", type=int, default=400, help="mutations of each path (default: %(default)s)")
+    parser.add_argument("--steps", type=int, default=100, help="legs of each vehicle (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    lakes: list[dict[str, Judged]] = []
+    try:
+        for number in range(options.first, options.first + options.lakes):
+            lakes.append(on_lake(options, number))
+            line = ", ".join(f"{name} {judged.sum:.3f}" for name, judged in lakes[-1].items())
+            print(f"lake {number}: {line}", flush=True)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        if lakes:
+            print(table(lakes))
+        return 130
+    print(table(lakes))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
