@@ -88,6 +88,20 @@ def busy_domains() -> list[int]:
     return busy
 
 
+def note_run(domain: int, run: Path) -> None:
+    """Notes the run folder of the mission that keeps `domain`, for who wants to watch it."""
+    lock_file(domain).write_text(f"{run}\n")
+
+
+def run_on(domain: int) -> Path | None:
+    """The run folder of the mission that keeps `domain`; None if it has noted none."""
+    try:
+        text = lock_file(domain).read_text().strip()
+    except OSError:
+        return None
+    return Path(text) if text else None
+
+
 def domain_number(text: str) -> int:
     """A ROS domain from text, as ROS_DOMAIN_ID has it.
 

@@ -30,7 +30,7 @@ KEYS = {
 #: Imports without a rosdep key, or with one that calls pip, which Ubuntu 24.04 refuses: named in a comment "pip: ...".
 FROM_PIP = {"dask", "distributed", "mcap", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
-OPTIONAL = {"llvmlite", "numba", "rasterio"}
+OPTIONAL = {"foxglove", "llvmlite", "numba", "rasterio"}
 
 
 def imports_of(package: str) -> set[str]:

@@ -8,14 +8,15 @@ import os
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from auv_lse_common.domain import DomainError, local_environment, own_domain
+from auv_lse_common.domain import DomainError, local_environment, note_run, own_domain
 from auv_lse_common.params import describe
 from auv_lse_common.processes import LaunchError, Process
 from auv_lse_sim.engine.conductor import Interrupt, MissionError, conduct
@@ -24,6 +25,7 @@ from auv_lse_sim.engine.options import overrides_of, parser
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.engine.run_folder import run_folder
 from auv_lse_sim.engine.vehicle_file import write_vehicle_file
+from auv_lse_sim.live.process import LiveProcess
 from auv_lse_sim.settings import SECTION_CLASSES, Settings
 from auv_lse_sim.world.chart import with_chart
 from auv_lse_sim.world.ground_source import ground_of
@@ -64,7 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _say(console, f"run folder: {folder}")
     settings = write_mission(settings, folder, options)
     processes = mission_processes(settings.mission.vehicles, options.modem, options.vehicle_link)
-    return fly(settings, folder, console, processes, own_domain(), report=not options.no_report)
+    with ExitStack() as beside:
+        live = beside if options.live else None
+        return fly(settings, folder, console, processes, own_domain(), report=not options.no_report, live=live)
 
 
 def project_root() -> Path:
@@ -103,6 +107,7 @@ def fly(
     *,
     start_s: float | None = None,
     report: bool = True,
+    live: ExitStack | None = None,
 ) -> int:
     """Flies a mission whose mission.yaml is in the run folder, and judges what it leaves.
 
@@ -114,6 +119,7 @@ def fly(
         domain_of_its_own: Gives the ROS domain, and keeps it for the mission.
         start_s: As `conduct` takes it.
         report: Whether to make the figures and the report.
+        live: Keeps the live view of the mission open, beyond the mission's end; None: there is none.
 
     Returns:
         Exit code.
@@ -122,7 +128,10 @@ def fly(
     started = time.monotonic()
     try:
         with domain_of_its_own as domain:
+            note_run(domain, folder)
             environment = local_environment(project_root(), domain)
+            if live is not None:
+                live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
             _say(console, f"to watch from another terminal: export {watch}")
             phases = conduct(settings, folder, environment, console, interrupt, processes, start_s)

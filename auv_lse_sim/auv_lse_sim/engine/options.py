@@ -28,6 +28,9 @@ def parser() -> argparse.ArgumentParser:
         help="write the mission file for the vehicles: without the simulator's parameters and the run's folder, "
         "everything else filled in; starts nothing (docs/operations.md)",
     )
+    p.add_argument(
+        "--live", action="store_true", help="open the live view of the mission in the browser (docs/live.md)"
+    )
     p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
     p.add_argument(
         "--parameters", action="store_true", help="print every parameter with its unit, range and meaning, and exit"

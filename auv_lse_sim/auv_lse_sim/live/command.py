@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
 import signal
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from auv_lse_common.domain import DomainError, domain_number, local_environment, own_domain
 from auv_lse_common.params import ParameterError
 from auv_lse_common.recording import RecordingError, recording_in
+from auv_lse_sim.live.feed import Feed, Playback, Viewer
 from auv_lse_sim.live.follow import RecordingFollower
+from auv_lse_sim.live.foxglove_viewer import DEFAULT_PORT as FOXGLOVE_PORT
+from auv_lse_sim.live.foxglove_viewer import FoxgloveError, FoxgloveViewer
 from auv_lse_sim.live.page import live_page
 from auv_lse_sim.live.server import LiveServer, PortTakenError
 from auv_lse_sim.live.timeline import Timeline
@@ -35,8 +41,10 @@ def parser() -> argparse.ArgumentParser:
         nargs="?",
         type=Path,
         metavar="RUN",
-        help="a run folder, a rosbag2 directory or an MCAP file, complete or still being written",
+        help="a run folder, a rosbag2 directory or an MCAP file, complete or still being written (default: the mission "
+        "that runs on this machine, or the next one)",
     )
+    p.add_argument("--domain", metavar="N", help="ROS domain of the running mission (default: the newest mission here)")
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, if there is none beside the recording")
     p.add_argument(
         "--port", type=int, default=DEFAULT_PORT, help=f"port on 127.0.0.1, 0: any (default: {DEFAULT_PORT})"
@@ -46,6 +54,28 @@ def parser() -> argparse.ArgumentParser:
         action=argparse.BooleanOptionalAction,
         default=True,
         help="open the page in this machine's browser (default: --open)",
+    )
+    p.add_argument(
+        "--foxglove",
+        nargs="?",
+        type=int,
+        const=FOXGLOVE_PORT,
+        metavar="PORT",
+        help=f"also serve Foxglove and Lichtblick on ws://127.0.0.1:PORT (default: {FOXGLOVE_PORT}); the layout is "
+        "config/foxglove/mission.json",
+    )
+    p.add_argument(
+        "--rviz",
+        action="store_true",
+        help="also publish standard messages below /viz for RViz, on the mission's ROS domain (of a recording: on one "
+        "of its own); the configuration is config/rviz/mission.rviz",
+    )
+    p.add_argument(
+        "--rate",
+        type=float,
+        default=1.0,
+        metavar="X",
+        help="for --foxglove and --rviz: play a recording X times as fast as it was flown (default: 1)",
     )
     p.add_argument(
         "--write", type=Path, metavar="FILE.html", help="write the page with the recording inside, and serve nothing"
@@ -59,16 +89,63 @@ def main(arguments: Sequence[str] | None = None) -> int:
     timeline = Timeline()
     try:
         if options.run is None:
-            raise RecordingError("RUN: missing; expected a run folder, a rosbag2 directory or an MCAP file")
-        follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
-        if options.write is not None:
-            return write_page(follower, timeline, options.write)
-        return asyncio.run(serve(timeline, follower.follow, options.port, options.open))
-    except (ParameterError, RecordingError, PortTakenError) as error:
+            if options.write is not None:
+                raise RecordingError("--write: RUN is missing; expected a recording to write into the page")
+            work = listen_to_missions(timeline, options)
+        else:
+            follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
+            if options.write is not None:
+                return write_page(follower, timeline, options.write)
+            work = follower.follow
+        with viewers_of(timeline, options) as viewers:
+            feed = Feed(timeline, viewers, options.playback)
+            works = [work, feed.run] if viewers else [work]
+            return asyncio.run(serve(timeline, works, options.port, options.open))
+    except (DomainError, FoxgloveError, ParameterError, RecordingError, PortTakenError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
+    """What fills the timeline from running missions.
+
+    Raises:
+        DomainError: if --domain is none.
+    """
+    from auv_lse_sim.live.running import MissionFollower
+
+    domain = None if options.domain is None else domain_number(options.domain)
+    os.environ.update(local_environment(project_root(), domain or 0))
+    return MissionFollower(timeline, domain, options.mission).follow
+
+
+@contextmanager
+def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list[Viewer]]:
+    """The viewers that the command line asks for; sets `options.playback`, which they share.
+
+    Raises:
+        FoxgloveError: if Foxglove cannot be served.
+        DomainError: if no ROS domain is free.
+    """
+    options.playback = Playback(options.rate)
+    viewers: list[Viewer] = []
+    with ExitStack() as stack:
+        if options.foxglove is not None:
+            foxglove = FoxgloveViewer(options.foxglove, options.playback)
+            print(f"Foxglove, Lichtblick: open connection {foxglove.url}, layout config/foxglove/mission.json")
+            viewers.append(foxglove)
+        if options.rviz:
+            from auv_lse_sim.live.viz_node import VizPublisher
+
+            own = None if options.run is None else stack.enter_context(own_domain())
+            if own is not None:
+                os.environ.update(local_environment(project_root(), own))
+                where = f"ROS_DOMAIN_ID={own} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+                print(f"RViz: {where} rviz2 -d config/rviz/mission.rviz")
+            viewers.append(VizPublisher(lambda: int(timeline.state["domain"]) if own is None else own))
+        yield viewers
 
 
 def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> int:
@@ -80,8 +157,18 @@ def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> i
     return 0
 
 
-async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool) -> int:
-    """Serves the page until Ctrl-C, while `work` fills the timeline on a thread of its own.
+def project_root() -> Path:
+    """The project's folder, which holds config/ and runs/."""
+    return Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
+
+
+def has_screen() -> bool:
+    """Whether a browser would open in a window: without a screen it might take over the terminal."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+async def serve(timeline: Timeline, works: Sequence[Work], port: int, open_browser: bool) -> int:
+    """Serves the page until Ctrl-C, while `works` fill and show the timeline, each on a thread of its own.
 
     Raises:
         PortTakenError: if the port is in use.
@@ -91,13 +178,15 @@ async def serve(timeline: Timeline, work: Work, port: int, open_browser: bool) -
     loop = asyncio.get_running_loop()
     for sign in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(sign, ended.set)
-    thread = threading.Thread(target=work, args=(stop,), name="source", daemon=True)
-    thread.start()
+    threads = [threading.Thread(target=work, args=(stop,), daemon=True) for work in works]
+    for thread in threads:
+        thread.start()
     print(f"live view: {server.url}   (Ctrl-C ends it)", flush=True)
-    if open_browser:
+    if open_browser and has_screen():
         await asyncio.to_thread(webbrowser.open, server.url)
     await ended.wait()
     stop.set()
     await server.close()
-    await asyncio.to_thread(thread.join, 5.0)
+    for thread in threads:
+        await asyncio.to_thread(thread.join, 5.0)
     return 130

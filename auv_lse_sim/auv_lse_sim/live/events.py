@@ -108,8 +108,8 @@ class MissionEvents:
         return taker(vehicle, stamp_s, message) if taker else []
 
     def _due(self, key: str, stamp_s: float, period_s: float) -> bool:
-        """Whether `period_s` of mission time have passed since the last time that this was so."""
-        if stamp_s - self._told_s.get(key, -math.inf) < period_s - 1e-6:
+        """Whether it is `period_s` of mission time away from the last time that this was so."""
+        if abs(stamp_s - self._told_s.get(key, -math.inf)) < period_s - 1e-6:
             return False
         self._told_s[key] = stamp_s
         return True
