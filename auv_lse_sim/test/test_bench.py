@@ -125,6 +125,19 @@ def test_missions_below_their_bound_are_counted(tmp_path, capsys):
     assert capsys.readouterr().out.count("| kept |") == 4
 
 
+def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, capsys):
+    prior = importlib.import_module("benchmarks.gp_prior")
+    monkeypatch.setitem(prior.SMALL, "mission.steps", 2)
+    lines = tmp_path / "prior.jsonl"
+    options = ["--small", "--method", "lawnmower", "--lakes", "1", "--stds", "8", "--out", str(lines)]
+    prior.main(options)
+    prior.main(options)  # nothing is flown twice
+    assert len(lines.read_text().splitlines()) == 4
+    out = capsys.readouterr().out
+    assert out.count("lake 8200 done") == 1
+    assert out.count("| matern52, 70 m, 8 m | 1 |") == 2
+
+
 def test_methods_are_flown_over_lakes(tmp_path, capsys):
     methods = importlib.import_module("benchmarks.planner_methods")
     lines = tmp_path / "methods.jsonl"

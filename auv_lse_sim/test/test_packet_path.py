@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
@@ -50,7 +50,7 @@ class Boat:
 
 @pytest.mark.parametrize("kind", ACTION_SETS)
 def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
-    """For every naive path and none, at steps from the first to the last: the same states, to the last bit."""
+    """For every naive path and none, with and without a tour, from the first step to the last: to the last bit."""
     sender, receiver = Boat(ACTION_SETS[kind]), Boat(ACTION_SETS[kind])
     rng = np.random.default_rng(len(kind))
     compared = 0
@@ -59,6 +59,7 @@ def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
             state = np.array([rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 500.0), rng.uniform(0.0, 550.0)])
             count = int(rng.choice([0, 1, 3, 10]))
             actions = tuple(rng.integers(0, sender.motion.actions, count).tolist())
+            bearings = tuple(rng.integers(0, 256, int(rng.choice([0, 0, 1, 5, 50]))).tolist())
             plan = Plan(
                 step=step,
                 heading_rad=state[0],
@@ -66,6 +67,7 @@ def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
                 east_m=state[2],
                 actions=actions,
                 naive_path=naive_path,
+                tour=Tour(segment_legs=int(rng.integers(1, 4)), bearings=bearings) if bearings else None,
             )
             sent = sender.rollout.follow(plan).states
             got = through_packet(plan, rng.uniform(0.0, 50.0, (5, 3)))
@@ -82,7 +84,7 @@ def test_the_rebuilt_path_is_the_senders(kind: str) -> None:
     assert compared > 3000
 
 
-@pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower"])
+@pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower", "tour"])
 def test_at_every_step_of_a_mission_team_mates_know_the_path_that_is_travelled(method: str) -> None:
     settings = PlannerSettings.from_parameters(
         {
