@@ -10,7 +10,7 @@ from auv_lse_common.topics import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, r
 ROOT = Path(__file__).resolve().parents[2]
 
 #: Subscriptions that the table does not list: they read whatever topic there is, or watch from outside.
-READ_ALONG = {"recorder_node", "sim_status_node", "watch_node"}
+READ_ALONG = {"mission_node", "recorder_node", "sim_status_node", "watch_node"}
 
 
 def strings(node: ast.AST) -> str:
