@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auv_lse_common.plan import Plan
 from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode, room_for_samples
 from auv_lse_comms.packet.selection import Receivers, every_nth, most_useful
 from auv_lse_comms.packet.tag import Tagger
@@ -78,6 +79,7 @@ class ModemBridge:
         if packet.selection == "useful" and receivers is None:
             raise ValueError("packet.selection = 'useful': expected `receivers`, which judges what a sample is worth")
         self.tdma = Tdma(tdma, address, vehicles)
+        self.quality = LinkQuality(self.tdma, address)
         self.address = address
         self.vehicles = vehicles
         self.counts: Counter[str] = Counter()
@@ -184,12 +186,16 @@ class ModemBridge:
             The packet; None if it was refused, which is counted as "rejected.<reason>" (`packet.codec.REASONS`).
         """
         try:
+            if source == self.address:
+                self.quality.own_number(now_s)
             if source == self.address or not 1 <= source <= self.vehicles:
                 raise PacketError("source", f"source {source}: expected a teammate, 1..{self.vehicles}")
             # the content is checked first, so that the tag remembers only packets that were accepted
             packet = decode(payload, self._limits, self._config.reserve)
             if self._tagger is not None:
                 self._tagger.check(payload, source)
+            if not self.quality.arrival(now_s, source):
+                raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
         except PacketError as error:
             self.counts[f"rejected.{error.reason}"] += 1
             return None

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from auv_lse_common.base_node import VehicleNode, run
+from auv_lse_common.health import NewProblems
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import plan_from_message, plan_message, seconds, sounding_row
 from auv_lse_comms.config import PacketConfig, TdmaConfig
@@ -46,6 +47,7 @@ class ModemNode(VehicleNode):
         )
         self._published = {"plans": 0, "samples": 0, "packets": 0}
         self._status_s = -float("inf")
+        self._problems = NewProblems()
         self._tx = self.publisher(ModemTx, "modem/tx")
         self._team_plans = self.publisher(Plan, "team/plans")
         self._team_samples = self.publisher(SampleArray, "team/samples")
@@ -88,6 +90,8 @@ class ModemNode(VehicleNode):
         if now_s - self._status_s >= _STATUS_PERIOD_S or now_s < self._status_s:
             self._status_s = now_s
             self._status.publish(tdma_status(now_s, self._bridge))
+            for problem in self._problems.of(self._bridge.quality.problems(now_s)):
+                self.get_logger().warning(problem)
 
     def say(self, now_s: float) -> None:
         """Takes the vehicle's plan; in its own slot gives the modem a packet."""

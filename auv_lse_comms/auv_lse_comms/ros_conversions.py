@@ -30,7 +30,8 @@ def tdma_status(now_s: float, bridge: ModemBridge) -> TdmaStatus:
     """The bridge's schedule and counts."""
     slot = bridge.tdma.slot(now_s)
     following = bridge.tdma.next_slot(now_s)
-    reasons = sorted(key for key in bridge.counts if key.startswith(("slots.missed.", "rejected.")))
+    happened = bridge.counts + bridge.quality.counts
+    reasons = sorted(key for key in happened if key.startswith(("slots.missed.", "rejected.", "out_of_slot.")))
     return TdmaStatus(
         header=header(now_s),
         vehicle=bridge.address,
@@ -41,5 +42,5 @@ def tdma_status(now_s: float, bridge: ModemBridge) -> TdmaStatus:
         slots_missed=sum(n for key, n in bridge.counts.items() if key.startswith("slots.missed.")),
         packets_received=bridge.counts["received"],
         reasons=reasons,
-        counts=[bridge.counts[key] for key in reasons],
+        counts=[happened[key] for key in reasons],
     )

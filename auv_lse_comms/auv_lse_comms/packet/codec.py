@@ -68,6 +68,7 @@ REASONS = {
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
     "source": "not from a member of the team, or from the receiver itself",
+    "excess": "more packets than their sender has slots",
     "tag": "the tag does not fit: forged, altered, or another key",
     "replay": "received before, or older than the last packet of this sender",
 }

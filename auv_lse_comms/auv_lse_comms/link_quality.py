@@ -1,0 +1,101 @@
+"""What arrivals tell of the team's clocks, and of who uses which number and which slots.
+
+A packet sent at the beginning of its sender's slot arrives, by a clock that agrees with the sender's, between
+`guard_s` after the slot's start and `guard_s + send_duration_s + travel_s` after it, or little more: hosts look for
+their slots once a second. Packets that keep coming earlier or later show that clocks are apart; so do packets that
+arrive in slots of others. A sender that is heard more often than it has slots is two vehicles with one number, or a
+babbling transmitter: what is too much is refused, so that it cannot fill the map.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import Counter, deque
+
+from auv_lse_comms.tdma import Tdma
+
+#: A host may look for its slot this late (s).
+LATE_HOST_S = 1.0
+#: Arrivals that are looked at together: one that is off may be an echo, or a late host.
+RECENT = 5
+#: Packets that a sender may be ahead of its slots: some wait in a receiver and come together.
+AHEAD = 3.0
+
+
+class LinkQuality:
+    """Watches the arrivals at one vehicle.
+
+    Attributes:
+        counts: Arrivals outside of their sender's slot ("out_of_slot.2"), and beyond a sender's slots ("excess.2").
+    """
+
+    def __init__(self, tdma: Tdma, address: int) -> None:
+        """Watches for vehicle `address` with these slots."""
+        self.counts: Counter[str] = Counter()
+        self._tdma = tdma
+        self._address = address
+        self._own_number_s = -math.inf
+        self._late_s: dict[int, deque[float]] = {}
+        self._allowed: dict[int, tuple[float, float]] = {}  # by sender: packets it may send, as of when (s)
+
+    def own_number(self, now_s: float) -> None:
+        """Another modem was heard that has this vehicle's number."""
+        self._own_number_s = now_s
+
+    def arrival(self, stamp_s: float, source: int) -> bool:
+        """Takes note of a packet of `source` whose reception ended at `stamp_s`; False if it has sent too many."""
+        late_s = self._off_s(stamp_s, source)
+        self._late_s.setdefault(source, deque(maxlen=RECENT)).append(late_s)
+        if self._tdma.slot(stamp_s).owner != source:
+            self.counts[f"out_of_slot.{source}"] += 1
+        if self._may_send(stamp_s, source):
+            return True
+        self.counts[f"excess.{source}"] += 1
+        return False
+
+    def problems(self, now_s: float) -> dict[str, str]:
+        """What an operator should know, a text for each problem, by its key."""
+        found = {}
+        tdma = self._tdma.settings(now_s)
+        if now_s - self._own_number_s < 10.0 * tdma.slot_s * len(tdma.order):
+            text = f"team: another modem has this vehicle's number, {self._address}: each needs its own"
+            found["own number"] = text
+        for source, recent in sorted(self._late_s.items()):
+            late_s = statistics.median(recent)
+            if len(recent) == RECENT and late_s != 0.0:
+                when = "later" if late_s > 0.0 else "earlier"
+                found[f"clock of {source}"] = (
+                    f"team: packets of vehicle {source} come {abs(late_s):.1f} s {when} than its slots allow: their "
+                    "clocks are apart by as much at least, or two vehicles have that number"
+                )
+            if self.counts[f"excess.{source}"]:
+                count = self.counts[f"excess.{source}"]
+                found[f"excess of {source}"] = (
+                    f"team: {count} packets of vehicle {source} beyond its slots are refused: "
+                    "two vehicles with that number, or a transmitter that babbles"
+                )
+        return found
+
+    def _off_s(self, stamp_s: float, source: int) -> float:
+        """How much later (s) than a slot of its sender allows a packet has come; negative: earlier; 0: as it should."""
+        tdma = self._tdma.settings(stamp_s)
+        latest_s = tdma.guard_s + tdma.send_duration_s + tdma.travel_s + LATE_HOST_S
+        cycle_s = tdma.slot_s * len(tdma.order)
+        best = math.inf
+        for turn, owner in enumerate(tdma.order):
+            if owner == source:
+                phase_s = math.remainder(stamp_s - tdma.epoch_s - turn * tdma.slot_s - 0.5 * latest_s, cycle_s)
+                after_s = phase_s + 0.5 * latest_s  # after the start of that slot, the nearest one
+                off_s = max(after_s - latest_s, 0.0) + min(after_s - tdma.guard_s, 0.0)
+                best = min(best, off_s, key=abs)
+        return 0.0 if math.isinf(best) else best
+
+    def _may_send(self, stamp_s: float, source: int) -> bool:
+        tdma = self._tdma.settings(stamp_s)
+        a_second = tdma.order.count(source) / (tdma.slot_s * len(tdma.order))
+        allowed, since_s = self._allowed.get(source, (AHEAD, stamp_s))
+        allowed = min(AHEAD, allowed + a_second * max(0.0, stamp_s - since_s))
+        take = allowed >= 1.0
+        self._allowed[source] = (allowed - take, stamp_s)
+        return take
