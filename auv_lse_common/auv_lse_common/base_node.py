@@ -19,7 +19,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from auv_lse_common.executor import make_executor
-from auv_lse_common.lockstep import TICK_ANNOUNCES, Ticks
+from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Ticks
 from auv_lse_common.params import ParameterError, check_sections, merge, nest, to_mapping
 from auv_lse_common.ros_conversions import seconds
 from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, Topic
@@ -194,8 +194,11 @@ class VehicleNode(BaseNode):
         self._parts: dict[str, _Part] = {}
         self._ticks: Ticks | None = None
         self._matched = self._greeted = False
+        self._mates: dict[str, Publisher] = {}  # in lockstep, who tells a phase's end to the vehicle's other nodes
         if self.lockstep:
-            self._done = self.publisher(LockstepDone, "lockstep/done")
+            entry = MISSION_TOPICS["/lockstep/done"]
+            self._done = self.create_publisher(LockstepDone, "/lockstep/done", quality_of(entry))
+            self._readers[self._done] = len(entry.readers)
 
     @property
     def vehicle(self) -> int:
@@ -275,6 +278,8 @@ class VehicleNode(BaseNode):
             finished: Whether the vehicle's mission is over, as `LockstepDone.finished`.
         """
         self._parts[name] = _Part(handle, totals, finished)
+        if self.lockstep and f"lockstep/{name}" in VEHICLE_TOPICS:
+            self._mates[name] = self.publisher(LockstepDone, f"lockstep/{name}")
 
     def begin(self) -> None:
         """Starts handling the phases; to be called when every topic is wired and every phase added."""
@@ -284,8 +289,9 @@ class VehicleNode(BaseNode):
         self._ticks = Ticks(tuple(self._parts))
         self._check_reader("/lockstep/tick", MISSION_TOPICS["/lockstep/tick"])
         self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
-        if self._role in VEHICLE_TOPICS["lockstep/done"].readers:
-            self.create_subscription(LockstepDone, "lockstep/done", self._on_done, EVERY)
+        for name, entry in VEHICLE_TOPICS.items():
+            if name.startswith("lockstep/") and self._role in entry.readers:
+                self.create_subscription(LockstepDone, name, self._on_done, EVERY)
         self.when_matched(self._readers, self._on_matched)
 
     def time_s(self) -> float:
@@ -330,11 +336,18 @@ class VehicleNode(BaseNode):
         self._answer()
 
     def tell(self, phase: str, tick: int, totals: tuple[int, ...], finished: bool = False) -> None:
-        """Lockstep: publishes that `phase` of `tick` is handled, with its counts."""
+        """Lockstep: tells those who wait for it that `phase` of `tick` is handled, with its counts.
+
+        Tick 0 says that the node is there, to the simulator alone.
+        """
         first, second = (*totals, 0, 0)[:2]
-        self._done.publish(
-            LockstepDone(phase=phase, vehicle=self.vehicle, tick=tick, first=first, second=second, finished=finished)
+        message = LockstepDone(
+            phase=phase, vehicle=self.vehicle, tick=tick, first=first, second=second, finished=finished
         )
+        if tick and phase in self._mates:
+            self._mates[phase].publish(message)
+        if tick == 0 or PHASES[phase].ends_tick:
+            self._done.publish(message)
 
     def _answer(self) -> None:
         if self._ticks is None or not self.settled():

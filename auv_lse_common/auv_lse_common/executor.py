@@ -159,7 +159,7 @@ class StandingExecutor(SingleThreadedExecutor):
         self._wait(entities, timeout_s)
         if self._is_shutdown:
             return
-        if not self._context.ok():
+        if self._changed and not self._context.ok():  # the end of ROS wakes the executor
             raise ExternalShutdownException()
         entities.mark_guards()
         for run, ready in (
@@ -184,15 +184,12 @@ class StandingExecutor(SingleThreadedExecutor):
                 self._serving.release()
 
     def _wait(self, entities: _Entities, timeout_s: float | None) -> None:
-        left_s = self._rare_due_s - time.monotonic()
-        if left_s > 0.0 and entities.rare:
-            short = timeout_s is not None and timeout_s <= left_s
-            entities.wait(timeout_s if short else left_s, with_rare=False)
-            if short or entities.anything_ready():
-                return
-            timeout_s = None if timeout_s is None else timeout_s - left_s
-        entities.wait(timeout_s, with_rare=True)
-        self._rare_due_s = time.monotonic() + _RARE_PERIOD_S
+        now_s = time.monotonic()
+        if timeout_s is None and entities.rare and now_s < self._rare_due_s:
+            entities.wait(self._rare_due_s - now_s, with_rare=False)
+        else:
+            entities.wait(timeout_s, with_rare=True)
+            self._rare_due_s = time.monotonic() + _RARE_PERIOD_S
 
     # ------------------------------------------------------------------ callbacks
 
@@ -357,10 +354,6 @@ class _Entities:
     def ready_waitables(self) -> list[_Served]:
         """The waitables that the last wait found ready."""
         return [served for served in self._waited_for if served[0].is_ready(self._wait_set)]
-
-    def anything_ready(self) -> bool:
-        """Whether the last wait ended before its time."""
-        return any(self._wait_set.get_ready_entities(kind) for kind in _KINDS) or bool(self.ready_waitables())
 
     def mark_guards(self) -> None:
         """Notes which guard conditions the last wait found ready: rcl has taken their triggers."""

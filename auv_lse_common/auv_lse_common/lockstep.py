@@ -20,10 +20,12 @@ class Phase:
     Attributes:
         waits_for: Topics that it must have read up to this tick.
         announces: What `LockstepDone.first` and `.second` count when it is done: messages published so far, by topic.
+        ends_tick: Whether the simulator waits for it before the next tick, and so is told of it.
     """
 
     waits_for: tuple[str, ...] = ()
     announces: tuple[str, ...] = ()
+    ends_tick: bool = False
 
 
 #: Topics of a vehicle whose messages the simulator counts in each tick's announcement (LockstepTick).
@@ -35,12 +37,14 @@ TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry")
 PHASES = {
     "modem": Phase(waits_for=("sounding", "modem/rx"), announces=("team/plans", "team/samples")),
     "gp": Phase(waits_for=("sounding", "team/samples"), announces=("kernel_centers",)),
-    "planner": Phase(waits_for=("odometry", "team/plans", "kernel_centers"), announces=("plan", "waypoint")),
-    "modem_sent": Phase(waits_for=("plan",), announces=("modem/tx",)),
-    "vehicle_link": Phase(waits_for=("odometry",), announces=("targets", "waypoint")),
-    "micromodem": Phase(announces=("modem/failed",)),
-    "micromodem_lost": Phase(announces=("modem/failed",)),
-    "recorder": Phase(),
+    "planner": Phase(
+        waits_for=("odometry", "team/plans", "kernel_centers"), announces=("plan", "waypoint"), ends_tick=True
+    ),
+    "modem_sent": Phase(waits_for=("plan",), announces=("modem/tx",), ends_tick=True),
+    "vehicle_link": Phase(waits_for=("odometry",), announces=("targets", "waypoint"), ends_tick=True),
+    "micromodem": Phase(announces=("modem/failed",), ends_tick=True),
+    "micromodem_lost": Phase(announces=("modem/failed",), ends_tick=True),
+    "recorder": Phase(ends_tick=True),
 }
 
 

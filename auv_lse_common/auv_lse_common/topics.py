@@ -30,7 +30,9 @@ class Topic:
     command: bool = False
 
 
-#: Topics of one vehicle, by their name below its namespace.
+_DONE = "auv_lse_msgs/msg/LockstepDone"
+
+#: Topics of one vehicle, by their name below its namespace. "lockstep/PHASE": the nodes that a phase lets go on.
 VEHICLE_TOPICS = {
     "sounding": Topic(kind="auv_lse_msgs/msg/Sounding", readers=("gp_node", "modem_node")),
     "odometry": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node",)),
@@ -51,11 +53,9 @@ VEHICLE_TOPICS = {
     "team/samples": Topic(kind="auv_lse_msgs/msg/SampleArray", readers=("gp_node",)),
     "tdma": Topic(kind="auv_lse_msgs/msg/TdmaStatus"),
     "diagnostics": Topic(kind="diagnostic_msgs/msg/DiagnosticArray"),
-    "lockstep/done": Topic(
-        kind="auv_lse_msgs/msg/LockstepDone",
-        readers=("sim_node", "gp_node", "planner_node", "modem_node"),
-        recorded=False,
-    ),
+    "lockstep/modem": Topic(kind=_DONE, readers=("gp_node", "planner_node"), recorded=False),
+    "lockstep/gp": Topic(kind=_DONE, readers=("planner_node",), recorded=False),
+    "lockstep/planner": Topic(kind=_DONE, readers=("modem_node",), recorded=False),
 }
 
 _VEHICLE_NODES = ("gp_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node")
@@ -67,7 +67,7 @@ MISSION_TOPICS = {
     "/lockstep/tick": Topic(
         kind="auv_lse_msgs/msg/LockstepTick", readers=(*_VEHICLE_NODES, "recorder_node"), recorded=False
     ),
-    "/lockstep/done": Topic(kind="auv_lse_msgs/msg/LockstepDone", readers=("sim_node",), recorded=False),
+    "/lockstep/done": Topic(kind=_DONE, readers=("sim_node",), recorded=False),
 }
 
 #: The simulator's truth of one vehicle, below /truth/auvN.

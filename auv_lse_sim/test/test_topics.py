@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+from auv_lse_common.lockstep import PHASES
 from auv_lse_common.topics import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, reader_count, recorded_topics
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,7 +33,7 @@ def subscriptions() -> dict[str, set[str]]:
 
 def test_every_reader_in_the_table_subscribes_and_every_subscriber_is_in_the_table() -> None:
     by_code = subscriptions()
-    assert by_code.pop("base_node") == {"lockstep/done", "/lockstep/tick"}
+    assert by_code.pop("base_node") == {"/lockstep/tick"}, "and each lockstep topic that the node is to read"
     listed: dict[str, set[str]] = {}
     for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items():
         for reader in (node for entry in topic.readers for node in entry.split("|")):
@@ -42,7 +43,7 @@ def test_every_reader_in_the_table_subscribes_and_every_subscriber_is_in_the_tab
             continue
         expected = listed[node] - {"/clock"}  # ROS itself subscribes
         if node != "sim_node":
-            expected -= {"lockstep/done", "/lockstep/tick"}  # the base node subscribes
+            expected = {name for name in expected if "lockstep/" not in name}  # the base node subscribes
         assert topics == expected, node
     assert set(listed) - {"recorder_node"} <= set(by_code)
 
@@ -54,11 +55,23 @@ def test_every_message_type_of_our_own_exists() -> None:
             assert (ROOT / "auv_lse_msgs" / "msg" / f"{name}.msg").is_file(), topic.kind
 
 
+def test_the_end_of_a_phase_is_told_to_the_nodes_that_wait_for_it_and_to_no_other() -> None:
+    phases_of = {"gp_node": ["gp"], "planner_node": ["planner"], "modem_node": ["modem", "modem_sent"]}
+    for phase, it in PHASES.items():
+        waiting = {
+            node
+            for node, phases in phases_of.items()
+            if any(set(PHASES[own].waits_for) & set(it.announces) for own in phases)
+        }
+        topic = VEHICLE_TOPICS.get(f"lockstep/{phase}")
+        assert set(topic.readers if topic else ()) == waiting, phase
+
+
 def test_readers_are_counted_among_the_nodes_that_run() -> None:
     direct = ["gp_node", "planner_node", "modem_node", "sim_node"]
     emulated = [*direct, "micromodem_node"]
     assert reader_count(VEHICLE_TOPICS["sounding"], direct) == 2
-    assert reader_count(VEHICLE_TOPICS["lockstep/done"], emulated) == 4
+    assert reader_count(VEHICLE_TOPICS["lockstep/modem"], emulated) == 2
     assert reader_count(VEHICLE_TOPICS["modem/tx"], direct) == 1, "the simulator"
     assert reader_count(VEHICLE_TOPICS["modem/tx"], emulated) == 1, "the driver in its place"
     assert reader_count(MISSION_TOPICS["/lockstep/tick"], 3 * direct[:3] + ["recorder_node"]) == 10

@@ -47,7 +47,7 @@ class SimNode(BaseNode):
             self.create_timer(0.2, self._sim.greet)
         if self.lockstep:
             self._tick = self._publisher(LockstepTick, "/lockstep/tick")
-            self.create_subscription(LockstepDone, "/lockstep/done", self._on_recorded, EVERY)
+            self.create_subscription(LockstepDone, "/lockstep/done", self._on_done, EVERY)
             self.create_timer(1.0, self._watch)
         self.when_matched(self._readers, self._begin)
         self._publish_status(self._sim.state, self._sim.message)
@@ -65,8 +65,6 @@ class SimNode(BaseNode):
             self.create_subscription(ModemTx, space + "modem/tx", partial(self._on_packet, k), EVERY)
         if k not in self._sim.links.autopilots:
             self.create_subscription(Waypoint, space + "waypoint", partial(self._on_waypoint, k), EVERY)
-        if self.lockstep:
-            self.create_subscription(LockstepDone, space + "lockstep/done", partial(self._on_done, k), EVERY)
         topics = VehicleTopics(self, k, self._sim)
         self._readers |= topics.readers
         return topics
@@ -135,13 +133,12 @@ class SimNode(BaseNode):
             watcher.handled()
         self._advance()
 
-    def _on_done(self, k: int, message: LockstepDone) -> None:
-        totals = (message.first, message.second)
-        self._sim.take_done(k, message.phase, message.tick, totals, message.finished)
-        self._advance()
-
-    def _on_recorded(self, message: LockstepDone) -> None:
-        self._sim.take_recorded(message.tick)
+    def _on_done(self, message: LockstepDone) -> None:
+        if message.phase == LockstepDone.RECORDER:
+            self._sim.take_recorded(message.tick)
+        else:
+            totals = (message.first, message.second)
+            self._sim.take_done(message.vehicle, message.phase, message.tick, totals, message.finished)
         self._advance()
 
     def destroy_node(self) -> None:
