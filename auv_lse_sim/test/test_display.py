@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 
+import pytest
 from rich.console import Console
 
-from auv_lse_sim.engine.display import Display, MissionProgress, clock
+from auv_lse_planner.config import PlannerConfig
+from auv_lse_sim.engine.display import OF_THE_MAP, OF_THE_PATH, Display, MissionProgress, clock, reward_shown
 
 
 def displayed(progress: MissionProgress, terminal: bool) -> str:
@@ -16,21 +18,44 @@ def displayed(progress: MissionProgress, terminal: bool) -> str:
     return console.export_text()
 
 
-def test_a_method_without_a_bound_shows_none() -> None:
-    progress = MissionProgress(vehicles=2, steps_total=9, steps=[3, 4], rewards={1: 10.0, 2: 5.25})
-    assert "bound" not in progress.line
-    assert "reward 15" in progress.line
+def test_of_the_maps_reward_the_team_has_the_vehicles_mean() -> None:
+    """Each vehicle counts the whole map, what its mates bring included."""
+    progress = MissionProgress(
+        vehicles=2,
+        steps_total=9,
+        steps=[3, 4],
+        rewards={1: 10.0, 2: 20.0},
+        expected={1: 50.0, 2: 60.0},
+        bounds={1: 40.0, 2: 41.0},
+    )
+    assert "map: so far 15, expected 55, mowing 40  " in progress.line
     text = displayed(progress, terminal=True)
     assert "3/9" in text
-    assert "lower bound" not in text
+    assert "map: so far 15, expected 55, mowing 40 (drop of Bayes risk)" in text
 
 
-def test_a_method_with_a_bound_shows_it_per_vehicle_and_summed() -> None:
-    progress = MissionProgress(vehicles=2, steps_total=9, steps=[3, 4], rewards={1: 10.0}, bounds={1: 40.5, 2: 30.25})
-    assert "bound 71" in progress.line
-    text = displayed(progress, terminal=True)
-    assert "40.5" in text
-    assert "lower bound 70.8" in text
+def test_the_papers_reward_adds_up_over_vehicles() -> None:
+    progress = MissionProgress(
+        vehicles=2, steps_total=9, rewards={1: 10.0, 2: 5.25}, bounds={1: 40.5, 2: 30.25}, reward=OF_THE_PATH
+    )
+    assert "paths: so far 15, bound 71  " in progress.line
+    assert "40.5" in displayed(progress, terminal=True)
+
+
+def test_a_method_without_a_bound_shows_none_and_one_that_maximizes_neither_shows_no_reward() -> None:
+    without = MissionProgress(vehicles=1, steps_total=9, rewards={1: 10.0})
+    assert "map: so far 10  " in without.line
+    assert "mowing" not in without.line
+    neither = MissionProgress(vehicles=1, steps_total=9, rewards={1: 10.0}, bounds={1: 12.0}, reward="")
+    assert "10" not in neither.line
+    assert "12" not in displayed(neither, terminal=True)
+
+
+@pytest.mark.parametrize(
+    ("method", "shown"), [("tour", OF_THE_MAP), ("map", OF_THE_MAP), ("augmented", OF_THE_PATH), ("lawnmower", "")]
+)
+def test_whose_reward_is_shown_follows_the_method(method: str, shown: str) -> None:
+    assert reward_shown(PlannerConfig(method=method)) == shown
 
 
 def test_where_there_is_no_terminal_lines_come_now_and_then() -> None:

@@ -23,14 +23,15 @@ from auv_lse_sim.judge.page_parts import embedded, facts, head, number, table
 
 #: Measures in which settings are compared: column, heading, and whether more is better.
 MEASURES: tuple[tuple[str, str, bool], ...] = (
-    ("risk_third", "risk at a third (cost/place)", False),
+    ("isobath_error_m", "isobath error, whole line (m)", False),
+    ("isobath_found", "isobath found (share)", True),
+    ("isobath_found_error_m", "isobath error where found (m)", False),
     ("risk_after", "final risk (cost/place)", False),
     ("loss_after", "true loss (cost/place)", False),
+    ("mowing_risk", "risk expected of mowing (cost/place)", False),
+    ("risk_third", "risk at a third (cost/place)", False),
     ("f1", "F1", True),
-    ("isobath_error_m", "isobath error (m)", False),
     ("misclassified_m2", "misclassified (m²)", False),
-    ("team_reward", "team reward, stepwise (cost)", True),
-    ("path_reward", "path reward (cost)", True),
     ("local_risk_error", "local-map risk error (cost/place)", False),
     ("delivery", "packets delivered", True),
     ("planning_median_s", "median decision (s)", False),
@@ -38,7 +39,7 @@ MEASURES: tuple[tuple[str, str, bool], ...] = (
 )
 
 #: The measures that get a panel in the comparison.
-MAIN = ("risk_third", "risk_after", "f1", "isobath_error_m")
+MAIN = ("isobath_error_m", "isobath_found", "risk_after", "loss_after")
 
 
 def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:

@@ -14,7 +14,7 @@ from types import FrameType
 from rich.console import Console
 
 from auv_lse_common.processes import Process
-from auv_lse_sim.engine.display import Display, MissionProgress
+from auv_lse_sim.engine.display import Display, MissionProgress, reward_shown
 from auv_lse_sim.engine.launcher import ProcessGroup
 from auv_lse_sim.engine.watch_node import MissionWatch
 from auv_lse_sim.settings import Settings
@@ -71,7 +71,11 @@ def conduct(
     """
     os.environ.update(environment)
     start_s = _START_S + 10.0 * settings.mission.vehicles if start_s is None else start_s
-    progress = MissionProgress(vehicles=settings.mission.vehicles, steps_total=settings.mission.steps)
+    progress = MissionProgress(
+        vehicles=settings.mission.vehicles,
+        steps_total=settings.mission.steps,
+        reward=reward_shown(settings.planner_settings(1).planner),
+    )
     marks = {"began": time.monotonic()}
     group = ProcessGroup(folder / "logs", environment, processes)
     with contextlib.ExitStack() as stack:

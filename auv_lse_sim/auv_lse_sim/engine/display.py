@@ -12,7 +12,13 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_planner.config import PlannerConfig
+from auv_lse_planner.methods import PAPERS_METHODS
+
 _LINE_PERIOD_S = 5.0
+
+#: Whose reward a planner counts: see `MissionProgress.reward`.
+OF_THE_MAP, OF_THE_PATH = "map", "paths"
 
 
 @dataclass(slots=True)
@@ -30,7 +36,11 @@ class MissionProgress:
         lost: Receptions that the channel lost.
         speed: Simulated seconds per second of wall clock.
         rewards: Reward so far, as each planner counts it, {vehicle: value}.
-        bounds: Largest lower bound so far of each planner whose method has one, {vehicle: value}.
+        expected: Reward that each planner expects by the mission's end, {vehicle: value}.
+        bounds: Its bound, of each planner whose method has one, {vehicle: value}: of the map's reward what mowing the
+            lawn was expected to bring, of the paths' the largest lower bound so far.
+        reward: Whose reward that is: `OF_THE_MAP`, which every vehicle counts over the whole map for the whole team;
+            `OF_THE_PATH`, the paper's, which adds up over vehicles; "" for a method that maximizes neither.
     """
 
     vehicles: int
@@ -43,47 +53,66 @@ class MissionProgress:
     lost: int = 0
     speed: float = 0.0
     rewards: dict[int, float] = field(default_factory=dict)
+    expected: dict[int, float] = field(default_factory=dict)
     bounds: dict[int, float] = field(default_factory=dict)
+    reward: str = OF_THE_MAP
+
+    @property
+    def _account(self) -> str:
+        """Reward, what is expected of the end, and its bound, of the team; "" where that says nothing."""
+        if not (self.reward and self.rewards):
+            return ""
+        texts = [f"{name} {self._of_team(values):.0f}" for name, values in self._columns() if values]
+        return f"{self.reward}: {', '.join(texts)}"
+
+    def _columns(self) -> tuple[tuple[str, dict[int, float]], ...]:
+        if not self.reward:
+            return ()
+        bound = "mowing" if self.reward == OF_THE_MAP else "bound"
+        return (("so far", self.rewards), ("expected", self.expected), (bound, self.bounds))
+
+    def _of_team(self, values: dict[int, float]) -> float:
+        """The team's value: the vehicles' mean, where each counts the whole map; else their sum."""
+        return sum(values.values()) / (len(values) if self.reward == OF_THE_MAP else 1)
 
     @property
     def line(self) -> str:
         """The main figures in one line."""
         steps = " ".join(str(n) for n in self.steps) or "-"
-        bound = f" bound {sum(self.bounds.values()):.0f}" if self.bounds else ""
+        account = f"  {self._account}" if self._account else ""
         return (
             f"{clock(self.sim_s)}  steps {steps} of {self.steps_total}  packets {self.sent} sent {self.received} "
-            f"received {self.lost} lost  reward {sum(self.rewards.values()):.0f}{bound}  {self.speed:.0f} x real time"
+            f"received {self.lost} lost{account}  {self.speed:.0f} x real time"
         )
 
     def table(self) -> Group:
         """The live table."""
         table = Table(box=None, pad_edge=False)
-        for title, align in (
-            ("vehicle", "left"),
-            ("steps", "left"),
-            ("", "right"),
-            ("reward", "right"),
-            ("bound", "right"),
-        ):
+        for title, align in (("vehicle", "left"), ("steps", "left"), ("", "right")):
             table.add_column(title, justify=align)
+        for title, _ in self._columns():
+            table.add_column(title, justify="right")
         for vehicle in range(1, self.vehicles + 1):
             done = self.steps[vehicle - 1] if len(self.steps) >= vehicle else 0
             table.add_row(
                 f"auv{vehicle}",
                 ProgressBar(total=self.steps_total, completed=done, width=30),
                 f"{done}/{self.steps_total}",
-                f"{self.rewards.get(vehicle, 0.0):.1f}",
-                f"{self.bounds[vehicle]:.1f}" if vehicle in self.bounds else "-",
+                *(f"{values[vehicle]:.1f}" if vehicle in values else "-" for _, values in self._columns()),
             )
         head = Text.assemble(
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
         )
-        bound = f", lower bound {sum(self.bounds.values()):.1f}" if self.bounds else ""
-        foot = Text(
-            f"packets: {self.sent} sent, {self.received} received, {self.lost} lost   team reward "
-            f"{sum(self.rewards.values()):.1f}{bound} (drop of Bayes risk)"
-        )
+        account = f"   {self._account} (drop of Bayes risk)" if self._account else ""
+        foot = Text(f"packets: {self.sent} sent, {self.received} received, {self.lost} lost{account}")
         return Group(head, table, foot)
+
+
+def reward_shown(planner: PlannerConfig) -> str:
+    """Whose reward the planners count: the map's, the paths' (the paper's methods), or "" for one that says little."""
+    if planner.complete().objective == "map":
+        return OF_THE_MAP
+    return OF_THE_PATH if planner.method in PAPERS_METHODS else ""
 
 
 def clock(seconds: float) -> str:

@@ -22,10 +22,11 @@ from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.gate import SoundingError
 from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import PlannerSettings
+from auv_lse_planner.methods import PAPERS_METHODS
 from auv_lse_sim.judge import certainty, isobath
 from auv_lse_sim.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN, Piece
 from auv_lse_sim.judge.reliability import Reliability
-from auv_lse_sim.judge.reward import PAPERS_METHODS, Curves, reward_curves
+from auv_lse_sim.judge.reward import Curves, reward_curves
 from auv_lse_sim.judge.summary import Summary
 from auv_lse_sim.judge.team_map import TeamMap, map_of, mission_settings, team_map
 from auv_lse_sim.judge.tracks import least_separation, navigation_error, path_length_m, true_positions
@@ -243,6 +244,7 @@ def _summary(e: Evaluation) -> Summary:
         risk_third=_at_third(curves.risk),
         risk_after=mean(e.team.risk),
         mowing_risk=known(curves.mowing_risk),
+        map_bound_promised=_promises(run),
         map_bound_kept=bool(mean(e.team.risk) <= curves.mowing_risk) if run.steps else None,
         loss_after=of(verdict, lambda v: v.loss),
         reliability_error=None if reliability is None else known(reliability.error),
@@ -287,6 +289,12 @@ def _summary(e: Evaluation) -> Summary:
         sim_s=run.sim_s,
         wall_s=known(run.wall_s),
     )
+
+
+def _promises(run: RunData) -> bool:
+    """Whether every vehicle's first decision promised a part of its reward that later ones may not give up."""
+    first = [v.decisions[0] for v in run.vehicles if v.decisions]
+    return bool(first) and all(d.lower_bound > d.reward_so_far for d in first)
 
 
 def _at_third(risk: Array) -> float | None:

@@ -86,7 +86,8 @@ def _facts(s: Summary) -> list[tuple[str, str]]:
         rows.append((f"{100.0 * s.isobath_found:.0f} %", "of the true isobath found"))
     rows.append((f"{number(s.risk_before, 3)} → {number(s.risk_after, 3)}", "risk of the map (cost per place)"))
     if s.mowing_risk is not None:
-        rows.append((number(s.mowing_risk, 3), "risk expected of mowing the lawn: the bound"))
+        what = "risk expected of mowing the lawn" + (": the bound" if s.map_bound_promised else "")
+        rows.append((number(s.mowing_risk, 3), what))
     if s.loss_after is not None:
         rows.append((number(s.loss_after, 3), "true loss of the map (cost per place)"))
     if s.delivery is not None:

@@ -30,8 +30,9 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
     (
         "risk_over_steps.png",
         "The map's reward is the drop of its mean risk (blue). Dashed: what was expected of the mission's end by the "
-        "plans that the vehicles had in hand, and nothing after them. Dotted: the bound, what mowing the lawn was "
-        "expected to leave. A mission that ends below the dotted line did better than that.",
+        "plans that the vehicles had in hand, and nothing after them. Dotted: what mowing the lawn was "
+        "expected to leave, the bound of the methods that keep one. A mission that ends below the dotted line did "
+        "better than that.",
         map_risk,
     ),
     (

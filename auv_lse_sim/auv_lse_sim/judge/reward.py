@@ -43,9 +43,6 @@ from auv_lse_sim.record.run_data import DecisionRecord, RunData, VehicleRun
 
 Array = NDArray[np.float64]
 
-#: The methods that maximize the paper's own reward. Of others that reward and its bound say little.
-PAPERS_METHODS = ("augmented", "plain", "exponential_quadratic")
-
 #: Parts of the mission after each of which the map's risk is averaged.
 RISK_EVERY = 12
 

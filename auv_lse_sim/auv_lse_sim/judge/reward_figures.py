@@ -6,9 +6,9 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from auv_lse_planner.methods import PAPERS_METHODS
 from auv_lse_sim.judge.evaluation import Evaluation
 from auv_lse_sim.judge.figures import STYLE, WIDTH_IN, new_figure
-from auv_lse_sim.judge.reward import PAPERS_METHODS
 
 BLUE, RED, BLACK, GREY = "#0072B2", "#D55E00", "#000000", "#777777"
 
@@ -26,7 +26,7 @@ def map_risk(e: Evaluation) -> Figure | None:
         ahead = np.flatnonzero(np.isfinite(c.expected_risk))
         plans, mowing = (
             "expected of the end, by the plans in hand",
-            "expected of the end, of mowing the lawn (the bound)",
+            "expected of the end, of mowing the lawn",
         )
         axis.plot(ahead, c.expected_risk[ahead], color=RED, lw=1.2, ls=(0, (4, 1.5)), label=plans)
         if np.isfinite(c.mowing_risk):

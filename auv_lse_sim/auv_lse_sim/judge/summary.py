@@ -49,6 +49,7 @@ class Summary:
     mowing_risk: float | None = figure(
         "cost/place", "risk_after as expected before the mission of all vehicles mowing the lawn: the bound"
     )
+    map_bound_promised: bool = figure("", "whether the method promises this bound: its planners keep an account of it")
     map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk")
     loss_after: float | None = figure(
         "cost/place", "mean of the costs really incurred by the final calls; as large as risk_after if that is honest"

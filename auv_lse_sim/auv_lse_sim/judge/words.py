@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from auv_lse_planner.methods import PAPERS_METHODS
 from auv_lse_sim.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_sim.judge.evaluation import SURE, Evaluation
 from auv_lse_sim.judge.page_parts import number
-from auv_lse_sim.judge.reward import PAPERS_METHODS
 from auv_lse_sim.judge.summary import Summary
 
 #: Stretches that the report names one by one, at most.
@@ -34,7 +34,7 @@ def headlines(s: Summary) -> list[str]:
         f"isobath: {s.isobath_found_m:,.0f} m found{off}{share}; {s.isobath_likely_m:,.0f} m more likely, "
         f"{s.isobath_guessed_m:,.0f} m guessed"
     ]
-    mowing = "" if s.mowing_risk is None else f" (expected of mowing the lawn: {s.mowing_risk:.3f})"
+    mowing = "" if s.mowing_risk is None else f" (expected of mowing the lawn: {s.mowing_risk:.3f}{_held(s)})"
     loss = "" if s.loss_after is None else f"; true loss {s.loss_after:.3f}"
     lines.append(f"map: Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place{mowing}{loss}")
     if s.method in PAPERS_METHODS:
@@ -111,13 +111,17 @@ def _bound(s: Summary) -> str:
     text = f"The mean Bayes risk of a place fell from {number(s.risk_before, 3)} to {number(s.risk_after, 3)}."
     if s.mowing_risk is None or s.map_bound_kept is None:
         return text
-    text += f" Mowing the lawn for as long was expected to leave {number(s.mowing_risk, 3)}, which is the bound: "
+    text += f" Mowing the lawn for as long was expected to leave {number(s.mowing_risk, 3)}"
+    share = 100.0 * abs(1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0
+    if not s.map_bound_promised:
+        beside = "below" if s.map_bound_kept else "above"
+        return f"{text}: this mission ended {share:.0f} % {beside} that. The method {s.method} promises nothing of it."
+    text += ", the bound that the vehicles keep an account of: "
     if s.map_bound_kept:
-        share = 100.0 * (1.0 - s.risk_after / s.mowing_risk) if s.mowing_risk > 0.0 else 0.0
         return text + f"it held, with {share:.0f} % less."
     return text + (
-        "this mission ended above it. The bound is an expectation over lakes like the prior's: a single lake can be "
-        "harder than that."
+        f"this mission ended {share:.0f} % above it. The bound is an expectation over lakes like the prior's: a single "
+        "lake can be harder than that."
     )
 
 
@@ -186,6 +190,12 @@ def paper_paragraphs(s: Summary) -> list[str]:
         "knows its own places in the end; so it hardly tells good missions from bad ones. The map does."
     )
     return texts
+
+
+def _held(s: Summary) -> str:
+    if not (s.map_bound_promised and s.map_bound_kept is not None):
+        return ""
+    return "; the bound held" if s.map_bound_kept else "; the bound did not hold on this lake"
 
 
 def _lost(s: Summary) -> str:
