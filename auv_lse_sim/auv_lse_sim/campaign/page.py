@@ -49,7 +49,7 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
     drawn: list[tuple[str, str]] = []
     if groups:
         drawn.append(_draw(comparison(groups), folder, "comparison.png", _COMPARISON))
-        drawn.append(_draw(curves(groups), folder, "reward_curves.png", _CURVES))
+        drawn.append(_draw(curves(groups, MAP_CURVES), folder, "risk_curves.png", _CURVES))
         reliability = reliability_figure(groups)
         if reliability is not None:
             drawn.append(_draw(reliability, folder, "reliability.png", _RELIABILITY))
@@ -80,7 +80,14 @@ def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:
 
 
 _COMPARISON = "Every setting: each seed's result (dots), their mean and its 95 % confidence interval."
-_CURVES = "Risk over the map, and stepwise team reward, over steps: mean over seeds, 95 % confidence interval."
+_CURVES = (
+    "Risk over the map, and what the plans in hand were expected to leave of it at the end, over steps: mean over "
+    "seeds, 95 % confidence interval."
+)
+
+#: Curves over steps, with their axes' labels: of the map, and of the paper's own reward beside its risk.
+MAP_CURVES = (("risk", "risk (cost/place)"), ("expected_risk", "risk expected of the end (cost/place)"))
+PAPER_CURVES = (("risk", "risk (cost/place)"), ("stepwise", "team reward, stepwise (cost)"))
 
 
 _RELIABILITY = (
@@ -147,15 +154,13 @@ def _dot(axis: Any, mean: Interval, values: Sequence[float], place: int, rng: np
     axis.plot(mean.mean, place, "o", ms=4.5, color=color, mec="black", mew=0.8)
 
 
-def curves(groups: Mapping[str, Sequence[Row]]) -> Figure:
-    """Mean risk over the map, and mean stepwise reward, over steps, of every setting (of the first 16)."""
+def curves(groups: Mapping[str, Sequence[Row]], columns: Sequence[tuple[str, str]]) -> Figure:
+    """Two curves over steps, with their axes' labels: means of every setting (of the first 16)."""
     with matplotlib.rc_context(STYLE):
         lines = (min(len(groups), 16) + 2) // 3
         figure = new_figure(WIDTH_IN, 2.9 + 0.17 * lines)
         axes = figure.subplots(1, 2)
-        for axis, column, label in zip(
-            axes, ("risk", "stepwise"), ("risk (cost/place)", "team reward, stepwise (cost)"), strict=True
-        ):
+        for axis, (column, label) in zip(axes, columns, strict=True):
             for place, rows in enumerate(list(groups.values())[:16]):
                 _curve(axis, [r[column] for r in rows if r.get(column)], place)
             axis.set_xlabel("step")

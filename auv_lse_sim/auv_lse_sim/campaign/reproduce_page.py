@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from auv_lse_sim.campaign.claims import Claim, claims
-from auv_lse_sim.campaign.page import comparison, curves, sweep_figure
+from auv_lse_sim.campaign.page import PAPER_CURVES, comparison, curves, sweep_figure
 from auv_lse_sim.campaign.rows import Row
 from auv_lse_sim.campaign.study import SENSITIVE, Study, Sweep, trial_name
 from auv_lse_sim.campaign.study_figures import path_figure, reward_figure
@@ -123,7 +123,7 @@ def _groups_figure(folder: Path, name: str, groups: Groups) -> str:
         return "<p>No mission has finished yet.</p>"
     named = {trial_name(*key): rows for key, rows in groups.items()}
     save(comparison(named), folder / f"{name}.png")
-    save(curves(named), folder / f"{name}_curves.png")
+    save(curves(named, PAPER_CURVES), folder / f"{name}_curves.png")
     caption = "Risk over the map, and stepwise team reward, over steps: mean and 95 % confidence interval."
     return embedded(folder / f"{name}.png", "Each seed (dots), mean and 95 % confidence interval.") + embedded(
         folder / f"{name}_curves.png", caption

@@ -38,7 +38,7 @@ HEADER = (
 )
 
 #: Columns that hold a curve over steps.
-CURVES = ("stepwise", "bound", "whole", "whole_bound", "risk")
+CURVES = ("stepwise", "bound", "whole", "whole_bound", "risk", "expected_risk")
 
 
 def schema(varied: Mapping[str, Sequence[Any]]) -> pyarrow.Schema:
