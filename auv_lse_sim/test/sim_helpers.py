@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
 
+from auv_lse_common.recording import MISSION_FILE, SOFTWARE
 from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.world.ground import Extent
 
@@ -66,3 +69,15 @@ class FunctionGround:
     def describe(self) -> str:
         """Its name and extent."""
         return f"{self._name} over {self._extent.height_m:g} m x {self._extent.width_m:g} m"
+
+
+def other_bag(source: Path, to: Path, plugin: StoragePlugin) -> None:
+    """The same messages as `ros2 bag record` would leave them: other storage, log times of a wall clock, no texts."""
+    with AnyReader([source]) as reader, Writer(to, version=9, storage_plugin=plugin) as writer:
+        connections = {}
+        for number, (c, _, data) in enumerate(reader.messages()):
+            if c.topic in (MISSION_FILE, SOFTWARE):
+                continue
+            if c.topic not in connections:
+                connections[c.topic] = writer.add_connection(c.topic, c.msgtype, typestore=reader.typestore)
+            writer.write(connections[c.topic], 1_700_000_000 * 10**9 + number * 10**6, data)

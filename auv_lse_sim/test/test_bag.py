@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin
+from sim_helpers import other_bag
 
 from auv_lse_common.params import read_parameter_file
 from auv_lse_common.plan import Tour
@@ -124,18 +124,6 @@ def test_a_recording_holds_the_mission_file_and_the_softwares_version(tmp_path, 
     for path in (tmp_path, tmp_path / "bag", alone):
         assert flown_parameters(path) == run.parameters, path
         assert read_run(path).steps == 2
-
-
-def other_bag(source, to, plugin):
-    """The same messages as `ros2 bag record` would leave them: other storage, log times of a wall clock, no texts."""
-    with AnyReader([source]) as reader, Writer(to, version=9, storage_plugin=plugin) as writer:
-        connections = {}
-        for number, (c, _, data) in enumerate(reader.messages()):
-            if c.topic in (MISSION_FILE, SOFTWARE):
-                continue
-            if c.topic not in connections:
-                connections[c.topic] = writer.add_connection(c.topic, c.msgtype, typestore=reader.typestore)
-            writer.write(connections[c.topic], 1_700_000_000 * 10**9 + number * 10**6, data)
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])

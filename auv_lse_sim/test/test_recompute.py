@@ -7,7 +7,8 @@ import dataclasses
 from pathlib import Path
 
 import pytest
-from sim_helpers import TINY
+from rosbags.rosbag2 import StoragePlugin
+from sim_helpers import TINY, other_bag
 
 from auv_lse_common.plan import Plan
 from auv_lse_sim.engine.fleet import Fleet
@@ -39,6 +40,15 @@ def test_an_untouched_mission_is_decided_alike(flown: Path, capsys) -> None:
     assert f"planner: {2 * STEPS} decisions compared, 0 differ" in out
     assert len([line for line in out.splitlines() if line.startswith("auv")]) == 2 * STEPS, "--all lists every step"
     assert "recorded by" in out
+
+
+def test_a_recording_of_another_recorder_is_computed_again(flown: Path, tmp_path, capsys) -> None:
+    other_bag(flown / "bag", tmp_path / "other", StoragePlugin.SQLITE3)
+    assert main([str(tmp_path / "other"), "--recompute", "planner"]) == 2
+    assert "--mission FILE" in capsys.readouterr().err
+    mission = ["--mission", str(flown / "mission.yaml")]
+    assert main([str(tmp_path / "other"), "--recompute", "planner", *mission]) == 0
+    assert f"planner: {2 * STEPS} decisions compared, 0 differ" in capsys.readouterr().out
 
 
 def test_a_changed_parameter_is_found_and_its_differences_are_named(flown: Path, tmp_path, capsys) -> None:

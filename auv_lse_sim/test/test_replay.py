@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auv_lse_common.recording import RecordedTopic
+from auv_lse_common.recording import RecordedTopic, Recording, recording_in
 from auv_lse_sim.record.bag import write_run
 from auv_lse_sim.replay.__main__ import main
 from auv_lse_sim.replay.keys import meanings
@@ -41,6 +41,7 @@ def test_a_pause_holds_the_time_and_the_right_arrow_goes_to_the_next_message() -
     pace.toggle(5.0)
     assert pace.now_ns(50.0) == 5 * S
     assert pace.wait_s(6 * S, 50.0) == float("inf")
+    assert pace.wait_s(5 * S, 50.0) == float("inf"), "another message of the same time waits, too"
     pace.step_to(6 * S, 51.0)
     assert pace.now_ns(60.0) == 6 * S
     pace.toggle(70.0)
@@ -111,6 +112,35 @@ def test_the_report_is_made_anew_from_the_recording(tmp_path: Path, synthetic_ru
     write_run(run, tmp_path / "at sea")
     assert main([str(tmp_path / "at sea" / "bag"), "--report", "--out", str(tmp_path / "page")]) == 0
     assert json.loads((tmp_path / "page" / "summary.json").read_text())["f1"] is None, "no truth: none is made up"
+
+
+class Pressed:
+    """Keys pressed one after another, one at each look."""
+
+    available = True
+
+    def __init__(self, *keys: str) -> None:
+        self.keys = list(keys)
+
+    def wait(self, seconds: float) -> list[str]:
+        if not self.keys:
+            raise KeyboardInterrupt
+        return [self.keys.pop(0)]
+
+
+@pytest.mark.ros
+def test_the_right_arrow_plays_one_message_of_several_with_one_stamp(tmp_path: Path, synthetic_run) -> None:
+    pytest.importorskip("rclpy")
+    from auv_lse_sim.replay.player_node import Player
+
+    write_run(synthetic_run(steps=2), tmp_path)
+    with Recording(recording_in(tmp_path)) as recording:
+        at_start = [stamp for _, stamp, _ in recording.raw(recording.topics)].count(recording.start_ns)
+        assert at_start > 3, "several messages have the first stamp"
+        keys = Pressed("next", "next", "next")
+        with Player(recording, tuple(recording.topics.values()), keys) as player, pytest.raises(KeyboardInterrupt):
+            player.play(recording.start_ns, recording.end_ns, 1.0, True, lambda p: None)
+        assert player.progress.messages == 3
 
 
 @pytest.mark.ros

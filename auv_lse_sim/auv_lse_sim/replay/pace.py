@@ -37,9 +37,9 @@ class Pace:
 
     def wait_s(self, stamp_ns: int, wall_s: float) -> float:
         """Wall clock (s) until a message is due; 0 if it is, infinite in a pause."""
-        if stamp_ns <= self.now_ns(wall_s):
-            return 0.0
-        return float("inf") if self.paused else (stamp_ns - self.now_ns(wall_s)) * 1e-9 / self.rate
+        if self.paused:
+            return float("inf")
+        return max(0.0, (stamp_ns - self.now_ns(wall_s)) * 1e-9 / self.rate)
 
     def toggle(self, wall_s: float) -> None:
         """Pauses, or goes on."""

@@ -54,13 +54,16 @@ class Player:
 
     Attributes:
         missing: Topics that cannot be published because their messages are not installed, with their types.
+        progress: Where it is.
     """
 
     def __init__(self, recording: Recording, topics: tuple[RecordedTopic, ...], keys: Keys) -> None:
         """Joins nothing yet."""
         self.missing: dict[str, str] = {}
+        self.progress = Progress(0.0, 1.0, False)
         self._recording, self._topics, self._keys = recording, topics, keys
         self._told_s = -float("inf")
+        self._steps = 0  # messages asked for in a pause
 
     def __enter__(self) -> Player:
         """Joins the ROS domain with a publisher for each topic; Ctrl-C stays the caller's."""
@@ -98,7 +101,7 @@ class Player:
             show: Called several times a second.
         """
         pace = Pace(start_ns, rate, time.monotonic(), paused)
-        progress = Progress((start_ns - self._recording.start_ns) * 1e-9, rate, paused)
+        self.progress = progress = Progress((start_ns - self._recording.start_ns) * 1e-9, rate, paused)
         latched = [topic.name for topic in self._topics if topic.latched and topic.name in self._publishers]
         for topic, _, data in last_of_each(self._recording.raw(latched, stop_ns=start_ns)):
             self._publishers[topic].publish(data)
@@ -122,9 +125,14 @@ class Player:
                         pace.change_rate(RATE_STEP, wall_s)
                     case "slower":
                         pace.change_rate(1.0 / RATE_STEP, wall_s)
-            if "next" in keys and pace.paused:
-                pace.step_to(stamp_ns, wall_s)
+            self._steps += keys.count("next")
+            if not pace.paused:
+                self._steps = 0
             self._tell(pace, progress, show)
+            if self._steps:  # in a pause, each press is one message, also of several with one stamp
+                self._steps -= 1
+                pace.step_to(stamp_ns, wall_s)
+                return
 
     def _tell(self, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
         """At most every `_TELL_S`: publishes the clock, if the recording has none, and shows the progress."""
