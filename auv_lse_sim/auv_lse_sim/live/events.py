@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from auv_lse_common.frames import heading_from_quaternion
 from auv_lse_common.plan import Plan
 from auv_lse_comms.packet.codec import PacketError, decode
-from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.area import Grid, OperatingArea
+from auv_lse_gp.depth_map import DepthField
+from auv_lse_sim.judge.certainty import CLASSES, Piece, classify, lines_of
 from auv_lse_sim.judge.isobath import trace
 from auv_lse_sim.live.map_layers import LayerCoder, grid_axes, scales_of, thinning
 from auv_lse_sim.live.own_map import OwnMap
@@ -177,8 +179,9 @@ class MissionEvents:
         apart = thinning(*layers["risk"].shape)
         shown = {name: values[::apart, ::apart] for name, values in layers.items()}
         coder = self._coders.setdefault(vehicle, LayerCoder(self._scales))
+        pieces = self._pieces(vehicle, north_m, east_m, layers)
         lines = {
-            "isobath": trace(north_m, east_m, layers["depth"], level_m),
+            **{kind: lines_of(pieces, kind) for kind in CLASSES},
             "shallow_edge": trace(north_m, east_m, score, -_BAND_SIGMAS),
             "deep_edge": trace(north_m, east_m, score, _BAND_SIGMAS),
         }
@@ -195,6 +198,17 @@ class MissionEvents:
             "layers": coder.code(shown),
             **{name: [decimetres(line) for line in found] for name, found in lines.items()},
         }
+
+    def _pieces(self, vehicle: int, north_m: Array, east_m: Array, layers: dict[str, Array]) -> list[Piece]:
+        """The estimated isobath in pieces of one certainty each, as the report has it but without place errors."""
+        step_m = float(north_m[1] - north_m[0])
+        inside = np.isfinite(layers["depth"])
+        grid = Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=step_m)
+        field = DepthField(grid, layers["depth"], layers["std"], layers["risk"], layers["p_safe"], 0)
+        before = np.where(inside, self._settings.vehicle(vehicle).gp.signal_std_m, np.nan)
+        prior = DepthField(grid, layers["depth"], before, layers["risk"], layers["p_safe"], 0)
+        lines = trace(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
+        return classify(lines, field, prior, np.empty((0, 3)))
 
     def _plan(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
         plan = plan_of(message)

@@ -36,6 +36,8 @@ def mission_facts(settings: Settings, *, name: str, simulated: bool) -> Event:
         "steps": settings.mission.steps,
         "seed": settings.mission.seed,
         "method": settings.common.planner.method,
+        # What the planners count as reward: of their paths, so that it adds up over the team, or of the whole map.
+        "reward_of": settings.common.planner.complete().objective,
         "level_m": level_set.level_m,
         "costs": [level_set.cost_false_safe, level_set.cost_false_unsafe],
         "largest_risk": level_set.largest_risk,

@@ -40,10 +40,10 @@ class PlanLines:
 
         Returns:
             "step" of the first point, "own": how many legs are the plan's own actions, "line": north, east, north, ...
-            in decimetres, and "continued": what continues the actions.
+            in decimetres, "waypoints" of the plan's tour likewise, and "continued": what continues the actions.
         """
         if not self._rollout.can_follow(plan):
-            return {"step": plan.step, "own": 0, "line": [], "continued": "unknown"}
+            return {"step": plan.step, "own": 0, "line": [], "waypoints": [], "continued": "unknown"}
         path = self._rollout.follow(plan)
         ahead, starboard = np.moveaxis(self._points_m[path.actions], 2, 0)
         heading = path.states[:-1, :1]
@@ -51,11 +51,27 @@ class PlanLines:
         north = path.states[:-1, 1:2] + c * ahead - s * starboard
         east = path.states[:-1, 2:3] + s * ahead + c * starboard
         points = np.concatenate([path.states[:1, 1:], np.stack([north, east], axis=2).reshape(-1, 2)])
-        return {"step": plan.step, "own": path.own, "line": decimetres(points), "continued": _continued(plan)}
+        own = min(len(plan.actions), len(path))  # `path.own` has the tour's legs, too
+        waypoints = np.empty((0, 2))
+        if plan.tour is not None:
+            waypoints = plan.tour.waypoints_m(path.states[own, 1:], self._motion.leg_length_m)
+        return {
+            "step": plan.step,
+            "own": own,
+            "line": decimetres(points),
+            "waypoints": decimetres(waypoints),
+            "continued": _continued(plan),
+        }
 
 
 def _continued(plan: Plan) -> str:
-    return "" if plan.naive_path == NONE else f"naive path 0x{plan.naive_path:02X}"
+    """What continues a plan's actions, for a reader."""
+    parts = []
+    if plan.tour is not None:
+        parts.append(f"a tour of {len(plan.tour.bearings)} segments")
+    if plan.naive_path != NONE:
+        parts.append(f"naive path 0x{plan.naive_path:02X}")
+    return ", then ".join(parts)
 
 
 def decimetres(points_m: Array | Sequence[Any]) -> list[int]:

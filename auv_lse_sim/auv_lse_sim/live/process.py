@@ -55,4 +55,4 @@ class LiveProcess:
 
     def _read(self) -> None:
         for line in self._process.stdout or ():
-            self._say(line.rstrip())
+            self._say(line.removesuffix("\n").removesuffix("   (Ctrl-C ends it)"))

@@ -143,7 +143,9 @@ class StandardMessages:
             yield self._make(name, "nav_msgs/msg/OccupancyGrid", t, info=info, data=percent)
         lines = []
         for key, color, width in (
-            ("isobath", (1.0, 1.0, 1.0), 4.0),
+            ("found", (1.0, 1.0, 1.0), 5.0),
+            ("likely", (1.0, 1.0, 1.0), 2.5),
+            ("guessed", (0.7, 0.7, 0.7), 1.0),
             ("shallow_edge", (0.9, 0.6, 0.0), 1.5),
             ("deep_edge", (0.0, 0.45, 0.7), 1.5),
         ):

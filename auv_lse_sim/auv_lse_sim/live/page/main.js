@@ -22,11 +22,13 @@ let source = { connection: "connecting" }, begun = null, drawn = "", lastFrame =
 // ---------------------------------------------------------------------- what is drawn
 
 function rewardCurves() {
-  const soFar = teamSum(store, (b) => b.reward), bound = teamSum(store, (b) => b.bound_max);
-  const { ink, accent } = themeColors();
+  const share = store.facts.reward_of === "map" ? 1 / store.facts.vehicles.length : 1; // a map's risk is everybody's
+  const of = (value) => teamSum(store, value).map(({ t, value: sum }) => ({ t, value: sum * share }));
+  const soFar = of((b) => b.reward), bound = of((b) => b.bound_max), { ink, accent } = themeColors();
   const promised = bound.some((q, i) => soFar[i] && q.value > soFar[i].value + 1e-6); // only some methods have a bound
   const curves = [{ name: "reward so far", color: ink, steps: true, points: soFar }];
-  return promised ? [...curves, { name: "lower bound", color: accent, dash: [6, 4], steps: true, points: bound }] : curves;
+  if (promised) curves.push({ name: "lower bound", color: accent, dash: [6, 4], steps: true, points: bound });
+  return curves;
 }
 
 function riskCurves() {
@@ -49,7 +51,9 @@ function draw() {
   slots.draw(t);
   const kinds = reward.draw(t, end), risks = risk.draw(t, end);
   const words = (values, digits) => values.map(({ name, value }) => `${name} ${number(value, digits)}`).join(", ");
-  say($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}.`);
+  const ofMap = store.facts.reward_of === "map";
+  const counted = ofMap ? "Drop of the whole map’s risk, mean of the vehicles" : "Sum over the vehicles";
+  say($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
   say($("risk-words"), `Now: ${words(risks, 2)}. Less is better.`);
   cards.update(t, map.vehicle);
   tellMap(t);
@@ -62,7 +66,8 @@ function tellMap(t) {
   const age = shown ? `Map of ${clock(shown.t - store.startS)}` : "No map yet";
   const goesOn = plan?.continued ? `; its plan goes on as ${plan.continued}` : "";
   say($("map-words"), `${age}${goesOn}.`);
-  map.canvas.setAttribute("aria-label", `Map of the area, colored by ${map.layer.replace("_", " ")}, with the vehicles’ tracks and plans`);
+  const { label } = LAYERS.find((l) => l.name === map.layer);
+  map.canvas.setAttribute("aria-label", `Map of the area, colored by ${label}, with the vehicles’ tracks and plans`);
 }
 
 function tellState() {
@@ -73,6 +78,7 @@ function tellState() {
   else if (!player.following && source.growing) [text, level] = ["looking back", "warning"];
   else if (status && source.growing) [text, level] = [status.state, status.state === "failed" ? "error" : "ok"];
   else if (source.growing) [text, level] = ["running", "ok"];
+  else if (source.source === "mission") [text, level] = [status?.state === "failed" ? "failed" : "mission over", ""];
   else [text, level] = [status?.state === "failed" ? "failed" : "recording", status?.state === "failed" ? "error" : ""];
   say(pill, text);
   pill.dataset.level = level;

@@ -197,8 +197,11 @@ export class MapView {
     if (this.shown.band) {
       for (const line of [...map.shallow_edge, ...map.deep_edge]) stroke(c, p, line, "rgba(255, 255, 255, .75)", 1);
     }
-    for (const line of map.isobath) stroke(c, p, line, "rgba(0, 0, 0, .65)", 5);
-    for (const line of map.isobath) stroke(c, p, line, "#ffffff", 2.5);
+    for (const line of map.guessed) stroke(c, p, line, "rgba(0, 0, 0, .55)", 1.2, [2, 5]);
+    for (const [lines, width] of [[map.likely, 1.6], [map.found, 3.2]]) {
+      for (const line of lines) stroke(c, p, line, "rgba(0, 0, 0, .7)", width + 2.4);
+      for (const line of lines) stroke(c, p, line, "#ffffff", width);
+    }
   }
 
   drawSamples(c, p, t) {
@@ -255,12 +258,30 @@ export class MapView {
     c.setLineDash([7, 5]);
     both(c, "rgba(0, 0, 0, .45)", 3, rgba(color, 0.95), 1.6);
     c.setLineDash([]);
+    this.drawWaypoints(c, p, plan, (Math.max(gone, plan.own) - plan.own) * per, color);
     part(gone, plan.own);
     c.lineCap = "round";
     both(c, "rgba(0, 0, 0, .35)", 9, rgba(color, 0.55), 7);
     part(gone, plan.own);
     both(c, "rgba(255, 255, 255, .9)", 1.6, "rgba(255, 255, 255, .9)", 1.6);
     c.lineCap = "butt";
+  }
+
+  // The waypoints of a plan's tour that are still ahead: those behind the nearest one to where the tour goes on are gone.
+  drawWaypoints(c, p, plan, gonePoints, color) {
+    const at = plan.own * this.store.facts.points_per_leg + gonePoints, north = plan.line[2 * at], east = plan.line[2 * at + 1];
+    const away = (i) => Math.hypot(plan.waypoints[i] - north, plan.waypoints[i + 1] - east);
+    let next = 0;
+    if (gonePoints) for (let i = 0; i < plan.waypoints.length; i += 2) if (away(i) < away(next)) next = i;
+    for (let i = next; i < plan.waypoints.length; i += 2) {
+      c.beginPath();
+      c.rect(p.x(plan.waypoints[i + 1] * DM) - 2.5, p.y(plan.waypoints[i] * DM) - 2.5, 5, 5);
+      c.fillStyle = color;
+      c.fill();
+      c.strokeStyle = "#ffffff";
+      c.lineWidth = 1;
+      c.stroke();
+    }
   }
 
   // Packets in their slots: rings about the sender while it sends, lines to those who have heard, crosses where not.
