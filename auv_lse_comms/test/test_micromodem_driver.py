@@ -133,8 +133,19 @@ def test_a_setting_the_modem_does_not_know_is_reported_and_passed_over_unless_vi
     assert desk.written() == ["CCCFG,RXP,1"]
     (problem,) = desk.hear("CAERR,030259,NMEA,4,unknown setting")
     assert "RXP" in problem.text
-    assert desk.written() == ["CCCFG,REV,1"]
+    assert desk.written() == ["CCCFG,RXD,1"]
     assert desk.modem.counts["settings_refused"] == 1
+
+
+def test_further_settings_of_the_mission_file_are_sent_last():
+    desk = Desk(settings={"BND": 0, "FC0": 10000})
+    desk.modem.opened(desk.now_s)
+    asked = []
+    while (lines := desk.written())[-1].startswith("CCCFG"):
+        asked.append(lines[-1])
+        desk.hear("CACFG," + lines[-1].split(",", 1)[1])
+    assert asked[-2:] == ["CCCFG,BND,0", "CCCFG,FC0,10000"]
+    assert {"CCCFG,TXP,1", "CCCFG,TXF,1", "CCCFG,RXD,1"} < set(asked)
 
 
 def test_a_vital_setting_refused_is_asked_again_for_ever():
@@ -288,6 +299,9 @@ def test_lines_lost_on_the_wire_do_not_lose_the_transmission(lost):
         (("CACYC,0,3,0,4,0,1",), "CAERR,030259,DATA_TIMEOUT,1", "data timeout at frame 1"),
         (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAERR,030259,DATA_TIMEOUT,1", "data timeout"),
         (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAXST,6,20191202,030259.0000,14,4", "data timeout"),
+        (("CACYC,0,3,0,4,0,1",), "CAXST,6,20191202,030259.0000,14,1", "too hot"),
+        (("CACYC,0,3,0,4,0,1",), "CAXST,6,20191202,030259.0000,14,2", "no external synchronization"),
+        (("CACYC,0,3,0,4,0,1",), "CAXST,6,20191202,030259.0000,14,3,,,,,,,,,,", "transmission is inhibited"),
         (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAERR,030259,NMEA,7,bad frame", "refused"),
         (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,64,1", "takes 64 bytes"),
         (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,256,2", "asks for frame 2 of 1"),

@@ -109,6 +109,15 @@ def test_statistics_of_a_packet_timeout_need_no_more_than_mode_and_time():
     assert math.isclose(statistics.utc_s, 1575255779.1234, abs_tol=1e-5)
 
 
+def test_statistics_may_hold_decimals_and_leave_fields_empty():
+    fields = "6,0,20191202030259.1234,,300.5,,,110.0,0,0,0,0,0,4,2.0,,,3,1,0,12.4,,10.0,9.9,,0,-0.2"
+    statistics = read_message(Sentence("CACST", tuple(fields.split(","))))
+    assert (statistics.rate, statistics.source, statistics.destination, statistics.frames) == (4, 2, -1, 1)
+    assert (statistics.snr_rss_db, statistics.snr_out_db, statistics.doppler_mps) == (12, 10.0, -0.2)
+    assert math.isnan(statistics.snr_in_db)
+    assert math.isnan(statistics.mse_db)
+
+
 @pytest.mark.parametrize(
     ("kind", "fields", "words"),
     [

@@ -97,6 +97,17 @@ def test_what_is_no_serial_device_is_named(place):
         open_transport(read_address(place))
 
 
+def test_rts_and_dtr_of_a_modem_are_low_before_its_port_is_opened(monkeypatch):
+    serial = pytest.importorskip("serial")
+    levels = []
+    opened = serial.Serial.open
+    monkeypatch.setattr(serial.Serial, "open", lambda port: (levels.append((port.rts, port.dtr)), opened(port)))
+    for lines_low in (True, False):
+        _, slave = pty.openpty()
+        open_transport(read_address(os.ttyname(slave)), lines_low=lines_low).close()
+    assert levels == [(False, False), (True, True)]
+
+
 def test_a_missing_pyserial_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)  # makes its import fail
     with pytest.raises(TransportError, match=r"/dev/ttyUSB0: cannot be opened: .* pyserial is not installed"):

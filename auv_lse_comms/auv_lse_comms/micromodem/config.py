@@ -38,7 +38,7 @@ class ModemConfig:
         0.5, unit="s", above=0.0, high=60.0, help="largest accepted difference between modem clock and host clock"
     )
     clock_period_s: float = parameter(
-        60.0, unit="s", low=1.0, help="time between clock checks, which also prove that the modem is alive"
+        10.0, unit="s", low=1.0, help="time between clock checks, which also prove that the modem is alive"
     )
     reply_timeout_s: float = parameter(
         2.0, unit="s", above=0.0, help="longest wait for the modem's answer to a command, before it is repeated"
@@ -60,6 +60,9 @@ class ModemConfig:
     )
     backoff_min_s: float = parameter(0.2, unit="s", above=0.0, help="first wait before the port is opened again")
     backoff_max_s: float = parameter(10.0, unit="s", above=0.0, help="longest wait: doubled at every failure up to it")
+    settings: dict[str, int] = parameter(
+        {}, help="further settings of the modem (NVRAM) by name, such as BND: 0; each is sent and its answer checked"
+    )
     log_file: str = parameter("", help="line log of all that goes over the port, which can be replayed; '': none")
 
     def __post_init__(self) -> None:

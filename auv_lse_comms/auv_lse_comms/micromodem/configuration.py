@@ -24,11 +24,15 @@ def settings_of(config: ModemConfig, address: int) -> tuple[tuple[Setting, bool]
             ("SRC", str(address), True),  # own address
             ("CST", "1", True),  # receive statistics, the end of every reception
             ("RXP", "1", False),  # report the start of a reception
+            ("RXD", "1", True),  # give received frames
+            ("TXP", "1", True),  # report that the transducer is on
+            ("TXF", "1", True),  # report that it is off: the packet is sent
             ("REV", "1", False),  # report the revision now and then
             ("XST", "1", False),  # transmit statistics
             ("MFD", "1", False),  # report what the matched filter detected
             ("ASD", "0", False),  # never send test data of its own when the host is late
             ("SNV", str(int(config.synchronous)), False),  # start transmissions on the second
+            *((name, str(value), False) for name, value in config.settings.items()),
         )
     )
 

@@ -51,6 +51,18 @@ def take_float(fields: Sequence[str], index: int, name: str) -> float:
     return float(text)
 
 
+def number_or(fields: Sequence[str], index: int, name: str, other: float = math.nan) -> float:
+    """A decimal number; `other` where the field is empty or missing, as firmware leaves what it did not measure."""
+    if index >= len(fields) or not fields[index]:
+        return other
+    return take_float(fields, index, name)
+
+
+def whole_or(fields: Sequence[str], index: int, name: str, other: int = 0) -> int:
+    """The nearest integer to a decimal number; `other` where the field is empty or missing."""
+    return round(number_or(fields, index, name, other))
+
+
 def take_flag(fields: Sequence[str], index: int, name: str) -> bool:
     """True for 1, False for 0."""
     return take_int(fields, index, name, 0, 1) == 1

@@ -59,7 +59,10 @@ class ModemPort:
         """
         where = read_address(config.port, config.baud)
         self.modem = Micromodem(config, address)
-        self.connection = Connection(lambda: open_transport(where), config.backoff_min_s, config.backoff_max_s)
+        # a high RTS garbles what some boards of the modem send
+        self.connection = Connection(
+            lambda: open_transport(where, lines_low=True), config.backoff_min_s, config.backoff_max_s
+        )
         self._log: TextIO | None = None
         self._log_problem: Problem | None = None  # not reported yet
         self.packets_lost = 0

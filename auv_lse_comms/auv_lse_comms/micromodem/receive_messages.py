@@ -8,12 +8,13 @@ from dataclasses import dataclass
 
 from auv_lse_comms.micromodem.fields import (
     arrival_time,
+    number_or,
     read_arrival_time,
     take_flag,
-    take_float,
     take_hex,
     take_int,
     take_text,
+    whole_or,
 )
 from auv_lse_comms.micromodem.wire import Sentence
 
@@ -130,28 +131,28 @@ class ReceptionStatistics:
         return cls(
             mode=mode,
             utc_s=utc_s,
-            clock=take_int(rest, 2, "toa_mode"),
+            clock=whole_or(rest, 2, "toa_mode"),
             detection=Detection(
-                peak=take_int(rest, 3, "mfd_peak"),
-                power_db=take_int(rest, 4, "mfd_pow"),
-                ratio_db=take_int(rest, 5, "mfd_ratio"),
-                spl_db=take_int(rest, 6, "mfd_spl"),
+                peak=whole_or(rest, 3, "mfd_peak"),
+                power_db=whole_or(rest, 4, "mfd_pow"),
+                ratio_db=whole_or(rest, 5, "mfd_ratio"),
+                spl_db=whole_or(rest, 6, "mfd_spl"),
             ),
-            rate=take_int(rest, 12, "rate"),
-            source=take_int(rest, 13, "src"),
-            destination=take_int(rest, 14, "dest"),
-            psk_error=take_int(rest, 15, "psk_error"),
-            frames=take_int(rest, 17, "frames"),
-            bad_frames=take_int(rest, 18, "bad_frames"),
-            snr_rss_db=take_int(rest, 19, "snr_rss"),
-            snr_in_db=take_float(rest, 20, "snr_in"),
-            snr_out_db=take_float(rest, 21, "snr_out"),
-            snr_symbol_db=take_float(rest, 22, "snr_sym"),
-            mse_db=take_float(rest, 23, "mse"),
-            doppler_mps=take_float(rest, 25, "doppler"),
-            noise_db=take_int(rest, 26, "noise") if len(rest) > 26 else 0,
-            carrier_hz=take_int(rest, 27, "carrier") if len(rest) > 27 else 0,
-            bandwidth_hz=take_int(rest, 28, "bandwidth") if len(rest) > 28 else 0,
+            rate=whole_or(rest, 12, "rate", -1),
+            source=whole_or(rest, 13, "src", -1),
+            destination=whole_or(rest, 14, "dest", -1),
+            psk_error=whole_or(rest, 15, "psk_error"),
+            frames=whole_or(rest, 17, "frames"),
+            bad_frames=whole_or(rest, 18, "bad_frames"),
+            snr_rss_db=whole_or(rest, 19, "snr_rss"),
+            snr_in_db=number_or(rest, 20, "snr_in"),
+            snr_out_db=number_or(rest, 21, "snr_out"),
+            snr_symbol_db=number_or(rest, 22, "snr_sym"),
+            mse_db=number_or(rest, 23, "mse"),
+            doppler_mps=number_or(rest, 25, "doppler"),
+            noise_db=whole_or(rest, 26, "noise"),
+            carrier_hz=whole_or(rest, 27, "carrier"),
+            bandwidth_hz=whole_or(rest, 28, "bandwidth"),
         )
 
     def sentence(self) -> Sentence:

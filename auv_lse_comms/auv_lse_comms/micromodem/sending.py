@@ -15,6 +15,7 @@ from auv_lse_comms.micromodem.rates import RATES
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
 from auv_lse_comms.micromodem.transmit_messages import (
+    NOT_SENT,
     Cycle,
     DataRequest,
     FrameGiven,
@@ -187,8 +188,9 @@ class Sending:
 
     def on_statistics(self, message: TransmitStatistics) -> None:
         """The statistics of a transmission, or of one that never began."""
-        if message.mode == 4:
-            self.abort("data timeout (CAXST)")
+        if message.mode != 0:
+            reason = NOT_SENT.get(message.mode, f"mode {message.mode}")
+            self.abort(f"the modem has not sent it: {reason} (CAXST)")
 
     def _started(self, packet: _Packet) -> None:
         self._session.move(Cause.STARTED)

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from auv_lse_comms.micromodem.fields import arrival_time, read_arrival_time, take_flag, take_hex, take_int, take_text
+from auv_lse_comms.micromodem.fields import (
+    arrival_time,
+    read_arrival_time,
+    take_flag,
+    take_hex,
+    take_int,
+    take_text,
+    whole_or,
+)
 from auv_lse_comms.micromodem.wire import Sentence
 
 
@@ -155,6 +163,15 @@ class TransmitEnd:
         return Sentence("CATXF", (str(self.count),))
 
 
+#: Why nothing was sent, by `TransmitStatistics.mode`.
+NOT_SENT = {
+    1: "it is too hot",
+    2: "no external synchronization came in time",
+    3: "transmission is inhibited",
+    4: "data timeout",
+}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransmitStatistics:
     """`$CAXST,6,date,time,toa_mode,mode,probe,bandwidth,carrier,rate,src,dest,ack,expected,sent,type,nbytes`.
@@ -162,7 +179,7 @@ class TransmitStatistics:
     Attributes:
         utc_s: When the transmission began, s since 1970 (UTC); NaN if unreadable.
         clock: Clock status, see `clock_is_synchronous`.
-        mode: 0 or 1 transmitted; 4: data timeout (nothing was sent).
+        mode: 0 transmitted; others: nothing was sent, see `NOT_SENT`.
     """
 
     utc_s: float
@@ -184,19 +201,18 @@ class TransmitStatistics:
         rest = fields[1:] if first < 1970_00_00 else fields
         utc_s = read_arrival_time(take_text(rest, 0, "date") + take_text(rest, 1, "time"))
         mode = take_int(rest, 3, "mode")
-        nothing = mode == 4  # data timeout: the rest is not filled in
-        return cls(
+        return cls(  # where nothing was sent, most is not filled in
             utc_s=utc_s,
-            clock=take_int(rest, 2, "toa_mode"),
+            clock=whole_or(rest, 2, "toa_mode"),
             mode=mode,
-            bandwidth_hz=0 if nothing else take_int(rest, 5, "bandwidth"),
-            carrier_hz=0 if nothing else take_int(rest, 6, "carrier"),
-            rate=-1 if nothing else take_int(rest, 7, "rate"),
-            source=-1 if nothing else take_int(rest, 8, "src"),
-            destination=-1 if nothing else take_int(rest, 9, "dest"),
-            frames_expected=0 if nothing else take_int(rest, 11, "frames expected"),
-            frames_sent=0 if nothing else take_int(rest, 12, "frames sent"),
-            count=0 if nothing else take_int(rest, 14, "nbytes"),
+            bandwidth_hz=whole_or(rest, 5, "bandwidth"),
+            carrier_hz=whole_or(rest, 6, "carrier"),
+            rate=whole_or(rest, 7, "rate", -1),
+            source=whole_or(rest, 8, "src", -1),
+            destination=whole_or(rest, 9, "dest", -1),
+            frames_expected=whole_or(rest, 11, "frames expected"),
+            frames_sent=whole_or(rest, 12, "frames sent"),
+            count=whole_or(rest, 14, "nbytes"),
         )
 
     def sentence(self) -> Sentence:

@@ -44,8 +44,8 @@ class Transport(Protocol):
 class SerialPort:
     """A serial device, or a pty."""
 
-    def __init__(self, device: str, baud: int) -> None:
-        """Opens `device` at `baud`, 8N1, exclusively.
+    def __init__(self, device: str, baud: int, lines_low: bool = False) -> None:
+        """Opens `device` at `baud`, 8N1, exclusively; `lines_low` keeps RTS and DTR low.
 
         Raises:
             TransportError: if it is not there, is no serial device, another process has it, or pyserial is missing.
@@ -61,7 +61,11 @@ class SerialPort:
         self._name = device
         self._failures: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)
         try:
-            self._port: Any = serial.Serial(device, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+            self._port: Any = serial.Serial(None, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+            self._port.port = device
+            if lines_low:  # before it is opened: to open it raises both
+                self._port.rts = self._port.dtr = False
+            self._port.open()
         except self._failures as error:
             raise TransportError(f"{device}: cannot be opened: {error}") from error
 
@@ -229,18 +233,21 @@ class UdpPort:
         self._socket.close()
 
 
-def open_transport(address: Address, expected: Callable[[bytes], bool] | None = None) -> Transport:
+def open_transport(
+    address: Address, expected: Callable[[bytes], bool] | None = None, lines_low: bool = False
+) -> Transport:
     """Opens the port at `address`.
 
     Args:
         address: Where it is.
         expected: For `udpin`: whether a datagram of a new sender makes that the peer; None: any does.
+        lines_low: For a serial device: RTS and DTR stay low.
 
     Raises:
         TransportError: if it cannot be opened.
     """
     if address.kind == "serial":
-        return SerialPort(address.place, address.number)
+        return SerialPort(address.place, address.number, lines_low)
     if address.kind == "tcp":
         return TcpPort(address.place, address.number)
     return UdpPort(address.kind, address.place, address.number, expected)

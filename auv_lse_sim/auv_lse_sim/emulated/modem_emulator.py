@@ -50,6 +50,7 @@ REVISION_PERIOD_S = 120.0
 
 #: Settings known, and what they are at first.
 SETTINGS = {"SRC": "0", "CST": "0", "RXP": "0", "REV": "0", "XST": "0", "MFD": "0", "ASD": "0", "SNV": "0"}
+SETTINGS |= {"TXP": "1", "TXF": "1", "RXD": "1", "BND": "1"}
 
 _RTC_USER_COMMAND = 2
 _PPS_EXTERNAL = 3 << 2
@@ -370,7 +371,8 @@ class ModemEmulator:
                 return  # waits for the second
         sending.start_s = now_s
         payload = b"".join(sending.frames)
-        self._write(TransmitStart(count=len(payload)))
+        if self.settings["TXP"] != "0":
+            self._write(TransmitStart(count=len(payload)))
         self.counts["transmitted"] += 1
         cycle = sending.cycle
         duration_s = self._transmit(
@@ -388,7 +390,8 @@ class ModemEmulator:
     def _end(self, sending: _Outgoing) -> None:
         self._sending = None
         count = sum(len(frame) for frame in sending.frames)
-        self._write(TransmitEnd(count=count))
+        if self.settings["TXF"] != "0":
+            self._write(TransmitEnd(count=count))
         self._write_transmit_statistics(sending, mode=0)
 
     def _data_timeout(self, now_s: float) -> None:
