@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from pymavlink.dialects.v20 import common as mavlink
+from auv_lse_common.missing import missing
+
+try:
+    from pymavlink.dialects.v20 import common as mavlink
+except ImportError as error:
+    raise missing(error, "MAVLink links (vehicle_link_node, emulated autopilots)") from error
 
 __all__ = ["MavlinkCodec", "Message", "mavlink"]
 

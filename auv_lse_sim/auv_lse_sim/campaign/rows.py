@@ -17,11 +17,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow
-import pyarrow.parquet
 
+from auv_lse_common.missing import missing
 from auv_lse_sim.campaign.spec import CampaignSpec, Job
 from auv_lse_sim.judge.summary import Summary
+
+try:
+    import pyarrow
+    import pyarrow.parquet
+except ImportError as error:
+    raise missing(error, "campaigns") from error
 
 #: The first columns of a row: its mission, and whether it succeeded.
 HEADER = (

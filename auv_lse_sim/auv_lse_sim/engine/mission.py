@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from auv_lse_common.domain import DomainError, local_environment, note_run, own_domain
+from auv_lse_common.missing import missing
 from auv_lse_common.params import describe
 from auv_lse_common.processes import LaunchError, Process
 from auv_lse_sim.engine.conductor import Interrupt, MissionError, conduct
@@ -146,6 +147,9 @@ def fly(
         return code
     try:
         conclude(folder, settings, wall_s, phases, console, report=report)
+    except ImportError as error:
+        _complain(console, f"the mission is complete, but {missing(error, 'its figures and report')}")
+        return code or 1
     except (OSError, ValueError) as error:
         _complain(console, f"the mission is complete, but its evaluation failed: {error}")
         return code or 1

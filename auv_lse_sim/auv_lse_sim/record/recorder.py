@@ -10,13 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
-
 #: Stands between the definitions of a type and of the types in it.
 _RULE = 80 * "=" + "\n"
-_FOREVER = QosTime(9223372036, 854775807)
 
 
 class RecorderError(ValueError):
@@ -24,7 +19,18 @@ class RecorderError(ValueError):
 
 
 def message_types(folders: Sequence[Path]) -> Any:
-    """The type store of ROS 2 Jazzy with the messages found in `folders` (each ".../share/PACKAGE/msg") added."""
+    """The type store of ROS 2 Jazzy with the messages found in `folders` (each ".../share/PACKAGE/msg") added.
+
+    Raises:
+        RecorderError: if rosbags is not installed.
+    """
+    try:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ImportError:
+        raise RecorderError(
+            "recording needs rosbag2_py (sudo apt install ros-jazzy-rosbag2-py ros-jazzy-rosbag2-storage-mcap) or "
+            "rosbags (pip install rosbags); neither is installed"
+        ) from None
     store = get_typestore(Stores.ROS2_JAZZY)
     types: dict[str, Any] = {}
     for folder in folders:
@@ -41,6 +47,8 @@ def message_texts(folders: Sequence[Path]) -> dict[str, str]:
 
     Those of ROS itself are made from the store: the installed ones may be of another version.
     """
+    from rosbags.typesys import Stores, get_typestore
+
     known = get_typestore(Stores.ROS2_JAZZY).fielddefs
     files = (path for folder in folders for path in sorted(folder.glob("*.msg")))
     found = {f"{path.parent.parent.name}/msg/{path.stem}": path for path in files}
@@ -68,6 +76,8 @@ class BagWriter:
         Raises:
             RecorderError: if the folder exists or cannot be made.
         """
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
+
         self.types = types
         self.texts: Mapping[str, str] = {}
         self._flush_ns = int(flush_s * 1e9)
@@ -83,6 +93,10 @@ class BagWriter:
         except (WriterError, OSError) as error:
             raise RecorderError(f"record.folder = {str(folder)!r}: cannot start a recording there: {error}") from error
 
+    def learn(self, folders: Sequence[Path]) -> None:
+        """Takes types and definitions from these folders (each ".../share/PACKAGE/msg")."""
+        self.types, self.texts = message_types(folders), message_texts(folders)
+
     def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:
         """Announces a topic.
 
@@ -94,15 +108,20 @@ class BagWriter:
         Raises:
             RecorderError: if the type is not known.
         """
+        from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+        from rosbags.rosbag2 import WriterError
+        from rosbags.typesys import TypesysError
+
+        forever = QosTime(9223372036, 854775807)
         qos = Qos(
             history=QosHistory.KEEP_LAST,
             depth=1 if latched else 1000,
             reliability=QosReliability.RELIABLE,
             durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-            deadline=_FOREVER,
-            lifespan=_FOREVER,
+            deadline=forever,
+            lifespan=forever,
             liveliness=QosLiveliness.AUTOMATIC,
-            liveliness_lease_duration=_FOREVER,
+            liveliness_lease_duration=forever,
             avoid_ros_namespace_conventions=False,
         )
         try:

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
+from std_msgs.msg import String
 
 from auv_lse_common.base_node import EVERY, BaseNode, run
 from auv_lse_common.params import ParameterError, section
@@ -18,7 +20,8 @@ from auv_lse_common.topics import recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_planner.config import MissionConfig
 from auv_lse_sim.record.config import RecordConfig
-from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_texts, message_types
+from auv_lse_sim.record.recorder import RecorderError
+from auv_lse_sim.record.rosbag2_writer import make_writer
 from auv_lse_sim.record.software import mission_text, version
 
 _DISCOVERY_PERIOD_S = 2.0
@@ -35,13 +38,11 @@ class RecorderNode(BaseNode):
         if not config.folder:
             raise ParameterError(f"{self.where}: record.folder: missing; expected the rosbag2 directory to make")
         self._share = {"auv_lse_msgs": Path(get_package_share_directory("auv_lse_msgs")) / "msg"}
-        types = message_types(list(self._share.values()))
         snapshot = {"software": version(), "seed": str(mission.seed)}
         try:
-            self._bag = BagWriter(Path(config.folder), types, snapshot, config.flush_s)
+            self._bag = make_writer(Path(config.folder), list(self._share.values()), snapshot, config.flush_s)
         except RecorderError as error:
             raise ParameterError(f"{self.where}: {error}") from error
-        self._bag.texts = message_texts(list(self._share.values()))
         self._refused: set[str] = set()
         self._topics: set[str] = set()
         self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
@@ -58,9 +59,7 @@ class RecorderNode(BaseNode):
     def _write_text(self, topic: str, text: str) -> None:
         """Writes a text that holds for the whole recording; nobody publishes it."""
         self._bag.add_topic(topic, TEXT, latched=True)
-        types = self._bag.types
-        data = types.serialize_cdr(types.types[TEXT](data=text), TEXT)
-        self._bag.write(topic, self.get_clock().now().nanoseconds, bytes(data))
+        self._bag.write(topic, self.get_clock().now().nanoseconds, serialize_message(String(data=text)))
         self._topics.add(topic)
 
     def _record(self, topic: str, kind: str, latched: bool = False, best_effort: bool = False) -> None:
@@ -112,8 +111,7 @@ class RecorderNode(BaseNode):
                 package = kinds[0].split("/")[0]
                 if package not in self._share:
                     self._share[package] = Path(get_package_share_directory(package)) / "msg"
-                    self._bag.types = message_types(list(self._share.values()))
-                    self._bag.texts = message_texts(list(self._share.values()))
+                    self._bag.learn(list(self._share.values()))
                 self._record(topic, kinds[0], self._is_latched(topic), self._has_best_effort_writer(topic))
             except (RecorderError, PackageNotFoundError, ImportError, AttributeError) as error:
                 self._refused.add(topic)

@@ -1,0 +1,77 @@
+"""The nodes of a vehicle start without what only simulation, campaigns and reports need; what is missing is named."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+
+import pytest
+
+from auv_lse_common.missing import MissingPackageError, missing
+
+#: What a vehicle does without: not installed by apt for it, or not by apt at all.
+ABSENT = (
+    "numba", "llvmlite", "matplotlib", "mcap", "mcap_ros2", "pymavlink", "rosbags", "dask", "distributed", "pyarrow",
+    "rasterio", "rich", "shapely", "sklearn", "contourpy", "pyproj",
+)  # fmt: skip
+
+BLOCKER = f"""
+import sys
+class Without:
+    def __init__(self, finder):
+        self.finder = finder
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+    def find_spec(self, name, path=None, target=None):
+        return None if name.split(".")[0] in {ABSENT!r} else self.finder.find_spec(name, path, target)
+sys.meta_path[:] = map(Without, sys.meta_path)
+"""
+
+NODES = (
+    "auv_lse_gp.gp_node", "auv_lse_planner.planner_node", "auv_lse_comms.modem_node",
+    "auv_lse_comms.micromodem.micromodem_node", "auv_lse_sim.record.recorder_node", "auv_lse_common.vehicle",
+)  # fmt: skip
+
+
+def python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", BLOCKER + code], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+@pytest.mark.ros
+def test_a_vehicles_nodes_start_without_them() -> None:
+    if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+        pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)")
+    process = python("\n".join(f"import {name}" for name in NODES))
+    assert process.returncode == 0, process.stderr
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (
+            "import auv_lse_comms.mavlink.wire",
+            "MAVLink links (vehicle_link_node, emulated autopilots) need the Python package pymavlink, which is not "
+            "installed: pip install pymavlink",
+        ),
+        ("import auv_lse_sim.campaign.rows", "campaigns need the Python package pyarrow, which is not installed: pip"),
+        (
+            "from pathlib import Path; from auv_lse_sim.record.rosbag2_writer import make_writer; "
+            "make_writer(Path('x'), [], {}, 1.0)",
+            "recording needs rosbag2_py (sudo apt install ros-jazzy-rosbag2-py ros-jazzy-rosbag2-storage-mcap) or "
+            "rosbags (pip install rosbags); neither is installed",
+        ),
+    ],
+)
+def test_a_missing_package_is_named_with_the_command_that_installs_it(code: str, words: str) -> None:
+    process = python(code)
+    assert process.returncode == 1
+    assert words in process.stderr
+
+
+def test_a_package_without_a_command_of_its_own() -> None:
+    error = missing(ModuleNotFoundError("No module named 'x.y'", name="x.y"), "charts")
+    assert isinstance(error, MissingPackageError)
+    assert str(error) == "charts need the Python package x, which is not installed: pip install x"
