@@ -4,14 +4,19 @@ The names below are what a user of the library needs; docs/examples/packet.md us
 themselves: `micromodem` drives a WHOI Micromodem-2, `mavlink` talks to an autopilot, `transport` opens their ports.
 """
 
-from auv_lse_comms.bridge import ModemBridge, Received
-from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
-from auv_lse_comms.packet.fields import PACKET_BYTES, capacity
-from auv_lse_comms.packet.selection import Receivers
-from auv_lse_comms.packet.tag import KeyFileError, Tagger, read_key
-from auv_lse_comms.settings import bridge_of
-from auv_lse_comms.tdma import Slot, Tdma
+from typing import TYPE_CHECKING
+
+from auv_lse_common.face import face
+
+if TYPE_CHECKING:
+    from auv_lse_comms.bridge import ModemBridge, Received
+    from auv_lse_comms.config import PacketConfig, TdmaConfig
+    from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
+    from auv_lse_comms.packet.fields import PACKET_BYTES, capacity
+    from auv_lse_comms.packet.selection import Receivers
+    from auv_lse_comms.packet.tag import KeyFileError, Tagger, read_key
+    from auv_lse_comms.settings import bridge_of
+    from auv_lse_comms.tdma import Slot, Tdma
 
 __all__ = [
     "PACKET_BYTES",
@@ -34,3 +39,17 @@ __all__ = [
     "encode",
     "read_key",
 ]
+
+__getattr__ = face(
+    __name__,
+    {
+        "bridge": ("ModemBridge", "Received"),
+        "config": ("PacketConfig", "TdmaConfig"),
+        "packet.codec": ("REASONS", "Limits", "Packet", "PacketError", "decode", "encode"),
+        "packet.fields": ("PACKET_BYTES", "capacity"),
+        "packet.selection": ("Receivers",),
+        "packet.tag": ("KeyFileError", "Tagger", "read_key"),
+        "settings": ("bridge_of",),
+        "tdma": ("Slot", "Tdma"),
+    },
+)

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import cKDTree
 
 from auv_lse_common.params import ParameterError
 from auv_lse_gp.config import GpConfig
@@ -47,6 +45,10 @@ class SurveyMean:
         Raises:
             ParameterError: if there are fewer than three soundings or they lie on one line.
         """
+        # Imported here: they load much of SciPy, and few missions have a prior survey.
+        from scipy.interpolate import LinearNDInterpolator
+        from scipy.spatial import cKDTree
+
         if len(places_m) < 3:
             raise ParameterError(f"gp.survey_file: has {len(places_m)} soundings; expected at least 3")
         spread = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)

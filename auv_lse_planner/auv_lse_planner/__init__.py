@@ -5,15 +5,20 @@ those who change the planner: `paths` (where a vehicle may go, and what a plan l
 worth) and `search` (which path to take).
 """
 
-from auv_lse_planner.account import BoundRecord
-from auv_lse_planner.config import MissionConfig, MotionConfig, PlannerConfig, PlannerSettings, VehicleConfig
-from auv_lse_planner.decision import Decision, Statistics
-from auv_lse_planner.methods import METHODS
-from auv_lse_planner.paths.free_space import FreeSpace
-from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_planner.paths.naive import NaivePaths
-from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.vehicle_planner import VehiclePlanner
+from typing import TYPE_CHECKING
+
+from auv_lse_common.face import face
+
+if TYPE_CHECKING:
+    from auv_lse_planner.account import BoundRecord
+    from auv_lse_planner.config import MissionConfig, MotionConfig, PlannerConfig, PlannerSettings, VehicleConfig
+    from auv_lse_planner.decision import Decision, Statistics
+    from auv_lse_planner.methods import METHODS
+    from auv_lse_planner.paths.free_space import FreeSpace
+    from auv_lse_planner.paths.motion import MotionTable
+    from auv_lse_planner.paths.naive import NaivePaths
+    from auv_lse_planner.paths.rollout import PlannedPath, Rollout
+    from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 __all__ = [
     "METHODS",
@@ -32,3 +37,18 @@ __all__ = [
     "VehicleConfig",
     "VehiclePlanner",
 ]
+
+__getattr__ = face(
+    __name__,
+    {
+        "account": ("BoundRecord",),
+        "config": ("MissionConfig", "MotionConfig", "PlannerConfig", "PlannerSettings", "VehicleConfig"),
+        "decision": ("Decision", "Statistics"),
+        "methods": ("METHODS",),
+        "paths.free_space": ("FreeSpace",),
+        "paths.motion": ("MotionTable",),
+        "paths.naive": ("NaivePaths",),
+        "paths.rollout": ("PlannedPath", "Rollout"),
+        "vehicle_planner": ("VehiclePlanner",),
+    },
+)
