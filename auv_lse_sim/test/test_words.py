@@ -94,6 +94,13 @@ def test_of_a_method_that_promises_the_bound_it_is_said_whether_it_held(syntheti
     assert "did not hold on this lake" in headlines(above.summary)[1]
 
 
+def test_the_papers_method_promises_a_bound_of_its_own_reward_not_of_the_map(synthetic_run):
+    paper = judged(synthetic_run, "augmented", risk_after=2.0, mowing_risk=1.6, map_bound_kept=False)
+    assert not paper.summary.map_bound_promised
+    assert "did not hold" not in " ".join(headlines(paper.summary))
+    assert "The method augmented promises nothing of it." in text_of(paper)
+
+
 @pytest.mark.parametrize(
     ("loss", "words"), [(0.1, "better than it believes"), (1.0, "about as much"), (4.0, "trusts itself too much")]
 )
