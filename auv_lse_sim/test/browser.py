@@ -87,9 +87,9 @@ class Browser:
         """Calls a method of the protocol and gives its result."""
         self._count += 1
         number = self._count
-        self._socket.write_message(json.dumps({"id": number, "method": method, "params": parameters}))
 
         async def answer() -> Any:
+            await self._socket.write_message(json.dumps({"id": number, "method": method, "params": parameters}))
             while True:
                 text = await asyncio.wait_for(self._socket.read_message(), 30)
                 assert text is not None, "the browser has gone"

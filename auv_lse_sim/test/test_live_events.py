@@ -170,6 +170,16 @@ def test_a_growing_recording_gives_what_is_there_and_goes_on(run_folder, tmp_pat
     assert list(growing.messages(topics)) == []
 
 
+def test_a_damaged_recording_is_named(run_folder, tmp_path):
+    damaged = tmp_path / "a.mcap"
+    data = bytearray((run_folder / "bag" / "bag.mcap").read_bytes())
+    data[5000:6000] = bytes(1000)
+    damaged.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"a\.mcap: damaged near byte \d+"):
+        for _ in RecordingFile(damaged).messages(frozenset(topics_of(2))):
+            pass
+
+
 def test_what_is_no_recording_is_named(tmp_path):
     text = tmp_path / "a.mcap"
     text.write_text("not a recording at all")

@@ -68,6 +68,9 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
             wait_for(lambda: events("sent"), "what was said before comes from the recording")
             assert events("mission")[0]["name"] == "a run"
             assert [e["t"] for e in events("pose") if e["vehicle"] == 1 and e["t"] < 200.0]
+            name = timeline.since("", 0, 1)[0]
+            odometry.publish(Odometry(header=header(5.0)))
+            wait_for(lambda: timeline.since("", 0, 1)[0] != name, "time went back: another mission has begun")
         finally:
             node.destroy_node()
             context.try_shutdown()

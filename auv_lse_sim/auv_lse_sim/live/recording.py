@@ -54,8 +54,12 @@ class RecordingFile:
             with self.path.open("rb") as file:
                 for opcode, content in self._records(file):
                     yield from self._contents(opcode, content, topics)
+        except RecordingError:
+            raise
         except OSError as error:
             raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        except Exception as error:  # mcap and rosbags raise errors of many kinds for a damaged file
+            raise RecordingError(f"{self.path}: damaged near byte {self._offset}: {error!r}") from error
 
     def _records(self, file: Any) -> Iterator[tuple[int, bytes]]:
         """The records that are wholly there."""

@@ -21,8 +21,10 @@ from auv_lse_sim.settings import Settings
 _LOOK_S = 1.0
 #: Wall clock (s) for which messages are handled before they are handed on.
 _SERVE_S = 0.1
-#: Wall clock (s) without a message after which a domain that nobody on this machine keeps has no mission any more.
+#: Wall clock (s) without a message after which a mission counts as silent.
 _SILENT_S = 60.0
+#: Mission time (s) by which a vehicle's clock must go back for a restart of the mission.
+_BACK_S = 10.0
 #: Mission time (s) from the first message of a vehicle's odometry until every topic that comes regularly was heard.
 _OVERLAP_S = 60.0
 
@@ -71,11 +73,12 @@ class MissionFollower:
                 stop.wait(_LOOK_S)
                 continue
             try:
-                self._follow(found, stop)
+                restarted = self._follow(found, stop)
                 self._timeline.say(growing=False, problem="")
             except (OSError, ValueError) as error:
+                restarted = False
                 self._timeline.say(growing=False, problem=str(error))
-            done = found
+            done = None if restarted else found
 
     def _find(self) -> RunningMission | None:
         if self._domain is None:
@@ -90,7 +93,8 @@ class MissionFollower:
             )
         return Settings.load(self._mission or (found.run or Path()) / "mission.yaml")
 
-    def _follow(self, found: RunningMission, stop: threading.Event) -> None:
+    def _follow(self, found: RunningMission, stop: threading.Event) -> bool:
+        """Follows a mission to its end; returns whether another one has begun on its domain."""
         from auv_lse_sim.live.mission_node import MissionListener
 
         settings = self._settings(found)
@@ -99,13 +103,15 @@ class MissionFollower:
         self._timeline.say(source="mission", domain=found.domain, growing=True, problem="", waiting="")
         merged = _Merged(settings, self._timeline, found.run)
         with MissionListener(settings.mission.vehicles, found.domain, merged.hear) as listener:
-            while not stop.is_set():
+            while not stop.is_set() and not merged.restarted:
                 listener.serve(_SERVE_S)
                 merged.hand_on()
-                kept = found.domain in busy_domains()
-                if (found.run is not None and not kept) or time.monotonic() - listener.heard_s > _SILENT_S:
+                if found.run is not None and found.domain not in busy_domains():
                     break
+                # vehicles at sea may come back: their domain is listened to for ever
+                self._timeline.say(growing=time.monotonic() - listener.heard_s < _SILENT_S)
         merged.catch_up()
+        return merged.restarted
 
 
 class _Merged:
@@ -113,6 +119,9 @@ class _Merged:
 
     The recorder writes in chunks, so the recording's end lags behind. It is read on until it has passed the moment at
     which the vehicles were heard first.
+
+    Attributes:
+        restarted: Whether another mission has begun.
     """
 
     def __init__(self, settings: Settings, timeline: Timeline, run: Path | None) -> None:
@@ -124,13 +133,19 @@ class _Merged:
         self._file: RecordingFile | None = None
         self._waiting: list[tuple[str, Any]] = []
         self._first_s: dict[str, float] = {}
+        self._last_s: dict[str, float] = {}
+        self.restarted = False
         self._joined_s = math.inf
         self._looked_s = -math.inf
 
     def hear(self, topic: str, message: Any) -> None:
-        """Takes a message as it comes."""
+        """Takes a message as it comes. Odometry that goes back in time is that of another mission."""
+        stamp_s = seconds(message.header.stamp)
+        if topic.endswith("/odometry"):
+            self.restarted |= stamp_s < self._last_s.get(topic, stamp_s) - _BACK_S
+            self._last_s[topic] = stamp_s
         if topic not in self._first_s:
-            self._first_s[topic] = seconds(message.header.stamp)
+            self._first_s[topic] = stamp_s
             if topic.endswith("/odometry"):
                 self._joined_s = min(self._joined_s, self._first_s[topic])
         self._waiting.append((topic, message))

@@ -74,6 +74,7 @@ class LiveServer:
             default_handler_args=given,
             log_function=lambda handler: None,
             websocket_ping_interval=20,
+            websocket_max_message_size=1 << 12,
         )
         self._server = tornado.httpserver.HTTPServer(application, max_buffer_size=1 << 16)
         self._server.add_sockets(sockets)

@@ -24,7 +24,10 @@ export class Chart {
     const c = prepare(canvas, width, height), theme = themeColors();
     c.clearRect(0, 0, width, height);
     if (!store.facts || width < 100) return [];
-    const curves = this.curves(), start = store.startS, values = curves.flatMap((k) => k.points.map((q) => q.value));
+    if (this.made !== store.changes || this.ink !== theme.ink) {
+      [this.made, this.ink, this.kept] = [store.changes, theme.ink, this.curves()];
+    }
+    const curves = this.kept, start = store.startS, values = curves.flatMap((k) => k.points.map((q) => q.value));
     const high = 1.05 * Math.max(1e-6, ...values), low = Math.min(0, ...values), span = Math.max(60, endS - start);
     const right = width - AXES.right, bottom = height - AXES.bottom;
     const x = (s) => AXES.left + ((s - start) / span) * (right - AXES.left), y = (v) => bottom - ((v - low) / (high - low)) * (bottom - AXES.top);

@@ -23,7 +23,7 @@ export class VehicleCards {
       const swatch = element("span", { class: "swatch", style: `background: ${vehicleColor(vehicle)}` });
       const health = element("span", { class: "health" }), note = element("p", { class: "note" }), list = element("dl");
       const meter = element("i", { style: `background: ${vehicleColor(vehicle)}` });
-      const fields = Object.fromEntries(["step", "north, east", "place ±", "depth", "speed", "decision", "sent, heard"].map((name) => {
+      const fields = Object.fromEntries(["step", "north, east", "place ±", "depth", "speed", "decision", "packets sent, heard"].map((name) => {
         const value = element("dd");
         list.append(element("dt", {}, name), value);
         return [name, value];
@@ -60,7 +60,7 @@ export class VehicleCards {
     say(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
     say(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", cut" : ""}` : "–");
     const sent = store.between("sent", vehicle, -Infinity, t).length, heard = store.between("received", vehicle, -Infinity, t).length;
-    say(fields["sent, heard"], `${sent}, ${heard} packets`);
+    say(fields["packets sent, heard"], `${sent}, ${heard}`);
     card.setAttribute("aria-pressed", String(chosen));
     card.title = chosen ? "The map shows what this vehicle knows" : "Show what this vehicle knows";
   }
