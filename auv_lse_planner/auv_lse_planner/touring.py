@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +50,14 @@ class Candidate:
         path: Its path.
         value: Its value.
         kind: Where it comes from: "incumbent", "tour" or "naive".
+        waypoints_m: What its tour was made from.
     """
 
     plan: Plan
     path: PlannedPath
     value: Value
     kind: str
+    waypoints_m: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +103,8 @@ class Touring:
         self._steering = Steering(space)
         self._search = TourSearch(space, rollout.samples_per_leg)
         self._optimized_at = -1
+        self._waypoints: Array | None = None  # of the tour that is followed, if it was optimized ...
+        self._waypoints_step = 0  # ... at this step
 
     def decide(
         self,
@@ -133,7 +137,7 @@ class Touring:
             candidates, floor, gradients, hit = self._first(step, state, reward, deadline)
             self._optimized_at = step
         elif void or (planner.tour_interval and step - self._optimized_at >= planner.tour_interval):
-            waypoints = self._search.resampled(self._rest(state, last[1]), reward.legs)
+            waypoints = self._warm(step, state, last[1])
             if planner.tour_interval:
                 found = self._search.improve(waypoints, reward.legs, reward, planner.iterations, deadline)
                 waypoints, gradients, hit = found.waypoints_m, found.evaluations, found.deadline_hit
@@ -148,6 +152,8 @@ class Touring:
             self.balance = max(0.0, self.balance + (chosen.value.end - incumbent.value.end))
         elif last is None:
             self.balance = chosen.value.end - floor
+        if chosen is not incumbent:
+            self._waypoints, self._waypoints_step = chosen.waypoints_m, step
         return TourChoice(chosen, incumbent, candidates, gradients, len(every), hit)
 
     def _first(
@@ -178,6 +184,13 @@ class Touring:
         candidates = [*naive, *(self._candidate(step, state, w, reward) for w in tours)]
         return candidates, floor, gradients, more.deadline_hit
 
+    def _warm(self, step: int, state: Array, path: PlannedPath) -> Array:
+        """Waypoints to optimize from: those of the last optimization that are still ahead, else the last path's."""
+        gone, aside = divmod(step - self._waypoints_step, self._search.segment_legs(len(path)))
+        if self._waypoints is not None and not aside and len(self._waypoints) > gone + 1:
+            return np.concatenate([np.asarray(state, dtype=float)[None, 1:], self._waypoints[gone + 1 :]])
+        return self._search.resampled(self._rest(state, path), len(path))
+
     def _rest(self, state: Array, path: PlannedPath) -> Array:
         """A path as a polyline from a state: the ends of its legs."""
         return np.concatenate([np.asarray(state, dtype=float)[None, 1:], path.states[1:, 1:]])
@@ -187,7 +200,7 @@ class Touring:
         legs = reward.legs
         candidate = self._valued(Plan.at(step, state, (), NONE, self._search.tour(waypoints_m, legs)), reward, "tour")
         if self._space.path_feasible(state, candidate.path.actions, DETOUR_LEGS):
-            return candidate
+            return replace(candidate, waypoints_m=waypoints_m)
         start, every = candidate.plan.state, self._search.segment_legs(legs)
         corners = self._search.resampled(waypoints_m, legs)
         around = self._steering.actions(start, corners, every, min(DETOUR_LEGS, legs), around_shallows=True)

@@ -7,7 +7,7 @@ from planner_helpers import feasible_by_area, rollout, world
 from auv_lse_common.compiled import plain
 from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
-from auv_lse_planner.paths.steering import Steering, nearest_along, point_along, steer
+from auv_lse_planner.paths.steering import Steering, point_along, steer
 
 LEG = 15.0 * math.pi / 2.0
 
@@ -75,11 +75,6 @@ def test_points_along_a_polyline_worked_by_hand():
     assert point_along(bent, 10.0, 4.0) == (4.0, 0.0)
     assert point_along(bent, 10.0, 13.0) == (10.0, 3.0)
     assert point_along(bent, 10.0, 25.0) == (10.0, 15.0)  # straight on
-    assert nearest_along(bent, 10.0, 0.0, 20.0, 4.0, 1.0) == 4.0
-    assert nearest_along(bent, 10.0, 5.0, 20.0, 4.0, 1.0) == 5.0  # not before the least
-    assert nearest_along(bent, 10.0, 5.0, 20.0, 12.0, 7.0) == 17.0
-    assert nearest_along(bent, 10.0, 5.0, 15.0, 12.0, 7.0) == 15.0  # nor behind the most
-    assert nearest_along(bent, 10.0, 15.0, 30.0, 10.0, 25.0) == 30.0
 
 
 def test_a_polyline_without_a_segment_is_refused():

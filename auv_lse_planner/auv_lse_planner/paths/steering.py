@@ -1,10 +1,9 @@
 """Steering along a tour: the actions that follow a polyline of equal segments.
 
-Theory of operation. The vehicle has a *progress* along the polyline (m of arc). Its targets are the polyline's points
-one, two and three legs ahead of that. At each leg it takes the feasible action that, with the best next two legs, ends
-nearest to the targets (sum of squared distances). The progress then moves on to the polyline's point that is nearest
-to the leg's end, by half a leg at least and one and a half at most. Behind its last waypoint the polyline goes
-straight on.
+Theory of operation. A tour keeps time: after i legs the vehicle should be at the polyline's point i leg lengths from
+its start. At each leg it takes the feasible action that, with the best next two legs, ends nearest to the points due
+then (sum of three squared distances), so that what it loses in a bend it makes good by cutting the next one. Behind its
+last waypoint the polyline goes straight on.
 
 Only the area counts, not the map, and all arithmetic is scalar: the same waypoints, state and parameters give every
 receiver of a packet the same actions to the last bit.
@@ -41,33 +40,6 @@ def point_along(waypoints, segment, along):
 
 
 @compiled
-def nearest_along(waypoints, segment, low, high, north, east):
-    """Arc (m) of the polyline's point between `low` and `high` that is nearest to a place."""
-    last = waypoints.shape[0] - 2
-    best = low
-    least = 1.0e30
-    k = min(max(int(low / segment), 0), last)
-    while True:
-        dn = (waypoints[k + 1, 0] - waypoints[k, 0]) / segment
-        de = (waypoints[k + 1, 1] - waypoints[k, 1]) / segment
-        along = (north - waypoints[k, 0]) * dn + (east - waypoints[k, 1]) * de
-        begin = max(low - k * segment, 0.0)
-        end = high - k * segment
-        if k < last:
-            end = min(end, segment)
-        along = min(max(along, begin), end)
-        off_n = waypoints[k, 0] + along * dn - north
-        off_e = waypoints[k, 1] + along * de - east
-        off = off_n * off_n + off_e * off_e
-        if off < least:
-            least = off
-            best = k * segment + along
-        k += 1
-        if k > last or k * segment >= high:
-            return best
-
-
-@compiled
 def steer(space, state, count, waypoints, segment, leg):
     """Actions (count,) along a polyline from a state.
 
@@ -88,8 +60,8 @@ def steer(space, state, count, waypoints, segment, leg):
         cos_t[a], sin_t[a] = math.cos(turns[a]), math.sin(turns[a])
     heading, north, east = state[0], state[1], state[2]
     reach = safe_reach(spacing, loops, tracks)
-    progress = 0.0
     for index in range(count):
+        progress = index * leg
         n1, e1 = point_along(waypoints, segment, progress + leg)
         n2, e2 = point_along(waypoints, segment, progress + 2.0 * leg)
         n3, e3 = point_along(waypoints, segment, progress + 3.0 * leg)
@@ -131,7 +103,6 @@ def steer(space, state, count, waypoints, segment, leg):
             action = escape_action(space, heading, north, east)
         actions[index] = action
         heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
-        progress = nearest_along(waypoints, segment, progress + 0.5 * leg, progress + 1.5 * leg, north, east)
     return actions
 
 

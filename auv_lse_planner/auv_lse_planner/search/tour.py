@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from auv_lse_common.compiled import compiled
-from auv_lse_common.plan import Tour
+from auv_lse_common.plan import MAX_SEGMENTS, Tour
 from auv_lse_planner.paths.free_space import FreeSpace
 
 Array = NDArray[np.float64]
@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 ROOM_M = 6.0
 #: What a place without that room costs, per square metre that it lacks, as a part of the tour's value.
 ROOM_WEIGHT = 1e-4
+#: What a segment costs that is twice as long as a tour's, as a part of the tour's value.
+EVEN_WEIGHT = 3e-2
 #: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
 CUT_CORNERS = 1.25
 #: Least length of a segment (m): below it a direction means nothing.
@@ -133,6 +135,24 @@ def lack_of_room(raster, north0, east0, cell, room, places):
     return total, gradient
 
 
+@compiled
+def unevenness(waypoints, length):
+    """Sum of squares of what segments are longer or shorter than `length`, in lengths; its derivative (n + 1, 2)."""
+    total = 0.0
+    gradient = np.zeros(waypoints.shape)
+    for k in range(waypoints.shape[0] - 1):
+        north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
+        own = max(math.sqrt(north * north + east * east), SHORTEST_M)
+        off = own / length - 1.0
+        total += off * off
+        slope = 2.0 * off / (length * own)
+        gradient[k + 1, 0] += slope * north
+        gradient[k + 1, 1] += slope * east
+        gradient[k, 0] -= slope * north
+        gradient[k, 1] -= slope * east
+    return total, gradient
+
+
 class OutOfTimeError(Exception):
     """The deadline has passed: the search goes back to the best it has seen."""
 
@@ -212,7 +232,8 @@ class TourSearch:
         if abs(start_m[along] - ends[0]) > abs(start_m[along] - ends[1]):
             ends = ends[::-1]
         corners = [np.asarray(start_m, dtype=float)]
-        for lane in lanes:
+        back = lanes[::-1] + 0.5 * (lanes[0] - lanes[-1]) / max(1, count - 1)  # over the area between the lanes
+        for lane in [*lanes, *back[:-1]]:
             for end in ends:
                 corner = np.empty(2)
                 corner[along], corner[across] = end, lane
@@ -239,9 +260,9 @@ class TourSearch:
     def tour(self, waypoints_m: Array, legs: int) -> Tour:
         """The tour along a polyline, about so many legs long; behind the polyline's end it goes straight on."""
         every, total_m = self.segment_legs(legs), legs * self._leg_m
-        segments = math.ceil(legs / every)
+        segments = min(MAX_SEGMENTS, math.ceil(legs / every))
         at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(waypoints_m, axis=0).T))])
-        longer_m = CUT_CORNERS * total_m
+        longer_m = min(CUT_CORNERS * total_m, (MAX_SEGMENTS - 1) * every * self._leg_m)
         kept = waypoints_m[: max(2, int(np.searchsorted(at, longer_m)) + 1)]
         last, before = kept[-1], kept[-2]
         ahead = (last - before) / max(float(np.hypot(*(last - before))), SHORTEST_M)
@@ -270,6 +291,7 @@ class TourSearch:
         """Moves the waypoints (all but the first) of a polyline by so many iterations at most."""
         start = np.array(waypoints_m[0], dtype=float)
         shape = (len(waypoints_m) - 1, 2)
+        every = self.segment_legs(legs)
         unit = self._leg_m  # L-BFGS-B begins with a step of one unit
         spacing, count = self._leg_m / self._samples, legs * self._samples
         raster = (self._space.raster, self._space.north0_m, self._space.east0_m, self._space.cell_m)
@@ -289,10 +311,13 @@ class TourSearch:
             lack, push = lack_of_room(*raster, ROOM_M, places)
             value = value / scale - ROOM_WEIGHT * lack
             gradient = gradient / scale - ROOM_WEIGHT * push
+            up = pull_back(corners, segments, along, gradient)
+            uneven, even = unevenness(corners, every * self._leg_m)
+            value -= EVEN_WEIGHT * uneven
+            up -= EVEN_WEIGHT * even
             if value > best:
                 best, best_m = value, corners
-            down = -unit * pull_back(corners, segments, along, gradient)[1:]
-            return -value, down.ravel()
+            return -value, -unit * up[1:].ravel()
 
         bounds = [(low / unit, high / unit) for low, high in zip(self._low, self._high, strict=True)] * shape[0]
         hit = False
