@@ -171,10 +171,13 @@ class PlannerConfig:
         help="weight of the map's reward in the choice among the finalists of the path's reward (0: none)",
     )
     finalists: FromMethod[int] = from_method(
-        8, low=1, high=64, help="best paths of a search that are valued on the map too"
+        8, low=0, high=64, help="best paths of a search that are valued on the map too"
     )
     anytime_weight: float = parameter(
         1.5, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
+    )
+    own_share: float = parameter(
+        1.0, low=0.0, help="method tour: weight of what the next legs bring at their own places, beside the map's drop"
     )
     tour_interval: FromMethod[int] = from_method(
         5, low=0, high=65535, unit="legs", help="method tour: legs after which the tour is optimized again; 0: never"

@@ -16,7 +16,18 @@ _PLAIN: dict[str, Any] = {"augmented": False, "naive_paths": (), "incumbent": Fa
 #: What each method sets otherwise than the paper's augmented method.
 METHODS: dict[str, dict[str, Any]] = {
     # One tour over all that is left, optimized again and again under an account: keeps the bound (docs/planner.md).
-    "tour": {"proposals": "tour", "objective": "map", "augmented": False, "naive_paths": (), "iterations": 14},
+    "tour": {
+        "proposals": "tour",
+        "objective": "map",
+        "augmented": False,
+        "naive_paths": (),
+        "iterations": 150,
+        "credit": "beyond",
+        "horizon": 8,
+        "exploration": 0.5,
+        "finalists": 3,
+        "tour_interval": 4,
+    },
     # The paper's two methods, as printed.
     "augmented": {},
     "plain": {**_PLAIN, "horizon": 10, "iterations": 300, "exploration": 0.5},
@@ -61,8 +72,9 @@ METHODS: dict[str, dict[str, Any]] = {
         "objective": "map",
         "augmented": False,
         "naive_paths": (),
-        "iterations": 14,
+        "iterations": 150,
         "tour_interval": 0,
+        "finalists": 0,
     },
     "lawnmower": {"proposals": "naive", "horizon": 1, "naive_paths": FITTED},
     "random": {**_PLAIN, "proposals": "random", "horizon": 1},

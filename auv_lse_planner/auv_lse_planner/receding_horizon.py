@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -199,7 +199,19 @@ class RecedingHorizon:
             self._coarse_columns(),
         )
         self._account.measure(reward.risk_before)
-        choice = self._touring.decide(self.planner, step, state, reward, last, bool(void), deadline)
+        planned = np.concatenate([np.empty((0, 2)), *(places for _, places in mates)])
+        heads = self._heads(step, state, planned, deadline)
+        choice = self._touring.decide(
+            self.planner,
+            step,
+            state,
+            reward,
+            last,
+            bool(void),
+            heads,
+            lambda paths: self._own(planned, paths),
+            deadline,
+        )
         chosen, incumbent = choice.chosen, choice.incumbent
         so_far, jbar, account = self._account.reward_so_far, chosen.value.end, self._touring.balance
         lower, largest = self._account.bound(jbar - account)
@@ -232,6 +244,29 @@ class RecedingHorizon:
             incumbent_infeasible=void == "shallow ground",
         )
         return Decision(plan=chosen.plan, leg=leg, bound=bound, statistics=statistics)
+
+    def _heads(self, step: int, state: Array, planned_m: Array, deadline: Callable[[], bool] | None) -> list[Actions]:
+        """The best sequences of a tree search on the own places' reward, beyond what is planned at `planned_m`."""
+        if not self.planner.finalists or self._plan is None or (deadline is not None and deadline()):
+            return []
+        self._posterior.plan(planned_m)
+        try:
+            own = PathReward(self._posterior, self._settings.level_set, self.planner.credit)
+            found = search_path(self._situation(step, state, deadline), self._space, self._rollout, own)
+        finally:
+            self._posterior.forget_planned()
+        self._seeds = [a[1:] for a, _ in found.ranking if len(a) > 1][:SEEDS]
+        return [a for a, _ in found.ranking[: self.planner.finalists]]
+
+    def _own(self, planned_m: Array, paths: Sequence[PlannedPath]) -> list[float]:
+        """What the next legs of paths bring at their own places, beyond what is planned at `planned_m`."""
+        self._posterior.plan(planned_m)
+        try:
+            own = PathReward(self._posterior, self._settings.level_set, self.planner.credit)
+            legs = self.planner.horizon
+            return [own.value(self._posterior.columns(p.leg_places_m[:legs].reshape(-1, 2))) for p in paths]
+        finally:
+            self._posterior.forget_planned()
 
     def _coarse_columns(self) -> KeptColumns:
         if self._coarse is None:

@@ -16,7 +16,7 @@ An incumbent that the map or a current makes void is given up without a charge; 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,13 +30,18 @@ from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Value
 from auv_lse_planner.search.tour import TourSearch
+from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
+#: Iterations of the optimizer from the last tour.
+ITERATIONS = 14
 #: Boustrophedons that are optimized at the start, iterations of each, and of the best of them after that.
 STARTS = 4
 START_ITERATIONS = 12
 FIRST_ITERATIONS = 45
+#: A tour is rejoined at a waypoint at least so far (m) away.
+REJOIN_M = 20.0
 #: Legs that lead around ground that the map shows to be too shallow, as explicit actions.
 DETOUR_LEGS = 8
 
@@ -49,7 +54,7 @@ class Candidate:
         plan: The plan.
         path: Its path.
         value: Its value.
-        kind: Where it comes from: "incumbent", "tour" or "naive".
+        kind: Where it comes from: "incumbent", "tour", "head" or "naive".
         waypoints_m: What its tour was made from.
     """
 
@@ -114,6 +119,8 @@ class Touring:
         reward: AnytimeReward,
         last: tuple[Plan, PlannedPath] | None,
         void: bool,
+        heads: Sequence[Actions],
+        own: Callable[[Sequence[PlannedPath]], Sequence[float]],
         deadline: Callable[[], bool] | None,
     ) -> TourChoice:
         """Chooses a plan for what is left of the mission.
@@ -125,6 +132,8 @@ class Touring:
             reward: What paths are worth.
             last: The last plan and its path from this step on.
             void: Whether that plan can not be followed from here: it is only a start for the next.
+            heads: Actions that a tree search proposes for the next legs: each is tried before the rest of the tour.
+            own: What the next legs of paths bring at their own places (`planner.own_share` of it counts).
             deadline: Says when to stop searching; None: never.
         """
         incumbent = None
@@ -139,15 +148,24 @@ class Touring:
         elif void or (planner.tour_interval and step - self._optimized_at >= planner.tour_interval):
             waypoints = self._warm(step, state, last[1])
             if planner.tour_interval:
-                found = self._search.improve(waypoints, reward.legs, reward, planner.iterations, deadline)
+                found = self._search.improve(waypoints, reward.legs, reward, ITERATIONS, deadline)
                 waypoints, gradients, hit = found.waypoints_m, found.evaluations, found.deadline_hit
             candidates = [self._candidate(step, state, waypoints, reward)]
             self._optimized_at = step
+        if last is not None:
+            base = next((c.waypoints_m for c in candidates if c.waypoints_m is not None), None)
+            if base is None:
+                base = self._warm(step, state, last[1])
+            for actions in heads:
+                if deadline is not None and deadline():
+                    hit = True
+                    break
+                candidates.append(self._headed(step, state, actions, base, reward))
         if incumbent is not None:
             floor = incumbent.value.end - self.balance
         every = candidates if incumbent is None else [incumbent, *candidates]
         sound = [c for c in every if c.value.end >= floor]
-        chosen = max(sound or every, key=lambda c: c.value.weighted)  # the first of equals: the incumbent
+        chosen = self._best(sound or every, planner.own_share, own)
         if incumbent is not None:
             self.balance = max(0.0, self.balance + (chosen.value.end - incumbent.value.end))
         elif last is None:
@@ -210,6 +228,34 @@ class Touring:
             rest = np.concatenate([end[None, 1:], corners[1 + len(around) // every :]])
             tour = self._search.tour(rest, legs - len(actions)) if len(rest) > 1 else None
         return self._valued(Plan.at(step, state, actions, NONE, tour), reward, "tour")
+
+    def _headed(self, step: int, state: Array, actions: Actions, base_m: Array, reward: AnytimeReward) -> Candidate:
+        """Actions, and the rest of a tour's waypoints after them, from the one that is nearest to where they end."""
+        head = actions[: reward.legs]
+        states = self._space.motion.roll(state, head)
+        if len(head) == reward.legs:
+            return self._valued(Plan.at(step, state, head, NONE), reward, "head")
+        end, every = states[-1, 1:], self._search.segment_legs(reward.legs)
+        near = base_m[1 : 2 + 2 * (len(head) // every)]
+        skip = 1 + int(np.argmin(np.hypot(*(near - end).T)))
+        rest = base_m[skip:] if np.hypot(*(base_m[skip] - end)) > REJOIN_M else base_m[skip + 1 :]
+        left = reward.legs - len(head)
+        if not len(rest):
+            ahead = np.array([math.cos(states[-1, 0]), math.sin(states[-1, 0])])
+            rest = (end + left * self._space.motion.leg_length_m * ahead)[None]
+        corners = np.concatenate([end[None], rest])
+        candidate = self._valued(Plan.at(step, state, head, NONE, self._search.tour(corners, left)), reward, "head")
+        polyline = np.concatenate([states[:-every:every, 1:], corners])
+        return replace(candidate, waypoints_m=polyline)
+
+    def _best(
+        self, candidates: list[Candidate], share: float, own: Callable[[Sequence[PlannedPath]], Sequence[float]]
+    ) -> Candidate:
+        """The candidate with the largest anytime value plus share of what its next legs bring; the first of equals."""
+        score = np.array([c.value.weighted for c in candidates])
+        if share and len(candidates) > 1:
+            score = score + share * np.array(own([c.path for c in candidates]))
+        return candidates[int(np.argmax(score))]
 
     def _valued(self, plan: Plan, reward: AnytimeReward, kind: str) -> Candidate:
         path = self._rollout.follow(plan)
