@@ -7,6 +7,7 @@ The full engine is `auv_lse_sim.engine.fleet`; this one leaves out what does not
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -79,9 +80,26 @@ def settings_for(
 
 
 def light_mission(
-    settings: PlannerSettings, ground: Any, seed: int, loss: float = 0.0, sounding_std_m: float = 0.2
+    settings: PlannerSettings,
+    ground: Any,
+    seed: int,
+    loss: float = 0.0,
+    sounding_std_m: float = 0.2,
+    late_s: Mapping[int, float] | None = None,
+    silent_s: Mapping[int, float] | None = None,
 ) -> Outcome:
-    """Flies one mission; everything by chance from `seed`."""
+    """Flies one mission; everything by chance from `seed`.
+
+    Args:
+        settings: Of all vehicles.
+        ground: What they sound.
+        seed: Of everything by chance.
+        loss: Share of packets lost.
+        sounding_std_m: Noise of a sounding.
+        late_s: Time at which a vehicle (its number from 1) sets out, where that is not at once.
+        silent_s: Time from which on nothing more is heard of a vehicle.
+    """
+    late_s, silent_s = late_s or {}, silent_s or {}
     vehicles = settings.mission.vehicles
     noise, channel = stream(seed, "soundings"), stream(seed, "channel")
     v = settings.vehicle
@@ -99,8 +117,12 @@ def light_mission(
     for boat in boats:
         boat.planner.odometry(0.0, boat.heading, boat.north, boat.east)
     limit = int(3.0 * settings.mission.steps * boats[0].planner.motion.leg_length_m / v.speed_mps) + 100
-    while not all(b.planner.finished for b in boats) and now < limit:
-        for boat in boats:
+    while not all(b.planner.finished for b in boats) and now < limit + max(late_s.values(), default=0.0):
+        for number, boat in enumerate(boats, 1):
+            if now < late_s.get(number, 0.0):
+                continue
+            if boat.leg is None:  # at the start until then
+                boat.planner.odometry(float(now), boat.heading, boat.north, boat.east)
             if boat.planner.due(float(now)):
                 begin = time.perf_counter()
                 boat.planner.set_centers(boat.gp.centers, float(now))
@@ -111,7 +133,7 @@ def light_mission(
                     boat.leg = decision.leg
                 else:
                     boat.queue.append(decision.leg)
-        if now % SLOT_S == 0:
+        if now % SLOT_S == 0 and now < silent_s.get(1 + (now // SLOT_S) % vehicles, np.inf):
             _send(boats, (now // SLOT_S) % vehicles, float(now), loss, channel)
         now += 1
         for boat in boats:

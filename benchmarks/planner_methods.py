@@ -43,6 +43,8 @@ METHODS = (
     "exponential_quadratic",
     "map",
     "bounded",
+    "fixed_tour",
+    "tour",
     "best",
 )
 #: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip.
