@@ -5,9 +5,10 @@
 
 Missions differ in lake (synthetic lakes, and lakes drawn from the planner's own prior), number of vehicles (1 to 3)
 and packet loss (0 to 50 %); each is flown by `augmented` (the paper's reward) and by `bounded` (the map's), with the
-incumbent rule and without, and by `tour`, whose account stands for the rule. Of `tour`'s team missions a
-quarter has a vehicle that starts late and a quarter one that falls silent. Per vehicle, with P_i = reward so far + Jbar at decision i (what is promised), g_i = Jbar
-less the value of continuing the last plan on the same data (what the choice brings), counted are missions in which
+incumbent rule and without, and by `tour`, whose account stands for the rule. Of `tour`'s team missions a quarter has a
+vehicle that starts late and a quarter one that falls silent. Per vehicle, with P_i = reward so far + Jbar at decision i
+(what is promised), g_i = Jbar less the value of continuing the last plan on the same data (what the choice brings),
+counted are missions in which
 
 - *expected*: the choices of some vehicle took value away, sum g_i < 0. A change of P that is not g comes from data,
   whose effect is zero in expectation where the reward telescopes; so the expected end is P_0 + sum g_i.
@@ -101,8 +102,9 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
         vehicle={"depth_m": 0.0, "min_water_m": 0.0},
         gp={"min_depth_m": -1000.0},
     )
-    late_s, silent_s = {}, {}
-    if objective == "tour" and vehicles > 1:  # of every four missions of a team one has a late vehicle, one a silent one
+    late_s: dict[int, float] = {}
+    silent_s: dict[int, float] = {}
+    if objective == "tour" and vehicles > 1:
         if number % 4 == 1:
             late_s = {vehicles: 100.0}
         if number % 4 == 2:
