@@ -55,12 +55,14 @@ def page(e: Evaluation, folder: Path, drawn: Sequence[tuple[str, str]]) -> str:
     ]
     if e.run.notes:
         parts.append("".join(f'<p class="note">{html.escape(note)}</p>' for note in e.run.notes))
-    first, *others = drawn
-    parts.append(embedded(folder / first[0], first[1]))
+    pictures = [(name, embedded(folder / name, caption)) for name, caption in drawn]
+    parts.append(pictures[0][1])
     parts.append("<h2>What was found</h2>" + _text(words.paragraphs(e)))
-    parts.append("<h2>Figures</h2>" + "".join(embedded(folder / name, caption) for name, caption in others))
+    others = [picture for name, picture in pictures[1:] if name != report_figures.PAPERS]
+    parts.append("<h2>Figures</h2>" + "".join(others))
     if papers := words.paper_paragraphs(s):
-        parts.append("<h2>The paper's own reward</h2>" + _text(papers))
+        own = [picture for name, picture in pictures if name == report_figures.PAPERS]
+        parts.append("<h2>The paper's own reward</h2>" + _text(papers) + "".join(own))
     parts.append("<h2>Vehicles</h2>" + _vehicle_table(e))
     parts.append("<h2>Every figure of <code>summary.json</code></h2>" + _summary_table(s))
     parts.append("<h2>Parameters</h2>" + _parameter_tables(e.run.parameters))

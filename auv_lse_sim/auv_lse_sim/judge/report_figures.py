@@ -10,6 +10,9 @@ from auv_lse_sim.judge.figures import depth_map, local_risk_error, navigation, r
 from auv_lse_sim.judge.found_figure import found
 from auv_lse_sim.judge.reward_figures import map_risk, paper_reward
 
+#: The picture of the paper's own reward, which stands beside its explanation.
+PAPERS = "reward.png"
+
 #: Figures of the report: file name, caption, and the function that draws it (None: nothing to show).
 FIGURES: tuple[tuple[str, str, Any], ...] = (
     (
@@ -44,7 +47,7 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
     ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),
     ("navigation.png", "Horizontal error of the vehicles' position estimates.", navigation),
     (
-        "reward.png",
+        PAPERS,
         "The paper's own reward, the drop of risk at the places of the vehicles' paths. (a) Stepwise, the paper's "
         "literal sum, with its lower bound: the sum plus the naive part of the augmented value. The two do not "
         "telescope, so the sum can end below it however good the mission was. (b) The whole path as one, its "

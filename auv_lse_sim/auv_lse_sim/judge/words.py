@@ -147,9 +147,12 @@ def _link(e: Evaluation) -> str:
     text = (
         f"The acoustic link: {s.packets_sent} packets were sent, and each could be heard by "
         f"{'the other vehicle' if s.vehicles == 2 else f'{s.vehicles - 1} others'}. Of these {possible} receptions, "
-        f"{lost} were lost ({100.0 * lost / possible:.0f} %). The others brought {s.samples_received:,} samples of "
-        "mates."
     )
+    if lost:
+        text += f"{lost} were lost ({100.0 * lost / possible:.0f} %). The others"
+    else:
+        text += "none was lost. They"
+    text += f" brought {s.samples_received:,} samples of mates."
     alone, own = np.mean(s.alone_risk), np.mean(s.local_risk)
     return text + (
         f" With its own soundings alone a vehicle's map would have kept a risk of {number(float(alone), 3)} per place "
