@@ -37,6 +37,11 @@ class SimConfig:
     real_time_factor: float = parameter(
         0.0, low=0.0, high=1000.0, help="speed of simulated time against the clock; 0: as fast as it goes"
     )
+    apart: bool = parameter(
+        False,
+        help="true: the vehicles share no ROS domain with the simulator, only emulated modems and autopilots; it waits "
+        "for none of their nodes. Needs lockstep: false, modem.kind: micromodem and link.kind: mavlink",
+    )
     shutdown_at_end: bool = parameter(
         False, help="true: sim_node ends when the mission has (the launch file then ends the other nodes)"
     )
@@ -54,3 +59,12 @@ class SimConfig:
     pressure: PressureConfig = field(default_factory=PressureConfig)
     gps: GpsConfig = field(default_factory=GpsConfig)
     channel: ChannelConfig = field(default_factory=ChannelConfig)
+
+    def __post_init__(self) -> None:
+        """Refuses vehicles apart in lockstep.
+
+        Raises:
+            ValueError: naming both parameters.
+        """
+        if self.apart and self.lockstep:
+            raise ValueError("apart = true with lockstep = true: expected lockstep: false; ticks go over ROS topics")

@@ -143,7 +143,7 @@ def fly(
     code = 130 if interrupt.came else 0
     if interrupt.came:
         console.print("interrupted: every process has ended; the recording can be read", highlight=False)
-    if not settings.record.folder:
+    if not settings.record.folder or settings.sim.apart:  # vehicles apart record for themselves
         return code
     try:
         conclude(folder, settings, wall_s, phases, console, report=report)

@@ -8,7 +8,9 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import yaml
 from rich.console import Console
 from rich.text import Text
 
@@ -17,6 +19,10 @@ from auv_lse_common.processes import Process
 from auv_lse_sim.engine.mission import fly, prepare, project_root, write_mission
 from auv_lse_sim.engine.options import add_mission_options
 from auv_lse_sim.engine.run_folder import run_folder
+from auv_lse_sim.settings import Settings
+
+#: The file in the run folder that vehicles apart get.
+VEHICLES = "vehicles.yaml"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -31,10 +37,29 @@ def parser() -> argparse.ArgumentParser:
     add_mission_options(p)
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
     p.add_argument("--domain", metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0), as scripts/vehicle's")
+    p.add_argument(
+        "--apart",
+        action="store_true",
+        help="the vehicles share nothing with each other but the simulated water: each runs in a ROS domain of its own "
+        "on an emulated modem and a simulated autopilot, in real time, by its clock",
+    )
     p.add_argument("--no-record", action="store_true", help="start no recorder; no report is made then")
     p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
     p.set_defaults(for_vehicles=None)
     return p
+
+
+def _apart(settings: Settings, folder: Path) -> Settings:
+    """The mission with its vehicles apart; writes the vehicles' file, which has no section sim, beside it."""
+    paced: dict[str, Any] = {"sim.lockstep": False, "sim.real_time_factor": 1.0, "sim.apart": True}
+    for k in range(1, settings.mission.vehicles + 1):
+        paced[f"auv{k}.link.soundings"] = True  # from the autopilot: the simulator's topics do not reach the vehicle
+    settings = settings.with_overrides(paced)
+    (folder / "mission.yaml").write_text(settings.to_parameter_file())
+    body = yaml.safe_load(settings.with_overrides({"record.folder": "bag"}).to_parameter_file())
+    del body["/**"]["ros__parameters"]["sim"]
+    (folder / VEHICLES).write_text(yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=110))
+    return settings
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,14 +78,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, DomainError) as error:
         say(f"error: {error}")
         return 2
+    if options.apart:
+        options.modem, options.vehicle_link = "emulated", "mavlink"
     settings = write_mission(settings, folder, options, record=not options.no_record)
+    if options.apart:
+        settings = _apart(settings, folder)
     for note in notes:
         say(note)
     say(f"run folder: {folder}")
     say("start each vehicle in a terminal of its own:")
     where = f" --domain {domain}" if options.domain else ""
     for vehicle in range(1, settings.mission.vehicles + 1):
-        say(f"    scripts/vehicle auv{vehicle} {folder / 'mission.yaml'}{where}")
+        if options.apart:
+            say(f"    scripts/vehicle auv{vehicle} {folder / VEHICLES} --domain {domain + vehicle}")
+        else:
+            say(f"    scripts/vehicle auv{vehicle} {folder / 'mission.yaml'}{where}")
     names = ["sim_node"] if options.no_record else ["recorder_node", "sim_node"]
     processes = [Process(package="auv_lse_sim", executable=name, namespace="/") for name in names]
     owned = taken_domain(domain)

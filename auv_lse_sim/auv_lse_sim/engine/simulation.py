@@ -91,7 +91,9 @@ class Simulation:
         self._gate = Gate(inputs)
 
     def nodes(self, k: int) -> tuple[str, ...]:
-        """Names of the nodes of vehicle `k`."""
+        """Names of the nodes of vehicle `k` that share the simulator's ROS domain."""
+        if self._settings.sim.apart:
+            return ()
         return tuple(name for _, name in vehicle_nodes(k in self.links.modems, k in self.links.autopilots))
 
     # ------------------------------------------------------------------ time
