@@ -39,7 +39,7 @@ from rclpy.subscription import Subscription
 from rclpy.waitable import NumberOfEntities, Waitable
 
 #: Environment variable by which scripts/bench asks for rclpy's own executor: "rclpy".
-_CHOICE = "AUV_LSE_EXECUTOR"
+CHOICE = "AUV_LSE_EXECUTOR"
 #: Messages of one subscription taken before timers and services have their turn again.
 _TURNS = 100
 #: Wall clock (s) after which a busy node looks whether a reader or writer is incompatible.
@@ -89,7 +89,7 @@ def missing_of(executor: Executor) -> list[str]:
 def make_executor() -> Executor:
     """The executor for a node of the stack. Where rclpy lacks what ours needs: rclpy's own, with a warning."""
     plain = SingleThreadedExecutor()
-    if os.environ.get(_CHOICE) == "rclpy":
+    if os.environ.get(CHOICE) == "rclpy":
         return plain
     missing = missing_of(plain)
     if missing:

@@ -46,6 +46,15 @@ def test_a_group_runs_at_its_smallest_size(group, tmp_path):
 
 
 @pytest.mark.ros
+def test_the_executor_group_runs_at_its_smallest_size(tmp_path):
+    file = tmp_path / "rows.json"
+    assert bench.main(["executor", "--smoke", "--json", str(file)]) == 0
+    rows = json.loads(file.read_text())
+    check(rows)
+    assert next(row["value"] for row in rows if row["name"] == "executor: lost or out of order") == 0
+
+
+@pytest.mark.ros
 @pytest.mark.mission
 def test_the_mission_group_runs_at_its_smallest_size(tmp_path):
     file = tmp_path / "rows.json"

@@ -77,6 +77,7 @@ def conduct(
         reward=reward_shown(settings.planner_settings(1).planner),
     )
     marks = {"began": time.monotonic()}
+    started_s: dict[str, float] = {}
     group = ProcessGroup(folder / "logs", environment, processes)
     with contextlib.ExitStack() as stack:
         stack.callback(group.stop)
@@ -90,14 +91,15 @@ def conduct(
             _check(state, message, group, folder, time.monotonic() - marks["began"] > start_s)
             if state in ("running", "finished"):
                 progress.phase = state
-                marks.setdefault("running", time.monotonic())
+                if "running" not in marks:
+                    marks["running"], started_s = time.monotonic(), group.cpu_s()
             display.refresh()
         marks["ended"] = time.monotonic()
         processor_s = group.cpu_s()
     phases = {"ending": time.monotonic() - marks["ended"]}
     if "running" in marks:
         phases = {"start": marks["running"] - marks["began"], "mission": marks["ended"] - marks["running"], **phases}
-    times = {"wall_s": phases, "processor_s": processor_s}
+    times = {"wall_s": phases, "processor_s": processor_s, "processor_start_s": started_s}
     (folder / "logs" / "times.json").write_text(json.dumps(times, indent=1) + "\n")
     return phases
 
