@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_common.recording import RecordingError, recording_in
 from auv_lse_gp.area import OperatingArea
 from auv_lse_sim.live.events import MissionEvents, topics_of
@@ -99,6 +99,21 @@ def test_a_plan_becomes_a_line_through_the_ends_of_its_legs(settings):
     assert (len(short["line"]), short["continued"]) == (2 * (1 + POINTS_PER_LEG), "")
     strange = lines.lines(Plan(step=20, heading_rad=0.0, north_m=np.nan, east_m=60.0, actions=(5,), naive_path=NONE))
     assert strange["line"] == []
+
+
+def test_a_tour_continues_the_actions_and_shows_its_waypoints(settings):
+    lines = PlanLines(settings.planner_settings(1), OperatingArea(settings.area))
+    tour = Tour(segment_legs=2, bearings=(0, 64, 64))  # north, east, east
+    told = lines.lines(
+        Plan(step=20, heading_rad=0.0, north_m=50.0, east_m=60.0, actions=(5, 5), naive_path=NONE, tour=tour)
+    )
+    assert (told["own"], told["continued"]) == (2, "a tour of 3 segments")
+    leg_m = 15.0 * np.pi / 2.0
+    start = (50.0 + 2 * leg_m, 60.0)
+    north = [start, (start[0] + 2 * leg_m, 60.0)]
+    expected = [*north, (north[1][0], 60.0 + 2 * leg_m), (north[1][0], 60.0 + 4 * leg_m)]
+    assert np.array(told["waypoints"]).reshape(-1, 2) / 10.0 == pytest.approx(np.array(expected), abs=0.051)
+    assert len(told["line"]) == 2 * (1 + POINTS_PER_LEG * 8), "two actions, six legs of the tour"
 
 
 def test_what_says_nothing_new_makes_no_event(settings):

@@ -6,6 +6,11 @@ export function vehicleColor(number) {
   return VEHICLES[(number - 1) % VEHICLES.length];
 }
 
+// Whether a vehicle has the color of another one: its track is drawn with a dashed core.
+export function colorAgain(number) {
+  return number > VEHICLES.length;
+}
+
 // Seventeen equally spaced stops of Matplotlib's maps, each 6 hexadecimal digits.
 const STOPS = {
   cividis: "00224e002e6a1a386f32436d434e6c535a6d61656f6f70737d7c788c88789b9476aba072bcae6ccdbb63dec958f0d846fee838",

@@ -1,6 +1,6 @@
 // The map: what one vehicle knows, where all are, what they mean to do, and the packets on the way.
 
-import { LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
+import { colorAgain, LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
 import { number, tickDigits, ticks, tickStep } from "./format.js";
 import { packetsAt } from "./slots.js";
 import { OUTSIDE } from "./store.js";
@@ -231,6 +231,11 @@ export class MapView {
     };
     line(this.store.list("pose", vehicle), now);
     both(c, "rgba(0, 0, 0, .7)", 4, color, 2.2);
+    if (colorAgain(vehicle)) {
+      c.setLineDash([6, 6]);
+      both(c, "#ffffff", 1, "#ffffff", 1);
+      c.setLineDash([]);
+    }
     if (!this.shown.truth) return;
     line(this.store.list("truth", vehicle));
     c.setLineDash([1, 5]);

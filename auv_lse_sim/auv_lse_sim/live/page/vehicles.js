@@ -6,6 +6,9 @@ import { element, number, say } from "./format.js";
 const WORST = ["ok", "warning", "error", "stale"];
 const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… not heard" };
 const SILENT_S = 30;
+const FIELDS = ["step", "north, east", "place ±", "depth", "speed", "decision", "packets"];
+const SHORT = ["step", "packets"]; // what the cards of a large team show, but for the chosen one
+const LARGE_TEAM = 4;
 
 export class VehicleCards {
   constructor(root, store, onChoose) {
@@ -18,14 +21,15 @@ export class VehicleCards {
   begin() {
     this.cards.clear();
     this.root.replaceChildren();
+    this.root.toggleAttribute("data-large", (this.store.facts?.vehicles.length ?? 0) > LARGE_TEAM);
     for (const { number: vehicle, depth_m } of this.store.facts?.vehicles ?? []) {
       const card = element("button", { type: "button", class: "vehicle", "aria-pressed": "false" });
       const swatch = element("span", { class: "swatch", style: `background: ${vehicleColor(vehicle)}` });
       const health = element("span", { class: "health" }), note = element("p", { class: "note" }), list = element("dl");
       const meter = element("i", { style: `background: ${vehicleColor(vehicle)}` });
-      const fields = Object.fromEntries(["step", "north, east", "place ±", "depth", "speed", "decision", "packets sent, heard"].map((name) => {
-        const value = element("dd");
-        list.append(element("dt", {}, name), value);
+      const fields = Object.fromEntries(FIELDS.map((name) => {
+        const kind = { class: SHORT.includes(name) ? "" : "more" }, value = element("dd", kind);
+        list.append(element("dt", kind, name), value);
         return [name, value];
       }));
       card.append(
@@ -60,7 +64,7 @@ export class VehicleCards {
     say(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
     say(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", cut" : ""}` : "–");
     const sent = store.between("sent", vehicle, -Infinity, t).length, heard = store.between("received", vehicle, -Infinity, t).length;
-    say(fields["packets sent, heard"], `${sent}, ${heard}`);
+    say(fields.packets, `${sent} out, ${heard} in`);
     card.setAttribute("aria-pressed", String(chosen));
     card.title = chosen ? "The map shows what this vehicle knows" : "Show what this vehicle knows";
   }
