@@ -39,6 +39,8 @@ METHODS = (
     "max_variance",
     "straddle",
     "plain",
+    "plain_beyond",
+    "dec_mcts",
     "augmented",
     "exponential_quadratic",
     "map",
@@ -47,8 +49,13 @@ METHODS = (
     "tour",
     "best",
 )
-#: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip.
-VARIANTS: dict[str, dict[str, Any]] = {"covering": {"method": "lawnmower", "naive_paths": STRIPS}}
+#: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip; plain
+#: search credited beyond the team mates' plans, and coordinated by Dec-MCTS.
+VARIANTS: dict[str, dict[str, Any]] = {
+    "covering": {"method": "lawnmower", "naive_paths": STRIPS},
+    "plain_beyond": {"method": "plain", "credit": "beyond"},
+    "dec_mcts": {"method": "plain", "coordination": "dec_mcts"},
+}
 #: North and east span (m) of the areas, and their margin around the start (0, 0).
 AREAS = {"small": (400.0, 500.0, 20.0), "default": (600.0, 700.0, 50.0)}
 #: Share of a real lake's window that must be known; over the rest a vehicle measures nothing, and nothing is judged.
