@@ -22,10 +22,8 @@ from auv_lse_sim.live.follow import RecordingFollower
 from auv_lse_sim.live.foxglove_viewer import DEFAULT_PORT as FOXGLOVE_PORT
 from auv_lse_sim.live.foxglove_viewer import FoxgloveError, FoxgloveViewer
 from auv_lse_sim.live.page import live_page
-from auv_lse_sim.live.server import LiveServer, PortTakenError
+from auv_lse_sim.live.server import DEFAULT_PORT, LiveServer, PortTakenError
 from auv_lse_sim.live.timeline import Timeline
-
-DEFAULT_PORT = 8642
 
 Work = Callable[[threading.Event], None]
 

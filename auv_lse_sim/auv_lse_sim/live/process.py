@@ -9,6 +9,8 @@ import threading
 from collections.abc import Callable, Mapping
 from types import TracebackType
 
+from auv_lse_sim.live.server import DEFAULT_PORT, port_or_any
+
 
 class LiveProcess:
     """`scripts/live` on a mission's domain, for as long as the context lasts; the page keeps what it has."""
@@ -21,7 +23,8 @@ class LiveProcess:
             environment: The process's environment.
             say: Shows a line: the page's address, or why there is none.
         """
-        self._command = [sys.executable, "-m", "auv_lse_sim.live", "--domain", str(domain)]
+        port = port_or_any(DEFAULT_PORT)  # another mission's page may have it
+        self._command = [sys.executable, "-m", "auv_lse_sim.live", "--domain", str(domain), "--port", str(port)]
         self._environment = dict(environment)
         self._say = say
 

@@ -22,6 +22,7 @@ from auv_lse_sim.live.timeline import Timeline
 
 #: The only address that is listened on.
 ADDRESS = "127.0.0.1"
+DEFAULT_PORT = 8642
 #: Names of this machine that a browser may use.
 _NAMES = ("127.0.0.1", "localhost")
 #: Wall-clock seconds between two looks at the timeline, for each page.
@@ -39,6 +40,15 @@ _POLICY = (
 
 class PortTakenError(OSError):
     """The port is in use by another program."""
+
+
+def port_or_any(port: int) -> int:
+    """The port if nobody listens on it, else 0: any that is free."""
+    try:
+        with socket.create_server((ADDRESS, port)):
+            return port
+    except OSError:
+        return 0
 
 
 class LiveServer:
