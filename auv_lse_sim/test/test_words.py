@@ -29,7 +29,7 @@ def judged(synthetic_run, method="best", **changes):
 
 @pytest.fixture(scope="module")
 def best(synthetic_run):
-    return judged(synthetic_run)
+    return judged(synthetic_run, risk_after=0.5, mowing_risk=0.6, map_bound_kept=True)
 
 
 def text_of(evaluation):
@@ -85,7 +85,7 @@ def test_the_words_tell_lengths_areas_reasons_bound_and_link(best):
 
 
 def test_of_a_method_that_promises_the_bound_it_is_said_whether_it_held(synthetic_run):
-    kept = judged(synthetic_run, "tour", risk_after=1.0, mowing_risk=1.5)
+    kept = judged(synthetic_run, "tour", risk_after=1.0, mowing_risk=1.5, map_bound_kept=True)
     assert kept.summary.map_bound_promised
     assert "it held, with 33 % less" in text_of(kept)
     assert "; the bound held)" in headlines(kept.summary)[1]

@@ -37,7 +37,7 @@ from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
-from auv_lse_planner.paths.naive_ids import COVERING, LAWNMOWERS, MOWING
+from auv_lse_planner.paths.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_sim.record.run_data import DecisionRecord, RunData, VehicleRun
 
@@ -219,7 +219,10 @@ def reward_curves(
 def _mowing_risk(
     run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths], map_m: Array
 ) -> float:
-    """Expected mean risk at `map_m` (P, 2) after everybody mowed the lawn: each takes the best lawnmower, in order."""
+    """Expected mean risk at `map_m` (P, 2) after everybody mowed the lawn, the best that they can.
+
+    That is each the lanes fitted to its own strip, or each in order the lawnmower that is best then: whichever is less.
+    """
     level_set = settings[0].level_set
     posterior = OnlineGp(settings[0].gp).posterior
     some = map_m[:: max(1, len(map_m) // MOWING_PLACES)]
@@ -244,7 +247,13 @@ def _mowing_risk(
                 best = (worth, places)
         if best is not None:
             posterior.plan(best[1])
-    return expected(map_m)
+    in_order = expected(map_m)
+    posterior.forget_planned()
+    for vehicle, path in zip(run.vehicles, paths, strict=True):
+        if vehicle.decisions:
+            own = FITTED[(vehicle.vehicle - 1) % len(FITTED)]
+            posterior.plan(path.rollout.path(0, vehicle.decisions[0].plan.state, (), own).places_m)
+    return min(in_order, expected(map_m))
 
 
 def _naive_value(run: RunData, settings: Sequence[PlannerSettings], paths: Sequence[PlannedPaths]) -> float:
