@@ -107,7 +107,7 @@ class Tour:
         segment's length away from there. So the rounding of bearings does not add up: every waypoint of the tour but
         the last is within pi / 256 of a segment's length (0.6 m for segments of 47 m) of the polyline. Segments cut
         corners, so the tour is shorter than the polyline. A rest of at least half a segment at the end becomes a
-        whole one.
+        whole one. A polyline that never gets a segment's length away becomes one segment, towards its farthest corner.
 
         Args:
             waypoints_m: Corners of the polyline, the tour's start first, north, east (m), shape (n, 2).
@@ -132,6 +132,8 @@ class Tour:
                 on_line = ahead.pop(0)
             if ahead:
                 on_line = _leaving(on_line, ahead[0], (north, east), segment_m)
+            if not ahead and not bearings:  # it stays near its start, and may end there: the tour goes its farthest way
+                on_line = max(map(tuple, corners.tolist()), key=lambda c: math.hypot(c[0] - north, c[1] - east))
             rest_m = math.hypot(on_line[0] - north, on_line[1] - east)
             if not ahead and (rest_m < 0.5 * segment_m if bearings else rest_m == 0.0):
                 break

@@ -127,6 +127,11 @@ def test_a_rest_of_half_a_segment_counts():
     assert [segments(v) for v in (1.0, 10.0, 14.9, 15.1, 20.0, 24.0, 26.0)] == [1, 1, 1, 2, 2, 2, 3]
 
 
+def test_a_polyline_that_comes_back_to_its_start_is_one_segment():
+    there_and_back = np.array([[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    assert Tour.through(there_and_back, 2, LEG_M).bearings == (128,)
+
+
 @pytest.mark.parametrize(
     ("waypoints_m", "legs", "message"),
     [
