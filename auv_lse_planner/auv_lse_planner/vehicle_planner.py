@@ -31,7 +31,7 @@ from auv_lse_planner.decision import Decision
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
-from auv_lse_planner.paths.naive_ids import STRIPS
+from auv_lse_planner.paths.naive_ids import FITTED
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.receding_horizon import LOOK_AHEAD, RecedingHorizon
 from auv_lse_planner.search.dec_mcts import KEPT_PLANS
@@ -231,7 +231,7 @@ class VehiclePlanner:
         """What a team mate that was never heard is taken to do: it mows its strip from the start."""
         v = self.settings.vehicle
         start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
-        return Plan.at(0, start, (), STRIPS[(mate - 1) % len(STRIPS)])
+        return Plan.at(0, start, (), FITTED[(mate - 1) % len(FITTED)])
 
     def _take_centers(self) -> None:
         centers, self._new_centers = self._new_centers, None

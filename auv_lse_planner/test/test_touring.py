@@ -5,6 +5,7 @@ import pytest
 from planner_helpers import centers, settings
 
 from auv_lse_common.plan import Plan
+from auv_lse_planner.paths.naive_ids import FITTED
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 STEPS = 12
@@ -98,7 +99,7 @@ def test_team_mates_never_heard_are_taken_to_mow_until_they_count_as_silent():
     ahead = planner.team.in_time_order(0.0)
     assert len(ahead) == 2
     legs, places = ahead[0]
-    mowing = planner.rollout.path(0, np.zeros(3), (), 0xFA)
+    mowing = planner.rollout.path(0, np.zeros(3), (), FITTED[0])
     assert places == pytest.approx(mowing.places_m)
     assert legs == pytest.approx(np.arange(1, STEPS + 1))
     later, remaining = planner.team.in_time_order(31.5)[0]  # two legs of 15.7 s
