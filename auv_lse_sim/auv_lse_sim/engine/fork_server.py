@@ -2,7 +2,8 @@
 
 A node imports for one to two seconds of processor time before it does anything, and a mission is eleven processes, or
 sixty. The fork server imports once. Each node is still a process of its own, with its own log, its own process group
-and the command line that `ros2 run` would give it. The server has no thread and no ROS context, so it may fork.
+and the command line that `ros2 run` would give it. The server has no ROS context and starts no thread. Importing rclpy
+starts two, which only wait (most likely the listeners of its LTTng tracing); a forked node does without them.
 
 Requests go to the server's standard input, a JSON line each; it answers on its standard output with the process id of
 each node and, when that has ended, its exit code. It ends when its input does; Linux ends its nodes with it.
