@@ -47,10 +47,10 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="python -m auv_lse_sim.campaign.tuning",
         description="Flies small missions with little and much of each tunable parameter, and draws them for "
-        "docs/tuning.md. With 5 seeds about 10 minutes of one core.",
+        "docs/tuning.md. About 6 minutes of one idle core.",
     )
     p.add_argument("--out", type=Path, default=Path("runs/tuning"), metavar="DIR", help="folder (default: runs/tuning)")
-    p.add_argument("--seeds", type=int, default=5, metavar="N", help="lakes; the first is drawn (default: 5)")
+    p.add_argument("--seeds", type=int, default=3, metavar="N", help="lakes; the first is drawn (default: 3)")
     p.add_argument(
         "--only", nargs="+", choices=[k.name for k in KNOBS], metavar="NAME",
         help=f"parameters to show (default: all: {', '.join(k.name for k in KNOBS)})",

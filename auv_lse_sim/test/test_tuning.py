@@ -1,0 +1,42 @@
+"""The parameters that docs/tuning.md shows: their values can be flown, and the one in the middle is the default."""
+
+from pathlib import Path
+
+import pytest
+
+from auv_lse_sim.campaign import tuning
+from auv_lse_sim.campaign.knobs import KNOBS, shown
+from auv_lse_sim.campaign.study import SMALL, base_mission
+from auv_lse_sim.settings import Settings
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "tuning.md"
+
+
+def value_in(settings, knob):
+    name, key = knob.parameter.split(".")
+    own = settings.vehicle(1)
+    planner = own.planner.complete()
+    return getattr({"planner": planner, "gp": own.gp, "tdma": settings.tdma}[name], key)
+
+
+@pytest.mark.parametrize("knob", KNOBS, ids=[knob.name for knob in KNOBS])
+def test_each_value_can_be_flown_and_the_middle_one_is_the_default(knob):
+    method = {**SMALL, "planner.method": knob.method}
+    default = Settings.load(base_mission(), method)
+    assert value_in(default, knob) == knob.values[1]
+    assert sorted(knob.values) == list(knob.values)
+    for value in knob.values:
+        assert value_in(Settings.load(base_mission(), {**method, knob.parameter: value}), knob) == value
+
+
+@pytest.mark.parametrize("knob", KNOBS, ids=[knob.name for knob in KNOBS])
+def test_the_page_shows_each_picture_and_value(knob):
+    text = PAGE.read_text()
+    assert f"figures/tuning_{knob.name}.png" in text
+    for value in knob.values:
+        assert f"| `{knob.parameter}` ({knob.method}) | {shown(knob, value)} |" in text
+
+
+def test_what_cannot_be_shown_is_refused(tmp_path, capsys):
+    assert tuning.main(["--seeds", "0", "--out", str(tmp_path)]) == 2
+    assert "--seeds 0: expected at least 1" in capsys.readouterr().err
