@@ -1,4 +1,4 @@
-"""The parameters that docs/tuning.md shows: their values can be flown, and the one in the middle is the default."""
+"""The parameters that docs/tuning.md shows: their values can be flown, and the page has them."""
 
 from pathlib import Path
 
@@ -20,10 +20,8 @@ def value_in(settings, knob):
 
 
 @pytest.mark.parametrize("knob", KNOBS, ids=[knob.name for knob in KNOBS])
-def test_each_value_can_be_flown_and_the_middle_one_is_the_default(knob):
+def test_each_value_can_be_flown(knob):
     method = {**SMALL, "planner.method": knob.method}
-    default = Settings.load(base_mission(), method)
-    assert value_in(default, knob) == knob.values[1]
     assert sorted(knob.values) == list(knob.values)
     for value in knob.values:
         assert value_in(Settings.load(base_mission(), {**method, knob.parameter: value}), knob) == value

@@ -12,7 +12,7 @@ class Knob:
     Attributes:
         name: Short name, of its picture too.
         parameter: Its full name.
-        values: Little, the method's default, much.
+        values: Little, about the default, much.
         unit: Unit, "" for none.
         method: The planning method that it is shown with.
         own_map: Whether vehicle 1's own map is drawn in place of the team's: where it is the link that counts.
