@@ -117,7 +117,7 @@ class _Again:
         return rows
 
     def _take(self, now_s: float) -> None:
-        """Everything that was there at `now_s`; without lockstep, before it."""
+        """Everything that was there at `now_s`."""
         for name, give in (("tuned", self._tune), ("plans", self._hear), ("odometry", self._move)):
             entries: Sequence[tuple[float, Any]] = self._plans if name == "plans" else getattr(self._inputs, name)
             while self._taken[name] < len(entries) and self._is_there(entries[self._taken[name]][0], now_s):
@@ -135,7 +135,7 @@ class _Again:
             self._taken["centers"] += 1
 
     def _is_there(self, time_s: float, now_s: float) -> bool:
-        return time_s <= now_s + 1e-9 if self._lockstep else time_s < now_s
+        return time_s <= now_s + 1e-9
 
     def _tune(self, changed: dict[str, Any]) -> None:
         """A parameter that was changed by hand while the planner ran."""

@@ -132,7 +132,8 @@ def map_again(
         elif isinstance(event, tuple):
             revision, recorded = event
             again.advance(now_s, revision)
-            note = note or _centers_note(now_s, revision, recorded, again.map)
+            if lockstep:  # else a node may have taken several inputs at once, and only the maps can be compared
+                note = note or _centers_note(now_s, revision, recorded, again.map)
     return rows
 
 
