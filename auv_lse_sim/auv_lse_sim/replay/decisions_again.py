@@ -120,6 +120,9 @@ class _Again:
         """Everything that was there at `now_s`."""
         for name, give in (("tuned", self._tune), ("plans", self._hear), ("odometry", self._move)):
             entries: Sequence[tuple[float, Any]] = self._plans if name == "plans" else getattr(self._inputs, name)
+            if name == "odometry" and not self._lockstep and not self._taken[name] and entries:
+                give(entries[0][1])  # the first decision had one, whenever the recorder heard it
+                self._taken[name] = 1
             while self._taken[name] < len(entries) and self._is_there(entries[self._taken[name]][0], now_s):
                 give(entries[self._taken[name]][1])
                 self._taken[name] += 1
