@@ -98,3 +98,19 @@ def test_one_vehicle_has_one_strip():
     paths = [naive.actions(np.zeros(3), naive_path, 50) for naive_path in FITTED]
     assert all(np.array_equal(paths[0], path) for path in paths)
     assert naive.different((*COVERING, *FITTED)) == (*COVERING, FITTED[0])
+
+
+@pytest.mark.parametrize(
+    "polygon", [(0, 0, 400, 400, 0, 400), (0, 0, 500, 300, 400, 500, -100, 200), (0, 0, 300, 900, 600, 0)]
+)
+def test_a_slanted_area_has_strips_whose_box_reaches_beyond_its_raster(polygon):
+    area, motion, space, naive = world(polygon=tuple(map(float, polygon)), vehicles=3)
+    c, s = math.cos(naive._frames[0].axis_rad), math.sin(naive._frames[0].axis_rad)
+    for places, _ in naive._strip_places:
+        north, east = places[:, 0] * c - places[:, 1] * s, places[:, 0] * s + places[:, 1] * c
+        off = [-(space.clearance_m(n, e) + space.margin_m) for n, e in zip(north, east, strict=True)]
+        assert max(off) <= math.sqrt(0.5) * space.cell_m  # the nearest node is inside
+    start = np.array([0.5, *area.polygon.mean(axis=0)])
+    actions = naive.actions(start, FITTED[1], 60)
+    end = motion.roll(start, actions)[-1]
+    assert space.clearance_m(end[1], end[2]) > 0.0

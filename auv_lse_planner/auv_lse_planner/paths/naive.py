@@ -371,7 +371,10 @@ class NaivePaths:
         along, across = (x.ravel() for x in np.meshgrid(*own, indexing="ij"))
         row = np.rint((along * c - across * s - space.north0_m) / space.cell_m).astype(np.int64)
         column = np.rint((along * s + across * c - space.east0_m) / space.cell_m).astype(np.int64)
-        inside = space.area_raster[row, column] >= -space.margin_m
+        rows, columns = space.area_raster.shape
+        # The strip's box is not the raster's where the main axis is slanted.
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        inside[inside] = space.area_raster[row[inside], column[inside]] >= -space.margin_m
         places = np.column_stack([along, across])
         return (places[inside] if inside.any() else places), grid
 
