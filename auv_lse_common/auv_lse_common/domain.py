@@ -8,6 +8,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 #: Domains whose UDP ports stay below Linux's ephemeral range.
 DOMAINS = range(1, 102)
@@ -68,10 +69,21 @@ def _locked(domain: int) -> Iterator[bool]:
         except OSError:
             yield False
             return
+        if not _is_still(path, file):  # the one before has removed it since: another may have made it anew
+            yield False
+            return
         try:
             yield True
         finally:
             path.unlink(missing_ok=True)
+
+
+def _is_still(path: Path, file: IO[str]) -> bool:
+    """Whether an open file is the one at `path`."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(file.fileno()))
+    except FileNotFoundError:
+        return False
 
 
 def busy_domains() -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,7 @@ from auv_lse_common.domain import (
     busy_domains,
     domain_number,
     local_environment,
+    lock_file,
     node_environment,
     own_domain,
     taken_domain,
@@ -31,6 +33,22 @@ def test_no_two_missions_get_the_same_domain_and_busy_ones_are_found() -> None:
         with pytest.raises(DomainError, match=rf"ROS domain {first}: another mission"), taken_domain(first):
             pass
     assert busy_domains() == []
+
+
+def test_a_lock_on_a_file_that_was_removed_meanwhile_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    lock, removed = domain.fcntl.flock, []
+
+    def slow(file: Any, how: int) -> None:
+        if not removed:  # the mission before ends between opening and locking: its file goes, and others make a new one
+            removed.append(True)
+            lock_file(7).unlink()
+        lock(file, how)
+
+    monkeypatch.setattr(domain.fcntl, "flock", slow)
+    with pytest.raises(DomainError, match="ROS domain 7"), taken_domain(7):
+        pass
+    with taken_domain(7):
+        assert busy_domains() == [7]
 
 
 def test_all_domains_taken_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
