@@ -106,24 +106,21 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     patterns = read_parameter_file(file)
     own = parameters_for(patterns, f"/auv{vehicle}/settings")
     check_sections(own, str(file), ignore=("use_sim_time",))
-    count = own.get("mission", {}).get("vehicles")
+    mission, sim, modem, link, recorder = (_section(own, n, file) for n in ("mission", "sim", "modem", "link", "record"))
+    count = mission.get("vehicles")
     if isinstance(count, int) and vehicle > count:
         raise ParameterError(
             f"{file}: mission.vehicles: is {count}; expected at least {vehicle}, to have an auv{vehicle}"
         )
-    sim = own.get("sim")
-    simulated = simulated or isinstance(sim, dict)
-    lockstep = simulated and bool((sim or {}).get("lockstep", True))
-    modem = own.get("modem", {}).get("kind", "direct") == "micromodem"
-    link = own.get("link", {}).get("kind", "direct") == "mavlink"
+    simulated = simulated or "sim" in own
+    lockstep = simulated and bool(sim.get("lockstep", True))
+    nodes = vehicle_nodes(modem.get("kind") == "micromodem", link.get("kind") == "mavlink")
     if record is None:
-        record = bool(own.get("record", {}).get("folder")) and not simulated
-    if simulated and lockstep and not (sim or {}).get("lockstep", False):
+        record = bool(recorder.get("folder")) and not simulated
+    if lockstep and not sim.get("lockstep", False):
         # The nodes take lockstep from their own parameters, where its default is false.
         file = _with_lockstep(patterns, out / "mission.yaml")
-    processes = tuple(
-        Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in vehicle_nodes(modem, link)
-    )
+    processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
     return Crew(
         vehicle=vehicle,
         file=file,
@@ -132,6 +129,13 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
         simulated=simulated,
         lockstep=lockstep,
     )
+
+
+def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
+    found = parameters.get(name, {})
+    if not isinstance(found, dict):
+        raise ParameterError(f"{file}: {name}: expected a mapping of parameters, got {found!r}")
+    return found
 
 
 def _with_lockstep(patterns: dict[str, dict[str, Any]], path: Path) -> Path:

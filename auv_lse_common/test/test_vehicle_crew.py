@@ -66,6 +66,13 @@ def test_a_name_that_is_no_vehicles_is_refused(name: str) -> None:
     assert vehicle_number("auv7") == vehicle_number("/auv7") == vehicle_number("7") == 7
 
 
+@pytest.mark.parametrize("name", ["mission", "sim", "modem", "link", "record"])
+@pytest.mark.parametrize("value", [5, None, [1]])
+def test_a_section_that_is_none_is_refused(name: str, value: object, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name}: expected a mapping of parameters, got"):
+        crew(write(tmp_path, **{name: value}))
+
+
 def test_what_cannot_run_is_said_and_nothing_is_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = write(tmp_path), tmp_path / "dive"
     assert main(["auv4", str(file), "--out", str(out)]) == 2
