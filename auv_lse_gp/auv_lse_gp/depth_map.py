@@ -167,10 +167,8 @@ class DepthMap:
             told.outliers += 1
             self.gp.counts.outliers += 1
             return Outcome.OUTLIER
-        if sum(mate.kept for mate in self.team.values()) >= self.gp.config.max_centers // 2:
-            self.gp.counts.full += 1
-            return Outcome.FULL
-        outcome = self._add(*row)
+        kept = sum(mate.kept for mate in self.team.values())
+        outcome = self._add(*row, grow=kept < self.gp.config.max_centers // 2)
         told.kept += outcome is Outcome.KEPT
         return outcome
 
@@ -205,9 +203,9 @@ class DepthMap:
         mean, variance = self._moments.update()
         return mean, np.sqrt(variance)
 
-    def _add(self, north_m: float, east_m: float, depth_m: float) -> Outcome | None:
+    def _add(self, north_m: float, east_m: float, depth_m: float, grow: bool = True) -> Outcome | None:
         try:
-            return self.gp.add(float(north_m), float(east_m), float(depth_m))
+            return self.gp.add(float(north_m), float(east_m), float(depth_m), grow)
         except SoundingError as error:
             self.last_problem = str(error)
         except IllConditionedError as error:

@@ -91,13 +91,14 @@ class OnlineGp:
 
     # ---------------------------------------------------------------- data in
 
-    def add(self, north_m: float, east_m: float, depth_m: float) -> Outcome:
+    def add(self, north_m: float, east_m: float, depth_m: float, grow: bool = True) -> Outcome:
         """Takes one sounding, of the configured noise.
 
         Args:
             north_m: North (m).
             east_m: East (m).
             depth_m: Water depth (m, positive down).
+            grow: Whether it may become a new center; if not, it can still be merged into one that is there.
 
         Returns:
             What became of it.
@@ -119,7 +120,7 @@ class OnlineGp:
                 return Outcome.OUTLIER
         near = self._index.too_close(north_m, east_m)
         if near is None:
-            if len(self) >= self.config.max_centers:
+            if not grow or len(self) >= self.config.max_centers:
                 self.counts.full += 1
                 return Outcome.FULL
             self._append(Centers(place, np.array([depth_m]), np.array([self.config.noise_std_m])))

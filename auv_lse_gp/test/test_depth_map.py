@@ -137,6 +137,14 @@ def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
     assert "soundings given up: the map has gp.max_centers = 150" in map_health(depth_map, 0.0, 0.0).text
 
 
+def test_beyond_that_half_samples_are_still_merged_into_the_centers_there_are():
+    depth_map = DepthMap(GpConfig(max_centers=4, min_spacing_m=15.0), LevelSet(level_m=15.0), AREA)
+    samples = [[20.0, 20.0, 12.0], [60.0, 20.0, 12.0], [100.0, 20.0, 12.0], [62.0, 20.0, 12.0]]
+    kept, merged, full = Outcome.KEPT, Outcome.MERGED, Outcome.FULL
+    assert depth_map.add_samples(samples, 2) == [kept, kept, full, merged]
+    assert depth_map.counts.full == 1
+
+
 def test_isobath_and_its_band():
     depth_map = DepthMap(GpConfig(mean_depth_m=15.0, length_scale_m=60.0), LevelSet(level_m=15.0), AREA)
     rng = np.random.default_rng(1)
