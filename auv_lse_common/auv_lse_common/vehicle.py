@@ -106,7 +106,8 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     patterns = read_parameter_file(file)
     own = parameters_for(patterns, f"/auv{vehicle}/settings")
     check_sections(own, str(file), ignore=("use_sim_time",))
-    mission, sim, modem, link, recorder = (_section(own, n, file) for n in ("mission", "sim", "modem", "link", "record"))
+    names = ("mission", "sim", "modem", "link", "record")
+    mission, sim, modem, link, recorder = (_section(own, name, file) for name in names)
     count = mission.get("vehicles")
     if isinstance(count, int) and vehicle > count:
         raise ParameterError(

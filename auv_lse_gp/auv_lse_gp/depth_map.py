@@ -168,7 +168,8 @@ class DepthMap:
             self.gp.counts.outliers += 1
             return Outcome.OUTLIER
         kept = sum(mate.kept for mate in self.team.values())
-        outcome = self._add(*row, grow=kept < self.gp.config.max_centers // 2)
+        north_m, east_m, depth_m = row
+        outcome = self._add(north_m, east_m, depth_m, grow=kept < self.gp.config.max_centers // 2)
         told.kept += outcome is Outcome.KEPT
         return outcome
 
