@@ -22,6 +22,7 @@ LONGEST_WAIT_S = 30.0
 STEADY_S = 60.0
 #: Exit code of a node that refuses its parameters (`auv_lse_common.base_node.run`).
 REFUSED = 2
+_SIGNALS = {sign.value: sign.name for sign in signal.Signals}  # real-time signals between the first and last have none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,7 +107,7 @@ class Supervisor:
         if ran_s >= STEADY_S:
             state.wait_s = FIRST_WAIT_S
         state.due_s = now_s + state.wait_s
-        how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        how = _SIGNALS.get(-code, f"signal {-code}") if code < 0 else f"exit code {code}"
         log = self.log(name)
         words = last_lines(log, 3).replace("\n", "\n    ")
         self._say(

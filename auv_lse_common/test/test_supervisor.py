@@ -73,6 +73,15 @@ def test_a_process_that_has_run_long_is_started_again_at_once_as_at_first(tmp_pa
     assert not desk.supervisor.running
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="real-time signals as Linux numbers them")
+def test_a_signal_without_a_name_is_named_by_its_number(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node="kill -40 $$")
+    desk.after(0.0)
+    assert desk.death() == ("node", -40)
+    assert "node died (signal 40) after 0 s" in desk.said[-1]
+    desk.supervisor.stop()
+
+
 def test_a_command_that_is_missing_is_tried_again_and_named(tmp_path: Path) -> None:
     said: list[str] = []
     supervisor = Supervisor([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)

@@ -57,6 +57,8 @@ def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespa
     except DomainError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 130
     try:
         with Graph(options.spin_time) as graph:
             return command(options, graph)
