@@ -63,7 +63,7 @@ REASONS = {
     "action": "an action that is not in the action set",
     "terminal": "no terminal byte ends the actions, or too many actions",
     "tour": "a tour without segments, with more than 64, or longer than the mission",
-    "naive_path": "a terminal byte that is reserved: 0xE5 to 0xEE, or 0xEF after a tour",
+    "naive_path": "a terminal byte that is reserved (0xE5 to 0xEE), or after a tour 0xEF or one below 0xE0",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
