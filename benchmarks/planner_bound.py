@@ -47,6 +47,8 @@ RULES = (True, False)
 OBJECTIVES = ("path", "map", "tour")
 METHOD_OF = {"path": "augmented", "map": "bounded", "tour": "tour"}
 LOSSES = (0.0, 0.25, 0.5)
+#: Seed of the first synthetic lake.
+FIRST = 8300
 
 
 class PriorLake:
@@ -76,8 +78,8 @@ def risk(posterior: Posterior, settings: PlannerSettings) -> float:
     return float(settings.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum())
 
 
-def mission(number: int, objective: str, rule: bool, steps: int, iterations: int) -> dict[str, Any]:
-    """Flies mission `number` by one objective and rule and gives its line."""
+def mission(number: int, objective: str, rule: bool, steps: int, iterations: int, first: int = FIRST) -> dict[str, Any]:
+    """Flies mission `number` by one objective and rule over its lake, `first` the seed of number 0; gives its line."""
     vehicles, loss = 1 + number % 3, LOSSES[(number // 3) % 3]
     own = (number // 9) % 2 == 1
     height, width = SPAN_M
@@ -85,7 +87,7 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
     if not own:
         ground = SyntheticLake(
             LakeConfig(
-                seed=9000 + number,
+                seed=first + number,
                 north_m=height / 2 - 20,
                 east_m=width / 2 - 20,
                 height_m=height,
@@ -118,6 +120,7 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
         "loss": loss,
         "prior_lake": own,
         "steps": steps,
+        "first": first,
         "per_vehicle": [],
     }
     for boat in outcome.boats:
@@ -189,6 +192,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--table", type=Path, help="only print the table of this results file")
     parser.add_argument("--out", type=Path, default=Path("planner_bound.jsonl"), help="results file, appended to")
     parser.add_argument("--missions", type=int, default=200, help="number of missions (default: %(default)s)")
+    parser.add_argument("--first", type=int, default=FIRST, help="seed of the first lake (default: %(default)s)")
     parser.add_argument("--steps", type=int, default=25, help="legs of each vehicle (default: %(default)s)")
     parser.add_argument("--iterations", type=int, default=25, help="search budget (default: %(default)s)")
     parser.add_argument("--processes", type=int, default=2, help="missions flown at once (default: %(default)s)")
@@ -196,12 +200,12 @@ def main(arguments: list[str] | None = None) -> None:
     if options.table:
         print(table(read(options.table)))
         return
-    done = {(r["number"], r["objective"], r["rule"], r["steps"]) for r in read(options.out)}
+    done = {(r["number"], r["objective"], r["rule"], r["steps"], r["first"]) for r in read(options.out)}
     jobs = [(n, o, r) for n in range(options.missions) for o in OBJECTIVES for r in RULES if r or o != "tour"]
-    jobs = [j for j in jobs if (*j, options.steps) not in done]
+    jobs = [j for j in jobs if (*j, options.steps, options.first) not in done]
     print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}", flush=True)
     with ProcessPoolExecutor(options.processes) as pool, options.out.open("a") as file:
-        futures = [pool.submit(mission, *job, options.steps, options.iterations) for job in jobs]
+        futures = [pool.submit(mission, *job, options.steps, options.iterations, options.first) for job in jobs]
         for future in as_completed(futures):
             file.write(json.dumps(future.result()) + "\n")
             file.flush()
