@@ -7,7 +7,8 @@ import pytest
 
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_comms.micromodem import state as state_module
-from auv_lse_comms.micromodem.config import PAYLOAD_BYTES, ModemConfig
+from auv_lse_comms.micromodem.config import DRIVERS_OWN, PAYLOAD_BYTES, ModemConfig
+from auv_lse_comms.micromodem.configuration import settings_of
 from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import (
     Event,
@@ -146,6 +147,16 @@ def test_further_settings_of_the_mission_file_are_sent_last():
         desk.hear("CACFG," + lines[-1].split(",", 1)[1])
     assert asked[-2:] == ["CCCFG,BND,0", "CCCFG,FC0,10000"]
     assert {"CCCFG,TXP,1", "CCCFG,TXF,1", "CCCFG,RXD,1"} < set(asked)
+
+
+def test_the_drivers_own_settings_and_names_that_break_a_sentence_are_refused():
+    assert tuple(setting.name for setting, _ in settings_of(config(), 3)) == DRIVERS_OWN
+    for name in DRIVERS_OWN:
+        with pytest.raises(ParameterError, match=rf"settings.{name}: got 9; the driver sets SRC, .* itself"):
+            Desk(settings={name: 9})
+    for name in ("BND,1", "", "B*D", "BND\r\n"):
+        with pytest.raises(ParameterError, match="expected letters, digits"):
+            Desk(settings={name: 9})
 
 
 def test_a_vital_setting_refused_is_asked_again_for_ever():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from auv_lse_common.params import ParameterError, parameter
 
 #: What the packet takes on the wire (docs/packet.md); every transmission carries exactly one packet.
 PAYLOAD_BYTES = 252
+#: Settings of the modem that are the driver's own (`configuration.py`): another value would stop it.
+DRIVERS_OWN = ("SRC", "CST", "RXP", "RXD", "TXP", "TXF", "REV", "XST", "MFD", "ASD", "SNV")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,3 +80,10 @@ class ModemConfig:
             raise ParameterError(
                 f"backoff_max_s: got {self.backoff_max_s:g}; expected at least backoff_min_s = {self.backoff_min_s:g} s"
             )
+        for name, value in self.settings.items():
+            if name in DRIVERS_OWN:
+                raise ParameterError(
+                    f"settings.{name}: got {value}; the driver sets {', '.join(DRIVERS_OWN)} itself; fix: leave it out"
+                )
+            if not re.fullmatch(r"[A-Za-z0-9_.]+", name):
+                raise ParameterError(f"settings: got the name {name!r}; expected letters, digits, '_' and '.'")
