@@ -150,6 +150,22 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
     assert "nowhere: does not exist; expected a run folder" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--port", "99999"], "--port 99999: expected 0 to 65535"),
+        (["--foxglove", "99999"], "--foxglove 99999: expected 1 to 65535"),
+        (["--rate", "0"], "--rate 0: expected more than 0"),
+        (["--rate", "nan"], "--rate nan: expected more than 0"),
+        (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
+    ],
+)
+def test_options_that_cannot_be_met_are_named(tmp_path, capsys, synthetic_run, arguments, expected):
+    write_run(synthetic_run(steps=1), tmp_path / "run")
+    assert main([str(tmp_path / "run"), "--no-open", *arguments]) == 2
+    assert expected in capsys.readouterr().err
+
+
 def test_the_command_serves_until_ctrl_c(tmp_path, synthetic_run):
     folder = tmp_path / "a run"
     write_run(synthetic_run(), folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import math
 import os
 import signal
 import sys
@@ -26,6 +27,12 @@ from auv_lse_sim.live.server import DEFAULT_PORT, LiveServer, PortTakenError
 from auv_lse_sim.live.timeline import Timeline
 
 Work = Callable[[threading.Event], None]
+
+_LAST_PORT = 65535
+
+
+class LiveError(ValueError):
+    """A live view that cannot be made: the option, its value, and what was expected."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -87,6 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     timeline = Timeline()
     try:
+        _check(options)
         if options.run is None:
             if options.write is not None:
                 raise RecordingError("--write: RUN is missing; expected a recording to write into the page")
@@ -100,11 +108,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
             feed = Feed(timeline, viewers, options.playback)
             works = [work, feed.run] if viewers else [work]
             return asyncio.run(serve(timeline, works, options.port, options.open))
-    except (DomainError, FoxgloveError, ParameterError, RecordingError, PortTakenError) as error:
+    except (DomainError, FoxgloveError, LiveError, ParameterError, RecordingError, PortTakenError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses numbers that are out of range.
+
+    Raises:
+        LiveError: naming the option.
+    """
+    if not 0 <= options.port <= _LAST_PORT:
+        raise LiveError(f"--port {options.port}: expected 0 to {_LAST_PORT} (0: any that is free)")
+    if options.foxglove is not None and not 1 <= options.foxglove <= _LAST_PORT:
+        raise LiveError(f"--foxglove {options.foxglove}: expected 1 to {_LAST_PORT}")
+    if not 0.0 < options.rate < math.inf:
+        raise LiveError(f"--rate {options.rate:g}: expected more than 0, and finite")
 
 
 def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
@@ -148,12 +170,19 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
 
 
 def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> int:
-    """Writes the page with a whole recording inside of it."""
+    """Writes the page with a whole recording inside of it.
+
+    Raises:
+        LiveError: if the file cannot be written.
+    """
     began_s = time.process_time()
     follower.read()
     _, _, events = timeline.since("", 0, sys.maxsize)
     took_s = time.process_time() - began_s
-    path.write_text(live_page(events))
+    try:
+        path.write_text(live_page(events))
+    except OSError as error:
+        raise LiveError(f"--write {path}: cannot be written: {error.strerror or error}") from error
     print(f"{len(events)} events in {took_s:.1f} s of processor time")
     print(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB; needs no server)")
     return 0
