@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import shutil
 import zlib
 from types import SimpleNamespace
 
@@ -193,6 +194,15 @@ def test_a_damaged_recording_is_named(run_folder, tmp_path):
     with pytest.raises(RecordingError, match=r"a\.mcap: damaged near byte \d+"):
         for _ in RecordingFile(damaged).messages(frozenset(topics_of(2))):
             pass
+
+
+def test_the_mission_file_inside_a_recording_is_the_one_that_was_flown(run_folder, tmp_path):
+    copy = tmp_path / "dives" / "dive 7" / "bag"
+    shutil.copytree(run_folder / "bag", copy)
+    (tmp_path / "dives" / "mission.yaml").write_text("/**: {ros__parameters: {mission: {steps: 999}}}\n")
+    patterns, where = find_parameters(recording_in(copy))
+    assert "/recorder/mission_file" in where
+    assert Settings.from_patterns(patterns, where).mission.steps != 999
 
 
 def test_what_is_no_recording_is_named(tmp_path):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -151,16 +152,17 @@ def open_recording(path: Path) -> RecordingFile | WholeRecording:
 
 
 def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
-    """The mission file of a recording and where it came from: beside it, or inside of it.
+    """The mission file as flown and where it came from: inside of the recording, else beside it or above it.
 
     Raises:
         RecordingError: if there is none.
         ParameterError: if it is not a parameter file.
     """
+    with suppress(RecordingError):  # damaged: what can be read of it is shown by the file beside it
+        for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
+            where = f"{recording} ({MISSION_FILE})"
+            return parse_parameters(str(message.data), where), where
     for folder in (recording, recording.parent, recording.parent.parent):
         if (path := folder / "mission.yaml").is_file():
             return read_parameter_file(path), str(path)
-    for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
-        where = f"{recording} ({MISSION_FILE})"
-        return parse_parameters(str(message.data), where), where
     raise RecordingError(f"{recording}: no mission.yaml beside it or above it, and none in it; name it: --mission FILE")
