@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Mapping
 from types import TracebackType
 
+from auv_lse_common.processes import die_with_parent
 from auv_lse_sim.live.server import DEFAULT_PORT, port_or_any
 
 
@@ -37,6 +38,7 @@ class LiveProcess:
             stderr=subprocess.STDOUT,
             text=True,
             env=self._environment,
+            preexec_fn=die_with_parent,
             start_new_session=True,  # Ctrl-C is the mission's, which then ends this process
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
