@@ -84,7 +84,9 @@ def test_keys_as_terminals_send_them() -> None:
     [
         (["nowhere"], "nowhere: does not exist"),
         (["RUN", "--rate", "0"], "--rate 0: expected more than 0"),
+        (["RUN", "--rate", "inf"], "--rate inf: expected more than 0"),
         (["RUN", "--start", "1e6"], "expected 0 to"),
+        (["RUN", "--domain", "999"], "ROS domain '999': expected a whole number from 0 to 232"),
         (["RUN", "--topics", "/nothing"], "--topics /nothing: not in the recording; it has /auv1/"),
     ],
 )
@@ -95,6 +97,21 @@ def test_what_cannot_be_played_is_refused_with_words(
     pytest.importorskip("auv_lse_msgs")
     write_run(synthetic_run(steps=1), tmp_path / "a run")
     assert main([str(tmp_path / "a run") if a == "RUN" else a for a in arguments]) == 2
+    assert expected in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--set", "planner.iterations=5"], "--set: expected --recompute beside it"),
+        (["--csv", "steps.csv", "--report"], "--csv: expected --recompute beside it"),
+        (["--out", "page"], "--out: expected --report beside it"),
+        (["--report", "--recompute", "gp"], "--recompute and --report: expected one of them"),
+        (["--recompute", "gp", "--tolerance", "-1"], "--tolerance -1: expected at least 0"),
+    ],
+)
+def test_options_that_would_be_ignored_are_refused(capsys, arguments: list[str], expected: str) -> None:
+    assert main(["a run", *arguments]) == 2
     assert expected in capsys.readouterr().err
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.domain import DomainError
-from auv_lse_sim.replay.options import parser
+from auv_lse_sim.replay.options import check, parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -16,6 +16,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(arguments)
     root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
     try:
+        check(options)
         # Imported where they are used: playing needs ROS, the other two do not.
         if options.recompute:
             from auv_lse_sim.replay.again import recompute

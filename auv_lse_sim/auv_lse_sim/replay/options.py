@@ -39,7 +39,6 @@ def parser() -> argparse.ArgumentParser:
     )
     play.add_argument(
         "--domain",
-        type=int,
         metavar="N",
         help="ROS domain to play on, with this shell's own discovery settings (default: a free one, on this machine "
         "alone)",
@@ -69,6 +68,21 @@ def parser() -> argparse.ArgumentParser:
         "--mission", type=Path, metavar="FILE", help="mission file that was flown, if the recording does not hold it"
     )
     return p
+
+
+def check(options: argparse.Namespace) -> None:
+    """Refuses options that would be ignored, and numbers out of range.
+
+    Raises:
+        ValueError: naming the option.
+    """
+    if options.recompute and options.report:
+        raise ValueError("--recompute and --report: expected one of them")
+    for name, needed in (("set", "recompute"), ("csv", "recompute"), ("all", "recompute"), ("out", "report")):
+        if getattr(options, name) and not getattr(options, needed):
+            raise ValueError(f"--{name}: expected --{needed} beside it")
+    if not options.tolerance >= 0.0:
+        raise ValueError(f"--tolerance {options.tolerance:g}: expected at least 0")
 
 
 def _parts(text: str) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
@@ -10,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from auv_lse_common.domain import local_environment, own_domain
+from auv_lse_common.domain import domain_number, local_environment, own_domain
 from auv_lse_common.recording import Recording, RecordingError, recording_in
 from auv_lse_sim.engine.display import clock
 from auv_lse_sim.replay.keys import HELP, Keys
@@ -32,8 +33,8 @@ def play(options: Namespace, root: Path) -> int:
         RecordingError: if it cannot be read.
         ReplayError: if the options do not fit the recording.
     """
-    if not options.rate > 0.0:
-        raise ReplayError(f"--rate {options.rate:g}: expected more than 0")
+    if not 0.0 < options.rate < math.inf:
+        raise ReplayError(f"--rate {options.rate:g}: expected more than 0, and finite")
     if options.duration is not None and not options.duration > 0.0:
         raise ReplayError(f"--duration {options.duration:g}: expected more than 0 s")
     with Recording(recording_in(options.run)) as recording:
@@ -61,11 +62,12 @@ def play(options: Namespace, root: Path) -> int:
 
 
 @contextmanager
-def _domain(wanted: int | None, root: Path) -> Iterator[None]:
+def _domain(wanted: str | None, root: Path) -> Iterator[None]:
     """The ROS domain: the one wanted, as this shell reaches it, or one of its own on this machine."""
     if wanted is not None:
-        os.environ["ROS_DOMAIN_ID"] = str(wanted)
-        print(f"on ROS domain {wanted}, with this shell's discovery settings", flush=True)
+        domain = domain_number(wanted)
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        print(f"on ROS domain {domain}, with this shell's discovery settings", flush=True)
         yield
         return
     with own_domain() as domain:
