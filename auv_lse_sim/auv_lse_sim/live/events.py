@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common import stamps
 from auv_lse_common.frames import heading_from_quaternion
 from auv_lse_common.plan import Plan
 from auv_lse_comms.packet.codec import PacketError, decode
@@ -313,7 +314,7 @@ class MissionEvents:
 
 def seconds(stamp: Any) -> float:
     """Seconds of a ROS time, to the millisecond."""
-    return round(float(stamp.sec) + 1e-9 * float(stamp.nanosec), 3)
+    return round(stamps.seconds(stamp), 3)
 
 
 def _number(value: Any, digits: int = 3) -> float | None:

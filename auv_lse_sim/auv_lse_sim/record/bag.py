@@ -28,6 +28,7 @@ from auv_lse_common.recording import (
     read_messages,
     recording_in,
 )
+from auv_lse_common.stamps import seconds
 from auv_lse_common.topics import recorded_topics
 from auv_lse_sim.record.run_data import (
     DecisionRecord,
@@ -118,7 +119,7 @@ def read_bag(
             continue
         vehicle, name = int(match[2]), ("truth/" if match[1] else "") + match[3]
         log = logs.setdefault(vehicle, _VehicleLog())
-        stamp_s = _seconds(message.header.stamp)
+        stamp_s = seconds(message.header.stamp)
         last_s = max(last_s, stamp_s)
         if name == "modem/tx":
             sent.append(PacketSent(stamp_s=stamp_s, source=int(message.source), payload=bytes(message.payload)))
@@ -233,10 +234,6 @@ def plan_of(message: Any) -> Plan:
 
 
 _NEEDED = re.compile(r"(/truth)?/auv\d+/(sounding|odometry|plan|planner/bound|modem/tx|modem/rx|team/samples)")
-
-
-def _seconds(stamp: Any) -> float:
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
 # Writing ------------------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from auv_lse_common.frames import heading_from_quaternion
 from auv_lse_common.params import parameters_for
 from auv_lse_common.plan import Plan
 from auv_lse_common.recording import SOFTWARE, Recording, RecordingError, recording_in
+from auv_lse_common.stamps import seconds
 from auv_lse_gp.centers import Centers
 from auv_lse_sim.record.bag import Patterns, flown_parameters, plan_of
 
@@ -140,11 +141,6 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
         raise RecordingError(f"{path}: holds no topic /auvN/...; expected the recording of a mission")
     vehicles = {number: gathered[number].inputs() for number in sorted(gathered)}
     return RecordedInputs(parameters=parameters, software=software, lockstep=lockstep, vehicles=vehicles)
-
-
-def seconds(stamp: Any) -> float:
-    """Seconds of a recorded stamp, as the nodes reckon them."""
-    return float(stamp.sec) + float(stamp.nanosec) * 1e-9
 
 
 class _Gathered:
