@@ -164,7 +164,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
             for kernel in (KERNELS if options.kernel == "best" else (options.kernel,))
         ]
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        print(f"fit: {options.source}: cannot be read: {error.strerror or error}", file=sys.stderr)
+        return 1
+    except ValueError as error:
         print(f"fit: {error}", file=sys.stderr)
         return 1
     result = max(results, key=lambda r: r.log_likelihood)

@@ -211,3 +211,8 @@ def test_reaches_the_best_of_scikit_learn():
     result = fit(places, depths, mean_depth_m=float(depths.mean()), restarts=2)
     # scikit-learn 1.9.1's best of five starts, as in benchmarks/gp_rivals.py: constant * Matern(nu=2.5) + white noise.
     assert result.log_likelihood == pytest.approx(-361.48280766, abs=1e-3)  # where its optimizer stops
+
+
+def test_a_file_that_cannot_be_read_is_named_in_words(tmp_path, capsys):
+    assert main([str(tmp_path / "nothing.csv")]) == 1
+    assert f"{tmp_path / 'nothing.csv'}: cannot be read: No such file or directory" in capsys.readouterr().err
