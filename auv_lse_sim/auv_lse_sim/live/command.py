@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
         "that runs on this machine, or the next one)",
     )
     p.add_argument("--domain", metavar="N", help="ROS domain of the running mission (default: the newest mission here)")
-    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, if there is none beside the recording")
+    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, if the recording has none")
     p.add_argument(
         "--port", type=int, default=DEFAULT_PORT, help=f"port on 127.0.0.1, 0: any (default: {DEFAULT_PORT})"
     )

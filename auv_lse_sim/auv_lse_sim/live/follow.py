@@ -33,7 +33,7 @@ class RecordingFollower:
         Args:
             recording: As `recording_in` gives it.
             timeline: What is filled.
-            mission: The mission file; None: the one beside the recording or inside of it.
+            mission: The mission file; None: the one inside of the recording, or beside it.
 
         Raises:
             RecordingError: if there is no mission file.
