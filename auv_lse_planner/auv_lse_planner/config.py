@@ -174,7 +174,7 @@ class PlannerConfig:
         8, low=0, high=64, help="best paths of a search that are valued on the map too"
     )
     anytime_weight: float = parameter(
-        1.5, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
+        1.0, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
     )
     own_share: float = parameter(
         1.0, low=0.0, help="method tour: weight of what the next legs bring at their own places, beside the map's drop"
@@ -213,6 +213,10 @@ class PlannerConfig:
             values["naive_paths"] = paper["naive_paths"]
         if not values["augmented"] and values["proposals"] != "naive":
             values["naive_paths"] = ()
+        if values["proposals"] in SEARCHES and not values["finalists"]:
+            raise ValueError(
+                f"planner.finalists: got 0 with planner.method {self.method!r}; expected at least 1 (0: only method 'tour')"
+            )
         if values["proposals"] == "surrogate" and values["objective"] != "map":
             raise ValueError(
                 "planner.proposals: 'surrogate' stands in for the map's reward; got planner.objective "

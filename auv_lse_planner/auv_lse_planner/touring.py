@@ -3,8 +3,8 @@
 A decision values everything by the same reward (`reward/anytime.py`), with the team mates' places in time order:
 
 - The incumbent is the last plan, continued. It stays unless another is worth more.
-- Every `planner.tour_interval` legs, and where the incumbent is void, the waypoints of what is left are optimized
-  (`search/tour.py`), from the incumbent's own path; at the mission's start from several boustrophedons.
+- Every `planner.tour_interval` legs, and where the incumbent is void, the waypoints of what is left are changed by
+  chance and then optimized (`search/tour.py`); at the mission's start they are optimized from several boustrophedons.
 - At the start the naive paths are candidates too.
 
 The account keeps the bound. E is the drop of the map's risk that is expected for the mission's end (`Value.end`): at
@@ -34,12 +34,13 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: Iterations of the optimizer from the last tour.
+#: Changes by chance that are tried on the last tour, and iterations of the optimizer after them.
+VARIATIONS = 20
 ITERATIONS = 14
 #: Boustrophedons that are optimized at the start, iterations of each, and of the best of them after that.
 STARTS = 4
-START_ITERATIONS = 12
-FIRST_ITERATIONS = 45
+START_ITERATIONS = 40
+FIRST_ITERATIONS = 200
 #: A tour is rejoined at a waypoint at least so far (m) away.
 REJOIN_M = 20.0
 #: Legs that lead around ground that the map shows to be too shallow, as explicit actions.
@@ -121,6 +122,7 @@ class Touring:
         void: bool,
         heads: Sequence[Actions],
         own: Callable[[Sequence[PlannedPath]], Sequence[float]],
+        rng: np.random.Generator,
         deadline: Callable[[], bool] | None,
     ) -> TourChoice:
         """Chooses a plan for what is left of the mission.
@@ -134,6 +136,7 @@ class Touring:
             void: Whether that plan can not be followed from here: it is only a start for the next.
             heads: Actions that a tree search proposes for the next legs: each is tried before the rest of the tour.
             own: What the next legs of paths bring at their own places (`planner.own_share` of it counts).
+            rng: Random stream.
             deadline: Says when to stop searching; None: never.
         """
         incumbent = None
@@ -148,8 +151,10 @@ class Touring:
         elif void or (planner.tour_interval and step - self._optimized_at >= planner.tour_interval):
             waypoints = self._warm(step, state, last[1])
             if planner.tour_interval:
-                found = self._search.improve(waypoints, reward.legs, reward, ITERATIONS, deadline)
-                waypoints, gradients, hit = found.waypoints_m, found.evaluations, found.deadline_hit
+                varied = self._search.vary(waypoints, reward.legs, reward, VARIATIONS, rng, deadline)
+                found = self._search.improve(varied.waypoints_m, reward.legs, reward, ITERATIONS, deadline)
+                waypoints, hit = found.waypoints_m, found.deadline_hit
+                gradients = varied.evaluations + found.evaluations
             candidates = [self._candidate(step, state, waypoints, reward)]
             self._optimized_at = step
         if last is not None:

@@ -116,6 +116,15 @@ def _dense_rough(case):
     return float(weights @ drops) * len(case.places_m) / len(case.coarse_m)
 
 
+def test_the_risk_left_agrees_with_the_dense_computation():
+    case = Case(**CASES["data"])
+    cells, risk = case.reward.risk_left(case.path_m.reshape(-1, 2))
+    measured = np.concatenate([case.planned_m, case.path_m.reshape(-1, 2)])
+    expected = expected_risk_of_each(case.level, *dense_posterior(case.config, case.known, measured, cells))
+    np.testing.assert_allclose(risk, expected, rtol=1e-6, atol=1e-9)
+    assert len(cells) > 20
+
+
 def expected_risk_of_each(level, mean, before, after):
     after = np.clip(after, 0.0, before)
     return level.expected_risk(mean, np.sqrt(before - after), np.sqrt(after))

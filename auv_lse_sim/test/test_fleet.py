@@ -117,7 +117,7 @@ def test_twenty_vehicles():
 
 
 def test_mission_that_cannot_end_is_given_up():
-    f = fleet(**{"mission.vehicles": 1, "mission.steps": 2, "sim.current.north_mps": -3.0, "planner.iterations": 5})
+    f = fleet(**{"mission.vehicles": 1, "mission.steps": 20, "sim.current.north_mps": -3.0, "planner.iterations": 5})
     run = f.run()
     assert run.sim_s >= f.settings.longest_s
     assert any("stopped at" in note and "auv1 had not finished" in note for note in run.notes)

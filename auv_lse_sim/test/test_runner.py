@@ -32,7 +32,7 @@ def test_a_campaign_flies_resumes_and_repeats(tmp_path, client):
     assert state.left_s == 0.0
     page = write_results(spec, tmp_path, state).read_text()
     assert "method lawnmower" in page
-    assert page.count("data:image/png;base64,") == 2
+    assert page.count("data:image/png;base64,") == 3
     assert not re.search(r"(src|href)=[\"'](?!data:)", page)
     table = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
     assert sorted((r["planner.method"], r["seed"]) for r in table) == [

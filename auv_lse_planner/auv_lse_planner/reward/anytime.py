@@ -190,10 +190,22 @@ class AnytimeReward:
             raise ValueError(
                 f"places_m: got {len(places)} places; expected the same number on each of {self.legs} legs"
             )
+        return self._coarsely().weighted_and_gradient(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
+
+    def risk_left(self, places_m: Array) -> tuple[Array, Array]:
+        """Where risk is expected to be left at the mission's end: cells (M, 2) of the gradient's map, their risk (M,).
+
+        Args:
+            places_m: Measurement places (L * n, 2) of the L legs that are left, leg after leg.
+        """
+        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
+        return self._coarsely().risk_left(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
+
+    def _coarsely(self) -> _Drop:
         if self._rough is None:
             count = min(GRADIENT_CHECKPOINTS, -(-self.legs // LEGS_APART))
             self._rough = self._drop(self._coarse, GRADIENT_MATES_EVERY, count, LITTLE_RISK)
-        return self._rough.weighted_and_gradient(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
+        return self._rough
 
     def _timed(self, places_m: Array) -> tuple[Array, Array]:
         """Places (P, 2), and the legs (P,) after which each is measured, of a path (L, n, 2)."""
@@ -236,6 +248,7 @@ class _Drop:
         risk = level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
         self.risk_before = scale * float(risk.sum())
         counted = np.flatnonzero(risk > least_share * level_set.largest_risk)
+        self._places_m = kept.places_m[counted]
         self._before = float(risk[counted].sum())
         self._cells = _Cells(
             columns.scaled[counted],
@@ -265,6 +278,13 @@ class _Drop:
         slopes *= self._scale * self.schedule.share[:, None]
         later = np.cumsum(slopes[::-1], axis=0)[::-1]  # of all checkpoints that include a row
         return float(self.schedule.weights @ self._drops(risks)), joint.gradient(later)
+
+    def risk_left(self, places_m: Array, legs: Array) -> tuple[Array, Array]:
+        """The cells (M, 2), and their expected risk (M,) after the last checkpoint."""
+        cells = self._cells
+        left = np.minimum(self._joint(places_m, legs).left(len(self.schedule.checkpoints))[-1], cells.data_var_m2)
+        risk = self._level_set.expected_risk(cells.mean_m, np.sqrt(cells.data_var_m2 - left), np.sqrt(left))
+        return self._places_m, np.asarray(risk)
 
     def _joint(self, places_m: Array, legs: Array) -> _Joint:
         key = legs.tobytes()

@@ -39,6 +39,8 @@ ROOM_WEIGHT = 1e-4
 EVEN_WEIGHT = 3e-2
 #: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
 CUT_CORNERS = 1.25
+#: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
+LONGEST = 50
 #: Least length of a segment (m): below it a direction means nothing.
 SHORTEST_M = 1e-3
 
@@ -48,6 +50,13 @@ class Differentiable(Protocol):
 
     def value_and_gradient(self, places_m: Array) -> tuple[float, Array]:
         """Value of places (P, 2) in the order travelled, and its derivative by each of them (P, 2)."""
+
+
+class Varied(Differentiable, Protocol):
+    """A reward that also says where risk will be left."""
+
+    def risk_left(self, places_m: Array) -> tuple[Array, Array]:
+        """Cells (M, 2) and their expected risk (M,) after places (P, 2) are measured."""
 
 
 @compiled
@@ -280,6 +289,59 @@ class TourSearch:
         spacing = self._leg_m / self._samples
         return np.asarray(places_along(waypoints_m, spacing, legs * self._samples)[0])
 
+    def vary(
+        self,
+        waypoints_m: Array,
+        legs: int,
+        reward: Varied,
+        tries: int,
+        rng: np.random.Generator,
+        deadline: Callable[[], bool] | None = None,
+    ) -> Found:
+        """Changes a polyline by chance, and keeps what is better: gradients do not lead from one place to another.
+
+        A change leaves out some waypoints, puts one in where risk is expected to be left (at the least detour), both,
+        or travels some in the other direction.
+        """
+        best_m = np.array(waypoints_m, dtype=float)
+        best = self._worth(best_m, legs, reward)
+        cells, risk = reward.risk_left(self.places(best_m, legs))
+        done, hit = 0, False
+        while done < tries and not hit and risk.sum() > 0.0:
+            changed = self._changed(best_m, cells[rng.choice(len(cells), p=risk / risk.sum())], rng)
+            changed = self.resampled(changed, legs)
+            value = self._worth(changed, legs, reward)
+            done += 1
+            if value > best:
+                best, best_m = value, changed
+                cells, risk = reward.risk_left(self.places(best_m, legs))
+            hit = deadline is not None and deadline()
+        return Found(best_m, best, done, hit)
+
+    def _worth(self, waypoints_m: Array, legs: int, reward: Varied) -> float:
+        places = self.places(waypoints_m, legs)
+        space = self._space
+        lack, _ = lack_of_room(space.raster, space.north0_m, space.east0_m, space.cell_m, ROOM_M, places)
+        value, _ = reward.value_and_gradient(places)
+        return float(value - ROOM_WEIGHT * lack * abs(value))
+
+    @staticmethod
+    def _changed(waypoints_m: Array, goal_m: Array, rng: np.random.Generator) -> Array:
+        kind, count = int(rng.integers(4)), len(waypoints_m)
+        first = int(rng.integers(1, max(2, count - 1)))
+        behind = min(count, first + 1 + int(rng.integers(6)))
+        changed = waypoints_m
+        if kind == 3:
+            return np.concatenate([changed[:first], changed[first:behind][::-1], changed[behind:]])
+        if kind != 0 and count > 2 + behind - first:
+            changed = np.concatenate([changed[:first], changed[behind:]])
+        if kind != 1:
+            ends = np.hypot(*(changed - goal_m).T)
+            detour = ends[:-1] + ends[1:] - np.hypot(*np.diff(changed, axis=0).T)
+            at = 1 + int(np.argmin(detour))
+            changed = np.concatenate([changed[:at], goal_m[None], changed[at:]])
+        return changed
+
     def improve(
         self,
         waypoints_m: Array,
@@ -333,7 +395,3 @@ class TourSearch:
         except OutOfTimeError:
             hit = True
         return Found(best_m, best * scale, calls, hit)
-
-
-#: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
-LONGEST = 50
