@@ -45,10 +45,11 @@ class _Boat:
 
 @dataclass(slots=True, kw_only=True)
 class Outcome:
-    """What a mission brought; risks are means of Bayes risk over a 5 m grid of the area."""
+    """What a mission brought; risks, and the true loss at the end, are means over a 5 m grid of the area."""
 
     risk_third: float
     risk_end: float
+    true_loss: float
     f1: float
     isobath_m: float
     team_reward: float
@@ -204,6 +205,7 @@ def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Out
     return Outcome(
         risk_third=risks[0],
         risk_end=risks[1],
+        true_loss=float(np.mean(np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != is_safe))),
         f1=2 * hits / both if both else float("nan"),
         isobath_m=compare(estimate, exact).mean_m,
         team_reward=float((level.risk(*prior) - level.risk(m, s)).sum()),

@@ -64,6 +64,7 @@ FIGURES = {
     "team_reward": "team reward",
     "risk_third": "map risk at 1/3",
     "risk_end": "map risk at end",
+    "true_loss": "true loss",
     "f1": "F1",
     "isobath_m": "isobath error m",
     "wall_ms": "ms / decision",

@@ -98,7 +98,7 @@ def test_a_command_that_is_missing_is_tried_again_and_named(tmp_path: Path) -> N
 
 @pytest.mark.skipif(sys.platform != "linux", reason="signals and process groups as Linux has them")
 def test_the_recorder_is_ended_after_the_others(tmp_path: Path) -> None:
-    trap = "trap 'echo NAME >> {0}/order; exit 0' INT; touch {0}/NAME; while true; do sleep 0.05; done".format(tmp_path)
+    trap = f"trap 'echo NAME >> {tmp_path}/order; exit 0' INT; touch {tmp_path}/NAME; while true; do sleep 0.05; done"
     desk = Desk(tmp_path, last=trap.replace("NAME", "last"), first=trap.replace("NAME", "first"))
     desk.after(0.0)
     until = time.monotonic() + 20.0

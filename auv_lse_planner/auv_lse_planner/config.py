@@ -11,7 +11,7 @@ from auv_lse_common.plan import MAX_ACTION_SET
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.methods import METHODS, PROPOSALS
+from auv_lse_planner.methods import METHODS, PROPOSALS, SEARCHES
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ class PlannerConfig:
             values["naive_paths"] = ()
         if values["proposals"] in SEARCHES and not values["finalists"]:
             raise ValueError(
-                f"planner.finalists: got 0 with planner.method {self.method!r}; expected at least 1 (0: only method 'tour')"
+                f"planner.finalists: got 0 with planner.method {self.method!r}; expected 1 or more, but for 'tour'"
             )
         if values["proposals"] == "surrogate" and values["objective"] != "map":
             raise ValueError(
