@@ -205,7 +205,9 @@ def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Out
     return Outcome(
         risk_third=risks[0],
         risk_end=risks[1],
-        true_loss=float(np.mean(np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != is_safe))),
+        true_loss=float(
+            np.mean(np.where(called, level.cost_false_safe, level.cost_false_unsafe) * (called != is_safe))
+        ),
         f1=2 * hits / both if both else float("nan"),
         isobath_m=compare(estimate, exact).mean_m,
         team_reward=float((level.risk(*prior) - level.risk(m, s)).sum()),
