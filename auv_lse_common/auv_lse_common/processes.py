@@ -136,6 +136,10 @@ def last_lines(log: Path, lines: int = 15) -> str:
 
 
 def die_with_parent() -> None:
-    """Runs in the child: asks Linux to end it with its parent, even if the parent is killed."""
+    """Runs in the child: asks Linux to end it with its parent, even if the parent is killed.
+
+    A child of a process that was started in the background would ignore SIGINT, by which it is asked to end.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG

@@ -96,6 +96,15 @@ def test_a_command_that_is_missing_is_tried_again_and_named(tmp_path: Path) -> N
     supervisor.stop()
 
 
+@pytest.fixture
+def _started_in_the_background():
+    """As `scripts/vehicle ... &` in a script: shells let such processes ignore SIGINT."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_started_in_the_background")
 @pytest.mark.skipif(sys.platform != "linux", reason="signals and process groups as Linux has them")
 def test_the_recorder_is_ended_after_the_others(tmp_path: Path) -> None:
     trap = f"trap 'echo NAME >> {tmp_path}/order; exit 0' INT; touch {tmp_path}/NAME; while true; do sleep 0.05; done"

@@ -91,7 +91,7 @@ class Touring:
     """Chooses the tour of one vehicle, decision by decision.
 
     Attributes:
-        balance: The account A: how much of the expected end may still be spent; NaN before the first decision.
+        balance: The account A: how much of the expected end may still be spent; 0 for a plan of another method.
     """
 
     def __init__(self, vehicle: int, vehicles: int, space: FreeSpace, rollout: Rollout) -> None:
@@ -103,7 +103,7 @@ class Touring:
             space: Where to go.
             rollout: Follows plans to the mission's end.
         """
-        self.balance = math.nan
+        self.balance = 0.0
         self._vehicle, self._vehicles = vehicle, vehicles
         self._space, self._rollout = space, rollout
         self._steering = Steering(space)

@@ -27,9 +27,9 @@ class Knob:
 
 
 KNOBS = (
-    Knob(name="iterations", parameter="planner.iterations", values=(1, 14, 100)),
-    Knob(name="interval", parameter="planner.tour_interval", values=(1, 5, 30), unit="legs"),
-    Knob(name="weight", parameter="planner.anytime_weight", values=(0.0, 1.5, 20.0)),
+    Knob(name="iterations", parameter="planner.iterations", values=(10, 150, 1000)),
+    Knob(name="interval", parameter="planner.tour_interval", values=(1, 4, 30), unit="legs"),
+    Knob(name="weight", parameter="planner.anytime_weight", values=(0.0, 1.0, 20.0)),
     Knob(name="horizon", parameter="planner.horizon", values=(1, 10, 30), unit="legs", method="plain"),
     Knob(name="exploration", parameter="planner.exploration", values=(0.0, 0.5, 5.0), method="plain"),
     Knob(name="spacing", parameter="gp.min_spacing_m", values=(2.0, 10.0, 60.0), unit="m"),
