@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from auv_lse_common.executor import make_executor
 from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Ticks
-from auv_lse_common.params import ParameterError, check_sections, merge, nest, to_mapping
+from auv_lse_common.params import ParameterError, check_sections, describe, merge, nest, to_mapping
 from auv_lse_common.ros_conversions import seconds
 from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, Topic
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
@@ -128,14 +128,23 @@ class BaseNode(Node):
             apply: Called with all parameters, nested, when tunable ones change; raises ValueError to refuse.
         """
         self._tunable, self._apply = tunable, apply
+        descriptors: dict[str, ParameterDescriptor] = {}
         for name, config in sections.items():
+            descriptors |= _descriptors(type(config), name, tunable)
             for key, value in _flatten(to_mapping(config), name).items():
-                if not self.has_parameter(key):
-                    self.declare_parameter(key, value, ParameterDescriptor(read_only=key not in tunable))
+                descriptor = descriptors.get(key, ParameterDescriptor(read_only=key not in tunable))
+                if self.has_parameter(key):  # a parameter file gave it
+                    given = self.describe_parameter(key)
+                    descriptor.type, descriptor.dynamic_typing = given.type, given.dynamic_typing
+                    self.set_descriptor(key, descriptor)
+                else:
+                    self.declare_parameter(key, value, descriptor)
             self.parameters = merge(self.parameters, {name: to_mapping(config)})
         for key in tunable:
             if not self.has_parameter(key):
-                self.declare_parameter(key, None, ParameterDescriptor(dynamic_typing=True))
+                descriptor = descriptors.get(key, ParameterDescriptor())
+                descriptor.dynamic_typing = True
+                self.declare_parameter(key, None, descriptor)
         self.add_on_set_parameters_callback(self._on_set)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
@@ -157,6 +166,22 @@ class BaseNode(Node):
                 return SetParametersResult(successful=False, reason=str(error))
             self.parameters = wanted
         return SetParametersResult(successful=True)
+
+
+def _descriptors(config: type, section: str, tunable: tuple[str, ...]) -> dict[str, ParameterDescriptor]:
+    """What `ros2 param describe` says of each parameter of a section: meaning, unit, range, and whether it may change.
+
+    The range is told as text: the node's own check, which names what was expected, stays the one that refuses.
+    """
+    return {
+        key: ParameterDescriptor(
+            name=key,
+            description=help + (f" [{unit}]" if unit else ""),
+            additional_constraints=allowed,
+            read_only=key not in tunable,
+        )
+        for key, _, unit, allowed, help in describe(config, f"{section}.")
+    }
 
 
 def _flatten(nested: Mapping[str, Any], prefix: str) -> dict[str, Any]:

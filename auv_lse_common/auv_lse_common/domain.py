@@ -127,6 +127,15 @@ def domain_number(text: str) -> int:
     return int(text)
 
 
+def wanted_domain(option: str | None) -> int:
+    """The ROS domain that a command line names, else that of ROS_DOMAIN_ID, else 0.
+
+    Raises:
+        DomainError: if it is none.
+    """
+    return domain_number(option or os.environ.get("ROS_DOMAIN_ID") or "0")
+
+
 def local_environment(root: Path, domain: int) -> dict[str, str]:
     """This process's environment, with DDS kept to this machine and to `domain`.
 

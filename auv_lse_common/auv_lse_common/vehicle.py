@@ -18,9 +18,10 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.domain import DomainError, domain_number, local_environment, node_environment
+from auv_lse_common.domain import DomainError, local_environment, node_environment, wanted_domain
 from auv_lse_common.params import ParameterError, check_sections, merge, parameters_for, read_parameter_file
 from auv_lse_common.processes import LaunchError, Process, executable_path, vehicle_nodes
+from auv_lse_common.project_folder import project_folder
 from auv_lse_common.supervisor import REFUSED, Supervisor, Task
 
 _TICK_S = 0.2
@@ -178,7 +179,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a vehicle. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
-    root = Path(os.environ.get("AUV_LSE_ROOT", Path.cwd()))
+    root = project_folder()
     try:
         number = vehicle_number(options.name)
         out = options.out or root / "dives" / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{number}"
@@ -186,7 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if (out / "bag").exists():
             raise ParameterError(f"--out {out}: has a recording, {out / 'bag'}; expected a folder without one")
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
-        domain = domain_number(options.domain or os.environ.get("ROS_DOMAIN_ID") or "0")
+        domain = wanted_domain(options.domain)
         environment = local_environment(root, domain) if crew.simulated else node_environment(domain)
         tasks = crew.tasks()
         (out / "logs").mkdir(parents=True, exist_ok=True)

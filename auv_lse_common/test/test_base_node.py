@@ -79,6 +79,17 @@ def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[st
     assert change(node, "planner.iterations", 50).successful, "the refusals left it as it was"
 
 
+def test_every_parameter_tells_what_it_means(make: Callable[[str], BaseNode]) -> None:
+    node = make("planner: {deadline_s: 1.5}")
+    node.show_parameters({"planner": section(Config, node.parameters, "planner", "test")}, TUNABLE, lambda _: None)
+    for name in ("planner.iterations", "planner.deadline_s"):  # not set; from the file
+        described = node.describe_parameter(name)
+        assert described.description, name
+        assert described.read_only == (name not in TUNABLE), name
+    assert node.describe_parameter("planner.iterations").additional_constraints == ">= 1"
+    assert node.describe_parameter("planner.deadline_s").description.endswith("[s]")
+
+
 def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: Callable[[str], BaseNode]) -> None:
     def refuse(parameters: dict[str, Any]) -> None:
         raise ValueError("tdma order (9,): [9] are not among the vehicles")

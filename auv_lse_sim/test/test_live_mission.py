@@ -18,9 +18,9 @@ from rclpy.node import Node
 
 from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.domain import local_environment, note_run, own_domain, run_on
+from auv_lse_common.project_folder import project_folder
 from auv_lse_common.ros_conversions import header
 from auv_lse_msgs.msg import SimStatus
-from auv_lse_sim.live.command import project_root
 from auv_lse_sim.live.running import MissionFollower, RunningMission, newest_mission
 from auv_lse_sim.live.timeline import Timeline
 from auv_lse_sim.record.bag import write_run
@@ -43,7 +43,7 @@ def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path
         return [e for e in timeline.since("", 0, 10**6)[2] if e["kind"] == kind]
 
     with own_domain() as domain:
-        for name, value in local_environment(project_root(), domain).items():
+        for name, value in local_environment(project_folder(), domain).items():
             monkeypatch.setenv(name, value)
         note_run(domain, run)
         assert run_on(domain) == run

@@ -11,6 +11,7 @@ from typing import Any
 
 from auv_lse_common.domain import DomainError, busy_domains, domain_number, local_environment
 from auv_lse_common.inspect.message_text import FieldError
+from auv_lse_common.project_folder import project_folder
 
 
 def add_graph_options(p: argparse.ArgumentParser) -> None:
@@ -42,7 +43,7 @@ def join(wanted: str | None, root: Path | None = None) -> int:
         print(f"ROS domain {domain}, of the mission on this machine", file=sys.stderr)
     else:
         domain = 0
-    root = root or Path(os.environ.get("AUV_LSE_ROOT", Path.cwd()))
+    root = root or project_folder()
     os.environ["ROS_DOMAIN_ID"] = str(domain)
     if domain in busy and (root / "config" / "fastdds_localhost.xml").is_file():
         os.environ.update(local_environment(root, domain))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
+
+from auv_lse_common.project_folder import project_folder
 
 
 def add_cluster_options(p: argparse.ArgumentParser) -> None:
@@ -26,4 +27,4 @@ def _positive(text: str) -> int:
 
 def default_root() -> Path:
     """The folder of results, where no other is given."""
-    return Path(os.environ.get("AUV_LSE_ROOT", Path.cwd())) / "runs"
+    return project_folder() / "runs"

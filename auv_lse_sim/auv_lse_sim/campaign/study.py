@@ -7,12 +7,12 @@ sensitivity to one parameter at a time.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.project_folder import project_folder
 from auv_lse_sim.campaign.spec import CampaignSpec
 
 #: The project's own method.
@@ -153,8 +153,7 @@ class Study:
 
 def base_mission() -> Path:
     """The default mission: the paper's field trial."""
-    root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
-    return root / "config" / "missions" / "default.yaml"
+    return project_folder() / "config" / "missions" / "default.yaml"
 
 
 def full_study(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from auv_lse_common.domain import DomainError, local_environment, note_run, own_
 from auv_lse_common.missing import missing
 from auv_lse_common.params import describe
 from auv_lse_common.processes import LaunchError, Process
+from auv_lse_common.project_folder import project_folder
 from auv_lse_sim.engine.conductor import Interrupt, MissionError, conduct
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.options import overrides_of, parser
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.parameters:
         print_parameters(console)
         return 0
-    root = project_root()
+    root = project_folder()
     try:
         settings, notes = prepare(options, root)
         if options.for_vehicles is not None:
@@ -70,11 +70,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with ExitStack() as beside:
         live = beside if options.live else None
         return fly(settings, folder, console, processes, own_domain(), report=not options.no_report, live=live)
-
-
-def project_root() -> Path:
-    """The project's folder, which holds config/ and runs/."""
-    return Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
 
 
 def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str]]:
@@ -130,7 +125,7 @@ def fly(
     try:
         with domain_of_its_own as domain:
             note_run(domain, folder)
-            environment = local_environment(project_root(), domain)
+            environment = local_environment(project_folder(), domain)
             if live is not None:
                 live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"

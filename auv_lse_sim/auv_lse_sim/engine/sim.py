@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,9 +13,10 @@ import yaml
 from rich.console import Console
 from rich.text import Text
 
-from auv_lse_common.domain import DomainError, domain_number, taken_domain
+from auv_lse_common.domain import DomainError, taken_domain, wanted_domain
 from auv_lse_common.processes import Process
-from auv_lse_sim.engine.mission import fly, prepare, project_root, write_mission
+from auv_lse_common.project_folder import project_folder
+from auv_lse_sim.engine.mission import fly, prepare, write_mission
 from auv_lse_sim.engine.options import add_mission_options
 from auv_lse_sim.engine.run_folder import run_folder
 from auv_lse_sim.settings import Settings
@@ -70,9 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def say(text: str) -> None:
         console.print(Text(text), highlight=False, soft_wrap=True)
 
-    root = project_root()
+    root = project_folder()
     try:
-        domain = domain_number(options.domain or os.environ.get("ROS_DOMAIN_ID") or "0")
+        domain = wanted_domain(options.domain)
         settings, notes = prepare(options, root)
         folder = run_folder(options.out, root)
     except (ValueError, DomainError) as error:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from auv_lse_common.domain import DomainError, domain_number, local_environment, own_domain
 from auv_lse_common.params import ParameterError
+from auv_lse_common.project_folder import project_folder
 from auv_lse_common.recording import RecordingError, recording_in
 from auv_lse_sim.live.feed import Feed, Playback, Viewer
 from auv_lse_sim.live.follow import RecordingFollower
@@ -138,7 +139,7 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
     from auv_lse_sim.live.running import MissionFollower
 
     domain = None if options.domain is None else domain_number(options.domain)
-    os.environ.update(local_environment(project_root(), domain or 0))
+    os.environ.update(local_environment(project_folder(), domain or 0))
     return MissionFollower(timeline, domain, options.mission).follow
 
 
@@ -162,7 +163,7 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
 
             own = None if options.run is None else stack.enter_context(own_domain())
             if own is not None:
-                os.environ.update(local_environment(project_root(), own))
+                os.environ.update(local_environment(project_folder(), own))
                 where = f"ROS_DOMAIN_ID={own} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
                 print(f"RViz: {where} rviz2 -d config/rviz/mission.rviz")
             viewers.append(VizPublisher(lambda: int(timeline.state["domain"]) if own is None else own))
@@ -186,11 +187,6 @@ def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> i
     print(f"{len(events)} events in {took_s:.1f} s of processor time")
     print(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB; needs no server)")
     return 0
-
-
-def project_root() -> Path:
-    """The project's folder, which holds config/ and runs/."""
-    return Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
 
 
 def has_screen() -> bool:

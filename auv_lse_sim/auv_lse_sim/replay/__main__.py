@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from auv_lse_common.domain import DomainError
+from auv_lse_common.project_folder import project_folder
 from auv_lse_sim.replay.options import check, parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Does what the command line asks for. Returns 0; 1 if something differs or failed; 2 if it cannot be done; 130."""
     options = parser().parse_args(arguments)
-    root = Path(os.environ.get("AUV_LSE_ROOT", Path(__file__).resolve().parents[3]))
+    root = project_folder()
     try:
         check(options)
         # Imported where they are used: playing needs ROS, the other two do not.
