@@ -7,7 +7,7 @@ import json
 import os
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
 
@@ -51,6 +51,7 @@ def conduct(
     interrupt: Interrupt,
     processes: Sequence[Process],
     start_s: float | None = None,
+    when_running: Callable[[], None] | None = None,
 ) -> dict[str, float]:
     """Starts every process, watches the mission to its end, and ends every process.
 
@@ -62,6 +63,7 @@ def conduct(
         interrupt: Ends the mission early.
         processes: What to start (`processes.mission_processes`); the mission's other nodes are started elsewhere.
         start_s: Longest time (s) until all nodes have found each other; None: as long as a team of that size needs.
+        when_running: Called once when the first tick has come.
 
     Returns:
         Wall-clock seconds of the phases "start", "mission" and "ending"; those not reached are left out.
@@ -93,6 +95,8 @@ def conduct(
                 progress.phase = state
                 if "running" not in marks:
                     marks["running"], started_s = time.monotonic(), group.cpu_s()
+                    if when_running is not None:
+                        when_running()
             display.refresh()
         marks["ended"] = time.monotonic()
         processor_s = group.cpu_s()

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import importlib
 import json
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack
@@ -130,7 +133,8 @@ def fly(
                 live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
             _say(console, f"to watch from another terminal: export {watch}")
-            phases = conduct(settings, folder, environment, console, interrupt, processes, start_s)
+            load = threading.Thread(target=load_judges, daemon=True)  # while the nodes leave a core to spare
+            phases = conduct(settings, folder, environment, console, interrupt, processes, start_s, load.start)
     except (MissionError, LaunchError, DomainError) as error:
         _complain(console, error)
         return 1
@@ -162,6 +166,12 @@ def print_parameters(console: Console) -> None:
         console.print(table)
 
 
+def load_judges() -> None:
+    """Imports what the report needs, which takes some seconds; what is missing is told when it is used."""
+    with contextlib.suppress(ImportError):
+        importlib.import_module("auv_lse_sim.judge.report")
+
+
 def conclude(
     folder: Path, settings: Settings, wall_s: float, phases: dict[str, float], console: Console, report: bool
 ) -> None:
@@ -175,7 +185,7 @@ def conclude(
 
     began = time.monotonic()
     ground = ground_grid(settings.planner_settings(1), ground_of(settings))
-    run = read_run(folder, ground=ground, wall_s=wall_s)
+    run = read_run(folder, mission=folder / "mission.yaml", ground=ground, wall_s=wall_s)
     if report:
         summary = write_report(run, folder)
     else:
