@@ -92,15 +92,12 @@ def codec(sizes: Sizes = FULL) -> list[Row]:
     rng = np.random.default_rng(0)
     packet = Packet(PLAN, rng.uniform(0.0, 500.0, (19, 3)))
     both = best_of(lambda: decode(encode(packet, LIMITS), LIMITS), sizes.calls, sizes.repeats)
-    tagger, data = Tagger(bytes(32), 6), encode(packet, reserve=6)
-    steps = iter(range(10**9))
+    tagger, data = Tagger(bytes(32), 6, "bench"), encode(packet, reserve=6)
+    slots = iter(range(10**9))
 
     def tagged() -> None:
-        step = next(steps) % 60000
-        sealed = tagger.seal(step.to_bytes(2, "little") + data[2:], 1)
-        if step == 0:
-            tagger._accepted.clear()
-        tagger.check(sealed, 1)
+        slot_s = 10.0 * next(slots)
+        tagger.check(tagger.seal(data, 1, slot_s), 1, (slot_s,))
 
     tag = best_of(tagged, sizes.calls, sizes.repeats)
     return [

@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from auv_lse_comms.config import PacketConfig, TdmaConfig
     from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
     from auv_lse_comms.packet.fields import PACKET_BYTES, capacity
+    from auv_lse_comms.packet.key import KeyFileError, read_key
     from auv_lse_comms.packet.selection import Receivers
-    from auv_lse_comms.packet.tag import KeyFileError, Tagger, read_key
+    from auv_lse_comms.packet.tag import Tagger
     from auv_lse_comms.settings import bridge_of
     from auv_lse_comms.tdma import Slot, Tdma
 
@@ -47,8 +48,9 @@ __getattr__ = face(
         "config": ("PacketConfig", "TdmaConfig"),
         "packet.codec": ("REASONS", "Limits", "Packet", "PacketError", "decode", "encode"),
         "packet.fields": ("PACKET_BYTES", "capacity"),
+        "packet.key": ("KeyFileError", "read_key"),
         "packet.selection": ("Receivers",),
-        "packet.tag": ("KeyFileError", "Tagger", "read_key"),
+        "packet.tag": ("Tagger",),
         "settings": ("bridge_of",),
         "tdma": ("Slot", "Tdma"),
     },

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 _LOSS_GAIN = 0.1
 #: Packets of which the modem may still report that it did not send them.
 _REMEMBERED = 4
+#: Cycles before and after an arrival in which the slot of an old packet is looked for, to tell it from a forged one.
+_STALE_CYCLES = 100
 #: Two times nearer than this are those of one packet: a message's stamp keeps nanoseconds, UTC in a float fewer.
 _SAME_TIME_S = 1e-3
 
@@ -193,7 +195,8 @@ class ModemBridge:
             # the content is checked first, so that the tag remembers only packets that were accepted
             packet = decode(payload, self._limits, self._config.reserve)
             if self._tagger is not None:
-                self._tagger.check(payload, source)
+                near_s = self.tdma.around(now_s, source)
+                self._tagger.check(payload, source, near_s, self.tdma.around(now_s, source, _STALE_CYCLES))
             if not self.quality.arrival(now_s, source):
                 raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
         except PacketError as error:
@@ -230,7 +233,7 @@ class ModemBridge:
         if self._plan is None:
             self._why = "plan"
             return None
-        payload, samples = self._compose(self._plan)
+        payload, samples = self._compose(self._plan, slot.start_s)
         self._sent = [*self._sent[1 - _REMEMBERED :], (now_s, samples)]
         self._last_sent_s = now_s
         self._used, self._last_slot = True, (slot.index, slot.since_s)
@@ -257,8 +260,8 @@ class ModemBridge:
         if asleep:
             self.counts["slots.missed.asleep"] += asleep
 
-    def _compose(self, plan: Plan) -> tuple[bytes, Array]:
-        """The packet, and the rows of `_unsent` that went into it."""
+    def _compose(self, plan: Plan, slot_s: float) -> tuple[bytes, Array]:
+        """The packet for the slot that starts at `slot_s`, and the rows of `_unsent` that went into it."""
         room = room_for_samples(plan, self._config.reserve)
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
@@ -270,7 +273,7 @@ class ModemBridge:
         packet = Packet(plan, unsent[chosen, 1:4])
         payload = encode(packet, self._limits, self._config.reserve)
         if self._tagger is not None:
-            payload = self._tagger.seal(payload, self.address)
+            payload = self._tagger.seal(payload, self.address, slot_s)
         self._unsent = np.delete(unsent, chosen, axis=0)
         self.counts["samples.sent"] += len(chosen)
         return payload, unsent[chosen]

@@ -101,7 +101,9 @@ class PacketConfig:
         "", help="file with the team's key in hexadecimal (16 to 32 bytes), readable by its owner only"
     )
     session: str = parameter(
-        "", help="name of the dive, mixed into the tag: packets of another dive are refused even with the same key"
+        "",
+        help="name of the dive, mixed into the tag, which needs one: packets of another dive are refused even with the "
+        "same key",
     )
     check_limits: bool = parameter(
         True, help="refuse packets whose places lie outside the operating area's box widened by area_margin_m"
@@ -124,6 +126,11 @@ class PacketConfig:
         """
         if self.tag and not self.key_file:
             raise ValueError("tag = true: expected key_file to name the file with the key")
+        if self.tag and not self.session:
+            raise ValueError(
+                "tag = true, session = '': expected the name of the dive, so that packets of another one with the same "
+                "key are refused; fix: session: lake-2026-07-12-a, the same for every vehicle, another for each dive"
+            )
         if len(self.session.encode()) > 64:
             raise ValueError(f"session = {self.session!r}: expected at most 64 bytes")
         if self.depth_min_m >= self.depth_max_m:

@@ -11,8 +11,8 @@ from auv_lse_common.params import ParameterError, section
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Limits
+from auv_lse_comms.packet.key import KeyFileError, read_key
 from auv_lse_comms.packet.selection import Receivers
-from auv_lse_comms.packet.tag import KeyFileError, read_key
 
 #: Makes the receivers of `packet.selection` "useful" from the mission's parameters, where they came from (for
 #: messages), and the sender's number.

@@ -135,6 +135,17 @@ class Tdma:
         """This vehicle's next slot that has not begun yet, None if it has none in the next two cycles."""
         return next((slot for slot in self.following(now_s) if slot.owner == self.address), None)
 
+    def around(self, now_s: float, owner: int, cycles: int = 1) -> list[float]:
+        """Starts (s) of the slots of `owner` in so many cycles before `now_s` and after it, as they are set now."""
+        since, config = self._at(now_s)
+        slots = len(config.order)
+        first = self.slot(now_s).index - cycles * slots + 1
+        return [
+            start
+            for index in range(first, first + 2 * cycles * slots)
+            if config.order[index % slots] == owner and (start := config.epoch_s + index * config.slot_s) >= since
+        ]
+
     def following(self, now_s: float) -> Iterator[Slot]:
         """The slots after the one `now_s` falls in, through two cycles beyond the last change of settings."""
         slot = self.slot(now_s)

@@ -246,7 +246,7 @@ def test_settings_change_at_a_cycles_start() -> None:
 
 def test_tag_within_a_team() -> None:
     key = bytes(range(16))
-    config = PacketConfig(tag=True, key_file="key")
+    config = PacketConfig(tag=True, key_file="key", session="a")
     team = [ModemBridge(TDMA, config, a, 3, key=key) for a in (1, 2)]
     outsider = ModemBridge(TDMA, PacketConfig(), 2, 3)
     for b in (*team, outsider):
@@ -266,9 +266,45 @@ def test_tag_within_a_team() -> None:
     assert outsider.counts["rejected.spare"] == 1
 
 
+def tagged_team(session: str = "a") -> list[ModemBridge]:
+    config = PacketConfig(tag=True, key_file="key", session=session)
+    team = [ModemBridge(TDMA, config, a, 3, key=bytes(range(16))) for a in (1, 2)]
+    for b in team:
+        b.set_plan(PLAN)
+    return team
+
+
+def test_an_old_packet_is_refused_even_by_a_receiver_that_has_forgotten_it() -> None:
+    payload = tagged_team()[1].poll(11.0)
+    restarted = tagged_team()[0]
+    for late_s in (70.0, 100.0, 2900.0):  # two cycles of 30 s later and on
+        assert restarted.receive(11.0 + late_s, 2, payload) is None
+    assert restarted.counts["rejected.stale"] == 3
+    assert restarted.receive(13.0 + 86400.0, 2, payload) is None  # the next day, with the same key and name
+    assert restarted.counts["rejected.tag"] == 1
+    assert restarted.receive(13.0, 2, payload) is not None
+    assert tagged_team("b")[0].receive(13.0, 2, payload) is None
+
+
+def test_a_restarted_sender_is_heard_at_once() -> None:
+    listener, sender = tagged_team()
+    sender.set_plan(dataclasses.replace(PLAN, step=40))
+    assert listener.receive(13.0, 2, sender.poll(11.0)) is not None
+    restarted = tagged_team()[1]  # plans from an earlier step
+    assert listener.receive(43.0, 2, restarted.poll(41.0)) is not None
+
+
+@pytest.mark.parametrize("apart_s", [-7.0, -2.0, 2.0, 7.0])
+def test_clocks_some_seconds_apart_do_not_break_the_tag(apart_s: float) -> None:
+    listener, sender = tagged_team()
+    for cycle in range(5):
+        sent_s = 11.0 + 30.0 * cycle
+        assert listener.receive(sent_s + 2.0 + apart_s, 2, sender.poll(sent_s)) is not None
+
+
 def test_missing_helpers_are_refused() -> None:
     with pytest.raises(ValueError, match=r"packet.tag = true: expected a key"):
-        ModemBridge(TDMA, PacketConfig(tag=True, key_file="key"), 1, 3)
+        ModemBridge(TDMA, PacketConfig(tag=True, key_file="key", session="a"), 1, 3)
     with pytest.raises(ValueError, match=r"selection = 'useful': expected `receivers`"):
         ModemBridge(TDMA, PacketConfig(selection="useful"), 1, 3)
     with pytest.raises(ValueError, match="tag = true: expected key_file"):

@@ -42,8 +42,9 @@ def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
         ({"tdma": {"order": [1, 4]}}, r"m.yaml: tdma order \(1, 4\): \[4\] are not among the vehicles 1..3"),
         ({"tdma": {"slot_s": 1.0}}, r"m.yaml: tdma: slot_s = 1 s: expected at least 4.200 s"),
         ({"packet": {"tag": True}}, r"m.yaml: packet: tag = true: expected key_file"),
+        ({"packet": {"tag": True, "key_file": "key"}}, r"m.yaml: packet: tag = true, session = '': expected the name"),
         (
-            {"packet": {"tag": True, "key_file": str(tmp_path / "none")}},
+            {"packet": {"tag": True, "key_file": str(tmp_path / "none"), "session": "a"}},
             r"packet.key_file: .*none: cannot be read",
         ),
         ({"packet": {"selection": "useful"}}, r"m.yaml: packet.selection = 'useful': expected `receivers`"),
@@ -89,7 +90,8 @@ def test_a_team_with_a_key(tmp_path: Path) -> None:
     key = tmp_path / "key"
     key.write_text("ab" * 32)
     key.chmod(0o600)
-    one, two = (bridge_of({**MISSION, "packet": {"tag": True, "key_file": str(key)}}, "m.yaml", a) for a in (1, 2))
+    packet = {"tag": True, "key_file": str(key), "session": "a"}
+    one, two = (bridge_of({**MISSION, "packet": packet}, "m.yaml", a) for a in (1, 2))
     one.set_plan(PLAN)
     payload = one.poll(1.0)
     assert payload is not None

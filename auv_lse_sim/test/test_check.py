@@ -117,7 +117,7 @@ def test_whether_this_machine_can_be_a_vehicle(tmp_path: Path) -> None:
     port.write_text("")
     modem = {"kind": "micromodem", "port": str(port)}
     link = {"kind": "mavlink", "endpoint": "serial:///dev/no_such:57600"}
-    path = write(tmp_path, modem=modem, link=link, packet={"tag": True, "key_file": str(key)}, sim={})
+    path = write(tmp_path, modem=modem, link=link, packet={"tag": True, "key_file": str(key), "session": "a"}, sim={})
     errors = found(path, "error", "auv2")
     assert f"modem.port = {port}: expected a serial device" in errors
     assert "link.endpoint = /dev/no_such: is not on this machine" in errors

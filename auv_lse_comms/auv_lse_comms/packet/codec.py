@@ -69,8 +69,9 @@ REASONS = {
     "spare": "spare bytes that are not 0xFF",
     "source": "not from a member of the team, or from the receiver itself",
     "excess": "more packets than their sender has slots",
-    "tag": "the tag does not fit: forged, altered, or another key",
-    "replay": "received before, or older than the last packet of this sender",
+    "tag": "the tag does not fit: forged, altered, another key or another dive",
+    "stale": "its tag is of another slot of its sender: an old packet, or clocks that are apart",
+    "replay": "received before, or of an earlier slot than the last packet of this sender",
 }
 
 

@@ -79,7 +79,7 @@ def _check_package(package: str, why: str, findings: Findings) -> None:
 
 
 def _check_key(path: Path, findings: Findings) -> None:
-    from auv_lse_comms.packet.tag import KeyFileError, read_key
+    from auv_lse_comms.packet.key import KeyFileError, read_key
 
     try:
         read_key(str(path))

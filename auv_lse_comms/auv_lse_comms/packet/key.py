@@ -1,0 +1,102 @@
+"""The team's key: a file of hexadecimal digits that only its owner can read; makes one and reads it."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import secrets
+import stat
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+_KEY_BYTES = 32
+
+
+class KeyFileError(ValueError):
+    """A key file that cannot be used. Its message never holds the content."""
+
+
+def read_key(path: str | Path) -> bytes:
+    """Reads the team's key.
+
+    Args:
+        path: File of 32 to 64 hexadecimal digits (16 to 32 bytes), owned by this user (or root) and closed to group
+            and others.
+
+    Raises:
+        KeyFileError: naming the file and what is wrong with it.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise KeyFileError(f"{path}: not a regular file; expected a file with the key")
+            if status.st_mode & 0o077:
+                mode = stat.S_IMODE(status.st_mode)
+                raise KeyFileError(
+                    f"{path}: mode {mode:04o} gives others access to the key; expected 0600: chmod 600 {path}"
+                )
+            if status.st_uid not in (0, os.geteuid()):
+                raise KeyFileError(f"{path}: belongs to user {status.st_uid}; expected this user or root")
+            text = file.read(4096)
+    except OSError as error:
+        raise KeyFileError(f"{path}: cannot be read: {error.strerror or type(error).__name__}") from None
+    try:
+        key = bytes.fromhex(text.decode("ascii").strip())
+    except ValueError:
+        raise KeyFileError(f"{path}: not hexadecimal; expected what scripts/key writes") from None
+    if not 16 <= len(key) <= hashlib.blake2s.MAX_KEY_SIZE:
+        raise KeyFileError(f"{path}: {len(key)} bytes; expected 16 to {hashlib.blake2s.MAX_KEY_SIZE}")
+    return key
+
+
+def make_key(path: str | Path) -> None:
+    """Makes a key: a new file of 64 hexadecimal digits with mode 0600. It is written whole or not at all.
+
+    Raises:
+        KeyFileError: if the file is there already, or cannot be written.
+    """
+    path = Path(path)
+    try:
+        number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        raise KeyFileError(
+            f"{path}: is there already; expected a new file, since a key that is overwritten is lost to the whole team"
+        ) from None
+    except OSError as error:
+        raise KeyFileError(f"{path}: cannot be made: {error.strerror or error}") from None
+    try:
+        with os.fdopen(number, "wb") as file:
+            os.fchmod(number, 0o600)  # whatever the umask
+            file.write(secrets.token_hex(_KEY_BYTES).encode() + b"\n")
+            file.flush()
+            os.fsync(number)
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise KeyFileError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line of `scripts/key`. Returns 0, or 2 if no key could be made."""
+    parser = argparse.ArgumentParser(
+        prog="scripts/key",
+        description="Makes a key for the tag at the packets' end (docs/packet.md): a new file of 64 hexadecimal digits "
+        "that only you can read. Copy it to every vehicle of the team, and name it in packet.key_file.",
+        epilog="Exit codes: 0 made; 2 the file is there already, or cannot be written.",
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="the new file, which must not be there yet")
+    options = parser.parse_args(argv)
+    try:
+        make_key(options.file)
+    except KeyFileError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"{options.file}: a new key of {_KEY_BYTES} bytes, mode 0600; the same file belongs on every vehicle")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
