@@ -16,6 +16,9 @@ setup(
     description="Augmented receding horizon planning with Monte Carlo tree search for a team of AUVs; planner_node",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["planner_node = auv_lse_planner.planner_node:main"],
+        "console_scripts": [
+            "planner_node = auv_lse_planner.planner_node:main",
+            "safety_node = auv_lse_planner.safety_node:main",
+        ],
     },
 )

@@ -13,7 +13,7 @@ environment_fingerprint() {
     {
         cat "$ROOT"/config/requirements*.txt "$ROOT"/config/constraints.txt "$ROOT"/scripts/setup
         cat "$ROOT"/auv_lse_*/package.xml "$ROOT"/auv_lse_*/setup.py "$ROOT"/auv_lse_*/setup.cfg
-        cat "$ROOT"/auv_lse_msgs/CMakeLists.txt "$ROOT"/auv_lse_msgs/msg/*.msg
+        cat "$ROOT"/auv_lse_msgs/CMakeLists.txt "$ROOT"/auv_lse_msgs/msg/*.msg "$ROOT"/auv_lse_msgs/srv/*.srv
         echo "$ROOT" "$ROOT"/auv_lse_*/launch/*
         if ros_is_sourced; then echo "ros $ROS_DISTRO ${AMENT_PREFIX_PATH##*:}"; else echo pypi; fi
     } 2>/dev/null | sha256sum

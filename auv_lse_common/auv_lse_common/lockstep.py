@@ -37,6 +37,7 @@ TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry")
 PHASES = {
     "modem": Phase(waits_for=("sounding", "modem/rx"), announces=("team/plans", "team/samples")),
     "gp": Phase(waits_for=("sounding", "team/samples"), announces=("kernel_centers",)),
+    "safety": Phase(announces=("mission/state",)),
     "planner": Phase(
         waits_for=("odometry", "team/plans", "kernel_centers"), announces=("plan", "waypoint"), ends_tick=True
     ),

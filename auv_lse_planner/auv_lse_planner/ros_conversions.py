@@ -6,6 +6,7 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 from numpy.typing import NDArray
+from sensor_msgs.msg import Range
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.leg import Leg
@@ -20,6 +21,11 @@ def navigation(message: Odometry) -> tuple[float, float, float]:
     q = pose.orientation
     heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
     return heading, pose.position.y, pose.position.x
+
+
+def altitude_m(message: Range) -> float:
+    """Height over the ground (m) of a Range; infinite: no echo."""
+    return float(message.range)
 
 
 def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, last: bool) -> Waypoint:
