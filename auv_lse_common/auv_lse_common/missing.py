@@ -12,6 +12,7 @@ COMMANDS = {
     "pymavlink": "pip install pymavlink",
     "pyproj": "sudo apt install python3-pyproj",
     "rasterio": "sudo apt install python3-rasterio",
+    "rclpy": "source /opt/ros/jazzy/setup.bash, or scripts/setup",
     "rich": "sudo apt install python3-rich",
     "rosbags": "pip install rosbags",
     "serial": "sudo apt install python3-serial",

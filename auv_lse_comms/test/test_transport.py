@@ -98,7 +98,7 @@ def test_what_is_no_serial_device_is_named(place):
 
 
 def test_rts_and_dtr_of_a_modem_are_low_before_its_port_is_opened(monkeypatch):
-    serial = pytest.importorskip("serial")
+    serial = pytest.importorskip("serial", reason="pyserial is not installed")
     levels = []
     opened = serial.Serial.open
     monkeypatch.setattr(serial.Serial, "open", lambda port: (levels.append((port.rts, port.dtr)), opened(port)))

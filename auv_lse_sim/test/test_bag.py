@@ -87,8 +87,8 @@ def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, 
 
 
 def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
-    reader = pytest.importorskip("mcap.reader")
-    decoder = pytest.importorskip("mcap_ros2.decoder")
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
     run = synthetic_run(steps=4)
     write_run(run, tmp_path / "run")
     (file,) = (tmp_path / "run" / "bag").glob("*.mcap")

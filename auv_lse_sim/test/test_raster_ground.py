@@ -38,7 +38,7 @@ def test_ascii_grid_in_degrees(tmp_path):
 
 
 def test_ascii_grid_with_a_projection(tmp_path):
-    pyproj = pytest.importorskip("pyproj")
+    pyproj = pytest.importorskip("pyproj", reason="pyproj is not installed")
     to_utm = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:32632", always_xy=True)
     x0, y0 = to_utm.transform(9.3, 47.5)
     axis = np.arange(0.0, 401.0, 10.0)

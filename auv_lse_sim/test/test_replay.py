@@ -79,6 +79,12 @@ def test_keys_as_terminals_send_them() -> None:
     assert meanings(" \x1b[Cx\x1b[A\x1b[B") == ["pause", "next", "faster", "slower"]
 
 
+def needs_ros() -> None:
+    """Skips a test where there is no ROS."""
+    for name in ("rclpy", "auv_lse_msgs"):
+        pytest.importorskip(name, reason=f"needs {name} (scripts/test sets it up)")
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -93,8 +99,8 @@ def test_keys_as_terminals_send_them() -> None:
 def test_what_cannot_be_played_is_refused_with_words(
     tmp_path: Path, synthetic_run, capsys, arguments: list[str], expected: str
 ) -> None:
-    pytest.importorskip("rclpy")
-    pytest.importorskip("auv_lse_msgs")
+    if arguments != ["nowhere"]:  # that is seen before ROS is loaded
+        needs_ros()
     write_run(synthetic_run(steps=1), tmp_path / "a run")
     assert main([str(tmp_path / "a run") if a == "RUN" else a for a in arguments]) == 2
     assert expected in capsys.readouterr().err
@@ -107,6 +113,9 @@ def test_what_cannot_be_played_is_refused_with_words(
         (["--csv", "steps.csv", "--report"], "--csv: expected --recompute beside it"),
         (["--out", "page"], "--out: expected --report beside it"),
         (["--report", "--recompute", "gp"], "--recompute and --report: expected one of them"),
+        (["--rate", "2", "--report"], "--rate: plays a recording; expected neither --recompute nor --report"),
+        (["--paused", "--recompute", "gp"], "--paused: plays a recording"),
+        (["--recompute", "gp", "--csv", "no folder/steps.csv"], "its folder no folder does not exist"),
         (["--recompute", "gp", "--tolerance", "-1"], "--tolerance -1: expected at least 0"),
     ],
 )
@@ -147,7 +156,7 @@ class Pressed:
 
 @pytest.mark.ros
 def test_the_right_arrow_plays_one_message_of_several_with_one_stamp(tmp_path: Path, synthetic_run) -> None:
-    pytest.importorskip("rclpy")
+    needs_ros()
     from auv_lse_sim.replay.player_node import Player
 
     write_run(synthetic_run(steps=2), tmp_path)
@@ -162,11 +171,13 @@ def test_the_right_arrow_plays_one_message_of_several_with_one_stamp(tmp_path: P
 
 @pytest.mark.ros
 def test_a_recording_played_over_rclpy(tmp_path: Path, synthetic_run) -> None:
-    rclpy = pytest.importorskip("rclpy")
-    messages = pytest.importorskip("auv_lse_msgs.msg")
+    needs_ros()
+    import rclpy
     from rclpy.executors import SingleThreadedExecutor
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from rosgraph_msgs.msg import Clock
+
+    from auv_lse_msgs import msg as messages
 
     write_run(synthetic_run(steps=6), tmp_path)  # 94 s
     command = [sys.executable, "-m", "auv_lse_sim.replay", str(tmp_path), "--rate", "10", "--start", "30"]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import yaml
 
+from auv_lse_common.failure import words_of
 from auv_lse_common.params import from_mapping
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.log import read_entries, replay_log
@@ -36,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with options.file.open(encoding="ascii") as lines:
             result = replay_log(read_entries(lines, str(options.file)), config, options.address)
     except (OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {words_of(error)}", file=sys.stderr)
         return 2
     for utc_s, event in result.events:
         print(f"{utc_s:.6f} {event}")

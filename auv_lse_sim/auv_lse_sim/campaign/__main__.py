@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from auv_lse_common.failure import words_of
 from auv_lse_common.params import ParameterError
 from auv_lse_sim.campaign import spec as campaign_spec
 from auv_lse_sim.campaign.cluster import cluster
@@ -57,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
         page = write_results(spec, folder, state)
     except (ParameterError, CampaignError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {words_of(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)
@@ -80,7 +81,7 @@ def _rerun(options: argparse.Namespace) -> int:
             raise CampaignError("--rerun: expected the campaign's folder in --out DIR")
         to, changed = rerun(options.out, options.rerun, options.to)
     except CampaignError as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {words_of(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

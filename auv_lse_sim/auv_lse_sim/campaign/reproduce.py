@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from auv_lse_common.failure import words_of
 from auv_lse_common.params import ParameterError
 from auv_lse_sim.campaign.cluster import cluster
 from auv_lse_sim.campaign.errors import CampaignError
@@ -110,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 flown = examples(study, folder, client if "trials" in study.only else None)
         page = write_page(study, folder, flown)
     except (ParameterError, CampaignError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {words_of(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)

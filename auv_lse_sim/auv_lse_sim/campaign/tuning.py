@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from auv_lse_common.failure import words_of
 from auv_lse_sim.campaign.knobs import KNOBS, Knob, shown
 from auv_lse_sim.campaign.study import SMALL, base_mission
 from auv_lse_sim.engine.fleet import Fleet
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.only is None or knob.name in options.only:
                 _show(knob, options.seeds, options.out)
     except (OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {words_of(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; the pictures made so far are kept", file=sys.stderr)

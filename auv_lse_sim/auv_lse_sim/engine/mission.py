@@ -19,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from auv_lse_common.domain import DomainError, local_environment, note_run, own_domain
+from auv_lse_common.failure import words_of
 from auv_lse_common.missing import missing
 from auv_lse_common.params import describe
 from auv_lse_common.processes import LaunchError, Process
@@ -150,7 +151,7 @@ def fly(
         _complain(console, f"the mission is complete, but {missing(error, 'its figures and report')}")
         return code or 1
     except (OSError, ValueError) as error:
-        _complain(console, f"the mission is complete, but its evaluation failed: {error}")
+        _complain(console, f"the mission is complete, but its evaluation failed: {words_of(error)}")
         return code or 1
     return code
 

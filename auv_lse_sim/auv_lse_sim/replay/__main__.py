@@ -6,7 +6,10 @@ import sys
 from collections.abc import Sequence
 
 from auv_lse_common.domain import DomainError
+from auv_lse_common.failure import words_of
+from auv_lse_common.missing import missing
 from auv_lse_common.project_folder import project_folder
+from auv_lse_common.recording import recording_in
 from auv_lse_sim.replay.options import check, parser
 
 
@@ -27,11 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for line in report_again(options.run, options.mission, options.out):
                 print(line)
             return 0
+        recording_in(options.run)  # before ROS is loaded, and where there is none
         from auv_lse_sim.replay.play import play
 
         return play(options, root)
+    except ImportError as error:
+        print(f"error: {missing(error, 'recordings that are played')}", file=sys.stderr)
+        return 2
     except (DomainError, OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        print(f"error: {words_of(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped", file=sys.stderr)

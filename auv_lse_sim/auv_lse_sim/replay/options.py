@@ -81,6 +81,15 @@ def check(options: argparse.Namespace) -> None:
     for name, needed in (("set", "recompute"), ("csv", "recompute"), ("all", "recompute"), ("out", "report")):
         if getattr(options, name) and not getattr(options, needed):
             raise ValueError(f"--{name}: expected --{needed} beside it")
+    playing = {"rate": 1.0, "start": 0.0, "duration": None, "topics": None, "loop": False, "paused": False,
+               "commands": False, "domain": None}  # fmt: skip
+    for name, default in playing.items():
+        if getattr(options, name) != default and (options.recompute or options.report):
+            raise ValueError(f"--{name}: plays a recording; expected neither --recompute nor --report beside it")
+    for name in ("csv", "out"):
+        path = getattr(options, name)
+        if path is not None and not path.parent.is_dir():
+            raise ValueError(f"--{name} {path}: its folder {path.parent} does not exist; expected one that does")
     if not options.tolerance >= 0.0:
         raise ValueError(f"--tolerance {options.tolerance:g}: expected at least 0")
 

@@ -1,0 +1,11 @@
+"""What went wrong, in words for who typed the command."""
+
+from __future__ import annotations
+
+
+def words_of(error: BaseException) -> str:
+    """An error as one line: the file and what the system says of it, instead of "[Errno 28] ..."."""
+    if isinstance(error, OSError) and error.strerror:
+        files = [str(name) for name in (error.filename, error.filename2) if name is not None]
+        return ": ".join([*files, error.strerror])
+    return str(error) or type(error).__name__

@@ -1,0 +1,20 @@
+"""Errors in words."""
+
+from pathlib import Path
+
+import pytest
+
+from auv_lse_common.failure import words_of
+
+
+def test_a_file_that_cannot_be_opened_is_named_without_a_number(tmp_path: Path) -> None:
+    missing = tmp_path / "no such file"
+    with pytest.raises(OSError) as caught:  # noqa: PT011  # any of its kinds
+        missing.read_bytes()
+    assert words_of(caught.value) == f"{missing}: No such file or directory"
+
+
+def test_an_error_of_our_own_keeps_its_words_and_one_without_has_its_name() -> None:
+    assert words_of(ValueError("--rate 0: expected more than 0")) == "--rate 0: expected more than 0"
+    assert words_of(OSError("the disk is full")) == "the disk is full"
+    assert words_of(RuntimeError()) == "RuntimeError"
