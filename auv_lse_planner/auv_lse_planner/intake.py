@@ -2,9 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from auv_lse_common.plan import Plan
 from auv_lse_gp.centers import Centers
 from auv_lse_planner.vehicle_planner import VehiclePlanner
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Taken:
+    """What a planner has taken so far: all that its next decision follows from, beside its own state.
+
+    Attributes:
+        map_revision: Revision of the kernel centers.
+        plans: Team plans, counted.
+        odometry_s: Stamp of the last odometry (s); 0 before the first.
+    """
+
+    map_revision: int = 0
+    plans: int = 0
+    odometry_s: float = 0.0
 
 
 class PlannerIntake:
@@ -12,18 +29,20 @@ class PlannerIntake:
 
     Attributes:
         planner: The planner.
+        taken: What the planner has been given.
     """
 
     def __init__(self, planner: VehiclePlanner) -> None:
         """Nothing waits yet."""
         self.planner = planner
-        self._centers: Centers | None = None
+        self.taken = Taken()
+        self._centers: tuple[Centers, int] | None = None
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
 
-    def set_centers(self, centers: Centers) -> None:
-        """The map's kernel centers; they replace those that still wait."""
-        self._centers = centers
+    def set_centers(self, centers: Centers, revision: int) -> None:
+        """The map's kernel centers and their revision; they replace those that still wait."""
+        self._centers = centers, revision
 
     def add_plan(self, stamp_s: float, vehicle: int, plan: Plan) -> None:
         """A mate's plan: end of reception (s), number of the mate, the plan."""
@@ -35,13 +54,18 @@ class PlannerIntake:
 
     def take(self, now_s: float) -> bool:
         """The planner takes the map, plans by stamp and vehicle, odometry; returns whether a decision is due then."""
+        revision, plans, odometry_s = self.taken.map_revision, self.taken.plans, self.taken.odometry_s
         if self._centers is not None:
-            self.planner.set_centers(self._centers, now_s)
+            centers, revision = self._centers
+            self.planner.set_centers(centers, now_s)
             self._centers = None
         for stamp_s, vehicle, plan in sorted(self._plans, key=lambda entry: entry[:2]):
             self.planner.hear(stamp_s, vehicle, plan)
+        plans += len(self._plans)
         self._plans = []
         if self._odometry is not None:
             self.planner.odometry(*self._odometry)
+            odometry_s = self._odometry[0]
             self._odometry = None
+        self.taken = Taken(map_revision=revision, plans=plans, odometry_s=odometry_s)
         return self.planner.due(now_s)

@@ -85,7 +85,7 @@ class PlannerNode(VehicleNode):
 
     def _on_centers(self, message: KernelCenters) -> None:
         try:
-            self._intake.set_centers(centers_from_message(message))
+            self._intake.set_centers(centers_from_message(message), message.revision)
         except ValueError as error:
             self.get_logger().error(str(error))
 
@@ -114,7 +114,7 @@ class PlannerNode(VehicleNode):
         last = decision.leg.step == self._settings.mission.steps - 1
         self._plan.publish(plan_message(now_s, self.vehicle, decision.plan))
         self._waypoint.publish(waypoint_message(now_s, decision.leg, vehicle.speed_mps, vehicle.depth_m, last))
-        self._bound.publish(bound_message(now_s, decision.bound, self._planning_s))
+        self._bound.publish(bound_message(now_s, decision.bound, self._planning_s, self._intake.taken))
         if self._planner.path is not None:
             self._path.publish(path_message(now_s, self._planner.path.states, vehicle.depth_m))
         self._published += 1

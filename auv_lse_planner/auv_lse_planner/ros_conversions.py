@@ -10,9 +10,10 @@ from sensor_msgs.msg import Range
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.leg import Leg
-from auv_lse_common.ros_conversions import header
+from auv_lse_common.ros_conversions import header, stamp
 from auv_lse_msgs.msg import Bound, Waypoint
 from auv_lse_planner.account import BoundRecord
+from auv_lse_planner.intake import Taken
 
 
 def navigation(message: Odometry) -> tuple[float, float, float]:
@@ -61,8 +62,8 @@ def path_message(now_s: float, states: NDArray[np.float64], depth_m: float) -> P
     return path
 
 
-def bound_message(now_s: float, bound: BoundRecord, planning_s: float) -> Bound:
-    """Bound message of a decision's record, which took `planning_s` of wall clock."""
+def bound_message(now_s: float, bound: BoundRecord, planning_s: float, taken: Taken) -> Bound:
+    """Bound message of a decision's record, which took `planning_s` of wall clock and was of what was `taken`."""
     return Bound(
         header=header(now_s),
         step=bound.step,
@@ -75,4 +76,7 @@ def bound_message(now_s: float, bound: BoundRecord, planning_s: float) -> Bound:
         iterations=bound.iterations,
         planning_s=planning_s,
         deadline_hit=bound.deadline_hit,
+        map_revision=taken.map_revision,
+        plans_heard=taken.plans,
+        odometry_taken=stamp(taken.odometry_s),
     )

@@ -6,17 +6,20 @@ import csv
 import dataclasses
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 from sim_helpers import TINY, other_bag
 
 from auv_lse_common.plan import Plan
+from auv_lse_planner.intake import PlannerIntake, Taken
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.record.bag import write_run
 from auv_lse_sim.replay.__main__ import main
 from auv_lse_sim.replay.again import table
-from auv_lse_sim.replay.decisions_again import decisions_again
-from auv_lse_sim.replay.inputs import read_inputs
+from auv_lse_sim.replay.decisions_again import _plans_heard, decisions_again
+from auv_lse_sim.replay.inputs import read_inputs, ticks_of
+from auv_lse_sim.replay.map_again import MapAgain
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
 
@@ -78,6 +81,38 @@ def test_after_a_difference_the_planner_goes_on_from_what_was_flown(flown: Path)
     assert [row.values for row in again[:2]] == [row.values for row in first[:2]]
     assert again[2].plans[0] != first[2].plans[0]
     assert isinstance(other, Plan)
+
+
+def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flown: Path, monkeypatch) -> None:
+    """As a paced mission's: the recorder heard each input at another time than the planner took it."""
+    inputs = read_inputs(flown)
+    settings = Settings.from_patterns(inputs.parameters, "flown")
+    vehicle = inputs.vehicles[2]
+    ours, ticks = MapAgain(vehicle, settings.planner_settings(2), True), list(ticks_of(vehicle))
+    for tick in ticks:  # the node publishes the map's centers and the plans that came in; the fleet engine does not
+        ours.advance(tick)
+        vehicle.centers.append((tick, (ours.map.revision, ours.map.centers)))
+    vehicle.plans = _plans_heard(vehicle, settings)
+    told: dict[float, Taken] = {}
+    take = PlannerIntake.take
+
+    def noted(intake: PlannerIntake, now_s: float) -> bool:
+        due = take(intake, now_s)
+        told[now_s] = intake.taken
+        return due
+
+    monkeypatch.setattr(PlannerIntake, "take", noted)
+    assert not any(row.differs for row in decisions_again(vehicle, settings, True, 1e-9, lambda share: None))
+    monkeypatch.undo()
+    vehicle.decisions = [dataclasses.replace(d, taken=told[d.now_s]) for d in vehicle.decisions]
+    late_s = np.random.default_rng(3).uniform(0.0, 3.0, 100_000).tolist()
+    for name in ("odometry", "plans", "centers"):
+        entries = [(there_s + late_s.pop(), entry) for there_s, entry in getattr(vehicle, name)]
+        setattr(vehicle, name, entries)
+    assert vehicle.plans, "something was heard"
+    assert not any(row.differs for row in decisions_again(vehicle, settings, False, 1e-9, lambda share: None))
+    vehicle.decisions = [dataclasses.replace(d, taken=None) for d in vehicle.decisions]
+    assert any(row.differs for row in decisions_again(vehicle, settings, False, 1e-9, lambda share: None))
 
 
 def test_what_cannot_be_compared_is_said(flown: Path, tmp_path, capsys) -> None:

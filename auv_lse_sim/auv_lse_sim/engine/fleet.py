@@ -106,7 +106,7 @@ class Crew:
         """
         if self.map.revision != self._revision:
             self._revision = self.map.revision
-            self._to_planner.set_centers(self.map.centers)
+            self._to_planner.set_centers(self.map.centers, self.map.revision)
         for received in heard:
             self._to_planner.add_plan(received.stamp_s, received.source, received.packet.plan)
         o = output.odometry

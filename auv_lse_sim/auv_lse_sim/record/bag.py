@@ -369,6 +369,9 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
                 iterations=0,
                 planning_s=d.wall_s,
                 deadline_hit=False,
+                map_revision=0,  # not told: ticks settle what was at hand
+                plans_heard=0,
+                odometry_taken=header(0.0).stamp,
             )
             yield d.now_s, ns + "/planner/bound", own + "Bound", bound
     for sent in run.sent:

@@ -38,7 +38,7 @@ def recompute(options: Namespace) -> int:
         print(f"changed: {name}: {_values(flown, name)} -> {_values(settings, name)}")
     if not inputs.lockstep:
         print(
-            "not flown in lockstep: what a node had at hand is known to about 0.1 s, and small differences may be that"
+            "not flown in lockstep: what a map had at hand is known to about 0.1 s, and small differences may be that"
         )
     found: list[Row] = []
     for part in options.recompute:

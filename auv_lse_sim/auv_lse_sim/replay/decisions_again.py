@@ -20,7 +20,7 @@ from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.receivers_risk import ReceiversRisk
 from auv_lse_planner.config import PlannerConfig
-from auv_lse_planner.intake import PlannerIntake
+from auv_lse_planner.intake import PlannerIntake, Taken
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 from auv_lse_sim.replay.inputs import RecordedDecision, VehicleInputs, ticks_of
 from auv_lse_sim.replay.map_again import MapAgain
@@ -104,9 +104,9 @@ class _Again:
         rows: list[DecisionStep] = []
         early = False
         for now_s in times:
-            self._take(now_s)
-            due = self._intake.take(now_s)
             decision = decisions.get(now_s)
+            self._take(now_s, None if self._lockstep or decision is None else decision.taken)
+            due = self._intake.take(now_s)
             if decision is None:
                 early |= due
             elif decision.step < self._planner.settings.mission.steps:
@@ -116,29 +116,36 @@ class _Again:
                 show(len(rows) / len(decisions))
         return rows
 
-    def _take(self, now_s: float) -> None:
-        """Everything that was there at `now_s`."""
+    def _take(self, now_s: float, told: Taken | None) -> None:
+        """Everything that was there at `now_s`; what the planner told that it had taken goes before the times."""
         for name, give in (("tuned", self._tune), ("plans", self._hear), ("odometry", self._move)):
             entries: Sequence[tuple[float, Any]] = self._plans if name == "plans" else getattr(self._inputs, name)
             if name == "odometry" and not self._lockstep and not self._taken[name] and entries:
                 give(entries[0][1])  # the first decision had one, whenever the recorder heard it
                 self._taken[name] = 1
-            while self._taken[name] < len(entries) and self._is_there(entries[self._taken[name]][0], now_s):
-                give(entries[self._taken[name]][1])
+            while self._taken[name] < len(entries):
+                there_s, entry = entries[self._taken[name]]
+                if told is None or name == "tuned":
+                    there = there_s <= now_s + 1e-9
+                else:
+                    there = self._taken[name] < told.plans if name == "plans" else entry[0] <= told.odometry_s + 1e-9
+                if not there:
+                    break
+                give(entry)
                 self._taken[name] += 1
         if self._map is not None:
             self._map.advance(now_s)
             if self._map.map.revision != self._revision:
                 self._revision = self._map.map.revision
-                self._intake.set_centers(self._map.map.centers)
+                self._intake.set_centers(self._map.map.centers, self._revision)
             return
         centers = self._inputs.centers
-        while self._taken["centers"] < len(centers) and self._is_there(centers[self._taken["centers"]][0], now_s):
-            self._intake.set_centers(centers[self._taken["centers"]][1][1])
+        while self._taken["centers"] < len(centers):
+            there_s, (revision, found) = centers[self._taken["centers"]]
+            if there_s > now_s + 1e-9 if told is None else revision > told.map_revision:
+                break
+            self._intake.set_centers(found, revision)
             self._taken["centers"] += 1
-
-    def _is_there(self, time_s: float, now_s: float) -> bool:
-        return time_s <= now_s + 1e-9
 
     def _tune(self, changed: dict[str, Any]) -> None:
         """A parameter that was changed by hand while the planner ran."""

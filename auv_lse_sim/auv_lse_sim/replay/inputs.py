@@ -1,7 +1,8 @@
 """What the nodes of each vehicle were given and what they decided, by a recording.
 
 In lockstep a node took in each tick what the messages' own stamps say, so that the recording settles everything. In a
-paced mission or at sea it is known only to about 0.1 s, from the times at which the recorder heard the messages.
+paced mission or at sea each decision tells what its planner had taken; what a map had is known only to about 0.1 s,
+from the times at which the recorder heard the messages.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from auv_lse_common.plan import Plan
 from auv_lse_common.recording import SOFTWARE, Recording, RecordingError, recording_in
 from auv_lse_common.stamps import seconds
 from auv_lse_gp.centers import Centers
+from auv_lse_planner.intake import Taken
 from auv_lse_sim.record.bag import Patterns, flown_parameters, plan_of
 
 Array = NDArray[np.float64]
@@ -42,6 +44,7 @@ class RecordedDecision:
         turn_rad: Heading change of the leg decided; None if no waypoint was recorded.
         jbar: Value of the plan; NaN if it was not recorded.
         deadline_hit: Whether the deadline ended the search, so that it cannot be repeated.
+        taken: What the planner had been given until then; None if it was not recorded.
     """
 
     now_s: float
@@ -50,6 +53,7 @@ class RecordedDecision:
     turn_rad: float | None
     jbar: float
     deadline_hit: bool
+    taken: Taken | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,9 +209,20 @@ class _Gathered:
                     turn_rad=self._turns.get(now_s),
                     jbar=float("nan") if bound is None else float(bound.jbar),
                     deadline_hit=bound is not None and bool(bound.deadline_hit),
+                    taken=_taken(bound),
                 )
             )
         return found
+
+
+def _taken(bound: Any) -> Taken | None:
+    """What a planner had taken, by its Bound message; None for one of before such were told, or of the fleet engine."""
+    odometry = getattr(bound, "odometry_taken", None)
+    if odometry is None or not (seconds(odometry) or bound.map_revision or bound.plans_heard):
+        return None
+    return Taken(
+        map_revision=int(bound.map_revision), plans=int(bound.plans_heard), odometry_s=float(seconds(odometry))
+    )
 
 
 def ticks_of(inputs: VehicleInputs) -> Iterable[float]:
