@@ -1,17 +1,23 @@
-"""Conversions that several nodes need: stamps, headers, arrays, diagnostics, plans, soundings."""
+"""Conversions that several nodes need: stamps, headers, arrays, diagnostics, plans, soundings, dead reckoning."""
 
 from __future__ import annotations
 
 import array
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.health import Health
 from auv_lse_common.plan import Plan, Tour
+from auv_lse_msgs.msg import Fix as FixMessage
+from auv_lse_msgs.msg import MateNavigation as MateNavigationMessage
 from auv_lse_msgs.msg import Plan as PlanMessage
 from auv_lse_msgs.msg import Sounding
 
@@ -59,9 +65,102 @@ def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
     return (seconds(message.header.stamp), message.north_m, message.east_m, message.depth_m)
 
 
+def raw_sounding_row(message: Sounding) -> tuple[float, float, float, float, float, float]:
+    """Stamp (s), north, east, depth, raw north, raw east (m) of a Sounding; the raw place is NaN if unknown."""
+    return (*sounding_row(message), message.raw_north_m, message.raw_east_m)
+
+
 def sounding_message(row: Sequence[float]) -> Sounding:
-    """Sounding of a stamp (s), north, east, depth (m)."""
-    return Sounding(header=header(float(row[0])), north_m=float(row[1]), east_m=float(row[2]), depth_m=float(row[3]))
+    """Sounding of a stamp (s), north, east, depth (m), and raw north, raw east (m) if the row has them."""
+    raw_north_m, raw_east_m = (float(row[4]), float(row[5])) if len(row) > 4 else (math.nan, math.nan)
+    return Sounding(
+        header=header(float(row[0])),
+        north_m=float(row[1]),
+        east_m=float(row[2]),
+        depth_m=float(row[3]),
+        raw_north_m=raw_north_m,
+        raw_east_m=raw_east_m,
+    )
+
+
+def dead_reckoning_message(raw: DeadReckoning, vehicle: int) -> Odometry:
+    """Odometry in ENU of a vehicle's raw place; its covariance is not known (zeros)."""
+    message = Odometry(header=header(raw.stamp_s), child_frame_id=f"auv{vehicle}")
+    position, attitude = message.pose.pose.position, message.pose.pose.orientation
+    position.x, position.y, position.z = float(raw.east_m), float(raw.north_m), -float(raw.depth_m)
+    attitude.x, attitude.y, attitude.z, attitude.w = quaternion_from_heading(float(raw.heading_rad))
+    return message
+
+
+def dead_reckoning_from_message(message: Odometry) -> DeadReckoning:
+    """The raw place in an ENU Odometry."""
+    position, q = message.pose.pose.position, message.pose.pose.orientation
+    return DeadReckoning(
+        stamp_s=seconds(message.header.stamp),
+        heading_rad=heading_from_quaternion(q.x, q.y, q.z, q.w),
+        north_m=position.y,
+        east_m=position.x,
+        depth_m=-position.z,
+    )
+
+
+def fix_message(fix: Fix) -> FixMessage:
+    """Message of a fix."""
+    return FixMessage(
+        header=header(fix.stamp_s),
+        north_m=fix.north_m,
+        east_m=fix.east_m,
+        raw_north_m=fix.raw_north_m,
+        raw_east_m=fix.raw_east_m,
+        std_m=fix.std_m,
+    )
+
+
+def fix_from_message(message: FixMessage) -> Fix:
+    """The fix of a message."""
+    return Fix(
+        stamp_s=seconds(message.header.stamp),
+        north_m=message.north_m,
+        east_m=message.east_m,
+        raw_north_m=message.raw_north_m,
+        raw_east_m=message.raw_east_m,
+        std_m=message.std_m,
+    )
+
+
+def mate_navigation_message(mate: MateNavigation) -> MateNavigationMessage:
+    """Message of what a packet told of its sender's navigation."""
+    return MateNavigationMessage(
+        header=header(mate.stamp_s),
+        source=mate.source,
+        sent_s=mate.sent_s,
+        raw_north_m=mate.raw_north_m,
+        raw_east_m=mate.raw_east_m,
+        has_fix=mate.has_fix,
+        fix_raw_north_m=mate.fix_raw_north_m,
+        fix_raw_east_m=mate.fix_raw_east_m,
+        fix_north_m=mate.fix_north_m,
+        fix_east_m=mate.fix_east_m,
+        travel_s=mate.travel_s,
+    )
+
+
+def mate_navigation_from_message(message: MateNavigationMessage) -> MateNavigation:
+    """What the packet told of its sender's navigation."""
+    fix = (message.fix_raw_north_m, message.fix_raw_east_m, message.fix_north_m, message.fix_east_m)
+    fix_raw_north_m, fix_raw_east_m, fix_north_m, fix_east_m = fix if message.has_fix else (math.nan,) * 4
+    return MateNavigation(
+        stamp_s=seconds(message.header.stamp),
+        source=message.source,
+        sent_s=message.sent_s,
+        raw_north_m=message.raw_north_m,
+        raw_east_m=message.raw_east_m,
+        fix_raw_north_m=fix_raw_north_m,
+        fix_raw_east_m=fix_raw_east_m,
+        fix_north_m=fix_north_m,
+        fix_east_m=fix_east_m,
+        travel_s=message.travel_s,
+    )
 
 
 def plan_message(now_s: float, vehicle: int, plan: Plan) -> PlanMessage:

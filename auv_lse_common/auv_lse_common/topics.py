@@ -36,6 +36,8 @@ _DONE = "auv_lse_msgs/msg/LockstepDone"
 VEHICLE_TOPICS = {
     "sounding": Topic(kind="auv_lse_msgs/msg/Sounding", readers=("gp_node", "modem_node")),
     "odometry": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node",)),
+    "dead_reckoning": Topic(kind="nav_msgs/msg/Odometry"),
+    "fix": Topic(kind="auv_lse_msgs/msg/Fix"),
     "altitude": Topic(kind="sensor_msgs/msg/Range"),
     "pressure": Topic(kind="sensor_msgs/msg/FluidPressure"),
     "kernel_centers": Topic(kind="auv_lse_msgs/msg/KernelCenters", readers=("planner_node",), latched=True),
@@ -51,6 +53,7 @@ VEHICLE_TOPICS = {
     "modem/failed": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",), recorded=False),
     "team/plans": Topic(kind="auv_lse_msgs/msg/Plan", readers=("planner_node",)),
     "team/samples": Topic(kind="auv_lse_msgs/msg/SampleArray", readers=("gp_node",)),
+    "team/navigation": Topic(kind="auv_lse_msgs/msg/MateNavigation"),
     "tdma": Topic(kind="auv_lse_msgs/msg/TdmaStatus"),
     "diagnostics": Topic(kind="diagnostic_msgs/msg/DiagnosticArray"),
     "lockstep/modem": Topic(kind=_DONE, readers=("gp_node", "planner_node"), recorded=False),

@@ -8,6 +8,7 @@ import yaml
 from rosbags.rosbag2 import StoragePlugin
 from sim_helpers import other_bag
 
+from auv_lse_common.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.params import read_parameter_file
 from auv_lse_common.plan import Tour
 from auv_lse_common.recording import MISSION_FILE, SOFTWARE, Recording, RecordingError, recording_in
@@ -50,6 +51,28 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
         (p.receiver, p.source, p.snr_db) for p in run.received
     ]
     assert back.sim_s == pytest.approx(run.sim_s)
+
+
+def test_raw_places_fixes_and_mates_navigation_survive_the_recording(tmp_path, synthetic_run):
+    run = synthetic_run(steps=2)
+    one, two = run.vehicles
+    one.raw_soundings_m = one.soundings[:, 1:3] + 2.0
+    one.dead_reckoning = np.column_stack([one.odometry, np.full(len(one.odometry), 3.0)])
+    one.fixes = [Fix(stamp_s=20.0, north_m=1.0, east_m=2.0, raw_north_m=3.0, raw_east_m=4.0, std_m=0.8)]
+    told = MateNavigation(stamp_s=9.25, source=1, sent_s=9.0, raw_north_m=5.0, raw_east_m=6.0, travel_s=0.25)
+    fix = {"fix_raw_north_m": 3.0, "fix_raw_east_m": 4.0, "fix_north_m": 1.0, "fix_east_m": 2.0}
+    two.mates = [told, replace(told, stamp_s=39.25, sent_s=39.0, **fix)]
+    run.received[0] = replace(run.received[0], sent_s=9.0, arrival_s=9.25, travel_s=0.25)
+    write_run(run, tmp_path)
+    back = read_run(tmp_path)
+    same(back.vehicles[0].raw_soundings_m, one.raw_soundings_m)
+    same(back.vehicles[0].dead_reckoning, one.dead_reckoning)
+    assert back.vehicles[0].fixes == one.fixes
+    assert [mate.has_fix for mate in back.vehicles[1].mates] == [False, True]
+    assert back.vehicles[1].mates[1] == two.mates[1]
+    assert len(back.vehicles[1].raw_soundings_m) == 0, "known of none"
+    heard = back.received[0]
+    assert (heard.sent_s, heard.arrival_s, heard.travel_s) == (9.0, 9.25, 0.25)
 
 
 def test_a_driver_that_does_not_know_its_place_error_has_none(tmp_path, synthetic_run):

@@ -12,8 +12,26 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.plan import Plan, Tour
-from auv_lse_common.ros_conversions import doubles, floats, header, plan_from_message, plan_message, seconds, stamp
+from auv_lse_common.ros_conversions import (
+    dead_reckoning_from_message,
+    dead_reckoning_message,
+    doubles,
+    fix_from_message,
+    fix_message,
+    floats,
+    header,
+    mate_navigation_from_message,
+    mate_navigation_message,
+    plan_from_message,
+    plan_message,
+    raw_sounding_row,
+    seconds,
+    sounding_message,
+    sounding_row,
+    stamp,
+)
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.depth_map import DepthField
@@ -116,3 +134,42 @@ def test_no_echo_is_infinite_and_depth_is_pressure() -> None:
     assert altitude_message(1.0, math.nan, 1).range == math.inf
     assert altitude_message(1.0, 12.5, 1).range == 12.5
     assert pressure_message(1.0, 10.0, 1).fluid_pressure == pytest.approx(101325.0 + 98066.5)
+
+
+def test_raw_places_and_fixes_come_back_as_they_were() -> None:
+    raw = DeadReckoning(stamp_s=12.5, heading_rad=0.5, north_m=10.25, east_m=-3.5, depth_m=2.0)
+    message = dead_reckoning_message(raw, 2)
+    assert (message.pose.pose.position.x, message.pose.pose.position.y) == (-3.5, 10.25), "ENU"
+    back = dead_reckoning_from_message(message)
+    assert back.heading_rad == pytest.approx(0.5, abs=1e-12), "by a quaternion and back"
+    assert dataclasses.replace(back, heading_rad=0.5) == raw
+    fix = Fix(stamp_s=600.0, north_m=101.0, east_m=52.0, raw_north_m=104.5, raw_east_m=50.25, std_m=0.8)
+    assert fix_from_message(fix_message(fix)) == fix
+
+
+def test_a_sounding_without_a_raw_place_has_none() -> None:
+    row = (1.5, 10.0, 20.0, 15.0)
+    assert sounding_row(sounding_message(row)) == row
+    assert np.isnan(raw_sounding_row(sounding_message(row))[4:]).all()
+    assert raw_sounding_row(sounding_message((*row, 11.0, 19.0))) == (*row, 11.0, 19.0)
+
+
+def test_what_a_mate_tells_of_its_navigation_comes_back_with_and_without_a_fix() -> None:
+    mate = MateNavigation(
+        stamp_s=61.25,
+        source=3,
+        sent_s=61.0,
+        raw_north_m=310.0,
+        raw_east_m=-40.5,
+        fix_raw_north_m=200.0,
+        fix_raw_east_m=-10.0,
+        fix_north_m=203.0,
+        fix_east_m=-11.5,
+        travel_s=0.25,
+    )
+    assert mate.has_fix
+    assert mate_navigation_from_message(mate_navigation_message(mate)) == mate
+    without = MateNavigation(stamp_s=61.25, source=3, sent_s=61.0, raw_north_m=310.0, raw_east_m=-40.5)
+    back = mate_navigation_from_message(mate_navigation_message(without))
+    assert not back.has_fix
+    assert math.isnan(back.travel_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from auv_lse_common.base_node import run
@@ -57,6 +58,8 @@ class MicromodemNode(DriverNode):
                         source=event.source,
                         destination=event.destination,
                         snr_db=event.snr_db,
+                        sent_s=math.nan,
+                        arrival_s=math.nan,
                         travel_s=event.travel_s,
                         payload=event.payload,
                     )

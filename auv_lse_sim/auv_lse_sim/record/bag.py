@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
+from auv_lse_common.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.plan import Plan, Tour
@@ -43,8 +45,12 @@ from auv_lse_sim.record.software import version
 
 Patterns = dict[str, dict[str, Any]]
 
+#: Numbers of a fix and of a mate's navigation, beside what their messages' headers say: named alike in both.
+FIX_FIELDS = tuple(field.name for field in fields(Fix) if field.name != "stamp_s")
+MATE_FIELDS = tuple(field.name for field in fields(MateNavigation) if field.name not in ("stamp_s", "source"))
+
 #: Messages of this project that a recording holds and this module writes.
-OWN_MESSAGES = ("Bound", "ModemRx", "ModemTx", "Plan", "SampleArray", "Sounding")
+OWN_MESSAGES = ("Bound", "Fix", "MateNavigation", "ModemRx", "ModemTx", "Plan", "SampleArray", "Sounding")
 
 
 def read_run(
@@ -131,6 +137,9 @@ def read_bag(
                     source=int(message.source),
                     snr_db=float(message.snr_db),
                     payload=bytes(message.payload),
+                    sent_s=float(getattr(message, "sent_s", math.nan)),  # older recordings know neither
+                    arrival_s=float(getattr(message, "arrival_s", math.nan)),
+                    travel_s=float(message.travel_s),
                 )
             )
         else:
@@ -161,6 +170,9 @@ class _VehicleLog:
         self.odometry: list[tuple[float, ...]] = []
         self.place_std: list[tuple[float, ...]] = []
         self.soundings: list[tuple[float, ...]] = []
+        self.dead_reckoning: list[tuple[float, ...]] = []
+        self.fixes: list[Fix] = []
+        self.mates: list[MateNavigation] = []
         self.samples: list[tuple[float, ...]] = []
         self.plans: dict[float, Any] = {}
         self.bounds: dict[float, Any] = {}
@@ -168,11 +180,15 @@ class _VehicleLog:
     def take(self, name: str, stamp_s: float, message: Any) -> None:
         """Takes a message of the vehicle's topic `name`; other topics are ignored."""
         if name == "sounding":
-            self.soundings.append((stamp_s, message.north_m, message.east_m, message.depth_m))
-        elif name in ("odometry", "truth/odometry"):
+            raw = (getattr(message, "raw_north_m", math.nan), getattr(message, "raw_east_m", math.nan))
+            self.soundings.append((stamp_s, message.north_m, message.east_m, message.depth_m, *raw))
+        elif name in ("odometry", "truth/odometry", "dead_reckoning"):
             position, q = message.pose.pose.position, message.pose.pose.orientation
-            heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
-            (self.odometry if name == "odometry" else self.truth).append((stamp_s, position.y, position.x, heading))
+            row = (stamp_s, position.y, position.x, heading_from_quaternion(q.x, q.y, q.z, q.w))
+            if name == "dead_reckoning":
+                self.dead_reckoning.append((*row, -position.z))
+            else:
+                (self.odometry if name == "odometry" else self.truth).append(row)
             if name == "odometry":  # x is east, y is north
                 east_m2, north_m2 = float(message.pose.covariance[0]), float(message.pose.covariance[7])
                 self.place_std.append((stamp_s, math.sqrt(max(north_m2, 0.0)), math.sqrt(max(east_m2, 0.0))))
@@ -180,6 +196,11 @@ class _VehicleLog:
             self.plans[stamp_s] = message
         elif name == "planner/bound":
             self.bounds[stamp_s] = message
+        elif name == "fix":
+            self.fixes.append(Fix(stamp_s=stamp_s, **{key: getattr(message, key) for key in FIX_FIELDS}))
+        elif name == "team/navigation":
+            values = {key: getattr(message, key) for key in MATE_FIELDS}
+            self.mates.append(MateNavigation(stamp_s=stamp_s, source=int(message.source), **values))
         elif name == "team/samples":
             for north, east, depth in zip(message.north_m, message.east_m, message.depth_m, strict=True):
                 self.samples.append((stamp_s, float(message.source), float(north), float(east), float(depth)))
@@ -208,15 +229,21 @@ class _VehicleLog:
         def rows(values: list[tuple[float, ...]], columns: int) -> Any:
             return np.array(sorted(values, key=lambda row: row[0]), dtype=float).reshape(-1, columns)
 
+        soundings = rows(self.soundings, 6)
+        raw_m = soundings[:, 4:] if np.isfinite(soundings[:, 4:]).any() else np.empty((0, 2))
         return VehicleRun(
             vehicle=number,
             truth=rows(self.truth, 4),
             odometry=rows(self.odometry, 4),
-            soundings=rows(self.soundings, 4),
+            soundings=soundings[:, :4],
             received=rows(self.samples, 5),
             decisions=decisions,
             # All zero: the driver does not know it (nav_msgs has no other mark).
             place_std_m=rows(self.place_std, 3)[:, 1:] if np.any(rows(self.place_std, 3)[:, 1:]) else np.empty((0, 2)),
+            raw_soundings_m=raw_m,
+            dead_reckoning=rows(self.dead_reckoning, 5),
+            fixes=sorted(self.fixes, key=lambda fix: fix.stamp_s),
+            mates=sorted(self.mates, key=lambda mate: (mate.stamp_s, mate.source)),
         )
 
 
@@ -233,7 +260,10 @@ def plan_of(message: Any) -> Plan:
     )
 
 
-_NEEDED = re.compile(r"(/truth)?/auv\d+/(sounding|odometry|plan|planner/bound|modem/tx|modem/rx|team/samples)")
+_NEEDED = re.compile(
+    r"(/truth)?/auv\d+/"
+    r"(sounding|odometry|dead_reckoning|fix|plan|planner/bound|modem/tx|modem/rx|team/samples|team/navigation)"
+)
 
 
 # Writing ------------------------------------------------------------------------------------------------------------
@@ -301,12 +331,12 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
         stamp = types["builtin_interfaces/msg/Time"](sec=total // 10**9, nanosec=total % 10**9)
         return types["std_msgs/msg/Header"](stamp=stamp, frame_id="map")
 
-    def odometry(row: Any, child: str, place_std_m: Any = (0.0, 0.0)) -> Any:
+    def odometry(row: Any, child: str, place_std_m: Any = (0.0, 0.0), depth_m: float = 0.0) -> Any:
         x, y, z, w = quaternion_from_heading(float(row[3]))
         point, quaternion = types["geometry_msgs/msg/Point"], types["geometry_msgs/msg/Quaternion"]
         vector = types["geometry_msgs/msg/Vector3"]
         pose = types["geometry_msgs/msg/Pose"](
-            position=point(x=float(row[2]), y=float(row[1]), z=0.0), orientation=quaternion(x=x, y=y, z=z, w=w)
+            position=point(x=float(row[2]), y=float(row[1]), z=-depth_m), orientation=quaternion(x=x, y=y, z=z, w=w)
         )
         zero = vector(x=0.0, y=0.0, z=0.0)
         covariance = np.zeros(36)
@@ -331,9 +361,31 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             yield float(row[0]), ns + "/odometry", "nav_msgs/msg/Odometry", odometry(row, child, std)
         for row in vehicle.truth:
             yield float(row[0]), f"/truth{ns}/odometry", "nav_msgs/msg/Odometry", odometry(row, child)
-        for t, north, east, depth in vehicle.soundings:
-            message = types[own + "Sounding"](header=header(t), north_m=north, east_m=east, depth_m=depth)
+        for row in vehicle.dead_reckoning:
+            message = odometry(row, child, depth_m=float(row[4]))
+            yield float(row[0]), ns + "/dead_reckoning", "nav_msgs/msg/Odometry", message
+        raw_m = (
+            vehicle.raw_soundings_m if len(vehicle.raw_soundings_m) else np.full((len(vehicle.soundings), 2), np.nan)
+        )
+        for (t, north, east, depth), (raw_north, raw_east) in zip(vehicle.soundings, raw_m, strict=True):
+            message = types[own + "Sounding"](
+                header=header(t),
+                north_m=north,
+                east_m=east,
+                depth_m=depth,
+                raw_north_m=raw_north,
+                raw_east_m=raw_east,
+            )
             yield float(t), ns + "/sounding", own + "Sounding", message
+        for fix in vehicle.fixes:
+            values = {key: getattr(fix, key) for key in FIX_FIELDS}
+            yield fix.stamp_s, ns + "/fix", own + "Fix", types[own + "Fix"](header=header(fix.stamp_s), **values)
+        for mate in vehicle.mates:
+            values = {key: getattr(mate, key) for key in MATE_FIELDS}
+            message = types[own + "MateNavigation"](
+                header=header(mate.stamp_s), source=mate.source, has_fix=mate.has_fix, **values
+            )
+            yield mate.stamp_s, ns + "/team/navigation", own + "MateNavigation", message
         for start, stop in _runs(vehicle.received[:, :2]):
             block = vehicle.received[start:stop]
             message = types[own + "SampleArray"](
@@ -386,7 +438,9 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             source=heard.source,
             destination=0,
             snr_db=heard.snr_db,
-            travel_s=math.nan,
+            sent_s=heard.sent_s,
+            arrival_s=heard.arrival_s,
+            travel_s=heard.travel_s,
             payload=np.frombuffer(heard.payload, dtype=np.uint8),
         )
         yield heard.stamp_s, f"/auv{heard.receiver}/modem/rx", own + "ModemRx", message

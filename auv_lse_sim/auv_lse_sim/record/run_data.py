@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.params import parameters_for
 from auv_lse_common.plan import Plan
 
@@ -80,6 +81,9 @@ class PacketReceived:
         source: Number of the sending vehicle.
         snr_db: Signal-to-noise ratio at the receiver (dB), NaN if unknown.
         payload: The bytes received (empty if they were not kept).
+        sent_s: Start of transmission by the sender's clock, NaN if unknown.
+        arrival_s: Start of reception by the receiver's clock, NaN if unknown.
+        travel_s: One-way travel time as measured with both clocks (s), NaN if unknown.
     """
 
     stamp_s: float
@@ -87,10 +91,21 @@ class PacketReceived:
     source: int
     snr_db: float = float("nan")
     payload: bytes = b""
+    sent_s: float = float("nan")
+    arrival_s: float = float("nan")
+    travel_s: float = float("nan")
 
 
 #: Columns of a vehicle's arrays.
-_COLUMNS = {"truth": 4, "odometry": 4, "soundings": 4, "received": 5, "place_std_m": 2}
+_COLUMNS = {
+    "truth": 4,
+    "odometry": 4,
+    "soundings": 4,
+    "raw_soundings_m": 2,
+    "received": 5,
+    "place_std_m": 2,
+    "dead_reckoning": 5,
+}
 
 
 def _rows(columns: int) -> Array:
@@ -110,6 +125,11 @@ class VehicleRun:
         decisions: Every decision of its planner, in time order.
         place_std_m: Standard deviation (m) of the place in each row of `odometry`, columns (north, east), by the
             vehicle's own navigation; no rows where it says nothing about it.
+        raw_soundings_m: Raw place of each of `soundings` (dead-reckoned from the start, no fix taken), columns (north,
+            east); NaN where it is not known, and no rows where it is known of none.
+        dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
+        fixes: Fixes taken under way, in order of time.
+        mates: What each packet received told of its sender's navigation, in order of time.
     """
 
     vehicle: int
@@ -119,6 +139,10 @@ class VehicleRun:
     received: Array = field(default_factory=lambda: _rows(5))
     decisions: list[DecisionRecord] = field(default_factory=list)
     place_std_m: Array = field(default_factory=lambda: _rows(2))
+    raw_soundings_m: Array = field(default_factory=lambda: _rows(2))
+    dead_reckoning: Array = field(default_factory=lambda: _rows(5))
+    fixes: list[Fix] = field(default_factory=list)
+    mates: list[MateNavigation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Checks the shapes, so that a wrong column is an error here and not a wrong figure.
@@ -133,11 +157,13 @@ class VehicleRun:
             if rows.ndim != 2 or rows.shape[1] != columns:
                 raise ValueError(f"auv{self.vehicle} {name}: shape {rows.shape}; expected (n, {columns})")
             setattr(self, name, rows)
-        if len(self.place_std_m) not in (0, len(self.odometry)):
-            raise ValueError(
-                f"auv{self.vehicle} place_std_m: {len(self.place_std_m)} rows; expected none or one for each of the "
-                f"{len(self.odometry)} rows of odometry"
-            )
+        for name, other in (("place_std_m", "odometry"), ("raw_soundings_m", "soundings")):
+            count, expected = len(getattr(self, name)), len(getattr(self, other))
+            if count not in (0, expected):
+                raise ValueError(
+                    f"auv{self.vehicle} {name}: {count} rows; expected none or one for each of the {expected} rows of "
+                    f"{other}"
+                )
 
     def place_std_at(self, stamps_s: Array) -> Array:
         """Standard deviation (m) of the vehicle's place at times (n,), columns (north, east); NaN if unknown."""

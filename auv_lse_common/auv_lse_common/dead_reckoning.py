@@ -1,0 +1,86 @@
+"""Places as dead-reckoned from the start, and the measurements that can correct them afterwards.
+
+A navigation filter that takes a fix forgets where dead reckoning alone had brought it, and with it how the soundings
+before the fix were displaced. So each vehicle also keeps its *raw* place: from its start, without any fix under way.
+What is told to the team are raw places and measurements, never estimates, which their receivers would count twice.
+All places are north, east (m) in the local tangent plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeadReckoning:
+    """Where a vehicle is by dead reckoning from its start, without any fix under way: its raw place.
+
+    Attributes:
+        stamp_s: Time (s).
+        heading_rad: Heading (rad, clockwise from north).
+        north_m: North of the raw place.
+        east_m: East of the raw place.
+        depth_m: Depth of the vehicle below the surface (m).
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fix:
+    """A place by GPS, taken at the surface under way.
+
+    Attributes:
+        stamp_s: When it was taken (s).
+        north_m: North by GPS.
+        east_m: East by GPS.
+        raw_north_m: North of the raw place at that time.
+        raw_east_m: East of the raw place at that time.
+        std_m: Standard deviation of the place by GPS, each axis (m).
+    """
+
+    stamp_s: float
+    north_m: float
+    east_m: float
+    raw_north_m: float
+    raw_east_m: float
+    std_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MateNavigation:
+    """What a packet tells of its sender's navigation, and how long its sound travelled.
+
+    Attributes:
+        stamp_s: Start of reception, by the receiver's clock (s).
+        source: Number of the sender.
+        sent_s: Start of transmission, by the sender's clock (s); NaN if unknown.
+        raw_north_m: North of the sender's raw place at transmission.
+        raw_east_m: East of it.
+        fix_raw_north_m: North of the sender's raw place at its last fix under way; NaN if it has taken none.
+        fix_raw_east_m: East of it; likewise.
+        fix_north_m: North of the same place by GPS; likewise.
+        fix_east_m: East of it; likewise.
+        travel_s: One-way travel time (s), measured with both clocks; NaN if unknown.
+    """
+
+    stamp_s: float
+    source: int
+    sent_s: float
+    raw_north_m: float
+    raw_east_m: float
+    fix_raw_north_m: float = math.nan
+    fix_raw_east_m: float = math.nan
+    fix_north_m: float = math.nan
+    fix_east_m: float = math.nan
+    travel_s: float = math.nan
+
+    @property
+    def has_fix(self) -> bool:
+        """Whether the sender has taken a fix under way."""
+        return not math.isnan(self.fix_north_m)
