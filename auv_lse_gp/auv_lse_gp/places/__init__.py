@@ -1,0 +1,27 @@
+"""Where soundings were taken: found out afterwards from fixes, ranges between vehicles, and crossings of tracks."""
+
+from typing import TYPE_CHECKING
+
+from auv_lse_common.face import face
+
+if TYPE_CHECKING:
+    from auv_lse_gp.places.config import PlacesConfig
+    from auv_lse_gp.places.correction import Correction
+    from auv_lse_gp.places.pieces import Pieces
+    from auv_lse_gp.places.smoother import PlaceSmoother
+    from auv_lse_gp.places.terrain import Terrain
+    from auv_lse_gp.places.track import HeardTrack, OwnTrack, Track
+
+__all__ = ["Correction", "HeardTrack", "OwnTrack", "Pieces", "PlaceSmoother", "PlacesConfig", "Terrain", "Track"]
+
+__getattr__ = face(
+    __name__,
+    {
+        "config": ("PlacesConfig",),
+        "correction": ("Correction",),
+        "pieces": ("Pieces",),
+        "smoother": ("PlaceSmoother",),
+        "terrain": ("Terrain",),
+        "track": ("HeardTrack", "OwnTrack", "Track"),
+    },
+)

@@ -1,0 +1,149 @@
+"""What a team measures of its places: fixes, and ranges between vehicles. Terrain: see `terrain.py`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_gp.places.model import Sums, TeamModel
+
+Array = NDArray[np.float64]
+
+#: Ranges are refused beyond this many median absolute deviations, made comparable with standard deviations, ...
+GATE = 4.0
+_MAD_TO_STD = 1.4826
+#: ... but never where they are off by less than this many of their standard deviations.
+_LEAST_GATE = 2.0
+#: A shorter range (m) is not used: its direction is that of the error, and how much deeper one vehicle is matters.
+NEAREST_M = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixRow:
+    """One surfacing: where the vehicle was by GPS, and by dead reckoning.
+
+    Attributes:
+        vehicle: Number of the vehicle.
+        stamp_s: When.
+        place_m: Place by GPS (north, east).
+        raw_m: Raw place.
+        std_m: Standard deviation of the place by GPS, each axis.
+    """
+
+    vehicle: int
+    stamp_s: float
+    place_m: tuple[float, float]
+    raw_m: tuple[float, float]
+    std_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeRow:
+    """One range, from the travel time of a packet.
+
+    Attributes:
+        sender: Number of the vehicle that sent.
+        receiver: Number of the vehicle that received.
+        sent_s: Start of the transmission.
+        arrived_s: Start of the reception.
+        range_m: Travel time by the two clocks, times the speed of sound.
+        deeper_m: How much deeper one of the two is than the other; 0 if not known.
+    """
+
+    sender: int
+    receiver: int
+    sent_s: float
+    arrived_s: float
+    range_m: float
+    deeper_m: float = 0.0
+
+
+class Fixes:
+    """Fixes, ready for the solution."""
+
+    def __init__(self, model: TeamModel, rows: Sequence[FixRow]) -> None:
+        """Looks up what each fix needs of its vehicle's track."""
+        self._model = model
+        self._groups: list[tuple[slice, Sums, Array, Array]] = []
+        for number in sorted({row.vehicle for row in rows}):
+            own = [row for row in rows if row.vehicle == number]
+            vehicle = model.vehicles[number]
+            stamps, raw = np.array([row.stamp_s for row in own]), np.array([row.raw_m for row in own])
+            places, std = np.array([row.place_m for row in own]), np.array([row.std_m for row in own])
+            sums = vehicle.sums(vehicle.track.at(stamps, raw))
+            self._groups.append((vehicle.block, sums, places, np.repeat(std, 2)))
+
+    def whitened(self, theta: Array) -> tuple[Array, Array]:
+        """Residuals (m,) and derivatives (m, unknowns) of what was measured, each over its standard deviation."""
+        residuals, rows = [np.zeros(0)], [np.zeros((0, self._model.size))]
+        for block, sums, places, std in self._groups:
+            residuals.append((places - sums.places(theta)).ravel() / std)
+            jacobian = np.zeros((2 * len(sums), self._model.size))
+            jacobian[:, block] = sums.jacobian(theta).reshape(2 * len(sums), -1) / std[:, None]
+            rows.append(jacobian)
+        return np.concatenate(residuals), np.concatenate(rows)
+
+
+class Ranges:
+    """Ranges, ready for the solution."""
+
+    def __init__(self, model: TeamModel, rows: Sequence[RangeRow]) -> None:
+        """Looks up where each range begins and ends on the vehicles' tracks."""
+        self._model = model
+        self._std_m = model.config.range_std_m
+        self._groups: list[tuple[tuple[int, int], Sums, Sums, Array, Array]] = []
+        for pair in sorted({(row.sender, row.receiver) for row in rows}):
+            own = [row for row in rows if (row.sender, row.receiver) == pair]
+            sender, receiver = model.vehicles[pair[0]], model.vehicles[pair[1]]
+            sent = sender.sums(sender.track.at(np.array([row.sent_s for row in own])))
+            arrived = receiver.sums(receiver.track.at(np.array([row.arrived_s for row in own])))
+            measured, deeper = np.array([row.range_m for row in own]), np.array([row.deeper_m for row in own])
+            self._groups.append((pair, sent, arrived, measured, deeper))
+
+    def __len__(self) -> int:
+        """Number of ranges."""
+        return sum(len(group[3]) for group in self._groups)
+
+    def whitened(self, theta: Array) -> tuple[Array, Array]:
+        """Residuals (m,) and derivatives (m, unknowns), as `Fixes.whitened`, in the order of pairs."""
+        model = self._model
+        residuals, rows = [np.zeros(0)], [np.zeros((0, model.size))]
+        faster = 1.0 + theta[model.sound]
+        for (sender, receiver), sent, arrived, measured, deeper in self._groups:
+            apart = sent.places(theta) - arrived.places(theta)
+            distance = np.sqrt(np.einsum("nd,nd->n", apart, apart) + deeper**2)
+            toward = apart / np.maximum(distance, 1e-9)[:, None]
+            jacobian = np.zeros((len(measured), model.size))
+            send, receive = model.vehicles[sender].block, model.vehicles[receiver].block
+            jacobian[:, send] += faster * np.einsum("nd,ndu->nu", toward, sent.jacobian(theta))
+            jacobian[:, receive] -= faster * np.einsum("nd,ndu->nu", toward, arrived.jacobian(theta))
+            jacobian[:, model.sound] = distance
+            predicted = faster * distance
+            for number, sign, stamps in ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s)):
+                clock = model.clock(number)
+                if clock is not None:
+                    predicted = predicted + sign * (theta[clock] + theta[clock + 1] * stamps * 1e-3)
+                    jacobian[:, clock] += sign
+                    jacobian[:, clock + 1] += sign * stamps * 1e-3
+            residuals.append((measured - predicted) / self._std_m)
+            rows.append(jacobian / self._std_m)
+        return np.concatenate(residuals), np.concatenate(rows)
+
+
+def within_gate(residuals: Array) -> NDArray[np.bool_]:
+    """Which whitened residuals (m,) are within `GATE` median absolute deviations of their median."""
+    if not len(residuals):
+        return np.zeros(0, dtype=bool)
+    middle = float(np.median(residuals))
+    spread = _MAD_TO_STD * float(np.median(np.abs(residuals - middle)))
+    return np.asarray(np.abs(residuals - middle) <= max(GATE * spread, _LEAST_GATE))
+
+
+def usable(row: RangeRow) -> bool:
+    """Whether a range can be used at all: finite, and neither too short nor absurd."""
+    numbers = (row.sent_s, row.arrived_s, row.range_m, row.deeper_m)
+    return all(math.isfinite(n) for n in numbers) and NEAREST_M <= row.range_m <= 1e5

@@ -1,0 +1,247 @@
+"""What may be wrong with the places of a team: the unknowns, what is known of them before, and how places follow.
+
+A vehicle's error is nearly a static similarity transform about its start. With u = raw - p0 its way by dead reckoning
+from the first raw place p0, R(a) the rotation from north towards east and the sums of `track.py`,
+
+    p = p0 - d + R(-b0) (u - b1 S1 - b2 S2 - sum_k a_k S_k) / (1 + s) + sum_k e_k r_k
+
+    d (2)    offset at the start                     S1, S2   J sum(d_i sin psi_i), J sum(d_i cos psi_i)
+    b0       bias of the heading                     S_k      J sum(d_i r_k(t_i))
+    b1, b2   its harmonics: b1 sin psi + b2 cos psi  r_k      ramp from 0 to 1 between knots k and k + 1
+    s        scale of the DVL                        a_k, e_k random walks of heading and place (increments)
+
+The rotation is exact in b0; the harmonics and the walk enter to first order, which is off by their square: 0.15 mm a
+metre for one degree. Clocks enter ranges alone: an offset and a rate against the reference's clock, and the speed of
+sound, in metres.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_gp.places.config import PlacesConfig
+from auv_lse_gp.places.track import Along, Track
+
+Array = NDArray[np.float64]
+
+#: Unknowns of a vehicle without its knots: offset north and east, heading bias, its two harmonics, scale.
+STATIC = 6
+#: Knots of a vehicle at most; a longer mission has them farther apart.
+MOST_KNOTS = 24
+_J = np.array([[0.0, -1.0], [1.0, 0.0]])
+
+
+class VehicleModel:
+    """How one vehicle's places depend on its unknowns.
+
+    Attributes:
+        track: Its raw track, which may grow.
+        block: Its unknowns among those of the team.
+    """
+
+    def __init__(self, track: Track, begin: int, config: PlacesConfig, before_m: float = 0.0) -> None:
+        """Lays out the unknowns of a vehicle from number `begin` on.
+
+        Args:
+            track: Its raw track.
+            begin: Number of its first unknown.
+            config: What is known before.
+            before_m: How far it had gone before the first raw place that is known of it.
+        """
+        self.track = track
+        self._start_m = track.start_m
+        lasted = max(track.end_s - track.start_s, 0.0)
+        walks = config.heading_walk_deg_rth > 0.0 or config.place_walk_m_rts > 0.0
+        self._knots = min(math.ceil(lasted / config.knot_s), MOST_KNOTS) if walks else 0
+        self._span_s = max(config.knot_s, lasted / self._knots) if self._knots else config.knot_s
+        self._knots_s = track.start_s + self._span_s * np.arange(self._knots)
+        self.block = slice(begin, begin + STATIC + 3 * self._knots)
+        self._before_m = before_m
+        self._config = config
+        nodes = track.nodes
+        if self._knots and len(nodes) > 1:
+            way = np.diff(nodes[:, 1:3], axis=0) @ _J.T
+            ramps = self._ramps(0.5 * (nodes[1:, 0] + nodes[:-1, 0]))
+            self._walk_s = nodes[:, 0]
+            sums = np.cumsum(way[:, None, :] * ramps[:, :, None], axis=0)
+            self._walk_m = np.concatenate([np.zeros((1, self._knots, 2)), sums])
+        else:
+            self._walk_s, self._walk_m = np.zeros(1), np.zeros((1, self._knots, 2))
+
+    @property
+    def knots(self) -> int:
+        """Number of its knots."""
+        return self._knots
+
+    def prior_std(self) -> Array:
+        """Standard deviations of its unknowns before any measurement, (block,)."""
+        c = self._config
+        turn = math.radians(math.hypot(c.heading_std_deg, c.harmonic_std_deg))
+        start = math.hypot(c.start_std_m, self._before_m * math.hypot(turn, c.scale_std))
+        heading, harmonic = math.radians(c.heading_std_deg), math.radians(c.harmonic_std_deg)
+        turning = math.radians(c.heading_walk_deg_rth) * math.sqrt(self._span_s / 3600.0)
+        walk = c.place_walk_m_rts * math.sqrt(self._span_s)
+        static = [start, start, heading, harmonic, harmonic, c.scale_std]
+        # A walk of 0 is an unknown that hardly may be anything else.
+        knots = [max(turning, 1e-9)] * self._knots + [max(walk, 1e-9)] * (2 * self._knots)
+        return np.array(static + knots)
+
+    def _ramps(self, stamps_s: Array) -> Array:
+        return np.clip((stamps_s[:, None] - self._knots_s[None]) / self._span_s, 0.0, 1.0)
+
+    def _walk_at(self, stamps_s: Array) -> Array:
+        """S_k at times (n,), shape (n, knots, 2)."""
+        times, sums = self._walk_s, self._walk_m
+        if len(times) < 2:
+            return np.broadcast_to(sums[:1], (len(stamps_s), *sums.shape[1:]))
+        right = np.clip(np.searchsorted(times, stamps_s), 1, len(times) - 1)
+        share = np.clip((stamps_s - times[right - 1]) / (times[right] - times[right - 1]), 0.0, 1.0)
+        return np.asarray(sums[right - 1] + share[:, None, None] * (sums[right] - sums[right - 1]))
+
+    def sums(self, along: Along) -> Sums:
+        """What places along the track need of it, once for many values of the unknowns."""
+        return Sums(self, along, self._walk_at(along.stamps_s), self._ramps(along.stamps_s), self._start_m)
+
+    def carried(self, theta: Array, older: VehicleModel) -> Array:
+        """Its unknowns (block,) where an earlier model of the same vehicle, with fewer knots, had `theta` (all)."""
+        own = np.zeros(self.block.stop - self.block.start)
+        old = theta[older.block]
+        own[:STATIC] = old[:STATIC]
+        if older._span_s == self._span_s and older._knots_s[:1].tolist() == self._knots_s[:1].tolist():
+            m, n = min(older.knots, self.knots), older.knots
+            own[STATIC : STATIC + m] = old[STATIC : STATIC + m]
+            walk = old[STATIC + n :].reshape(n, 2)[:m]
+            own[STATIC + self.knots :].reshape(self.knots, 2)[:m] = walk
+        return own
+
+
+class Sums:
+    """Places of one vehicle (n), whose dependence on the unknowns is ready."""
+
+    def __init__(self, model: VehicleModel, along: Along, walk_m: Array, ramps: Array, start_m: Array) -> None:
+        """Takes what `VehicleModel.sums` has looked up."""
+        self._model, self._along, self._walk_m, self._ramps, self._start_m = model, along, walk_m, ramps, start_m
+
+    def __len__(self) -> int:
+        """Number of places."""
+        return len(self._along.stamps_s)
+
+    @property
+    def stamps_s(self) -> Array:
+        """Times (n,)."""
+        return self._along.stamps_s
+
+    def _split(self, theta: Array) -> tuple[Array, Array, Array]:
+        own = theta[self._model.block]
+        n = self._model.knots
+        return own[:STATIC], own[STATIC : STATIC + n], own[STATIC + n :].reshape(n, 2)
+
+    def _turned(self, static: Array, headings: Array) -> tuple[Array, Array]:
+        """R(-b0) / (1 + s), and the way from the start after it, (2, 2) and (n, 2)."""
+        c, s = math.cos(static[2]), math.sin(static[2])
+        turn = np.array([[c, s], [-s, c]]) / (1.0 + static[5])  # R(-b0)
+        a = self._along
+        way = a.raw_m - self._start_m - static[3] * a.sin_m - static[4] * a.cos_m
+        if len(headings):
+            way = way - np.einsum("nkd,k->nd", self._walk_m, headings)
+        return turn, way @ turn.T
+
+    def places(self, theta: Array) -> Array:
+        """Places (n, 2) where the unknowns of the team are `theta`."""
+        static, headings, walk = self._split(theta)
+        _, way = self._turned(static, headings)
+        return np.asarray(self._start_m - static[:2] + way + self._ramps @ walk)
+
+    def jacobian(self, theta: Array) -> Array:
+        """Derivatives (n, 2, block) of the places with respect to the vehicle's own unknowns."""
+        static, headings, _ = self._split(theta)
+        turn, way = self._turned(static, headings)
+        n, knots = len(self), self._model.knots
+        out = np.zeros((n, 2, STATIC + 3 * knots))
+        out[:, 0, 0] = out[:, 1, 1] = -1.0
+        out[:, :, 2] = -way @ _J.T
+        out[:, :, 3] = -self._along.sin_m @ turn.T
+        out[:, :, 4] = -self._along.cos_m @ turn.T
+        out[:, :, 5] = -way / (1.0 + static[5])
+        if knots:
+            out[:, :, STATIC : STATIC + knots] = -np.einsum("nkd,ed->nek", self._walk_m, turn)
+            out[:, 0, STATIC + knots :: 2] = self._ramps
+            out[:, 1, STATIC + knots + 1 :: 2] = self._ramps
+        return out
+
+
+class TeamModel:
+    """All unknowns of a team: a block for each vehicle, then clocks, then the speed of sound.
+
+    Attributes:
+        vehicles: The vehicles' models by number.
+        size: Number of unknowns.
+    """
+
+    def __init__(
+        self, config: PlacesConfig, tracks: dict[int, Track], reference: int, before_m: dict[int, float] | None = None
+    ) -> None:
+        """Lays out the unknowns.
+
+        Args:
+            config: What is known before.
+            tracks: Raw tracks by number of the vehicle.
+            reference: The vehicle whose clock is the reference.
+            before_m: How far a vehicle had gone before its first raw place that is known, if not 0.
+        """
+        self.config = config
+        self.vehicles: dict[int, VehicleModel] = {}
+        begin = 0
+        for number in sorted(tracks):
+            self.vehicles[number] = VehicleModel(tracks[number], begin, config, (before_m or {}).get(number, 0.0))
+            begin = self.vehicles[number].block.stop
+        others = [number for number in sorted(tracks) if number != reference]
+        self._clocks = {number: begin + 2 * i for i, number in enumerate(others)}
+        self._sound = begin + 2 * len(others)
+        self.size = self._sound + 1
+
+    @property
+    def sound(self) -> int:
+        """Number of the unknown that is the relative error of the speed of sound."""
+        return self._sound
+
+    def clock(self, number: int) -> int | None:
+        """First of a vehicle's two clock unknowns: offset (m), and rate (m a thousand seconds); None: the reference."""
+        return self._clocks.get(number)
+
+    def prior_std(self) -> Array:
+        """Standard deviation of each unknown before any measurement, (size,); their means are 0."""
+        c = self.config
+        both = math.sqrt(2.0) * c.sound_speed_mps  # of a difference of two clocks
+        std = [model.prior_std() for model in self.vehicles.values()]
+        clock = np.array([both * c.clock_std_s, both * c.clock_drift_std_ppm * 1e-3])
+        return np.concatenate([*std, np.tile(clock, len(self._clocks)), [c.sound_speed_std]])
+
+    def carried(self, theta: Array, older: TeamModel) -> Array:
+        """Unknowns (size,) to begin with, where an earlier model of the team had `theta`."""
+        start = np.zeros(self.size)
+        for number, model in self.vehicles.items():
+            if number in older.vehicles:
+                start[model.block] = model.carried(theta, older.vehicles[number])
+            here, there = self.clock(number), older.clock(number)
+            if here is not None and there is not None:
+                start[here : here + 2] = theta[there : there + 2]
+        start[self.sound] = theta[older.sound]
+        return start
+
+    def common(self, theta: Array) -> Array:
+        """Directions (size, 4) of a translation, rotation and change of scale that all places have in common."""
+        directions = np.zeros((self.size, 4))
+        for model in self.vehicles.values():
+            at = model.block.start
+            static = theta[model.block][:STATIC]
+            start = model.track.start_m - static[:2]
+            directions[at, 0] = directions[at + 1, 1] = -1.0
+            directions[at : at + 2, 2] = -_J @ start
+            directions[at + 2, 2] = -1.0
+            directions[at : at + 2, 3] = -start
+            directions[at + 5, 3] = -(1.0 + static[5])
+        return directions

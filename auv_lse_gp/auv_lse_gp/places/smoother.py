@@ -1,0 +1,234 @@
+"""What one vehicle can find out about the places of its team, from what it measures and hears itself.
+
+Theory of operation. Raw tracks and measurements are kept; every answer is computed anew from all of them. Only
+measurements are shared among the vehicles, never estimates: a filter that took a mate's estimate as independent would
+count the same fix again and again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_gp.places.config import PlacesConfig
+from auv_lse_gp.places.correction import Correction
+from auv_lse_gp.places.measurements import Fixes, FixRow, RangeRow, Ranges, usable
+from auv_lse_gp.places.model import TeamModel
+from auv_lse_gp.places.solution import solve
+from auv_lse_gp.places.terrain import Terrain, TerrainTerm
+from auv_lse_gp.places.track import HeardTrack, OwnTrack, Track
+
+Array = NDArray[np.float64]
+
+#: Fixes within this time (s) are of one surfacing, and count as one: the errors of GPS go on for minutes.
+SURFACING_S = 120.0
+#: A mate that seems to move faster than this (m/s) has not: its packet is wrong, or it started anew.
+FASTEST_MPS = 6.0
+#: Ranges that are used at most; of more, an even choice.
+MOST_RANGES = 300
+
+
+class Surfacings:
+    """The fixes of one vehicle, gathered by surfacing."""
+
+    def __init__(self, vehicle: int) -> None:
+        """There is no fix yet."""
+        self._vehicle = vehicle
+        self._groups: list[list[tuple[float, ...]]] = []  # stamp, north, east, raw north, raw east, std
+
+    def add(self, fix: Fix) -> bool:
+        """Takes a fix; returns False if it cannot be one."""
+        row = (fix.stamp_s, fix.north_m, fix.east_m, fix.raw_north_m, fix.raw_east_m, fix.std_m)
+        if not all(math.isfinite(value) for value in row):
+            return False
+        if self._groups and row[1:5] == self._groups[-1][-1][1:5]:
+            return True  # told again
+        if self._groups and 0.0 <= fix.stamp_s - self._groups[-1][0][0] < SURFACING_S:
+            self._groups[-1].append(row)
+        else:
+            self._groups.append([row])
+        return True
+
+    def rows(self, least_std_m: float) -> list[FixRow]:
+        """One row for each surfacing: the mean of its fixes, no better than one of them."""
+        rows = []
+        for group in self._groups:
+            mean = np.mean(group, axis=0)
+            rows.append(
+                FixRow(
+                    vehicle=self._vehicle,
+                    stamp_s=float(mean[0]),
+                    place_m=(float(mean[1]), float(mean[2])),
+                    raw_m=(float(mean[3]), float(mean[4])),
+                    std_m=max(float(mean[5]), least_std_m),
+                )
+            )
+        return rows
+
+
+class PlaceSmoother:
+    """Corrects the places of a team, as one of its vehicles.
+
+    Attributes:
+        vehicle: Number of the vehicle.
+        config: The configuration.
+        refused: Messages that cannot be right, and were not taken.
+    """
+
+    def __init__(self, vehicle: int, config: PlacesConfig) -> None:
+        """Nothing is known yet."""
+        self.vehicle = vehicle
+        self.config = config
+        self.refused = 0
+        self._own = OwnTrack()
+        self._mates: dict[int, HeardTrack] = {}
+        self._surfacings = {vehicle: Surfacings(vehicle)}
+        self._ranges: list[RangeRow] = []
+        self._before_m: dict[int, float] = {}
+        self._last: tuple[TeamModel, Array] | None = None
+        self._now_s = 0.0
+
+    @property
+    def ranges(self) -> int:
+        """How many ranges were measured."""
+        return len(self._ranges)
+
+    def moved(self, place: DeadReckoning) -> None:
+        """Takes the vehicle's own raw place."""
+        if self._own.add(place.stamp_s, place.north_m, place.east_m, place.heading_rad):
+            self._now_s = max(self._now_s, place.stamp_s)
+        else:
+            self.refused += 1
+
+    def fixed(self, fix: Fix) -> None:
+        """Takes one of the vehicle's own fixes."""
+        self.refused += not self._surfacings[self.vehicle].add(fix)
+
+    def heard(self, mate: MateNavigation, samples_m: Array | None = None) -> Array:
+        """Takes what a mate's packet told, and when it came.
+
+        Args:
+            mate: What it told of its navigation.
+            samples_m: Raw places (n, 2) of its samples, in order of time.
+
+        Returns:
+            When the samples were measured (n,), as far as the mate's track tells; NaN if its navigation is refused.
+        """
+        samples = np.zeros((0, 2)) if samples_m is None else np.asarray(samples_m, dtype=float).reshape(-1, 2)
+        sent_s = mate.sent_s if math.isfinite(mate.sent_s) else mate.stamp_s
+        track = self._mates.get(mate.source, HeardTrack())
+        before = track.last
+        if mate.source == self.vehicle or not _plausible(mate, sent_s, before):
+            self.refused += 1
+            return np.full(len(samples), math.nan)
+        told = samples[np.isfinite(samples).all(axis=1)]
+        if before is None:
+            if len(told) and self._own.start_s < sent_s:
+                track.add(self._own.start_s, *told[0])  # all start at about the same time, and sound from there on
+            else:
+                self._before_m[mate.source] = self._own.gone_m(sent_s)
+        track.add(sent_s, mate.raw_north_m, mate.raw_east_m)
+        self._mates[mate.source] = track
+        times = np.full(len(samples), sent_s)
+        found = track.times_of(told)
+        times[np.isfinite(samples).all(axis=1)] = found
+        track.refine(found, told)
+        if mate.has_fix:
+            since_s = float(before[0]) if before is not None else track.start_s
+            self._mate_fixed(mate, since_s, sent_s)
+        row = RangeRow(
+            sender=mate.source,
+            receiver=self.vehicle,
+            sent_s=sent_s,
+            arrived_s=mate.stamp_s,
+            range_m=mate.travel_s * self.config.sound_speed_mps,
+        )
+        if usable(row) and len(self._own):
+            self._ranges.append(row)
+        return times
+
+    def _mate_fixed(self, mate: MateNavigation, since_s: float, sent_s: float) -> None:
+        """Takes a mate's last fix, which it took since its packet before this one if that did not tell of it."""
+        surfacings = self._surfacings.setdefault(mate.source, Surfacings(mate.source))
+        raw = np.array([mate.fix_raw_north_m, mate.fix_raw_east_m])
+        nodes = self._mates[mate.source].nodes
+        nodes = nodes[(nodes[:, 0] >= since_s) & (nodes[:, 0] <= sent_s)]
+        gone = np.sqrt(((nodes[:, 1:3] - raw) ** 2).sum(axis=1))
+        fix = Fix(
+            stamp_s=float(nodes[np.argmin(gone), 0]) if np.isfinite(gone).all() else math.nan,
+            north_m=mate.fix_north_m,
+            east_m=mate.fix_east_m,
+            raw_north_m=mate.fix_raw_north_m,
+            raw_east_m=mate.fix_raw_east_m,
+            std_m=self.config.fix_std_m,
+        )
+        self.refused += not surfacings.add(fix)
+
+    def smooth(self, terrain: Terrain | None = None) -> Correction:
+        """Finds the places by everything known so far.
+
+        Args:
+            terrain: Depths along the tracks; None, or `places.terrain: false`: they do not count.
+        """
+        fixes = [row for s in self._surfacings.values() for row in s.rows(self.config.fix_std_m)]
+        ranges = _even(self._ranges, MOST_RANGES)
+        tracks: dict[int, Track] = {self.vehicle: self._own, **self._mates}
+        correction = smooth_team(
+            self.config, tracks, fixes, ranges,
+            terrain=terrain, before_m=self._before_m, last=self._last, reference=self.vehicle, stamp_s=self._now_s,
+        )  # fmt: skip
+        self._last = correction.model, correction.theta
+        return correction
+
+
+def smooth_team(
+    config: PlacesConfig,
+    tracks: dict[int, Track],
+    fixes: Sequence[FixRow],
+    ranges: Sequence[RangeRow],
+    *,
+    reference: int,
+    stamp_s: float,
+    terrain: Terrain | None = None,
+    before_m: dict[int, float] | None = None,
+    last: tuple[TeamModel, Array] | None = None,
+) -> Correction:
+    """Finds the places of a team.
+
+    Args:
+        config: What is known before.
+        tracks: Raw tracks by number of the vehicle.
+        fixes: The fixes, one for each surfacing.
+        ranges: The ranges.
+        reference: Vehicle whose clock is the reference.
+        stamp_s: Time of the last measurement.
+        terrain: Depths along the tracks.
+        before_m: How far a vehicle had gone before its first raw place that is known, if not 0.
+        last: The unknowns before, and their values: where the search begins.
+    """
+    model = TeamModel(config, tracks, reference, before_m)
+    start = model.carried(last[1], last[0]) if last is not None else np.zeros(model.size)
+    term = TerrainTerm(model, terrain) if terrain is not None and config.terrain else None
+    solution = solve(model, Fixes(model, fixes), Ranges(model, ranges), term, start)
+    return Correction(model, solution.theta, solution.covariance, stamp_s, solution.refused)
+
+
+def _plausible(mate: MateNavigation, sent_s: float, before: Array | None) -> bool:
+    """Whether a mate can be where it says that it is, after where it was: time, raw north and east (3,)."""
+    if not (math.isfinite(sent_s) and math.isfinite(mate.raw_north_m) and math.isfinite(mate.raw_east_m)):
+        return False
+    if before is None:
+        return True
+    gone = math.hypot(mate.raw_north_m - before[1], mate.raw_east_m - before[2])
+    return bool(sent_s > before[0] and gone <= FASTEST_MPS * (sent_s - before[0]))
+
+
+def _even(rows: Sequence[RangeRow], most: int) -> list[RangeRow]:
+    """At most so many of the rows, evenly chosen."""
+    if len(rows) <= most:
+        return list(rows)
+    return [rows[i] for i in np.linspace(0, len(rows) - 1, most).astype(int)]

@@ -1,0 +1,121 @@
+"""The terrain's say: where tracks cross, both must have found the same depth.
+
+Depths z at places p(theta) are those of the Gaussian process, whose covariance S follows the places. A small shift of
+place i changes what it should have measured by the slope there: z = f(p^) + H (theta - theta^) + e, H_i = g_i' A_i with
+A_i the place's derivatives, g = sum_j alpha_j grad k(p_i, p_j) and alpha = S^-1 (z - m).
+
+- Gradient H' alpha, information H' S^-1 H; no log-determinant, which with a too wide prior squeezes tracks together.
+- Depths do not see a translation, rotation or change of scale of all tracks together. The first two are exact, but
+  slopes that are held invent information in all three. So gradient and information are projected,
+  P = I - N (N' W N)^-1 N' W, with N these directions and W what is known of the unknowns before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from auv_lse_gp.kernels import Kernel
+from auv_lse_gp.places.model import Sums, TeamModel
+from auv_lse_gp.places.pieces import Pieces
+from auv_lse_gp.prior_mean import PriorMean
+
+Array = NDArray[np.float64]
+
+#: Half of the distance (m) over which the slope of a prior mean is taken.
+_SLOPE_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """Depths along the tracks, and the prior that compares them.
+
+    Attributes:
+        pieces: The soundings, in pieces of track.
+        kernel: Covariance of the depth.
+        prior_mean: Mean of the depth, places (P, 2) -> (P,).
+        noise_std_m: Standard deviation of a piece's depth.
+    """
+
+    pieces: Pieces
+    kernel: Kernel
+    prior_mean: PriorMean
+    noise_std_m: float
+
+
+class TerrainTerm:
+    """The terrain's part of the solution."""
+
+    def __init__(self, model: TeamModel, terrain: Terrain) -> None:
+        """Looks up where the pieces are on their vehicles' tracks; pieces of unknown vehicles are left out."""
+        self._model, self._terrain = model, terrain
+        pieces = terrain.pieces
+        self._groups: list[tuple[slice, slice, Sums]] = []
+        taken: list[NDArray[np.int64]] = []
+        for number in sorted(set(pieces.vehicles.tolist()) & set(model.vehicles)):
+            index = np.flatnonzero(pieces.vehicles == number)
+            vehicle = model.vehicles[number]
+            begin = sum(len(t) for t in taken)
+            taken.append(index)
+            sums = vehicle.sums(vehicle.track.at(pieces.stamps_s[index], pieces.raw_m[index]))
+            self._groups.append((vehicle.block, slice(begin, begin + len(index)), sums))
+        self._depths_m = pieces.depths_m[np.concatenate(taken)] if taken else np.zeros(0)
+
+    def __len__(self) -> int:
+        """Number of pieces."""
+        return len(self._depths_m)
+
+    def cost(self, theta: Array) -> tuple[float, Array, Array, Array]:
+        """Half the misfit of the depths at `theta`; and places (n, 2), factor L (n, n) and L^-1 (z - m).
+
+        Raises:
+            LinAlgError: if the covariance cannot be factorized.
+        """
+        places = np.zeros((len(self), 2))
+        for _, rows, sums in self._groups:
+            places[rows] = sums.places(theta)
+        kernel = self._terrain.kernel
+        scaled = kernel.scale(places)
+        covariance = kernel.of_scaled(scaled, scaled)
+        covariance[np.diag_indices(len(places))] += self._terrain.noise_std_m**2
+        lower = cholesky(covariance, lower=True, check_finite=False, overwrite_a=True)
+        residuals = self._depths_m - self._terrain.prior_mean(places)
+        white = solve_triangular(lower, residuals, lower=True, check_finite=False)
+        return 0.5 * float(white @ white), places, lower, white
+
+    def gradient(self, theta: Array, prior_precision: Array) -> tuple[Array, Array]:
+        """Gradient (u,) of the log likelihood and information (u, u) at `theta`, projected.
+
+        Args:
+            theta: The unknowns (u,).
+            prior_precision: Precision of each unknown before any measurement (u,).
+
+        Raises:
+            LinAlgError: if the covariance cannot be factorized.
+        """
+        _, places, lower, white = self.cost(theta)
+        alpha = solve_triangular(lower, white, lower=True, trans="T", check_finite=False)
+        slopes = self._slopes(places, alpha)
+        rows = np.zeros((len(places), self._model.size))
+        for block, part, sums in self._groups:
+            rows[part, block] = np.einsum("nd,ndu->nu", slopes[part], sums.jacobian(theta))
+        whitened = solve_triangular(lower, rows, lower=True, check_finite=False)
+        information = whitened.T @ whitened
+        common = self._model.common(theta)
+        weighted = prior_precision[:, None] * common
+        projection = np.eye(self._model.size) - common @ np.linalg.solve(common.T @ weighted, weighted.T)
+        return projection.T @ (rows.T @ alpha), projection.T @ information @ projection
+
+    def _slopes(self, places: Array, alpha: Array) -> Array:
+        """Slope (n, 2) of the depth that the Gaussian process expects at the places."""
+        kernel, mean = self._terrain.kernel, self._terrain.prior_mean
+        scaled = kernel.scale(places)
+        slopes = kernel.gradient_sums(scaled, np.tile(alpha, (len(places), 1)), scaled)
+        for axis in (0, 1):
+            step = np.zeros(2)
+            step[axis] = _SLOPE_M
+            slopes[:, axis] += (mean(places + step) - mean(places - step)) / (2.0 * _SLOPE_M)
+        return slopes
