@@ -29,6 +29,7 @@ SECTIONS = {
     "level_set": "auv_lse_gp",
     "area": "auv_lse_gp",
     "gp": "auv_lse_gp",
+    "places": "auv_lse_gp",
     "motion": "auv_lse_planner",
     "planner": "auv_lse_planner",
     "vehicle": "auv_lse_planner",

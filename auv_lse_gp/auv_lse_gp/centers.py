@@ -18,11 +18,14 @@ class Centers:
         places_m: North, east (n, 2).
         depths_m: Depth (n,).
         noise_std_m: Standard deviation of each depth as a measurement (n,).
+        place_effect_m: How much each way in which all their places may be wrong together, at one standard deviation, is
+            worth in depth (n, r); None: their places count as known.
     """
 
     places_m: Array
     depths_m: Array
     noise_std_m: Array
+    place_effect_m: Array | None = None
 
     def __len__(self) -> int:
         """Number of centers."""
@@ -30,7 +33,13 @@ class Centers:
 
     def slice(self, begin: int, end: int) -> Centers:
         """The centers from number `begin` to `end`, without copying."""
-        return Centers(self.places_m[begin:end], self.depths_m[begin:end], self.noise_std_m[begin:end])
+        effect = self.place_effect_m
+        return Centers(
+            self.places_m[begin:end],
+            self.depths_m[begin:end],
+            self.noise_std_m[begin:end],
+            None if effect is None else effect[begin:end],
+        )
 
     def joined(self, others: Centers) -> Centers:
         """These centers and `others` after them."""
@@ -38,7 +47,20 @@ class Centers:
             np.concatenate([self.places_m, others.places_m]),
             np.concatenate([self.depths_m, others.depths_m]),
             np.concatenate([self.noise_std_m, others.noise_std_m]),
+            _joined(self, others),
         )
+
+
+def _joined(first: Centers, second: Centers) -> Array | None:
+    """Place effects of both; centers without any have none of the other's ways."""
+    a, b = first.place_effect_m, second.place_effect_m
+    if a is None and b is None:
+        return None
+    if a is None:
+        a = np.zeros((len(first), b.shape[1] if b is not None else 0))
+    if b is None:
+        b = np.zeros((len(second), a.shape[1]))
+    return np.concatenate([a, b])
 
 
 #: No centers at all.

@@ -107,6 +107,7 @@ class DepthMap:
         self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
         self._moments = KeptMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
+        self._scaled = self.gp.kernel.scale(self._places_m)
         self._field: DepthField | None = None
 
     @property
@@ -173,6 +174,11 @@ class DepthMap:
         told.kept += outcome is Outcome.KEPT
         return outcome
 
+    def clear(self) -> None:
+        """Forgets all soundings and samples, to take them in again at other places."""
+        self.gp.clear()
+        self.team.clear()
+
     def field(self) -> DepthField:
         """The posterior on the grid, brought up to date."""
         revision = self.gp.revision
@@ -202,7 +208,7 @@ class DepthMap:
             return self.gp.predict(self._places_m)
         _ = self.gp.posterior  # brought up to date
         mean, variance = self._moments.update()
-        return mean, np.sqrt(variance)
+        return mean, np.sqrt(variance + self.gp.posterior.place_variance(self._scaled))
 
     def _add(self, north_m: float, east_m: float, depth_m: float, grow: bool = True) -> Outcome | None:
         try:

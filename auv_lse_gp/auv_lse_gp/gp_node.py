@@ -62,7 +62,7 @@ class GpNode(VehicleNode):
     def step(self, now_s: float) -> None:
         """Takes what has come in, own soundings first, and publishes what it changed."""
         began = time.perf_counter()
-        taken = self._intake.step()
+        taken = self._intake.step(now_s)
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(centers_message(now_s, self._map.revision, self._map.centers))

@@ -4,39 +4,89 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.depth_map import DepthMap
+from auv_lse_gp.places.placer import Placer
 
 
 class MapIntake:
-    """Soundings and samples that wait for the map, and the order in which it takes them.
+    """Soundings, samples and navigation that wait for the map, and the order in which it takes them.
 
     Attributes:
         map: The map.
+        placer: What corrects the soundings' places; None: they are taken where they were told.
     """
 
-    def __init__(self, depth_map: DepthMap) -> None:
+    def __init__(self, depth_map: DepthMap, placer: Placer | None = None) -> None:
         """Nothing waits yet."""
         self.map = depth_map
+        self.placer = placer
         self._soundings: list[Sequence[float]] = []
         self._samples: list[tuple[float, int, ArrayLike]] = []
+        self._tracks: list[DeadReckoning] = []
+        self._fixes: list[Fix] = []
+        self._mates: list[MateNavigation] = []
 
     def add_soundings(self, rows: Iterable[Sequence[float]]) -> None:
-        """Own soundings: stamp (s), north, east, depth (m) of each."""
+        """Own soundings: stamp (s), north, east, depth (m) of each, then raw north, east (m) where known."""
         self._soundings.extend(rows)
 
     def add_samples(self, stamp_s: float, source: int, samples: ArrayLike) -> None:
         """A mate's samples: end of reception (s), number of the sender; north, east, depth (m) of each, (n, 3)."""
         self._samples.append((stamp_s, source, samples))
 
-    def step(self) -> bool:
-        """The map takes own soundings by stamp, then samples by stamp and source; returns False if nothing waited."""
+    def add_dead_reckoning(self, place: DeadReckoning) -> None:
+        """The vehicle's raw place."""
+        self._tracks.append(place)
+
+    def add_fix(self, fix: Fix) -> None:
+        """A fix of the vehicle's own."""
+        self._fixes.append(fix)
+
+    def add_navigation(self, mate: MateNavigation) -> None:
+        """What a packet told of its sender's navigation."""
+        self._mates.append(mate)
+
+    def step(self, now_s: float) -> bool:
+        """The map takes what waits: own soundings by stamp, then samples by stamp and source.
+
+        With a placer, navigation comes before the soundings that it places, and places are corrected last.
+
+        Returns:
+            False if nothing waited for the map, and no place was corrected.
+        """
         waited = bool(self._soundings or self._samples)
+        if self.placer is None:
+            self._take()
+            return waited
+        for place in sorted(self._tracks, key=lambda place: place.stamp_s):
+            self.placer.moved(place)
+        for fix in sorted(self._fixes, key=lambda fix: fix.stamp_s):
+            self.placer.fixed(fix)
+        for mate in sorted(self._mates, key=lambda mate: (mate.stamp_s, mate.source)):
+            self.placer.heard(mate)
+        self._tracks, self._fixes, self._mates = [], [], []
+        self._take()
+        return self.placer.step(now_s) or waited
+
+    def _take(self) -> None:
         if self._soundings:
-            self.map.add_soundings(self._soundings)
+            if self.placer is None:
+                self.map.add_soundings([row[:4] for row in self._soundings])
+            else:
+                self.placer.add_soundings(np.array([_with_raw(row) for row in self._soundings], dtype=float))
             self._soundings = []
         for _, source, samples in sorted(self._samples, key=lambda entry: entry[:2]):
-            self.map.add_samples(samples, source)
+            if self.placer is None:
+                self.map.add_samples(samples, source)
+            else:
+                self.placer.add_samples(np.asarray(samples, dtype=float).reshape(-1, 3), source)
         self._samples = []
-        return waited
+
+
+def _with_raw(row: Sequence[float]) -> tuple[float, ...]:
+    """A sounding's row with its raw place, NaN where it has none."""
+    return (*row, float("nan"), float("nan")) if len(row) == 4 else tuple(row)

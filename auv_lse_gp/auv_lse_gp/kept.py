@@ -46,6 +46,9 @@ class KeptColumns:
         white = self._white[: len(posterior)]
         data_var = np.maximum(self._prior_var - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
         planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
+        if posterior.places_uncertain:
+            floor = np.einsum("rp,rp->p", *[posterior.place_white.T @ white[:n]] * 2)
+            data_var, planned_var = data_var + floor, planned_var + floor
         mean = self._prior_mean + posterior.whitened_residuals[:n] @ white[:n] if n else self._prior_mean
         return Columns(self._scaled, white.T, mean, data_var, planned_var)
 
@@ -68,7 +71,7 @@ class KeptColumns:
 
 
 class KeptMoments:
-    """Mean and variance at fixed places given the data.
+    """Mean and variance at fixed places given the data, whose places count as known (`Posterior.place_variance`).
 
     Theory of operation. New measurements are conditioned on all at once: with the rows
     R = L22^-1 (k(new, places) - L21 L11^-1 k(old, places)) of the whitened covariance that they add, the mean grows by

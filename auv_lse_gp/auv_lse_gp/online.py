@@ -84,6 +84,7 @@ class OnlineGp:
         self._index = SpacingIndex(config.min_spacing_m)
         self._merged: list[MergedCenter] = []
         self._moved: set[int] = set()
+        self._place_effect_m: Array | None = None
 
     def __len__(self) -> int:
         """Number of centers."""
@@ -144,6 +145,41 @@ class OnlineGp:
         mean, variance = self._posterior.moments(places_m)
         return within_gate(self.config, np.asarray(depths_m, dtype=float), mean, variance, sigmas)
 
+    def clear(self) -> None:
+        """Forgets all soundings, to take them in again at other places."""
+        self.counts = Counts(refused=self.counts.refused)
+        self._table = CenterTable()
+        self._behind = True
+        self._index = SpacingIndex(self.config.min_spacing_m)
+        self._merged.clear()
+        self._moved.clear()
+        self._place_effect_m = None
+        self.revision += 1
+
+    def set_place_effect(self, effect_m: Array | None) -> None:
+        """How uncertain places change what the centers should have measured, (n, r): see `Centers`.
+
+        Centers that come later have none until this is called again.
+
+        Raises:
+            ValueError: if there are more rows than centers.
+        """
+        if effect_m is not None and len(effect_m) > len(self):
+            raise ValueError(f"place effect: got {len(effect_m)} rows; expected at most one for each of {len(self)}")
+        self._place_effect_m = effect_m
+        self._behind = True
+        self.revision += 1
+
+    @property
+    def _held(self) -> Centers:
+        """The centers as the table has them, with their place effects: not to be written to."""
+        held, effect = self._table.centers, self._place_effect_m
+        if effect is None:
+            return held
+        padded = np.zeros((len(held), effect.shape[1]))
+        padded[: len(effect)] = effect[: len(held)]
+        return Centers(held.places_m, held.depths_m, held.noise_std_m, padded)
+
     def _may_merge(self, number: int) -> bool:
         return self.config.merge and number >= len(self) - MERGE_WINDOW and not self._merged[number].full
 
@@ -156,8 +192,8 @@ class OnlineGp:
             self._settle()
         else:
             self._sync()
-        held = self._table.centers
-        return Centers(held.places_m.copy(), held.depths_m.copy(), held.noise_std_m.copy())
+        held = self._held
+        return Centers(held.places_m.copy(), held.depths_m.copy(), held.noise_std_m.copy(), held.place_effect_m)
 
     @property
     def posterior(self) -> Posterior:
@@ -173,6 +209,7 @@ class OnlineGp:
         self._sync()
         if self.config.local and not self.kernel.compact:
             mean, variance = predict_locally(self._posterior.blank(), self._table.centers, places_m)
+            variance = variance + self._posterior.place_variance(self.kernel.scale(np.asarray(places_m, dtype=float)))
         else:
             mean, variance = self._posterior.moments(places_m)
         return mean, np.sqrt(variance)
@@ -232,13 +269,13 @@ class OnlineGp:
         if not self._behind:
             return
         try:
-            self._posterior.follow(self._table.centers)
+            self._posterior.follow(self._held)
         except IllConditionedError:
             if before is None:
                 raise
             # Merging lowers the noise and may bring centers together. What was held before is known to work.
             self._table = before
-            self._posterior.follow(self._table.centers)
+            self._posterior.follow(self._held)
             self.problems.append(
                 "merging made the covariance of the centers ill-conditioned: these soundings are not merged"
             )

@@ -11,6 +11,11 @@ Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
 
 The algorithm's line 3 is mean(p) = k(p, X) alpha with alpha = L^-T b; it is the same, and `mean_m` uses it.
 
+Where the centers' places are uncertain, each of r ways in which all of them may be wrong together changes what the
+centers should have measured by a column of E (n, r), at one standard deviation (`Centers.place_effect_m`). The mean at
+p is then off by -w(p)^T L^-1 E in each way, whatever will be measured elsewhere. So |w(p)^T L^-1 E|^2 is added to every
+variance that is told, the *place variance*: a floor that planned measurements do not remove.
+
 Rows of L and of w do not change when measurements are added after them. So the variance given the data alone is read
 from the first rows of w, and what planned places add from the others; forgetting measurements is dropping the last
 rows. What will be known after a planned measurement does not depend on its outcome: the variance falls, and the mean
@@ -23,6 +28,7 @@ import copy
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dsyrk
 
 from auv_lse_common import compiled
@@ -38,6 +44,8 @@ Array = NDArray[np.float64]
 
 #: Places handled at once by `moments` and `mean_m`, so that the work stays in the processor's cache.
 CHUNK = 2048
+#: Half of the distance (m) over which the slope of a prior mean is taken.
+_SLOPE_M = 0.5
 
 
 class Posterior:
@@ -65,6 +73,7 @@ class Posterior:
         self._rows = np.zeros(0, dtype=np.int64)  # a number for each row, never used again: see `kept.py`
         self._appended = 0
         self._whitened = np.zeros(0)  # b = L^-1 (z - m(X))
+        self._place_white: Array | None = None  # L^-1 E, made when it is asked for
 
     # ---------------------------------------------------------------- what it is conditioned on
 
@@ -117,6 +126,7 @@ class Posterior:
         self._scaled, self._rows = self._scaled[:size], self._rows[:size]
         if size < self.data_rows:
             self._centers = self._centers.slice(0, size)
+            self._place_white = None
             self._whitened = self._whitened[:size]
 
     def forget_planned(self) -> None:
@@ -142,7 +152,13 @@ class Posterior:
         keep = _leading(same_row)
         same_depths = _leading(old.depths_m[:keep] == centers.depths_m[:keep])
         self.truncate(keep)
-        taken = Centers(*(np.array(x, dtype=float) for x in (centers.places_m, centers.depths_m, centers.noise_std_m)))
+        effect = centers.place_effect_m
+        taken = Centers(
+            np.array(centers.places_m, dtype=float),
+            np.array(centers.depths_m, dtype=float),
+            np.array(centers.noise_std_m, dtype=float),
+            None if effect is None else np.array(effect, dtype=float),
+        )
         try:
             self._append(self.kernel.scale(taken.places_m[keep:]), taken.noise_std_m[keep:] ** 2)
         except IllConditionedError:
@@ -179,6 +195,7 @@ class Posterior:
     def _set_data(self, centers: Centers, same: int) -> None:
         """Takes the depths of `centers`, whose rows are in the factor; the first `same` depths are as they were."""
         self._centers = centers
+        self._place_white = None
         if same == len(centers) == len(self._whitened):
             return
         residuals = centers.depths_m[same:]
@@ -200,6 +217,9 @@ class Posterior:
         planned_var = data_var
         if self.planned_rows:
             planned_var = np.maximum(data_var - np.einsum("pn,pn->p", planned, planned), 0.0)
+        if self.places_uncertain:
+            floor = np.einsum("pr,pr->p", *[data @ self.place_white] * 2)
+            data_var, planned_var = data_var + floor, planned_var + floor
         mean = np.asarray(self.prior_mean(places), dtype=float)
         if n:
             mean = mean + data @ self._whitened  # line 4
@@ -213,8 +233,41 @@ class Posterior:
         places = checked_places(places_m)
         mean = np.array(self.prior_mean(places), dtype=float)
         variance = np.array(self.kernel.variance(places))
-        self.condition_moments(self.kernel.scale(places), mean, variance)
-        return mean, np.maximum(variance, 0.0)
+        scaled = self.kernel.scale(places)
+        self.condition_moments(scaled, mean, variance)
+        return mean, np.maximum(variance, 0.0) + self.place_variance(scaled)
+
+    @property
+    def places_uncertain(self) -> bool:
+        """Whether the centers' places are uncertain."""
+        return self._centers.place_effect_m is not None and bool(len(self._centers))
+
+    @property
+    def place_white(self) -> Array:
+        """L^-1 E (n, r) of the centers' place effects; (n, 0) where their places count as known."""
+        if self._place_white is None:
+            n, effect = self.data_rows, self._centers.place_effect_m
+            if effect is None:
+                effect = np.zeros((n, 0))
+            lower = self._factor.lower[:n, :n]
+            self._place_white = solve_triangular(lower, effect, lower=True, check_finite=False) if n else effect
+        return self._place_white
+
+    def place_variance(self, scaled: Array) -> Array:
+        """What the uncertain places of the centers add to the variance (P,) at scaled places (P, 2)."""
+        if not self.places_uncertain:
+            return np.zeros(len(scaled))
+        weights = self._factor.solve_transposed(self.place_white, self.data_rows)
+        off = np.zeros((weights.shape[1], len(scaled)))
+        self.kernel.subtract_weighted(self._scaled[: self.data_rows], weights, scaled, off)
+        return np.asarray(np.einsum("rp,rp->p", off, off))
+
+    def slopes(self, places_m: ArrayLike) -> Array:
+        """Slope (P, 2) of the mean depth at places (P, 2): metres per metre north and east."""
+        places = checked_places(places_m)
+        n = self.data_rows
+        weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
+        return slopes_of(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
 
     def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
         """Turns prior mean (P,) and variance (P,) of scaled places (P, 2) into the posterior's, in place."""
@@ -307,6 +360,16 @@ class Posterior:
         if not self.planned_rows:
             return self._whitened
         return np.concatenate([self._whitened, np.zeros(self.planned_rows)])
+
+
+def slopes_of(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, places_m: Array) -> Array:
+    """Slope (P, 2) at places (P, 2) of the depth m(p) + sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
+    found = kernel.gradient_sums(kernel.scale(places_m), np.tile(weights, (len(places_m), 1)), scaled)
+    for axis in (0, 1):
+        step = np.zeros(2)
+        step[axis] = _SLOPE_M
+        found[:, axis] += (mean(places_m + step) - mean(places_m - step)) / (2.0 * _SLOPE_M)
+    return found
 
 
 def add_whitened(white: Array, residuals: Array, mean: Array, variance: Array) -> None:

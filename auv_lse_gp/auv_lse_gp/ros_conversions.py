@@ -38,6 +38,7 @@ def sample_rows(message: SampleArray) -> NDArray[np.float64]:
 
 def centers_message(now_s: float, revision: int, centers: Centers) -> KernelCenters:
     """KernelCenters of the map's centers."""
+    effect = centers.place_effect_m
     return KernelCenters(
         header=header(now_s),
         revision=revision,
@@ -45,6 +46,8 @@ def centers_message(now_s: float, revision: int, centers: Centers) -> KernelCent
         east_m=doubles(centers.places_m[:, 1]),
         depth_m=doubles(centers.depths_m),
         noise_std_m=doubles(centers.noise_std_m),
+        place_modes=0 if effect is None else effect.shape[1],
+        place_effect_m=floats(np.zeros(0) if effect is None else effect.ravel()),
     )
 
 
@@ -60,7 +63,13 @@ def centers_from_message(message: KernelCenters) -> Centers:
             f"KernelCenters: north_m, east_m, depth_m, noise_std_m have {[len(c) for c in columns]} "
             f"values; expected the same number of each"
         )
-    return Centers(np.column_stack(columns[:2]), columns[2], columns[3])
+    modes, effect = message.place_modes, np.asarray(message.place_effect_m, dtype=float)
+    if len(effect) != modes * len(columns[0]):
+        raise ValueError(
+            f"KernelCenters: place_effect_m has {len(effect)} values; expected place_modes = {modes} for each of "
+            f"{len(columns[0])} centers"
+        )
+    return Centers(np.column_stack(columns[:2]), columns[2], columns[3], effect.reshape(-1, modes) if modes else None)
 
 
 def field_message(now_s: float, field: DepthField, level_m: float) -> LevelSetField:

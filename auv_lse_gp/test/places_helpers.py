@@ -155,7 +155,8 @@ def smoother_of(config: PlacesConfig, team: list[Sailed], own: int, heard: list[
     for fix in mine.fixes:
         smoother.fixed(fix)
     for mate, samples in heard:
-        smoother.heard(mate, samples)
+        smoother.heard(mate)
+        smoother.sampled(mate.source, samples)
     return smoother
 
 

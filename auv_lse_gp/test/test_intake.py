@@ -24,9 +24,9 @@ def test_own_soundings_come_first_then_samples_by_stamp_and_source() -> None:
     own.add_samples(2.0, 2, [[200.0, 0.0, 14.0]])
     own.add_samples(1.0, 3, [[150.0, 0.0, 13.0]])
     own.add_soundings([(5.0, 100.0, 0.0, 12.0), (4.0, 50.0, 0.0, 11.0)])
-    assert own.step()
+    assert own.step(1.0)
     assert np.array_equal(own.map.centers.places_m[:, 0], [50.0, 100.0, 150.0, 200.0, 250.0])
-    assert not own.step(), "each is taken once"
+    assert not own.step(1.0), "each is taken once"
     assert len(own.map.centers) == 5
 
 
@@ -34,7 +34,7 @@ def test_diagnostics_warn_of_soundings_that_were_refused() -> None:
     own = intake()
     assert map_health(own.map, 0.001, 0.002).text == "ok"
     own.add_soundings([(1.0, 0.0, 0.0, float("nan"))])
-    own.step()
+    own.step(1.0)
     health = map_health(own.map, 0.0015, 0.002)
     assert (health.level, health.text) == (Level.WARN, "1 soundings refused")
     assert health.values["update_ms"] == "1.50"

@@ -31,6 +31,7 @@ from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.places.config import PlacesConfig, places_of
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import (
     MissionConfig,
@@ -53,6 +54,7 @@ SECTION_CLASSES: dict[str, type] = {
     "level_set": LevelSet,
     "area": AreaConfig,
     "gp": GpConfig,
+    "places": PlacesConfig,
     "motion": MotionConfig,
     "planner": PlannerConfig,
     "tdma": TdmaConfig,
@@ -91,7 +93,7 @@ class Settings:
 
     Attributes:
         where: The file it came from, for messages.
-        mission, level_set, area, motion, tdma, packet, sim, record: Sections that hold for all.
+        mission, level_set, area, places, motion, tdma, packet, sim, record: Sections that hold for all.
         common: The sections of a vehicle that sets nothing of its own.
         vehicles: Each vehicle's own sections, by number from 1.
     """
@@ -100,6 +102,7 @@ class Settings:
     mission: MissionConfig = field(default_factory=MissionConfig)
     level_set: LevelSet = field(default_factory=LevelSet)
     area: AreaConfig = field(default_factory=AreaConfig)
+    places: PlacesConfig = field(default_factory=lambda: places_of({}, "defaults"))
     motion: MotionConfig = field(default_factory=MotionConfig)
     tdma: TdmaConfig = field(default_factory=TdmaConfig)
     packet: PacketConfig = field(default_factory=PacketConfig)
@@ -143,6 +146,7 @@ class Settings:
             mission=mission,
             level_set=section(LevelSet, for_all, "level_set", where),
             area=section(AreaConfig, for_all, "area", where),
+            places=places_of(for_all, where),
             motion=section(MotionConfig, for_all, "motion", where),
             tdma=section(TdmaConfig, for_all, "tdma", where),
             packet=section(PacketConfig, for_all, "packet", where),
@@ -193,7 +197,7 @@ class Settings:
 
     def to_patterns(self) -> Patterns:
         """The complete mission file as nested mappings: every default filled in, the seed among them."""
-        shared = ("mission", "level_set", "area", "motion", "tdma", "packet", "sim", "record")
+        shared = ("mission", "level_set", "area", "places", "motion", "tdma", "packet", "sim", "record")
         for_all = {name: to_mapping(getattr(self, name)) for name in shared}
         common = {name: to_mapping(getattr(self.common, name)) for name in PER_VEHICLE}
         del common["vehicle"]["depth_m"]  # each vehicle's own, so that more vehicles take theirs in turn

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
-from auv_lse_common.params import parameter
+from auv_lse_common.papers_methods import unless_papers
+from auv_lse_common.params import parameter, section
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class PlacesConfig:
     """What is corrected, and how well dead reckoning, clocks and instruments are known before a mission."""
 
-    on: bool = parameter(
-        True,
-        help="Whether soundings are booked anew where fixes, ranges and the terrain say that they were taken.",
+    correct: bool | None = parameter(
+        None,
+        help="Whether soundings are booked anew where fixes, ranges and the terrain say that they were taken. Left "
+        "out: yes, but not with the paper's methods (planner.method augmented, exponential_quadratic, plain).",
     )
     terrain: bool = parameter(True, help="Whether crossings of tracks count: the same ground has the same depth.")
     interval_s: float = parameter(30.0, above=0.0, unit="s", help="Time between corrections.")
@@ -59,3 +63,13 @@ class PlacesConfig:
     sound_speed_std: float = parameter(
         0.003, above=0.0, high=0.1, help="Standard deviation of its error, as a share of it."
     )
+
+
+def places_of(parameters: Mapping[str, Any], where: str) -> PlacesConfig:
+    """The section `places` of nested parameters, with `correct` as it is in force.
+
+    Raises:
+        ParameterError: naming the parameter that cannot be used.
+    """
+    config = section(PlacesConfig, parameters, "places", where)
+    return dataclasses.replace(config, correct=unless_papers(config.correct, parameters))

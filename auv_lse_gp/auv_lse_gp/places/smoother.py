@@ -108,38 +108,20 @@ class PlaceSmoother:
         """Takes one of the vehicle's own fixes."""
         self.refused += not self._surfacings[self.vehicle].add(fix)
 
-    def heard(self, mate: MateNavigation, samples_m: Array | None = None) -> Array:
-        """Takes what a mate's packet told, and when it came.
-
-        Args:
-            mate: What it told of its navigation.
-            samples_m: Raw places (n, 2) of its samples, in order of time.
-
-        Returns:
-            When the samples were measured (n,), as far as the mate's track tells; NaN if its navigation is refused.
-        """
-        samples = np.zeros((0, 2)) if samples_m is None else np.asarray(samples_m, dtype=float).reshape(-1, 2)
+    def heard(self, mate: MateNavigation) -> None:
+        """Takes what a mate's packet told, and when it came."""
         sent_s = mate.sent_s if math.isfinite(mate.sent_s) else mate.stamp_s
         track = self._mates.get(mate.source, HeardTrack())
         before = track.last
         if mate.source == self.vehicle or not _plausible(mate, sent_s, before):
             self.refused += 1
-            return np.full(len(samples), math.nan)
-        told = samples[np.isfinite(samples).all(axis=1)]
-        if before is None:
-            if len(told) and self._own.start_s < sent_s:
-                track.add(self._own.start_s, *told[0])  # all start at about the same time, and sound from there on
-            else:
-                self._before_m[mate.source] = self._own.gone_m(sent_s)
+            return
         track.add(sent_s, mate.raw_north_m, mate.raw_east_m)
         self._mates[mate.source] = track
-        times = np.full(len(samples), sent_s)
-        found = track.times_of(told)
-        times[np.isfinite(samples).all(axis=1)] = found
-        track.refine(found, told)
+        if before is None:
+            self._before_m[mate.source] = self._own.gone_m(sent_s)
         if mate.has_fix:
-            since_s = float(before[0]) if before is not None else track.start_s
-            self._mate_fixed(mate, since_s, sent_s)
+            self._mate_fixed(mate, float(before[0]) if before is not None else track.start_s, sent_s)
         row = RangeRow(
             sender=mate.source,
             receiver=self.vehicle,
@@ -149,6 +131,24 @@ class PlaceSmoother:
         )
         if usable(row) and len(self._own):
             self._ranges.append(row)
+
+    def sampled(self, source: int, raw_m: Array) -> Array:
+        """Takes the raw places (n, 2) of the samples of a packet, in order of time, after what it told of navigation.
+
+        Returns:
+            When they were measured (n,), as far as the mate's track tells; NaN if nothing is known of it.
+        """
+        times = np.full(len(raw_m), math.nan)
+        track = self._mates.get(source)
+        finite = np.isfinite(raw_m).all(axis=1)
+        if track is None or not finite.any():
+            return times
+        if len(track) == 1 and self._own.start_s < track.start_s:
+            # All start at about the same time, and sound from there on.
+            track.begin(self._own.start_s, raw_m[finite][0])
+            self._before_m.pop(source)
+        times[finite] = track.times_of(raw_m[finite])
+        track.refine(times[finite], raw_m[finite])
         return times
 
     def _mate_fixed(self, mate: MateNavigation, since_s: float, sent_s: float) -> None:

@@ -21,12 +21,10 @@ from scipy.linalg import cholesky, solve_triangular
 from auv_lse_gp.kernels import Kernel
 from auv_lse_gp.places.model import Sums, TeamModel
 from auv_lse_gp.places.pieces import Pieces
+from auv_lse_gp.posterior import slopes_of
 from auv_lse_gp.prior_mean import PriorMean
 
 Array = NDArray[np.float64]
-
-#: Half of the distance (m) over which the slope of a prior mean is taken.
-_SLOPE_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +96,8 @@ class TerrainTerm:
         """
         _, places, lower, white = self.cost(theta)
         alpha = solve_triangular(lower, white, lower=True, trans="T", check_finite=False)
-        slopes = self._slopes(places, alpha)
+        kernel = self._terrain.kernel
+        slopes = slopes_of(kernel, self._terrain.prior_mean, kernel.scale(places), alpha, places)
         rows = np.zeros((len(places), self._model.size))
         for block, part, sums in self._groups:
             rows[part, block] = np.einsum("nd,ndu->nu", slopes[part], sums.jacobian(theta))
@@ -108,14 +107,3 @@ class TerrainTerm:
         weighted = prior_precision[:, None] * common
         projection = np.eye(self._model.size) - common @ np.linalg.solve(common.T @ weighted, weighted.T)
         return projection.T @ (rows.T @ alpha), projection.T @ information @ projection
-
-    def _slopes(self, places: Array, alpha: Array) -> Array:
-        """Slope (n, 2) of the depth that the Gaussian process expects at the places."""
-        kernel, mean = self._terrain.kernel, self._terrain.prior_mean
-        scaled = kernel.scale(places)
-        slopes = kernel.gradient_sums(scaled, np.tile(alpha, (len(places), 1)), scaled)
-        for axis in (0, 1):
-            step = np.zeros(2)
-            step[axis] = _SLOPE_M
-            slopes[:, axis] += (mean(places + step) - mean(places - step)) / (2.0 * _SLOPE_M)
-        return slopes

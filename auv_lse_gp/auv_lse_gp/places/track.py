@@ -193,6 +193,11 @@ class HeardTrack(Track):
         self._nodes = None
         return True
 
+    def begin(self, stamp_s: float, place_m: Array) -> None:
+        """Takes an earlier raw place (2,) than the first transmission's: where the mate began."""
+        self._places = np.concatenate([[[stamp_s, *place_m]], self._places])
+        self._nodes = None
+
     def times_of(self, raw_m: Array) -> Array:
         """Times (n,) at which the track is nearest to raw places (n, 2), which are in order of time.
 

@@ -96,7 +96,7 @@ class Crew:
         for received in heard:
             if len(received.packet.samples):
                 self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
-        self._to_map.step()
+        self._to_map.step(output.odometry.stamp_s)
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
         """The planner takes map, plans and odometry, as planner_node does.

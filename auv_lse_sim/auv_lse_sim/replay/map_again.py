@@ -98,7 +98,7 @@ class MapAgain:
         while self._samples < len(samples) and samples[self._samples][0] <= until_s + 1e-9:
             self._intake.add_samples(*samples[self._samples][1])
             self._samples += 1
-        self._intake.step()
+        self._intake.step(until_s)
 
 
 def map_again(
