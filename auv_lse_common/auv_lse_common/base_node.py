@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import array
+import dataclasses
+import os
 import signal
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -19,6 +22,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from auv_lse_common.executor import make_executor
+from auv_lse_common.health import Health, Level
+from auv_lse_common.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Ticks
 from auv_lse_common.params import ParameterError, check_sections, describe, merge, nest, to_mapping
 from auv_lse_common.ros_conversions import seconds
@@ -165,7 +170,11 @@ class BaseNode(Node):
             except ValueError as error:  # an exception that leaves this callback would end the node
                 return SetParametersResult(successful=False, reason=str(error))
             self.parameters = wanted
+            self.note_tuned(changed)
         return SetParametersResult(successful=True)
+
+    def note_tuned(self, changed: Mapping[str, Any]) -> None:
+        """Parameters were changed while the node runs, {full name: value}."""
 
 
 def _descriptors(config: type, section: str, tunable: tuple[str, ...]) -> dict[str, ParameterDescriptor]:
@@ -208,6 +217,10 @@ class VehicleNode(BaseNode):
     Without lockstep the phases are handled in order every 0.1 s of the node's ROS clock. In lockstep each is handled
     when everything that the tick announces has arrived, and the node then tells its mates what it has published
     (auv_lse_common.lockstep).
+
+    Attributes:
+        journal: What a restarted node needs to go on. Without lockstep it is kept if the environment names a folder;
+            parameters that were changed while the node ran are in it, and hold again.
     """
 
     def __init__(self, name: str) -> None:
@@ -215,6 +228,7 @@ class VehicleNode(BaseNode):
         super().__init__(name)
         self._role = name
         self._vehicle = self._number()
+        self.journal = self._open_journal()
         self._readers: dict[Publisher, int] = {}
         self._parts: dict[str, _Part] = {}
         self._ticks: Ticks | None = None
@@ -239,6 +253,36 @@ class VehicleNode(BaseNode):
                 f"as /auv1 (ros2 run ... --ros-args -r __ns:=/auv1)"
             )
         return int(digits)
+
+    def _open_journal(self) -> Journal:
+        folder = "" if self.lockstep else os.environ.get(FOLDER_VARIABLE, "")
+        path = Path(folder) / f"auv{self._vehicle}.{self._role}.journal" if folder else None
+        identity = {"node": self._role, "vehicle": self._vehicle, "parameters": self.parameters}
+        journal = Journal(path, identity)
+        for kind, *values in journal.records:
+            if kind == "tuned":
+                self.parameters = merge(self.parameters, nest(values[0]))
+                known = [Parameter(key, value=value) for key, value in values[0].items() if self.has_parameter(key)]
+                self.set_parameters(known)
+        if journal.problem:
+            self.get_logger().warning(journal.problem)
+        elif journal.records:
+            self.get_logger().info(f"journal {path}: {journal.status}")
+        return journal
+
+    def note_tuned(self, changed: Mapping[str, Any]) -> None:
+        """Enters the changed parameters into the journal."""
+        self.journal.write("tuned", dict(changed))
+
+    def with_journal(self, health: Health) -> Health:
+        """The node's health, with that of its journal."""
+        if not self.journal.status:
+            return health
+        values = {**health.values, "journal": self.journal.status}
+        if not self.journal.problem:
+            return dataclasses.replace(health, values=values)
+        text = self.journal.problem if health.level is Level.OK else f"{health.text}; {self.journal.problem}"
+        return Health(level=max(health.level, Level.WARN), text=text, values=values)
 
     # ------------------------------------------------------------------ topics
 

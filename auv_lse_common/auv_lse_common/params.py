@@ -285,24 +285,39 @@ def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
     Raises:
         ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
     """
-    path = Path(path)
+    return parse_parameters(_text_of(Path(path)), str(path))
+
+
+def read_yaml(path: Path) -> Any:
+    """What a YAML file holds.
+
+    Raises:
+        ParameterError: if the file is missing, no text, or not YAML.
+    """
+    return _parse_yaml(_text_of(path), str(path))
+
+
+def _text_of(path: Path) -> str:
     try:
-        text = path.read_text()
+        return path.read_text()
     except OSError as error:
         raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:  # bytes that are no text
         raise ParameterError(f"{path}: is no text in UTF-8: {error}") from error
-    return parse_parameters(text, str(path))
 
 
-def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
-    """As `read_parameter_file`, from the file's text; `where` names it in messages."""
+def _parse_yaml(text: str, where: str) -> Any:
     try:
-        data = yaml.safe_load(text)
+        return yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ParameterError(f"{where}: not valid YAML: {error}") from error
     except (RecursionError, ValueError) as error:  # nested without end; a date or number that cannot be
         raise ParameterError(f"{where}: not valid YAML: {str(error) or 'nested too deeply'}") from error
+
+
+def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
+    """As `read_parameter_file`, from the file's text; `where` names it in messages."""
+    data = _parse_yaml(text, where)
     shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
     if not isinstance(data, Mapping) or not data:
         raise ParameterError(f"{where}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,6 +219,12 @@ class Plan:
             naive_path=naive_path,
             tour=tour,
         )
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Plan:
+        """The plan that `dataclasses.asdict` gives as a mapping, also after a way through JSON."""
+        tour = values["tour"]
+        return cls(**{**values, "tour": None if tour is None else Tour(**tour)})
 
     @property
     def tour_fields(self) -> tuple[int, tuple[int, ...]]:

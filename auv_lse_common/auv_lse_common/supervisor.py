@@ -16,10 +16,10 @@ from pathlib import Path
 from auv_lse_common.processes import end, last_lines, start
 
 #: First wait (s) before a process that died is started again, and the longest.
-FIRST_WAIT_S = 1.0
+FIRST_WAIT_S = 0.5
 LONGEST_WAIT_S = 30.0
 #: After this time (s) of running a process that dies waits no longer than at its first death.
-STEADY_S = 60.0
+STEADY_S = 20.0
 #: Exit code of a node that refuses its parameters (`auv_lse_common.base_node.run`).
 REFUSED = 2
 _SIGNALS = {sign.value: sign.name for sign in signal.Signals}  # real-time signals between the first and last have none

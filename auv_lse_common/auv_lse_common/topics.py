@@ -46,10 +46,13 @@ VEHICLE_TOPICS = {
     "isobath": Topic(kind="visualization_msgs/msg/Marker"),
     "plan": Topic(kind="auv_lse_msgs/msg/Plan", readers=("modem_node",), latched=True),
     "path": Topic(kind="nav_msgs/msg/Path"),
-    "waypoint": Topic(kind="auv_lse_msgs/msg/Waypoint", readers=("vehicle_link_node|sim_node",), command=True),
+    "waypoint": Topic(
+        kind="auv_lse_msgs/msg/Waypoint", readers=("vehicle_link_node|sim_node",), latched=True, command=True
+    ),
     "planner/bound": Topic(kind="auv_lse_msgs/msg/Bound"),
     "modem/tx": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("micromodem_node|sim_node",), command=True),
     "modem/rx": Topic(kind="auv_lse_msgs/msg/ModemRx", readers=("modem_node",)),
+    "modem/sent": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",)),
     "modem/failed": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",), recorded=False),
     "team/plans": Topic(kind="auv_lse_msgs/msg/Plan", readers=("planner_node",)),
     "team/samples": Topic(kind="auv_lse_msgs/msg/SampleArray", readers=("gp_node",)),

@@ -19,6 +19,7 @@ from typing import Any
 import yaml
 
 from auv_lse_common.domain import DomainError, local_environment, node_environment, wanted_domain
+from auv_lse_common.journal import FOLDER_VARIABLE
 from auv_lse_common.params import ParameterError, check_sections, merge, parameters_for, read_parameter_file
 from auv_lse_common.processes import LaunchError, Process, executable_path, vehicle_nodes
 from auv_lse_common.project_folder import project_folder
@@ -133,6 +134,15 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     )
 
 
+def journal_folder(out: Path) -> Path:
+    """The folder for the nodes' journals: another at each start of a vehicle, so that no dive takes an earlier one's.
+
+    Args:
+        out: The folder for logs and recording.
+    """
+    return out / "journal" / f"{datetime.now():%Y-%m-%d-%H%M%S}-{os.getpid()}"
+
+
 def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
     found = parameters.get(name, {})
     if not isinstance(found, dict):
@@ -189,6 +199,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
         domain = wanted_domain(options.domain)
         environment = local_environment(root, domain) if crew.simulated else node_environment(domain)
+        environment[FOLDER_VARIABLE] = str(journal_folder(out))
         tasks = crew.tasks()
         (out / "logs").mkdir(parents=True, exist_ok=True)
     except (ParameterError, LaunchError, DomainError) as error:

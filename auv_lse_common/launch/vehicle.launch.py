@@ -12,7 +12,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from auv_lse_common.vehicle import crew_of
+from auv_lse_common.journal import FOLDER_VARIABLE
+from auv_lse_common.vehicle import crew_of, journal_folder
 
 
 def _nodes(context):
@@ -27,12 +28,14 @@ def _nodes(context):
         value("name"), Path(value("params_file")).resolve(), out, _truth("simulated", value("simulated")), record
     )
     common = {"output": "screen", "respawn": not crew.lockstep, "respawn_delay": 2.0}
+    journals = {FOLDER_VARIABLE: str(journal_folder(out))}
     nodes = [
         Node(
             package=process.package,
             executable=process.executable,
             namespace=process.namespace,
             parameters=[str(crew.file), {"use_sim_time": crew.simulated}],
+            additional_env=journals,
             **common,
         )
         for process in crew.processes

@@ -6,9 +6,12 @@ of the TDMA epoch.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +32,8 @@ _LOSS_GAIN = 0.1
 _REMEMBERED = 4
 #: Cycles before and after an arrival in which the slot of an old packet is looked for, to tell it from a forged one.
 _STALE_CYCLES = 100
+#: Kinds of the events that `ModemBridge.remember` is told.
+EVENTS = ("queued", "plan", "heard", "sent", "confirmed", "not_sent")
 #: Two times nearer than this are those of one packet: a message's stamp keeps nanoseconds, UTC in a float fewer.
 _SAME_TIME_S = 1e-3
 
@@ -48,8 +53,22 @@ class Received:
     packet: Packet
 
 
+@dataclass(slots=True)
+class _Sent:
+    """A packet that was given out: when (s), its samples, and whether the modem has said that it has sent it."""
+
+    then_s: float
+    samples: Array
+    confirmed: bool
+
+
 class ModemBridge:
-    """Between one vehicle's planner and map, and its modem."""
+    """Between one vehicle's planner and map, and its modem.
+
+    Attributes:
+        remember: Told each event that a bridge needs after a restart (`recall`): a kind, and values that JSON holds.
+        unconfirmed: Packets in a row that the modem has neither sent nor refused.
+    """
 
     def __init__(
         self,
@@ -61,6 +80,7 @@ class ModemBridge:
         limits: Limits | None = None,
         key: bytes | None = None,
         receivers: Receivers | None = None,
+        confirm_s: float = math.inf,
     ) -> None:
         """Starts without a plan and without soundings.
 
@@ -72,6 +92,8 @@ class ModemBridge:
             limits: What a mission's packets can hold; None: the ranges of the field table.
             key: The team's key (`tag.read_key`), needed if `packet.tag`.
             receivers: What the receivers are supposed to know, needed if `packet.selection` is "useful".
+            confirm_s: A packet that is not confirmed (`confirm`) within this time (s) counts as not sent. Infinite: a
+                packet given out counts as sent.
 
         Raises:
             ValueError: if the key or `receivers` is missing, or the address is not a vehicle.
@@ -94,7 +116,10 @@ class ModemBridge:
         self._unsent = np.zeros((0, 6))
         self._queued: list[Array] = []  # soundings not yet among them
         self._last_queued: tuple[float, float] | None = None
-        self._sent: list[tuple[float, Array]] = []  # when each of the last packets was given out, and its samples
+        self._sent: list[_Sent] = []  # the last packets
+        self._confirm_s = confirm_s
+        self.unconfirmed = 0
+        self.remember: Callable[..., None] = lambda kind, *values: None
         self._last_sent_s = math.nan
         self._last_slot: tuple[int, float] | None = None  # index and since_s of the slot it went out in
         self._slot: Slot | None = None  # the slot the last poll fell in
@@ -128,6 +153,7 @@ class ModemBridge:
         """
         encode(Packet(plan), self._limits, self._config.reserve)
         self._plan = plan
+        self.remember("plan", dataclasses.asdict(plan))
 
     def add_soundings(self, soundings: ArrayLike) -> int:
         """Queues the vehicle's own soundings for sending.
@@ -164,6 +190,7 @@ class ModemBridge:
             return 0
         self._queued.append(rows)
         self.counts["samples.queued"] += len(rows)
+        self.remember("queued", rows.tolist())
         return len(rows)
 
     def _thinned(self, rows: Array) -> Array:
@@ -201,14 +228,20 @@ class ModemBridge:
                 raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
         except PacketError as error:
             self.counts[f"rejected.{error.reason}"] += 1
+            self.quality.refused(now_s, error.reason, source)
             return None
+        self._note_heard(source, packet.samples)
+        slot_s = None if self._tagger is None else self._tagger.last_slot_s[source]
+        self.remember("heard", source, slot_s, packet.samples.tolist())
+        return Received(source=source, stamp_s=now_s, packet=packet)
+
+    def _note_heard(self, source: int, samples: Array) -> None:
         self._heard = True
         self.counts["received"] += 1
         self.counts[f"received.{source}"] += 1
-        self.counts["samples.received"] += len(packet.samples)
-        if self._receivers is not None and len(packet.samples):
-            self._receivers.hear(packet.samples, self.loss)
-        return Received(source=source, stamp_s=now_s, packet=packet)
+        self.counts["samples.received"] += len(samples)
+        if self._receivers is not None and len(samples):
+            self._receivers.hear(samples, self.loss)
 
     def poll(self, now_s: float) -> bytes | None:
         """The packet to send now, at most one in each own slot.
@@ -223,6 +256,7 @@ class ModemBridge:
         Returns:
             252 bytes to send at once, or None.
         """
+        self._give_up_unconfirmed(now_s)
         slot = self.tdma.slot(now_s)
         if self._slot is None or (slot.index, slot.since_s) != (self._slot.index, self._slot.since_s):
             self._close(slot)
@@ -234,12 +268,32 @@ class ModemBridge:
             self._why = "plan"
             return None
         payload, samples = self._compose(self._plan, slot.start_s)
-        self._sent = [*self._sent[1 - _REMEMBERED :], (now_s, samples)]
-        self._last_sent_s = now_s
-        self._used, self._last_slot = True, (slot.index, slot.since_s)
+        self._used = True
+        self._note_sent(now_s, samples, (slot.index, slot.since_s))
+        self.remember("sent", now_s, samples[:, :4].tolist(), [slot.index, slot.since_s], self.loss)
+        return payload
+
+    def _note_sent(self, now_s: float, samples: Array, slot: tuple[int, float]) -> None:
+        self._sent = [*self._sent[1 - _REMEMBERED :], _Sent(now_s, samples, False)]
+        self._last_sent_s, self._last_slot = now_s, slot
         self.counts["slots.used"] += 1
         self.counts["sent"] += 1
-        return payload
+        self.counts["samples.sent"] += len(samples)
+
+    def confirm(self, sent_s: float) -> None:
+        """The modem has sent the packet that `poll` gave out at `sent_s` (s)."""
+        for packet in self._sent:
+            if abs(packet.then_s - sent_s) < _SAME_TIME_S:
+                packet.confirmed = True
+                self.unconfirmed = 0
+                self.remember("confirmed", sent_s)
+
+    def _give_up_unconfirmed(self, now_s: float) -> None:
+        for packet in list(self._sent):
+            if not packet.confirmed and now_s - packet.then_s > self._confirm_s:
+                self.unconfirmed += 1
+                self.counts["unconfirmed"] += 1
+                self.not_sent(packet.then_s)
 
     def _close(self, slot: Slot) -> None:
         """Counts the own slots between the last poll and this one."""
@@ -275,7 +329,6 @@ class ModemBridge:
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address, slot_s)
         self._unsent = np.delete(unsent, chosen, axis=0)
-        self.counts["samples.sent"] += len(chosen)
         return payload, unsent[chosen]
 
     def not_sent(self, sent_s: float) -> None:
@@ -287,10 +340,12 @@ class ModemBridge:
             sent_s: The time at which `poll` gave that packet out (s). A time at which it gave none, or long ago, or a
                 packet that was reported before, is passed over.
         """
-        found = [i for i, (then_s, _) in enumerate(self._sent) if abs(then_s - sent_s) < _SAME_TIME_S]
+        found = [i for i, packet in enumerate(self._sent) if abs(packet.then_s - sent_s) < _SAME_TIME_S]
         if not found:
             return
-        then_s, samples = self._sent.pop(found[-1])
+        packet = self._sent.pop(found[-1])
+        then_s, samples = packet.then_s, packet.samples
+        self.remember("not_sent", then_s)
         unsent = np.concatenate([samples, self._in_time_order()])
         self._unsent = unsent[np.argsort(unsent[:, 0], kind="stable")]
         if self._receivers is not None and then_s == self._last_sent_s:
@@ -301,3 +356,44 @@ class ModemBridge:
         self.counts["sent"] -= 1
         self.counts["slots.used"] -= 1
         self.counts["slots.missed.modem"] += 1
+
+    # ------------------------------------------------------------------ after a restart
+
+    def recall(self, events: Iterable[Sequence[Any]]) -> None:
+        """Goes on from what `remember` was told before a restart. What was sent and not confirmed is given up in time.
+
+        Args:
+            events: Kind and values of each, in their order.
+        """
+        remember, self.remember = self.remember, lambda kind, *values: None
+        for kind, *values in events:
+            match kind:
+                case "queued":
+                    self._queued.append(np.array(values[0]))
+                    self._last_queued = tuple(values[0][-1][1:3])
+                    self.counts["samples.queued"] += len(values[0])
+                case "plan":
+                    self._plan = Plan.from_mapping(values[0])
+                case "heard":
+                    source, slot_s, samples = values
+                    self._note_heard(source, np.array(samples).reshape(-1, 3))
+                    if self._tagger is not None and slot_s is not None:
+                        self._tagger.last_slot_s[source] = slot_s
+                case "sent":
+                    then_s, samples, (index, since_s), self.loss = values
+                    self._recall_sent(then_s, np.array(samples).reshape(-1, 4), (index, since_s))
+                case "confirmed":
+                    self.confirm(values[0])
+                case "not_sent":
+                    self.not_sent(values[0])
+        self.remember = remember
+
+    def _recall_sent(self, then_s: float, samples: Array, slot: tuple[int, float]) -> None:
+        unsent = self._in_time_order()
+        gone = set(map(tuple, samples.tolist()))
+        mine = np.array([tuple(row) in gone for row in unsent[:, :4].tolist()], dtype=bool)
+        rows, self._unsent = unsent[mine], unsent[~mine]
+        if self._receivers is not None and self._config.selection == "useful":
+            self._receivers.suppose(rows[:, 1:4])
+            self._receivers.send(self.loss)
+        self._note_sent(then_s, rows, slot)

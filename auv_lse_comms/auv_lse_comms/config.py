@@ -35,8 +35,8 @@ class TdmaConfig:
         unit="s",
         above=0.0,
         high=600.0,
-        help="longest time from handing a packet to the modem until it is sent: 2 s at rate 4, and for a real modem up "
-        "to modem.start_timeout_s more",
+        help="longest time from handing a packet to the modem until it is sent: 2 s at rate 4; with a real modem at "
+        "least modem.start_timeout_s more, or modem_node refuses it",
     )
     max_range_m: float = parameter(
         1500.0,

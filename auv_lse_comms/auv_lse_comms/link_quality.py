@@ -19,6 +19,15 @@ from auv_lse_comms.tdma import Tdma
 LATE_HOST_S = 1.0
 #: Arrivals that are looked at together: one that is off may be an echo, or a late host.
 RECENT = 5
+#: Refusals that an operator should know of, with what they mean.
+_REFUSALS = {
+    "tag": "their tag does not fit: another key or another session there, or a forger",
+    "stale": "they are of other slots: clocks more than a cycle apart, or somebody replays old packets",
+    "replay": "they were received before: an echo, or somebody replays packets",
+}
+_MOST_REFUSALS = 1000
+#: What was found is told for so many cycles after it was seen last.
+TOLD_CYCLES = 10.0
 #: Packets that a sender may be ahead of its slots: some wait in a receiver and come together.
 AHEAD = 3.0
 
@@ -27,7 +36,8 @@ class LinkQuality:
     """Watches the arrivals at one vehicle.
 
     Attributes:
-        counts: Arrivals outside of their sender's slot ("out_of_slot.2"), and beyond a sender's slots ("excess.2").
+        counts: Arrivals outside of their sender's slot ("out_of_slot.2"), in whose slot ("in_slot_of.3.from.2"), and
+            beyond a sender's slots ("excess.2").
     """
 
     def __init__(self, tdma: Tdma, address: int) -> None:
@@ -38,44 +48,74 @@ class LinkQuality:
         self._own_number_s = -math.inf
         self._late_s: dict[int, deque[float]] = {}
         self._allowed: dict[int, tuple[float, float]] = {}  # by sender: packets it may send, as of when (s)
+        self._heard_s: dict[int, float] = {}  # when a sender was last heard
+        self._excess_s: dict[int, float] = {}  # when a sender last sent too many
+        self._refused_s: dict[tuple[str, int], float] = {}  # when a packet was last refused for a reason, by sender
+        self._foreign_s: dict[int, deque[float]] = {}  # by sender: when its last packets came that were far off
 
     def own_number(self, now_s: float) -> None:
         """Another modem was heard that has this vehicle's number."""
         self._own_number_s = now_s
 
+    def refused(self, now_s: float, reason: str, source: int) -> None:
+        """A packet was refused for a reason of `packet.codec.REASONS`."""
+        if reason in _REFUSALS and len(self._refused_s) < _MOST_REFUSALS:
+            self._refused_s[reason, source] = now_s
+
     def arrival(self, stamp_s: float, source: int) -> bool:
         """Takes note of a packet of `source` whose reception ended at `stamp_s`; False if it has sent too many."""
+        self._heard_s[source] = stamp_s
         late_s = self._off_s(stamp_s, source)
         self._late_s.setdefault(source, deque(maxlen=RECENT)).append(late_s)
-        if self._tdma.slot(stamp_s).owner != source:
+        if (owner := self._tdma.slot(stamp_s).owner) != source:
             self.counts[f"out_of_slot.{source}"] += 1
+            if owner:
+                self.counts[f"in_slot_of.{owner}.from.{source}"] += 1
+            self._foreign_s.setdefault(source, deque(maxlen=RECENT)).append(stamp_s)
         if self._may_send(stamp_s, source):
             return True
         self.counts[f"excess.{source}"] += 1
+        self._excess_s[source] = stamp_s
         return False
 
     def problems(self, now_s: float) -> dict[str, str]:
         """What an operator should know, a text for each problem, by its key."""
         found = {}
         tdma = self._tdma.settings(now_s)
-        if now_s - self._own_number_s < 10.0 * tdma.slot_s * len(tdma.order):
+        told_s = TOLD_CYCLES * tdma.slot_s * len(tdma.order)
+        if now_s - self._own_number_s < told_s:
             text = f"team: another modem has this vehicle's number, {self._address}: each needs its own"
             found["own number"] = text
+        for (reason, source), then_s in sorted(self._refused_s.items()):
+            if now_s - then_s < told_s:
+                found[f"{reason} of {source}"] = f"team: packets of vehicle {source} are refused: {_REFUSALS[reason]}"
         for source, recent in sorted(self._late_s.items()):
+            if now_s - self._heard_s[source] >= told_s:
+                continue
             late_s = statistics.median(recent)
-            if len(recent) == RECENT and late_s != 0.0:
+            if len(recent) == RECENT and recent.count(0.0) <= 1 and late_s != 0.0:
                 when = "later" if late_s > 0.0 else "earlier"
                 found[f"clock of {source}"] = (
                     f"team: packets of vehicle {source} come {abs(late_s):.1f} s {when} than its slots allow: their "
                     "clocks are apart by as much at least, or two vehicles have that number"
                 )
-            if self.counts[f"excess.{source}"]:
+            elif self._comes_in_others_slots(source, now_s - told_s):
+                found[f"slots of {source}"] = (
+                    f"team: vehicle {source} sends in slots of others: they may drown each other; its tdma settings "
+                    "are others, or two vehicles have that number"
+                )
+            if now_s - self._excess_s.get(source, -math.inf) < told_s:
                 count = self.counts[f"excess.{source}"]
                 found[f"excess of {source}"] = (
                     f"team: {count} packets of vehicle {source} beyond its slots are refused: "
                     "two vehicles with that number, or a transmitter that babbles"
                 )
         return found
+
+    def _comes_in_others_slots(self, source: int, since_s: float) -> bool:
+        """Whether packets keep coming in slots of others, though their middle one is in its own slots' time."""
+        recent = self._foreign_s.get(source, deque())
+        return len(recent) == RECENT and recent[0] > since_s
 
     def _off_s(self, stamp_s: float, source: int) -> float:
         """How much later (s) than a slot of its sender allows a packet has come; negative: earlier; 0: as it should."""

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
+
 from auv_lse_common.base_node import VehicleNode, run
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import plan_from_message, plan_message, seconds, sounding_row
+from auv_lse_common.ros_conversions import diagnostics, plan_from_message, plan_message, seconds, sounding_row
+from auv_lse_comms.bridge import EVENTS
 from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ros_conversions import tdma_status, team_samples, transmission
@@ -36,7 +40,9 @@ class ModemNode(VehicleNode):
     def __init__(self) -> None:
         """Builds the bridge from the parameters and wires the topics."""
         super().__init__("modem_node")
-        self._bridge = bridge_of(self.parameters, self.where, self.vehicle, _make_receivers)
+        self._bridge = bridge_of(self.parameters, self.where, self.vehicle, _make_receivers, not self.lockstep)
+        self._bridge.recall(record for record in self.journal.records if record[0] in EVENTS)
+        self._bridge.remember = self.journal.write
         self._intake = BridgeIntake(self._bridge)
         tdma = section(TdmaConfig, self.parameters, "tdma", self.where)
         packet = section(PacketConfig, self.parameters, "packet", self.where)
@@ -52,9 +58,11 @@ class ModemNode(VehicleNode):
         self._team_plans = self.publisher(Plan, "team/plans")
         self._team_samples = self.publisher(SampleArray, "team/samples")
         self._status = self.publisher(TdmaStatus, "tdma")
+        self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
         self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([sounding_row(m)]))
         self.listen(ModemRx, "modem/rx", self._on_arrival)
         self.listen(Plan, "plan", lambda m: self._intake.set_plan(plan_from_message(m)))
+        self.listen(ModemTx, "modem/sent", lambda m: self._bridge.confirm(seconds(m.header.stamp)))
         self.listen(ModemTx, "modem/failed", self._on_failed)
         self.phase("modem", self.hear, lambda: (self._published["plans"], self._published["samples"]))
         self.phase("modem_sent", self.say, lambda: (self._published["packets"],))
@@ -90,8 +98,11 @@ class ModemNode(VehicleNode):
         if now_s - self._status_s >= _STATUS_PERIOD_S or now_s < self._status_s:
             self._status_s = now_s
             self._status.publish(tdma_status(now_s, self._bridge))
-            for problem in self._problems.of(self._bridge.quality.problems(now_s)):
+            problems = bridge_problems(self._bridge, now_s)
+            for problem in self._problems.of(problems):
                 self.get_logger().warning(problem)
+            health = self.with_journal(bridge_health(self._bridge, problems))
+            self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), health))
 
     def say(self, now_s: float) -> None:
         """Takes the vehicle's plan; in its own slot gives the modem a packet."""

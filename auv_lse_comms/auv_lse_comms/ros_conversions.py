@@ -31,7 +31,9 @@ def tdma_status(now_s: float, bridge: ModemBridge) -> TdmaStatus:
     slot = bridge.tdma.slot(now_s)
     following = bridge.tdma.next_slot(now_s)
     happened = bridge.counts + bridge.quality.counts
-    reasons = sorted(key for key in happened if key.startswith(("slots.missed.", "rejected.", "out_of_slot.")))
+    reasons = sorted(
+        key for key in happened if key.startswith(("slots.missed.", "rejected.", "out_of_slot.", "in_slot_of."))
+    )
     return TdmaStatus(
         header=header(now_s),
         vehicle=bridge.address,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from auv_lse_common.params import ParameterError, section
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
 from auv_lse_comms.packet.selection import Receivers
@@ -84,8 +86,26 @@ def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -
         raise ParameterError(f"{where}: {error}") from error
 
 
+def check_send_duration(tdma: TdmaConfig, modem: ModemConfig, where: str) -> None:
+    """Refuses slots in which a Micromodem that starts late would still be sending when the next slot begins.
+
+    Raises:
+        ParameterError: with the time that is needed.
+    """
+    if modem.kind == "micromodem" and tdma.send_duration_s < modem.send_duration_s - 1e-9:
+        raise ParameterError(
+            f"{where}: tdma.send_duration_s: got {tdma.send_duration_s:g} s; expected at least "
+            f"{modem.send_duration_s:.2f} s: modem.start_timeout_s ({modem.start_timeout_s:g} s), and what a packet "
+            f"takes at rate {modem.rate}; a late start could run into the next slot"
+        )
+
+
 def bridge_of(
-    parameters: Mapping[str, Any], where: str, address: int, make_receivers: MakeReceivers | None = None
+    parameters: Mapping[str, Any],
+    where: str,
+    address: int,
+    make_receivers: MakeReceivers | None = None,
+    confirmed: bool = False,
 ) -> ModemBridge:
     """The bridge of vehicle `address`.
 
@@ -94,6 +114,7 @@ def bridge_of(
         where: Where they came from, for messages.
         address: Number of the vehicle.
         make_receivers: Called if `packet.selection` is "useful", which needs it.
+        confirmed: Whether a Micromodem (`modem.kind`) has to say of each packet that it was sent.
 
     Raises:
         ParameterError: naming what cannot be used, the key file's faults among them.
@@ -102,12 +123,18 @@ def bridge_of(
     packet = section(PacketConfig, parameters, "packet", where)
     vehicles = shared_number(parameters, "vehicles", where)
     limits = limits_of(parameters, packet, where)
+    modem = section(ModemConfig, parameters, "modem", where)
+    if confirmed:
+        check_send_duration(tdma, modem, where)
+    confirm_s = modem.confirm_s if confirmed and modem.kind == "micromodem" else math.inf
     receivers = None
     if packet.selection == "useful" and make_receivers is not None:
         receivers = make_receivers(parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
-        return ModemBridge(tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers)
+        return ModemBridge(
+            tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, confirm_s=confirm_s
+        )
     except KeyFileError as error:
         raise ParameterError(f"{where}: packet.key_file: {error}") from error
     except ValueError as error:

@@ -59,3 +59,42 @@ def test_a_babbling_transmitter_is_cut_to_its_slots_and_named() -> None:
     assert bridge.counts["received.3"] == 10
     assert bridge.counts["rejected.excess"] == 300 - bridge.counts["received.2"]
     assert "packets of vehicle 2 beyond its slots are refused" in bridge.quality.problems(300.0)["excess of 2"]
+
+
+def test_what_is_over_is_no_longer_told() -> None:
+    bridge = listener()
+    for second in range(60):
+        bridge.receive(float(second), 2, PAYLOAD)
+    now_s = hear(bridge, 3, 6, -7.0)
+    assert {"excess of 2", "clock of 3"} <= set(bridge.quality.problems(now_s))
+    assert bridge.quality.problems(now_s + 310.0) == {}, "ten cycles later"
+
+
+def test_a_modem_that_also_sends_in_others_slots_is_named() -> None:
+    bridge = listener()
+    for cycle in range(8):  # in its own slot, and in every second cycle in that of vehicle 3
+        bridge.receive(30.0 * cycle + 13.0, 2, PAYLOAD)
+        if cycle % 2:
+            bridge.receive(30.0 * cycle + 23.0, 2, PAYLOAD)
+        if cycle == 3:
+            assert "slots of 2" not in bridge.quality.problems(30.0 * cycle + 24.0), "an echo or two are nothing"
+    for cycle in (8, 9):
+        bridge.receive(30.0 * cycle + 13.0, 2, PAYLOAD)
+        bridge.receive(30.0 * cycle + 23.0, 2, PAYLOAD)
+    assert bridge.quality.counts["in_slot_of.3.from.2"] == 6
+    assert "vehicle 2 sends in slots of others" in bridge.quality.problems(294.0)["slots of 2"]
+
+
+@pytest.mark.parametrize(("late_s", "key", "session"), [(300.0, "stale of 2", "a"), (0.0, "tag of 2", "b")])
+def test_packets_that_the_tag_refuses_are_named(late_s: float, key: str, session: str) -> None:
+    def tagged(address: int, session: str) -> ModemBridge:
+        config = PacketConfig(tag=True, key_file="key", session=session)
+        return ModemBridge(TDMA, config, address, 3, key=bytes(16))
+
+    sender, bridge = tagged(2, "a"), tagged(1, session)
+    sender.set_plan(Plan(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(), naive_path=0xF1))
+    payload = sender.poll(11.0)
+    assert payload is not None
+    bridge.receive(13.0 + late_s, 2, payload)
+    assert key in bridge.quality.problems(20.0 + late_s)
+    assert bridge.quality.problems(500.0 + late_s) == {}

@@ -98,3 +98,14 @@ def test_a_team_with_a_key(tmp_path: Path) -> None:
     assert two.receive(3.0, 1, payload) is not None
     assert two.receive(4.0, 1, payload) is None
     assert two.counts["rejected.replay"] == 1
+
+
+def test_a_late_start_of_a_modem_must_fit_the_slot() -> None:
+    modem = {"kind": "micromodem", "port": "/dev/ttyUSB0"}
+    message = r"tdma.send_duration_s: got 2.2 s; expected at least 4.00 s: modem.start_timeout_s \(2 s\)"
+    with pytest.raises(ParameterError, match=message):
+        bridge_of({**MISSION, "modem": modem}, "m.yaml", 1, confirmed=True)
+    bridge_of({**MISSION, "modem": modem, "tdma": {"send_duration_s": 4.0}}, "m.yaml", 1, confirmed=True)
+    bridge_of({**MISSION, "modem": modem}, "m.yaml", 1)  # an emulated modem, which starts at once
+    with pytest.raises(ParameterError, match=r"at least 2.83 s: .* takes at rate 5"):
+        bridge_of({**MISSION, "modem": {**modem, "rate": 5}}, "m.yaml", 1, confirmed=True)

@@ -51,6 +51,11 @@ class GpNode(VehicleNode):
         self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([sounding_row(m)]))
         self.listen(SampleArray, "team/samples", self._on_samples)
         self.phase("gp", self.step, lambda: (self._revisions,))
+        for kind, *values in self.journal.records:
+            if kind == "step":
+                waiting, now_s = values
+                self._intake.put_back(waiting)
+                self._intake.step(now_s)
         self.begin()
 
     def _on_samples(self, message: SampleArray) -> None:
@@ -62,7 +67,10 @@ class GpNode(VehicleNode):
     def step(self, now_s: float) -> None:
         """Takes what has come in, own soundings first, and publishes what it changed."""
         began = time.perf_counter()
+        waiting = self._intake.waiting() if self.journal.kept else {}
         taken = self._intake.step(now_s)
+        if waiting:  # only now: what the map cannot take must not come back at every start
+            self.journal.write("step", waiting, now_s)
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(centers_message(now_s, self._map.revision, self._map.centers))
@@ -80,7 +88,7 @@ class GpNode(VehicleNode):
         for marker in isobath_markers(now_s, self._map.isobath(), level_set.level_m):
             self._isobath.publish(marker)
         health = map_health(self._map, self._update_s, time.perf_counter() - began)
-        self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), health))
+        self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
 
 
 def main() -> int:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,6 +51,26 @@ class MapIntake:
     def add_navigation(self, mate: MateNavigation) -> None:
         """What a packet told of its sender's navigation."""
         self._mates.append(mate)
+
+    def waiting(self) -> dict[str, Any]:
+        """What the next step will take, as values that JSON holds: for a journal; empty if nothing waits."""
+        found: dict[str, list[Any]] = {
+            "soundings": [[float(v) for v in row] for row in self._soundings],
+            "samples": [[stamp_s, source, np.asarray(rows).tolist()] for stamp_s, source, rows in self._samples],
+            "tracks": [dataclasses.asdict(place) for place in self._tracks],
+            "fixes": [dataclasses.asdict(fix) for fix in self._fixes],
+            "mates": [dataclasses.asdict(mate) for mate in self._mates],
+        }
+        return {name: values for name, values in found.items() if values}
+
+    def put_back(self, waiting: Mapping[str, Any]) -> None:
+        """Takes what `waiting` gave, read from a journal."""
+        self.add_soundings(waiting.get("soundings", ()))
+        for stamp_s, source, rows in waiting.get("samples", ()):
+            self.add_samples(stamp_s, source, rows)
+        self._tracks += [DeadReckoning(**values) for values in waiting.get("tracks", ())]
+        self._fixes += [Fix(**values) for values in waiting.get("fixes", ())]
+        self._mates += [MateNavigation(**values) for values in waiting.get("mates", ())]
 
     def step(self, now_s: float) -> bool:
         """The map takes what waits: own soundings by stamp, then samples by stamp and source.

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 
+from auv_lse_common.dead_reckoning import Fix
 from auv_lse_common.health import Level
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
@@ -39,3 +42,15 @@ def test_diagnostics_warn_of_soundings_that_were_refused() -> None:
     assert (health.level, health.text) == (Level.WARN, "1 soundings refused")
     assert health.values["update_ms"] == "1.50"
     assert health.values["last_refused"]
+
+
+def test_what_waits_goes_through_a_journal_to_the_last_bit() -> None:
+    one, other = intake(), intake()
+    one.add_soundings([(4.0, 50.1, 0.3, 11.7), (5.0, 100.0, 0.0, 12.0)])
+    one.add_samples(2.0, 3, np.array([[250.0, 0.1, 15.0]]))
+    one.add_fix(Fix(stamp_s=1.0, north_m=2.0, east_m=3.0, raw_north_m=2.5, raw_east_m=3.5, std_m=1.5))
+    other.put_back(json.loads(json.dumps(one.waiting())))
+    assert other.waiting() == one.waiting()
+    assert one.step(6.0)
+    assert other.step(6.0)
+    assert np.array_equal(one.map.centers.places_m, other.map.centers.places_m)

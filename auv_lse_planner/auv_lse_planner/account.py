@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -58,6 +59,15 @@ class Account:
         self.reward_so_far = 0.0
         self._risk_at_start = math.nan
         self._bound_max = -math.inf
+
+    def snapshot(self) -> dict[str, float]:
+        """The account, for a journal."""
+        return {"reward": self.reward_so_far, "risk_at_start": self._risk_at_start, "bound_max": self._bound_max}
+
+    def restore(self, values: Mapping[str, float]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self.reward_so_far = values["reward"]
+        self._risk_at_start, self._bound_max = values["risk_at_start"], values["bound_max"]
 
     def measure(self, risk: float) -> None:
         """Credits the drop of the map's risk since the first call: with the map's reward it is measured."""

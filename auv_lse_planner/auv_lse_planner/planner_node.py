@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry, Path
 from auv_lse_common.base_node import NEWEST, VehicleNode, run
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import section
+from auv_lse_common.plan import Plan as CorePlan
 from auv_lse_common.ros_conversions import diagnostics, plan_from_message, plan_message, seconds
 from auv_lse_common.seeds import stream
 from auv_lse_gp.ros_conversions import centers_from_message
@@ -67,7 +68,22 @@ class PlannerNode(VehicleNode):
         self.listen(KernelCenters, "kernel_centers", self._on_centers, total=lambda m: m.revision + 1)
         self.listen(Plan, "team/plans", self._on_team_plan)
         self.phase("planner", self.step, lambda: (self._published,) * 2, lambda: self._planner.finished)
+        self._go_on()
         self.begin()
+
+    def _go_on(self) -> None:
+        """After a restart: goes on after the last decision in the journal, with the team's plans heard until then."""
+        decided: list[Any] | None = None
+        for kind, *values in self.journal.records:
+            if kind == "decided":
+                decided = values
+            elif kind == "heard":
+                stamp_s, vehicle, plan = values
+                self._planner.hear(stamp_s, vehicle, CorePlan.from_mapping(plan))
+        if decided is not None:
+            snapshot, stamp_s, plan = decided
+            self._planner.restore(snapshot)
+            self._plan.publish(plan_message(stamp_s, self.vehicle, CorePlan.from_mapping(plan)))
 
     def _rehearse(self, settings: PlannerSettings) -> None:
         """Makes a decision that nobody takes: it loads the compiled code before the mission's first decision."""
@@ -90,7 +106,9 @@ class PlannerNode(VehicleNode):
             self.get_logger().error(str(error))
 
     def _on_team_plan(self, message: Plan) -> None:
-        self._intake.add_plan(seconds(message.header.stamp), message.vehicle, plan_from_message(message))
+        stamp_s, plan = seconds(message.header.stamp), plan_from_message(message)
+        self._intake.add_plan(stamp_s, message.vehicle, plan)
+        self.journal.write("heard", stamp_s, message.vehicle, dataclasses.asdict(plan))
 
     def _deadline(self) -> Callable[[], bool] | None:
         """A guard on the decision's wall clock; none in lockstep, where a run must not depend on the machine."""
@@ -107,6 +125,8 @@ class PlannerNode(VehicleNode):
             decision = self._planner.decide(now_s, self._deadline())
             self._planning_s = time.perf_counter() - began
             self._publish(now_s, decision)
+            if self.journal.kept:
+                self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
         self._diagnose(now_s)
 
     def _publish(self, now_s: float, decision: Decision) -> None:
@@ -129,7 +149,7 @@ class PlannerNode(VehicleNode):
         if new or now_s - self._diagnosed_s >= _DIAGNOSTICS_PERIOD_S or now_s < self._diagnosed_s:
             self._diagnosed_s = now_s
             health = planner_health(self._planner, problems, self._planning_s)
-            self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), health))
+            self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
 
 
 def main() -> int:

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,6 +174,28 @@ class RecedingHorizon:
             incumbent_infeasible=incumbent is not None and incumbent.infeasible,
         )
         return Decision(plan=for_team, leg=leg, bound=bound, statistics=statistics)
+
+    def snapshot(self) -> dict[str, Any]:
+        """The plan, the account and the random stream, for a journal. The map is not in it."""
+        plan = None
+        if self._plan is not None and self.path is not None:
+            plan = {"plan": dataclasses.asdict(self._plan), "step": self.path.step}
+        return {
+            "followed": plan,
+            "account": self._account.snapshot(),
+            "touring": self._touring.snapshot(),
+            "seeds": [[int(a) for a in actions] for actions in self._seeds],
+            "random": self._rng.bit_generator.state,
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        if values["followed"] is not None:
+            self.adopt(Plan.from_mapping(values["followed"]["plan"]), values["followed"]["step"])
+        self._account.restore(values["account"])
+        self._touring.restore(values["touring"])
+        self._seeds = [tuple(actions) for actions in values["seeds"]]
+        self._rng.bit_generator.state = values["random"]
 
     def adopt(self, plan: Plan, step: int) -> None:
         """Goes on from another plan than the one just decided for mission step `step`; the account stays."""

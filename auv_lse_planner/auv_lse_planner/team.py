@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,6 +128,15 @@ class Team:
             legs = path.step + (np.arange(len(path) * each) + 1.0) / each - step
             ahead.append((legs, path.places_m))
         return ahead
+
+    def snapshot(self) -> list[list[float]]:
+        """Since when (s) which mates never heard are taken to follow the assumed plan, for a journal."""
+        return [[vehicle, mate.last_heard_s] for vehicle, mate in self._assumed.items()]
+
+    def restore(self, values: Sequence[Sequence[float]]) -> None:
+        """Goes on from what `snapshot` gave; plans heard are heard again by `hear`."""
+        for vehicle, since_s in values:
+            self._never_heard(since_s, int(vehicle))
 
     def _never_heard(self, now_s: float, vehicle: int) -> _Mate | None:
         if vehicle not in self._assumed and self._assumed_plan is not None:

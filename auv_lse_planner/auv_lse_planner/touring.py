@@ -16,8 +16,9 @@ An incumbent that the map or a current makes void is given up without a charge; 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,6 +112,22 @@ class Touring:
         self._optimized_at = -1
         self._waypoints: Array | None = None  # of the tour that is followed, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
+
+    def snapshot(self) -> dict[str, Any]:
+        """The account and the tour's waypoints, for a journal."""
+        waypoints = None if self._waypoints is None else np.asarray(self._waypoints).tolist()
+        return {
+            "balance": self.balance,
+            "optimized_at": self._optimized_at,
+            "waypoints": waypoints,
+            "waypoints_step": self._waypoints_step,
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self.balance, self._optimized_at = values["balance"], values["optimized_at"]
+        self._waypoints = None if values["waypoints"] is None else np.array(values["waypoints"])
+        self._waypoints_step = values["waypoints_step"]
 
     def decide(
         self,

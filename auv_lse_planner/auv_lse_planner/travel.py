@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +88,21 @@ class Travel:
             self.leg = leg
         else:
             self._next_leg = leg
+
+    def snapshot(self) -> dict[str, Any]:
+        """Where the vehicle is on its legs, for a journal; where it is in the water comes with the next odometry."""
+        legs = {"leg": self.leg, "next_leg": self._next_leg}
+        values = {name: None if leg is None else dataclasses.asdict(leg) for name, leg in legs.items()}
+        return {**values, "leg_started_s": self.leg_started_s, "decided": self.decided, "finished": self.finished}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self.leg, self._next_leg = (
+            None if values[name] is None else Leg(**values[name]) for name in ("leg", "next_leg")
+        )
+        self.leg_started_s, self.decided, self.finished = (
+            values[name] for name in ("leg_started_s", "decided", "finished")
+        )
 
     def _begin(self, leg: Leg, now_s: float) -> None:
         self.leg, self.leg_started_s, self._next_leg = leg, now_s, None

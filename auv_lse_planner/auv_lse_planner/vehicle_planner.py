@@ -13,7 +13,8 @@ Theory of operation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,6 +212,23 @@ class VehiclePlanner:
         finally:
             self.posterior.forget_planned()
         return self._taken(decision, now_s, reanchored)
+
+    def snapshot(self) -> dict[str, Any]:
+        """What a planner of the same settings needs to go on after the last decision, as values that JSON holds.
+
+        Not the map, which comes whole from its owner, nor the team mates' plans, which are heard again.
+        """
+        return {
+            "travel": self._travel.snapshot(),
+            "horizon": self._horizon.snapshot(),
+            "assumed": self.team.snapshot(),
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self._travel.restore(values["travel"])
+        self._horizon.restore(values["horizon"])
+        self.team.restore(values["assumed"])
 
     def adopt(self, plan: Plan, leg: Leg) -> None:
         """Follows another plan, with another next leg, than the one just decided: a replay goes on from what was flown.

@@ -74,7 +74,7 @@ def test_vehicles_that_share_nothing_but_the_water_hear_each_other(tmp_path: Pat
     with own_domain() as a, own_domain() as b, own_domain() as c:
         domains = (a, b, c)
     short = ("--apart", "--vehicles", "2", "--steps", "2", "--seed", "5", "--out", str(folder))
-    slots = ("--set", "tdma.slot_s=5.0")  # two cycles while the vehicles travel
+    slots = ("--set", "tdma.slot_s=6.0")  # two cycles while the vehicles travel
     simulator = start("auv_lse_sim.engine.sim", *short, *slots, "--domain", str(domains[0]))
     vehicles = []
     try:

@@ -6,9 +6,12 @@ import re
 from dataclasses import dataclass
 
 from auv_lse_common.params import ParameterError, parameter
+from auv_lse_comms.micromodem.rates import packet_duration_s
 
 #: What the packet takes on the wire (docs/packet.md); every transmission carries exactly one packet.
 PAYLOAD_BYTES = 252
+#: What the driver's reports may take on their way (s).
+_SPARE_S = 1.0
 #: Settings of the modem that are the driver's own (`configuration.py`): another value would stop it.
 DRIVERS_OWN = ("SRC", "CST", "RXP", "RXD", "TXP", "TXF", "REV", "XST", "MFD", "ASD", "SNV")
 
@@ -67,6 +70,16 @@ class ModemConfig:
         {}, help="further settings of the modem (NVRAM) by name, such as BND: 0; each is sent and its answer checked"
     )
     log_file: str = parameter("", help="line log of all that goes over the port, which can be replayed; '': none")
+
+    @property
+    def send_duration_s(self) -> float:
+        """Longest time (s) from handing a packet to the modem until it is sent: a late start, and the rate's length."""
+        return round(self.start_timeout_s + packet_duration_s(self.rate, PAYLOAD_BYTES), 2)
+
+    @property
+    def confirm_s(self) -> float:
+        """Time (s) after which a packet's transmission has ended or failed, however it went."""
+        return self.start_timeout_s + self.transmit_timeout_s + _SPARE_S
 
     def __post_init__(self) -> None:
         """Refuses combinations that cannot work.

@@ -31,6 +31,7 @@ class MicromodemNode(DriverNode):
         self.show_parameters({"modem": config})
         self._headers: dict[int, Any] = {}  # of the packets whose end is not reported yet, by number
         self._rx = self.publisher(ModemRx, "modem/rx")
+        self._sent = self.publisher(ModemTx, "modem/sent")
         self._failed = self.publisher(ModemTx, "modem/failed")
         self.listen(ModemTx, "modem/tx", self._on_transmit)
         self.drive(self._modem)
@@ -72,7 +73,7 @@ class MicromodemNode(DriverNode):
             case events.TransmitFailed():
                 log.warning(f"packet {event.number} not sent: {event.reason}")
             case events.TransmitDone():
-                self._headers.pop(event.number, None)
+                self._sent.publish(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
             case events.ModemReady():
                 log.info(f"modem ready, firmware {event.version or 'unknown'}")
                 self.diagnose()

@@ -18,18 +18,20 @@ import functools
 import hashlib
 import itertools
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from auv_lse_common.params import ParameterError, read_parameter_file
+from auv_lse_common.params import ParameterError, read_parameter_file, read_yaml
 from auv_lse_sim.settings import Patterns, Settings
 
 #: Keys of a campaign file.
 KEYS = ("name", "mission", "set", "grid", "list", "seeds")
+#: What names a folder: no path, no hidden file, nothing that does not print. Its length in bytes at most.
+_NAME = re.compile(r"[^\W.][^/\x00-\x1f\x7f]*")
+_LONGEST_NAME = 100
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,13 +82,7 @@ class CampaignSpec:
         Raises:
             ParameterError: naming the key, the value and what was expected.
         """
-        try:
-            content = yaml.safe_load(path.read_text())
-        except OSError as error:
-            raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except yaml.YAMLError as error:
-            raise ParameterError(f"{path}: not valid YAML: {error}") from error
-        return cls.from_mapping(content, str(path), path.resolve().parent, path.stem)
+        return cls.from_mapping(read_yaml(path), str(path), path.resolve().parent, path.stem)
 
     @classmethod
     def from_mapping(cls, content: Any, where: str, folder: Path, name: str = "campaign") -> CampaignSpec:
@@ -131,7 +127,7 @@ class CampaignSpec:
                 raise ParameterError(f"{where}: mission.seed in setting '{label}'; expected under `seeds`")
         names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
         return cls(
-            name=str(content.get("name") or name),
+            name=_folder_name(content.get("name") or name, where),
             settings=tuple(settings),
             seeds=_seeds(content.get("seeds", 1), where),
             varied=tuple(names),
@@ -183,6 +179,17 @@ def _mapping(value: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
         raise ParameterError(f"{where}: got {value!r}; expected parameters by dotted name, as planner.method: plain")
     return {str(k): v for k, v in value.items()}
+
+
+def _folder_name(value: Any, where: str) -> str:
+    """The campaign's name, which a folder gets."""
+    name = str(value)
+    if not isinstance(value, str | int) or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST_NAME:
+        raise ParameterError(
+            f"{where}: name: got {value!r}; expected a name for a folder: without '/', not beginning with '.', at most "
+            f"{_LONGEST_NAME} bytes"
+        )
+    return name
 
 
 def _seeds(value: Any, where: str) -> tuple[int, ...]:

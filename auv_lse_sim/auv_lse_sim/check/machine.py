@@ -7,6 +7,8 @@ import os
 import stat
 from pathlib import Path
 
+from auv_lse_common.params import ParameterError
+from auv_lse_comms.settings import check_send_duration
 from auv_lse_sim.check.findings import Findings
 from auv_lse_sim.settings import Settings
 
@@ -36,6 +38,10 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
             "scripts/mission --for-vehicles"
         )
     if own.modem.kind == "micromodem":
+        try:
+            check_send_duration(settings.tdma, own.modem, settings.where)
+        except ParameterError as error:
+            findings.error(str(error))
         _check_device("modem.port", own.modem.port, findings)
         if "://" not in own.modem.port:
             _check_package("serial", f"modem.port = {own.modem.port}", findings)

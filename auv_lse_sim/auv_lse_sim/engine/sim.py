@@ -19,6 +19,7 @@ from auv_lse_common.project_folder import project_folder
 from auv_lse_sim.engine.mission import fly, prepare, write_mission
 from auv_lse_sim.engine.options import add_mission_options
 from auv_lse_sim.engine.run_folder import run_folder
+from auv_lse_sim.engine.vehicle_file import send_duration_s
 from auv_lse_sim.settings import Settings
 
 #: The file in the run folder that vehicles apart get.
@@ -52,6 +53,7 @@ def parser() -> argparse.ArgumentParser:
 def _apart(settings: Settings, folder: Path) -> Settings:
     """The mission with its vehicles apart; writes the vehicles' file, which has no section sim, beside it."""
     paced: dict[str, Any] = {"sim.lockstep": False, "sim.real_time_factor": 1.0, "sim.apart": True}
+    paced["tdma.send_duration_s"] = send_duration_s(settings)
     for k in range(1, settings.mission.vehicles + 1):
         paced[f"auv{k}.link.soundings"] = True  # from the autopilot: the simulator's topics do not reach the vehicle
     settings = settings.with_overrides(paced)

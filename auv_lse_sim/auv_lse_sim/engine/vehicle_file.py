@@ -19,16 +19,22 @@ _HEAD = """\
 """
 
 
+def send_duration_s(settings: Settings) -> float:
+    """What `tdma.send_duration_s` has to be at least with the vehicles' modems."""
+    return max(settings.tdma.send_duration_s, *(own.modem.send_duration_s for own in settings.vehicles))
+
+
 def vehicle_file(settings: Settings) -> str:
     """The parameter file that every vehicle of the mission gets.
 
-    There is no section `sim`, `modem.kind` is micromodem, `link.kind` is mavlink, `record.folder` is `RECORDING`;
+    There is no section `sim`, `modem.kind` is micromodem, `link.kind` is mavlink, `record.folder` is `RECORDING`, and
+    `tdma.send_duration_s` is as long as the slowest start of a modem makes it;
     ports and endpoints are those of `settings`.
 
     Raises:
         ParameterError: if the addresses of modem or autopilot are a simulated run's, or a modem has none.
     """
-    wanted: dict[str, Any] = {"record.folder": RECORDING}
+    wanted: dict[str, Any] = {"record.folder": RECORDING, "tdma.send_duration_s": send_duration_s(settings)}
     of_a_run = Path(settings.record.folder).is_absolute()
     for k, own in enumerate(settings.vehicles, 1):
         if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):

@@ -1,0 +1,129 @@
+"""A node's journal: what it needs after a restart, appended to a file as it happens.
+
+A file of lines. The first one names the format and the mission; each further one is a record with its checksum:
+
+    {"format": 1, "mission": "9f0c..."}
+    5d1c40a2 ["step", {...}]
+
+A record is written by one call of the operating system, so a process that is killed at any moment leaves whole lines,
+and at most the last one torn. Torn and damaged lines are passed over and counted. A journal of another mission, other
+parameters or another format is put aside and not read. What a power failure takes is what the operating system had not
+yet written: some seconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+#: Format of the lines; a journal of another one is not read.
+FORMAT = 1
+#: The environment variable that names the folder of the journals; without it no node keeps one.
+FOLDER_VARIABLE = "AUV_LSE_JOURNAL"
+
+
+class Journal:
+    """Records that outlive their process.
+
+    Attributes:
+        records: What an earlier process of the same mission wrote, in its order: lists of JSON values.
+        damaged: Lines that could not be read.
+        problem: Why nothing is written any more, or "".
+    """
+
+    def __init__(self, path: Path | None, identity: Mapping[str, Any]) -> None:
+        """Reads what is there, and opens the file for more. A file that cannot be used is a `problem`, no error.
+
+        Args:
+            path: The file; its folder is made if it is missing. None: no journal is kept.
+            identity: What the mission is known by: JSON values. A journal of another identity is put aside.
+        """
+        self.records: list[list[Any]] = []
+        self.damaged = 0
+        self.problem = ""
+        self._path, self._file = path, -1
+        if path is None:
+            return
+        mission = hashlib.sha256(json.dumps(identity, sort_keys=True, default=str).encode()).hexdigest()[:16]
+        head = json.dumps({"format": FORMAT, "mission": mission}).encode()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            whole = self._read(path, head)
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as error:
+            self._give_up(error)
+            return
+        if whole is None:
+            self._append(head + b"\n")
+        elif not whole:  # what follows must not be joined to a torn line
+            self._append(b"\n")
+
+    def _read(self, path: Path, head: bytes) -> bool | None:
+        """Reads the records; returns whether the last line is whole, None if the file is new or was put aside."""
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        first, *lines = data.split(b"\n")
+        if first != head:
+            path.replace(path.with_name(path.name + ".old"))
+            return None
+        for line in lines:
+            if line:
+                self._take(line)
+        return data.endswith(b"\n")
+
+    def _take(self, line: bytes) -> None:
+        checksum, _, text = line.partition(b" ")
+        if checksum != b"%08x" % zlib.crc32(text):
+            self.damaged += 1
+            return
+        self.records.append(json.loads(text))
+
+    @property
+    def kept(self) -> bool:
+        """Whether records are being written."""
+        return self._file >= 0
+
+    @property
+    def status(self) -> str:
+        """One line for diagnostics; "" if no journal was asked for."""
+        if self._path is None:
+            return ""
+        damaged = f", {self.damaged} damaged lines passed over" if self.damaged else ""
+        return self.problem or f"{len(self.records)} records read back{damaged}"
+
+    def write(self, kind: str, *values: Any) -> None:
+        """Appends a record: the list of `kind` and `values`, which JSON must be able to hold."""
+        if self._file < 0:
+            return
+        text = json.dumps([kind, *values], separators=(",", ":")).encode()
+        self._append(b"%08x %s\n" % (zlib.crc32(text), text))
+
+    def _append(self, line: bytes) -> None:
+        try:
+            written = os.write(self._file, line)
+            if written != len(line):
+                raise OSError(f"{written} of {len(line)} bytes written")
+        except OSError as error:  # a full disk must not stop the node
+            self.close()
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        self.problem = (
+            f"journal {self._path}: cannot be written: {error.strerror or error}; a restart would lose what the node "
+            "knows"
+        )
+
+    def close(self) -> None:
+        """Closes the file."""
+        if self._file >= 0:
+            with contextlib.suppress(OSError):
+                os.close(self._file)
+            self._file = -1

@@ -1,0 +1,66 @@
+"""scripts/faults: breaks things on purpose and prints a table of what happened (docs/reliability.md)."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+
+def _kills(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
+    from benchmarks.faults import kills
+
+    return kills.run(folder, options.kills, options.seed, say)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/faults."""
+    p = argparse.ArgumentParser(
+        prog="scripts/faults",
+        description="Breaks things on purpose, and prints a table of what happened.",
+        epilog="Exit codes: 0 all as it should be; 1 something was lost, or broke; 130 Ctrl-C.",
+    )
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--seed", type=int, default=1, help="seed of everything random (default: %(default)s)")
+    common.add_argument(
+        "--out", type=Path, metavar="DIR", help="new folder for what it leaves (default: a temporary one)"
+    )
+    kinds = p.add_subparsers(dest="kind", required=True, metavar="KIND")
+    one = kinds.add_parser("kills", parents=[common], help="kills random nodes of two vehicles in one paced mission")
+    one.add_argument("--kills", type=int, default=50, metavar="N", help="how many (default: %(default)s; 9 s each)")
+    one.set_defaults(run=_kills)
+    return p
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs one kind of fault. Returns 0, 1 or 130, as the help says."""
+    options = parser().parse_args(arguments)
+    if options.out is not None and options.out.exists():
+        print(f"error: --out {options.out}: is there already; expected a new folder", file=sys.stderr)
+        return 1
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    began_s = time.monotonic()
+
+    def say(text: str) -> None:
+        print(f"  {time.monotonic() - began_s:6.0f} s  {text}", file=sys.stderr, flush=True)
+
+    try:
+        with tempfile.TemporaryDirectory() as temporary:
+            lines, good = options.run(options, (options.out or Path(temporary) / "faults").resolve(), say)
+    except KeyboardInterrupt:
+        return 130
+    except (OSError, RuntimeError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print("\n".join(lines))
+    if not good:
+        print("scripts/faults: not all as it should be", file=sys.stderr)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

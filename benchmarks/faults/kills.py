@@ -1,0 +1,266 @@
+"""Kills nodes of vehicles under way, and reads in their recordings what that did.
+
+The vehicles share nothing but the water (`scripts/sim --apart`): nodes, Micromodem driver and autopilot link as in the
+water, in real time. The recorders are not killed: they are the witnesses.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import signal
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_common.domain import own_domain
+from auv_lse_common.recording import Recording, recording_in
+
+#: A killed node has to be at work again within this time (s).
+BACK_S = 5.0
+#: What shows that a node is at work: its topic, and of a topic that several share, the status name's end.
+SIGNS = {
+    "gp_node": ("kernel_centers", ""),
+    "planner_node": ("diagnostics", "planner_node"),
+    "modem_node": ("tdma", ""),
+    "micromodem_node": ("diagnostics", "micromodem"),
+    "vehicle_link_node": ("odometry", ""),
+}
+_STARTED = re.compile(r"auv(\d+)\.(\w+) started.*, process (\d+)")
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(slots=True)
+class Kill:
+    """A node that was killed.
+
+    Attributes:
+        vehicle: Its vehicle.
+        node: Its name.
+        when_s: When (s since 1970).
+        back_s: Time (s) until it was at work again; NaN if it never was.
+        lost: What it no longer knew, or "".
+    """
+
+    vehicle: int
+    node: str
+    when_s: float
+    back_s: float = float("nan")
+    lost: str = ""
+
+
+@dataclass(slots=True)
+class Flight:
+    """What a mission with kills left.
+
+    Attributes:
+        kills: The kills.
+        steps: Steps that each vehicle decided, in their order, by vehicle.
+        heard: Plans of mates that each vehicle heard, by vehicle.
+        outputs: What each process printed, the simulator's first.
+        codes: Their exit codes.
+        recordings: The recordings, by vehicle.
+    """
+
+    kills: list[Kill] = field(default_factory=list)
+    steps: dict[int, list[int]] = field(default_factory=dict)
+    heard: dict[int, int] = field(default_factory=dict)
+    outputs: list[str] = field(default_factory=list)
+    codes: list[int] = field(default_factory=list)
+    recordings: dict[int, Path] = field(default_factory=dict)
+
+
+class _Process:
+    """A process whose output is read as it comes; knows the nodes that it has started."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        self.text: list[str] = []
+        self.nodes: dict[str, int] = {}
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "AUV_LSE_ROOT": str(_ROOT)},
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.text.append(line)
+            if match := _STARTED.search(line):
+                self.nodes[match[2]] = int(match[3])
+
+    def wait(self, seconds: float) -> None:
+        self.process.wait(seconds)
+        self._reader.join(10.0)
+
+
+def fly(
+    folder: Path,
+    steps: int,
+    kills: Callable[[float], Sequence[tuple[float, int, str]]],
+    more: Mapping[str, str],
+    say: Callable[[str], None] = lambda text: None,
+) -> Flight:
+    """Flies a mission of two vehicles and kills nodes.
+
+    Args:
+        folder: Where everything goes; must not exist.
+        steps: Steps of the mission.
+        kills: From the time of travel (s), the kills: time after the vehicles are under way (s), vehicle, node.
+        more: Further parameters.
+        say: Told what happens.
+    """
+    with own_domain() as a, own_domain() as b, own_domain() as c:
+        domains = (a, b, c)  # let go at once: the processes take them
+    run = folder / "run"
+    sets = [f"--set={name}={value}" for name, value in more.items()]
+    team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
+    processes = [_Process("auv_lse_sim.engine.sim", *team, "--domain", str(domains[0]))]
+    flight = Flight()
+    try:
+        _until(lambda: (run / "vehicles.yaml").is_file(), 90.0, "the simulator has not written vehicles.yaml")
+        for k in (1, 2):
+            own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
+            processes.append(_Process("auv_lse_common.vehicle", *own, "--domain", str(domains[k])))
+        _until(
+            lambda: all(set(SIGNS) <= set(p.nodes) for p in processes[1:]), 60.0, "the vehicles' nodes did not start"
+        )
+        under_way_s = time.time() + 10.0
+        for after_s, vehicle, node in kills(steps * 15.7):
+            time.sleep(max(0.0, under_way_s + after_s - time.time()))
+            if processes[0].process.poll() is not None:
+                break
+            process = processes[vehicle]
+            # killed a moment ago: as soon as it is started again
+            _until(lambda p=process, n=node: _runs(p.nodes[n]), 60.0, f"auv{vehicle} {node} was not started again")
+            kill = Kill(vehicle, node, time.time())
+            os.kill(process.nodes[node], signal.SIGKILL)
+            flight.kills.append(kill)
+            say(f"kill {len(flight.kills)}: auv{vehicle} {node}")
+        processes[0].wait(steps * 60.0 + 200.0)
+        for process in processes[1:]:
+            process.process.send_signal(signal.SIGTERM)
+        for process in processes[1:]:
+            process.wait(40.0)
+    finally:
+        for process in processes:
+            process.process.kill()
+    flight.outputs = ["".join(process.text) for process in processes]
+    flight.codes = [process.process.returncode for process in processes]
+    for k in (1, 2):
+        flight.recordings[k] = recording_in(folder / f"auv{k}")
+        _read(flight, k)
+    return flight
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def _until(condition: Callable[[], bool], seconds: float, what: str) -> None:
+    until = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > until:
+            raise TimeoutError(what)
+        time.sleep(0.1)
+
+
+def _read(flight: Flight, vehicle: int) -> None:
+    """Reads in a recording what became of the vehicle's nodes."""
+    topics = {name: f"/auv{vehicle}/{name}" for name in ("kernel_centers", "diagnostics", "tdma", "odometry")}
+    seen: dict[str, list[tuple[float, Any]]] = {name: [] for name in [*SIGNS, "centers", "slots"]}
+    steps, heard = [], 0
+    wanted = [*topics.values(), f"/auv{vehicle}/planner/bound", f"/auv{vehicle}/team/plans"]
+    with Recording(flight.recordings[vehicle]) as recording:
+        for topic, stamp_ns, message in recording.messages(re.compile("|".join(map(re.escape, wanted)))):
+            stamp_s = stamp_ns * 1e-9
+            if topic.endswith("/bound"):
+                steps.append(int(message.step))
+            elif topic.endswith("/plans"):
+                heard += 1
+            for node, (name, end) in SIGNS.items():
+                if topic == topics[name] and (not end or message.status[0].name.endswith(end)):
+                    seen[node].append((stamp_s, message))
+    flight.steps[vehicle], flight.heard[vehicle] = steps, heard
+    for kill in flight.kills:
+        if kill.vehicle == vehicle:
+            before = [m for t, m in seen[kill.node] if t < kill.when_s]
+            # what a dying process had still sent arrives within 0.2 s
+            after = [(t, m) for t, m in seen[kill.node] if t > kill.when_s + 0.2]
+            if after:
+                kill.back_s = after[0][0] - kill.when_s
+                kill.lost = _lost(kill.node, before, after[0][1])
+
+
+def _lost(node: str, before: Sequence[Any], after: Any) -> str:
+    if not before:
+        return ""
+    if node == "gp_node" and len(after.depth_m) < len(before[-1].depth_m):
+        return f"{len(after.depth_m)} centers of {len(before[-1].depth_m)}"
+    if node == "modem_node" and after.slots_used < before[-1].slots_used:
+        return f"{after.slots_used} slots used of {before[-1].slots_used}"
+    return ""
+
+
+def at_random(number: int, seed: int) -> Callable[[float], list[tuple[float, int, str]]]:
+    """So many kills of random nodes, spread over a mission at random times."""
+
+    def of(travel_s: float) -> list[tuple[float, int, str]]:
+        rng = np.random.default_rng(seed)
+        times_s = np.sort(rng.uniform(0.0, travel_s - 20.0, number))
+        nodes = sorted(SIGNS)
+        return [(float(t), int(rng.integers(1, 3)), nodes[int(rng.integers(len(nodes)))]) for t in times_s]
+
+    return of
+
+
+def table(flight: Flight, steps: int) -> tuple[list[str], bool]:
+    """The table of a flight, and whether nothing was lost."""
+    lines = ["| node | kills | back after (median, worst) | lost |", "|---|---|---|---|"]
+    good = all(code == 0 for code in flight.codes)
+    for node in SIGNS:
+        mine = [kill for kill in flight.kills if kill.node == node]
+        back = [kill.back_s for kill in mine if kill.back_s == kill.back_s]
+        lost = [kill.lost for kill in mine if kill.lost] + ["never back"] * (len(mine) - len(back))
+        if back:
+            times = f"{statistics.median(back):.1f} s, {max(back):.1f} s"
+            lines.append(f"| `{node}` | {len(mine)} | {times} | {'; '.join(lost) or 'nothing'} |")
+            good = good and max(back) <= BACK_S
+        good = good and not lost
+    for vehicle, decided in flight.steps.items():
+        whole = decided == list(range(steps))
+        lines.append(
+            f"auv{vehicle}: steps decided {decided[0]} to {decided[-1]}, "
+            f"{'each once' if whole else 'not each once: ' + str(decided)}; {flight.heard[vehicle]} plans heard"
+        )
+        good = good and whole
+    return lines, good
+
+
+def run(folder: Path, number: int, seed: int, say: Callable[[str], None]) -> tuple[list[str], bool]:
+    """Flies a mission with so many kills, authenticated; returns the table, and whether nothing was lost."""
+    folder.mkdir(parents=True)
+    key = folder / "key"
+    key.touch(0o600)
+    key.write_text(secrets.token_hex(32))
+    steps = max(4, int(number * 9.0 / 15.7) + 3)
+    more = {"packet.tag": "true", "packet.key_file": str(key), "packet.session": "kills"}
+    flight = fly(folder / "flight", steps, at_random(number, seed), more, say)
+    return table(flight, steps)
