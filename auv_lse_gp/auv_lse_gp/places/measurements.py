@@ -77,15 +77,19 @@ class Fixes:
             sums = vehicle.sums(vehicle.track.at(stamps, raw))
             self._groups.append((vehicle.block, sums, places, np.repeat(std, 2)))
 
-    def whitened(self, theta: Array) -> tuple[Array, Array]:
-        """Residuals (m,) and derivatives (m, unknowns) of what was measured, each over its standard deviation."""
-        residuals, rows = [np.zeros(0)], [np.zeros((0, self._model.size))]
-        for block, sums, places, std in self._groups:
-            residuals.append((places - sums.places(theta)).ravel() / std)
+    def residuals(self, theta: Array) -> Array:
+        """What was measured less what is expected, over its standard deviation (m,)."""
+        parts = [(places - sums.places(theta)).ravel() / std for _, sums, places, std in self._groups]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def derivatives(self, theta: Array) -> Array:
+        """Derivatives (m, unknowns) of what is expected, over the standard deviations."""
+        rows = [np.zeros((0, self._model.size))]
+        for block, sums, _, std in self._groups:
             jacobian = np.zeros((2 * len(sums), self._model.size))
             jacobian[:, block] = sums.jacobian(theta).reshape(2 * len(sums), -1) / std[:, None]
             rows.append(jacobian)
-        return np.concatenate(residuals), np.concatenate(rows)
+        return np.concatenate(rows)
 
 
 class Ranges:
@@ -108,30 +112,49 @@ class Ranges:
         """Number of ranges."""
         return sum(len(group[3]) for group in self._groups)
 
-    def whitened(self, theta: Array) -> tuple[Array, Array]:
-        """Residuals (m,) and derivatives (m, unknowns), as `Fixes.whitened`, in the order of pairs."""
+    def residuals(self, theta: Array) -> Array:
+        """As `Fixes.residuals`, in the order of pairs."""
+        parts = [np.zeros(0)]
+        for (sender, receiver), sent, arrived, measured, deeper in self._groups:
+            distance = _distance(sent.places(theta) - arrived.places(theta), deeper)
+            predicted = (1.0 + theta[self._model.sound]) * distance
+            for _, sign, clock, late in self._clocks(sender, receiver, sent, arrived):
+                predicted = predicted + sign * (theta[clock] + theta[clock + 1] * late)
+            parts.append((measured - predicted) / self._std_m)
+        return np.concatenate(parts)
+
+    def derivatives(self, theta: Array) -> Array:
+        """As `Fixes.derivatives`."""
         model = self._model
-        residuals, rows = [np.zeros(0)], [np.zeros((0, model.size))]
+        rows = [np.zeros((0, model.size))]
         faster = 1.0 + theta[model.sound]
         for (sender, receiver), sent, arrived, measured, deeper in self._groups:
             apart = sent.places(theta) - arrived.places(theta)
-            distance = np.sqrt(np.einsum("nd,nd->n", apart, apart) + deeper**2)
-            toward = apart / np.maximum(distance, 1e-9)[:, None]
+            distance = _distance(apart, deeper)
+            toward = faster * apart / np.maximum(distance, 1e-9)[:, None]
             jacobian = np.zeros((len(measured), model.size))
-            send, receive = model.vehicles[sender].block, model.vehicles[receiver].block
-            jacobian[:, send] += faster * np.einsum("nd,ndu->nu", toward, sent.jacobian(theta))
-            jacobian[:, receive] -= faster * np.einsum("nd,ndu->nu", toward, arrived.jacobian(theta))
+            jacobian[:, model.vehicles[sender].block] += _along(toward, sent.jacobian(theta))
+            jacobian[:, model.vehicles[receiver].block] -= _along(toward, arrived.jacobian(theta))
             jacobian[:, model.sound] = distance
-            predicted = faster * distance
-            for number, sign, stamps in ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s)):
-                clock = model.clock(number)
-                if clock is not None:
-                    predicted = predicted + sign * (theta[clock] + theta[clock + 1] * stamps * 1e-3)
-                    jacobian[:, clock] += sign
-                    jacobian[:, clock + 1] += sign * stamps * 1e-3
-            residuals.append((measured - predicted) / self._std_m)
+            for _, sign, clock, late in self._clocks(sender, receiver, sent, arrived):
+                jacobian[:, clock] += sign
+                jacobian[:, clock + 1] += sign * late
             rows.append(jacobian / self._std_m)
-        return np.concatenate(residuals), np.concatenate(rows)
+        return np.concatenate(rows)
+
+    def _clocks(self, sender: int, receiver: int, sent: Sums, arrived: Sums) -> list[tuple[int, float, int, Array]]:
+        """The two clocks of a pair but for the reference: vehicle, sign, first unknown, thousands of seconds (m,)."""
+        ends = ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s))
+        clocks = [(number, sign, self._model.clock(number), stamps * 1e-3) for number, sign, stamps in ends]
+        return [(number, sign, clock, late) for number, sign, clock, late in clocks if clock is not None]
+
+
+def _distance(apart: Array, deeper: Array) -> Array:
+    return np.asarray(np.sqrt(np.einsum("nd,nd->n", apart, apart) + deeper**2))
+
+
+def _along(toward: Array, jacobian: Array) -> Array:
+    return np.asarray(toward[:, :1] * jacobian[:, 0] + toward[:, 1:] * jacobian[:, 1])
 
 
 def within_gate(residuals: Array) -> NDArray[np.bool_]:

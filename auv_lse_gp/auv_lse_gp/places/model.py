@@ -146,7 +146,7 @@ class Sums:
         a = self._along
         way = a.raw_m - self._start_m - static[3] * a.sin_m - static[4] * a.cos_m
         if len(headings):
-            way = way - np.einsum("nkd,k->nd", self._walk_m, headings)
+            way = way - headings @ self._walk_m
         return turn, way @ turn.T
 
     def places(self, theta: Array) -> Array:
@@ -167,7 +167,7 @@ class Sums:
         out[:, :, 4] = -self._along.cos_m @ turn.T
         out[:, :, 5] = -way / (1.0 + static[5])
         if knots:
-            out[:, :, STATIC : STATIC + knots] = -np.einsum("nkd,ed->nek", self._walk_m, turn)
+            out[:, :, STATIC : STATIC + knots] = -(self._walk_m @ turn.T).transpose(0, 2, 1)
             out[:, 0, STATIC + knots :: 2] = self._ramps
             out[:, 1, STATIC + knots + 1 :: 2] = self._ramps
         return out

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 #: Length of a piece of track (m).
 PIECE_M = 10.0
 #: Pieces that the terrain compares, at most, or little more; with more track they are longer.
-MOST_PIECES = 500
+MOST_PIECES = 400
 
 
 @dataclass(frozen=True, slots=True)

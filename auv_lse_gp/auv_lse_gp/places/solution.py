@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 #: Steps of Gauss-Newton at most: with fixes and ranges, and with the terrain, whose steps cost thirty times as much.
 STEPS, TERRAIN_STEPS = 15, 3
-#: A step of less than this many prior standard deviations, in all unknowns, ends the search.
-_SETTLED = 1e-3
+#: A step of less than this many prior standard deviations, in all unknowns, ends the search; so with the terrain.
+_SETTLED, _TERRAIN_SETTLED = 1e-3, 1e-2
 _HALVINGS = 4
 #: Whitened residuals up to which the robust pass takes squares; beyond, it takes their size (Huber 1964).
 _BEND = 1.5
@@ -94,7 +94,7 @@ def solve(model: TeamModel, fixes: Fixes, ranges: Ranges, terrain: TerrainTerm |
     precision = model.prior_std() ** -2.0
     search = _Search(precision, fixes, ranges)
     theta = search.run(start, Huber(), STEPS)
-    kept = within_gate(ranges.whitened(theta)[0])
+    kept = within_gate(ranges.residuals(theta))
     loss = Gated(kept)
     theta = search.run(theta, loss, STEPS)
     information = search.normal(theta, loss)[1]
@@ -113,22 +113,22 @@ class _Search:
 
     def cost(self, theta: Array, loss: Loss) -> float:
         """What the unknowns cost at `theta`."""
-        fixed, ranged = self._fixes.whitened(theta)[0], self._ranges.whitened(theta)[0]
+        fixed, ranged = self._fixes.residuals(theta), self._ranges.residuals(theta)
         return 0.5 * float(self.precision @ theta**2 + fixed @ fixed) + loss.costs(ranged)
 
     def normal(self, theta: Array, loss: Loss) -> tuple[Array, Array]:
         """Gradient (u,) of the log posterior, and the information (u, u)."""
-        fixed, fixed_rows = self._fixes.whitened(theta)
-        ranged, range_rows = self._ranges.whitened(theta)
+        fixed, fixed_rows = self._fixes.residuals(theta), self._fixes.derivatives(theta)
+        ranged, range_rows = self._ranges.residuals(theta), self._ranges.derivatives(theta)
         weighted = range_rows * loss.weights(ranged)[:, None]
         gradient = -self.precision * theta + fixed_rows.T @ fixed + weighted.T @ ranged
         information = fixed_rows.T @ fixed_rows + weighted.T @ range_rows
         information[np.diag_indices(len(theta))] += self.precision
         return gradient, information
 
-    def settled(self, step: Array) -> bool:
-        """Whether a step is too small to matter."""
-        return bool(np.all(np.abs(step) < _SETTLED * self._scale))
+    def settled(self, step: Array, share: float) -> bool:
+        """Whether a step is less than a share of what was known before of each unknown."""
+        return bool(np.all(np.abs(step) < share * self._scale))
 
     def run(self, start: Array, loss: Loss, steps: int) -> Array:
         """Descends from `start`."""
@@ -144,7 +144,7 @@ class _Search:
             else:
                 return theta
             theta, cost = theta + step, moved
-            if self.settled(step):
+            if self.settled(step, _SETTLED):
                 break
         return theta
 
@@ -154,16 +154,16 @@ def _with_terrain(
 ) -> tuple[Array, Array]:
     """Goes on with the terrain; returns the unknowns and their information with it (without it, if it fails)."""
     try:
-        now = search.cost(theta, loss) + terrain.cost(theta)[0]
+        now = search.cost(theta, loss) + terrain.cost(theta)
         for _ in range(TERRAIN_STEPS):
             slope, seen = terrain.gradient(theta, search.precision)
             gradient, known = search.normal(theta, loss)
             information = known + seen
             step = cho_solve(cho_factor(information, lower=True), gradient + slope)
-            if search.settled(step):
+            if search.settled(step, _TERRAIN_SETTLED):
                 break
             for _ in range(_HALVINGS):
-                moved = search.cost(theta + step, loss) + terrain.cost(theta + step)[0]
+                moved = search.cost(theta + step, loss) + terrain.cost(theta + step)
                 if moved <= now:
                     break
                 step = 0.5 * step

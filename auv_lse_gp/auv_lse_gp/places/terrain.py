@@ -50,6 +50,7 @@ class TerrainTerm:
     def __init__(self, model: TeamModel, terrain: Terrain) -> None:
         """Looks up where the pieces are on their vehicles' tracks; pieces of unknown vehicles are left out."""
         self._model, self._terrain = model, terrain
+        self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
         pieces = terrain.pieces
         self._groups: list[tuple[slice, slice, Sums]] = []
         taken: list[NDArray[np.int64]] = []
@@ -66,12 +67,22 @@ class TerrainTerm:
         """Number of pieces."""
         return len(self._depths_m)
 
-    def cost(self, theta: Array) -> tuple[float, Array, Array, Array]:
-        """Half the misfit of the depths at `theta`; and places (n, 2), factor L (n, n) and L^-1 (z - m).
+    def cost(self, theta: Array) -> float:
+        """Half the misfit of the depths at `theta`.
 
         Raises:
             LinAlgError: if the covariance cannot be factorized.
         """
+        white = self._factorized(theta)[2]
+        return 0.5 * float(white @ white)
+
+    def _factorized(self, theta: Array) -> tuple[Array, Array, Array]:
+        """Places (n, 2), factor L (n, n) and L^-1 (z - m) at `theta`; the last answer is kept."""
+        if self._last is None or not np.array_equal(self._last[0], theta):
+            self._last = (theta.copy(), self._factorize(theta))
+        return self._last[1]
+
+    def _factorize(self, theta: Array) -> tuple[Array, Array, Array]:
         places = np.zeros((len(self), 2))
         for _, rows, sums in self._groups:
             places[rows] = sums.places(theta)
@@ -82,7 +93,7 @@ class TerrainTerm:
         lower = cholesky(covariance, lower=True, check_finite=False, overwrite_a=True)
         residuals = self._depths_m - self._terrain.prior_mean(places)
         white = solve_triangular(lower, residuals, lower=True, check_finite=False)
-        return 0.5 * float(white @ white), places, lower, white
+        return places, lower, white
 
     def gradient(self, theta: Array, prior_precision: Array) -> tuple[Array, Array]:
         """Gradient (u,) of the log likelihood and information (u, u) at `theta`, projected.
@@ -94,7 +105,7 @@ class TerrainTerm:
         Raises:
             LinAlgError: if the covariance cannot be factorized.
         """
-        _, places, lower, white = self.cost(theta)
+        places, lower, white = self._factorized(theta)
         alpha = solve_triangular(lower, white, lower=True, trans="T", check_finite=False)
         kernel = self._terrain.kernel
         slopes = slopes_of(kernel, self._terrain.prior_mean, kernel.scale(places), alpha, places)
