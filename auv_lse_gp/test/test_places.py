@@ -47,7 +47,7 @@ def place_error_m(smoother: PlaceSmoother, team: list[Sailed], number: int) -> f
 
 
 def test_derivatives_of_places_are_those_of_differences():
-    model = TeamModel(CONFIG, {1: track_of(team_of(0, vehicles=1)[0])}, reference=1)
+    model = TeamModel(CONFIG, {1: track_of(team_of(0, vehicles=1)[0])}, references={1})
     rng = np.random.default_rng(1)
     theta = model.prior_std() * rng.standard_normal(model.size)
     vehicle = model.vehicles[1]
@@ -68,7 +68,7 @@ def test_the_model_holds_what_was_wrong():
     sailed = sail(rng, config, 60, walks=False)
     again = np.random.default_rng(4)
     sail(again, config, 60, walks=False)
-    model = TeamModel(config, {1: track_of(sailed)}, reference=1)
+    model = TeamModel(config, {1: track_of(sailed)}, references={1})
     vehicle = model.vehicles[1]
     sums = vehicle.sums(vehicle.track.at(sailed.times, sailed.raw))
 
@@ -85,7 +85,7 @@ def test_one_leg_by_hand():
     track = OwnTrack()
     for second in range(101):
         track.add(float(second), float(second), 0.0, 0.0)
-    model = TeamModel(PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0), {1: track}, reference=1)
+    model = TeamModel(PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0), {1: track}, references={1})
     sums = model.vehicles[1].sums(track.at(np.array([100.0])))
     theta = np.zeros(model.size)
     theta[2] = 0.01
@@ -126,7 +126,7 @@ def test_nothing_measured_is_no_correction_and_the_prior():
     smoother = smoother_of(CONFIG, team, 0, [])
     correction = smoother.smooth()
     assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw)
-    prior = TeamModel(CONFIG, {1: track_of(team[0])}, reference=1).prior_std()
+    prior = TeamModel(CONFIG, {1: track_of(team[0])}, references={1}).prior_std()
     assert np.sqrt(np.diag(correction.covariance)) == pytest.approx(prior)
     assert PlaceSmoother(1, CONFIG).smooth().places(1, np.zeros(1), np.ones((1, 2))) == pytest.approx(np.ones((1, 2)))
 
@@ -147,7 +147,7 @@ def test_the_smoother_agrees_with_a_batch_solution_that_knows_all_tracks(seed: i
     for k, sailed in enumerate(team):
         surface(rng, sailed, 700 + 60 * k)
     heard = messages(rng, team, 0)
-    prior = TeamModel(config, {k + 1: track_of(s) for k, s in enumerate(team)}, reference=1).prior_std()
+    prior = TeamModel(config, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1}).prior_std()
 
     def places(k: int, theta: np.ndarray) -> np.ndarray:
         dn, de, b0, b1, b2, s = theta[6 * k : 6 * k + 6]
@@ -257,7 +257,7 @@ def test_terrain_brings_tracks_together_and_says_nothing_of_what_they_have_in_co
     gp = GpConfig()
     team = [sail(rng, CONFIG, 60) for _ in range(2)]
     terrain = terrain_of(rng, team, 0, Ground(rng, gp), gp)
-    model = TeamModel(CONFIG, {k + 1: track_of(s) for k, s in enumerate(team)}, reference=1)
+    model = TeamModel(CONFIG, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1})
     theta = np.zeros(model.size)
     precision = model.prior_std() ** -2.0
     slope, information = TerrainTerm(model, terrain).gradient(theta, precision)
@@ -285,7 +285,7 @@ def test_common_directions_move_all_places_alike():
     model = TeamModel(
         PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0),
         {k + 1: track_of(s) for k, s in enumerate(team)},
-        reference=1,
+        references={1},
     )
     theta = 0.3 * model.prior_std()
     stamps = np.array([100.0, 900.0])
@@ -368,7 +368,7 @@ def test_absurd_ranges_and_fixes_leave_finite_places():
             )
         )  # fmt: skip
     correction = smoother.smooth()
-    assert smoother.ranges == 1
+    assert len(smoother.ranges) == 1
     assert np.isfinite(correction.places(1, team[0].times, team[0].raw)).all()
     assert np.isfinite(correction.places(2, np.array([10.0]), np.array([[3.0, 4.0]]))).all()
 

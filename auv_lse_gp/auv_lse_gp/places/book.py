@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.pieces import Pieces, pieces_of
+from auv_lse_gp.places.pieces import MOST_PIECES, Pieces, pieces_of
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -104,9 +104,9 @@ class SoundingBook:
             rows[own] = np.einsum("nd,ndu->nu", slopes[own], jacobian)
         return rows
 
-    def pieces(self) -> Pieces:
-        """The soundings whose places can be corrected, in pieces of track."""
-        return pieces_of(self.vehicles, self.stamps_s, self.raw_m, self.depths_m)
+    def pieces(self, most: int = MOST_PIECES) -> Pieces:
+        """The soundings whose places can be corrected, in pieces of track: `most` at most, or little more."""
+        return pieces_of(self.vehicles, self.stamps_s, self.raw_m, self.depths_m, most)
 
     def _by_vehicle(self) -> list[tuple[int, Numbers]]:
         """The soundings of each vehicle that can be corrected."""

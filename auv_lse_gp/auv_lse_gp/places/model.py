@@ -182,14 +182,18 @@ class TeamModel:
     """
 
     def __init__(
-        self, config: PlacesConfig, tracks: dict[int, Track], reference: int, before_m: dict[int, float] | None = None
+        self,
+        config: PlacesConfig,
+        tracks: dict[int, Track],
+        references: set[int],
+        before_m: dict[int, float] | None = None,
     ) -> None:
         """Lays out the unknowns.
 
         Args:
             config: What is known before.
             tracks: Raw tracks by number of the vehicle.
-            reference: The vehicle whose clock is the reference.
+            references: The vehicles whose clocks are references: one for each team.
             before_m: How far a vehicle had gone before its first raw place that is known, if not 0.
         """
         self.config = config
@@ -198,7 +202,7 @@ class TeamModel:
         for number in sorted(tracks):
             self.vehicles[number] = VehicleModel(tracks[number], begin, config, (before_m or {}).get(number, 0.0))
             begin = self.vehicles[number].block.stop
-        others = [number for number in sorted(tracks) if number != reference]
+        others = [number for number in sorted(tracks) if number not in references]
         self._clocks = {number: begin + 2 * i for i, number in enumerate(others)}
         self._sound = begin + 2 * len(others)
         self.size = self._sound + 1

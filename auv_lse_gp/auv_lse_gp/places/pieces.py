@@ -39,7 +39,9 @@ class Pieces:
         return len(self.depths_m)
 
 
-def pieces_of(vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths_m: Array) -> Pieces:
+def pieces_of(
+    vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths_m: Array, most: int = MOST_PIECES
+) -> Pieces:
     """Gathers soundings (n) of several vehicles, in any order; one with a number that is not finite is left out.
 
     Args:
@@ -47,6 +49,7 @@ def pieces_of(vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths
         stamps_s: When (n,).
         raw_m: Raw places (n, 2).
         depths_m: Depths (n,).
+        most: So many pieces at most, or little more.
     """
     rows = np.column_stack([vehicles, stamps_s, raw_m, depths_m])
     rows = rows[np.isfinite(rows).all(axis=1)]
@@ -57,7 +60,7 @@ def pieces_of(vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths
     step = np.sqrt(np.einsum("nd,nd->n", way, way))
     other = np.diff(rows[:, 0]) != 0.0
     gone = np.concatenate([[0.0], np.cumsum(np.where(other, 0.0, step))])
-    length = max(PIECE_M, float(gone[-1]) / MOST_PIECES)
+    length = max(PIECE_M, float(gone[-1]) / most)
     begins = np.concatenate([[0.0], np.where(other, gone[1:], 0.0)])
     piece = np.floor((gone - np.maximum.accumulate(begins)) / length)
     # A piece ends where the next begins, where another vehicle's soundings begin, and at a gap longer than it.

@@ -18,7 +18,7 @@ from auv_lse_gp.places.config import PlacesConfig
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.measurements import Fixes, FixRow, RangeRow, Ranges, usable
 from auv_lse_gp.places.model import TeamModel
-from auv_lse_gp.places.solution import solve
+from auv_lse_gp.places.solution import TERRAIN_STEPS, solve
 from auv_lse_gp.places.terrain import Terrain, TerrainTerm
 from auv_lse_gp.places.track import HeardTrack, OwnTrack, Track
 
@@ -93,9 +93,24 @@ class PlaceSmoother:
         self._now_s = 0.0
 
     @property
-    def ranges(self) -> int:
-        """How many ranges were measured."""
-        return len(self._ranges)
+    def tracks(self) -> dict[int, Track]:
+        """Raw tracks by number: its own, and those of the mates that it has heard."""
+        return {self.vehicle: self._own, **self._mates}
+
+    @property
+    def ranges(self) -> list[RangeRow]:
+        """All ranges measured."""
+        return list(self._ranges)
+
+    def fixes(self, vehicle: int) -> list[FixRow]:
+        """The surfacings of a vehicle that are known of."""
+        found = self._surfacings.get(vehicle)
+        return found.rows(self.config.fix_std_m) if found is not None else []
+
+    @property
+    def before_m(self) -> dict[int, float]:
+        """How far mates had gone before their first raw place that is known, where that is not 0."""
+        return dict(self._before_m)
 
     def moved(self, place: DeadReckoning) -> None:
         """Takes the vehicle's own raw place."""
@@ -174,12 +189,10 @@ class PlaceSmoother:
         Args:
             terrain: Depths along the tracks; None, or `places.terrain: false`: they do not count.
         """
-        fixes = [row for s in self._surfacings.values() for row in s.rows(self.config.fix_std_m)]
-        ranges = _even(self._ranges, MOST_RANGES)
-        tracks: dict[int, Track] = {self.vehicle: self._own, **self._mates}
+        fixes = [row for number in self._surfacings for row in self.fixes(number)]
         correction = smooth_team(
-            self.config, tracks, fixes, ranges,
-            terrain=terrain, before_m=self._before_m, last=self._last, reference=self.vehicle, stamp_s=self._now_s,
+            self.config, self.tracks, fixes, _even(self._ranges, MOST_RANGES),
+            terrain=terrain, before_m=self._before_m, last=self._last, references={self.vehicle}, stamp_s=self._now_s,
         )  # fmt: skip
         self._last = correction.model, correction.theta
         return correction
@@ -191,11 +204,12 @@ def smooth_team(
     fixes: Sequence[FixRow],
     ranges: Sequence[RangeRow],
     *,
-    reference: int,
+    references: set[int],
     stamp_s: float,
     terrain: Terrain | None = None,
     before_m: dict[int, float] | None = None,
     last: tuple[TeamModel, Array] | None = None,
+    terrain_steps: int = TERRAIN_STEPS,
 ) -> Correction:
     """Finds the places of a team.
 
@@ -204,16 +218,17 @@ def smooth_team(
         tracks: Raw tracks by number of the vehicle.
         fixes: The fixes, one for each surfacing.
         ranges: The ranges.
-        reference: Vehicle whose clock is the reference.
+        references: Vehicles whose clocks are references: one for each team.
         stamp_s: Time of the last measurement.
         terrain: Depths along the tracks.
         before_m: How far a vehicle had gone before its first raw place that is known, if not 0.
         last: The unknowns before, and their values: where the search begins.
+        terrain_steps: Steps with the terrain at most.
     """
-    model = TeamModel(config, tracks, reference, before_m)
+    model = TeamModel(config, tracks, references, before_m)
     start = model.carried(last[1], last[0]) if last is not None else np.zeros(model.size)
     term = TerrainTerm(model, terrain) if terrain is not None and config.terrain else None
-    solution = solve(model, Fixes(model, fixes), Ranges(model, ranges), term, start)
+    solution = solve(model, Fixes(model, fixes), Ranges(model, ranges), term, start, terrain_steps)
     return Correction(model, solution.theta, solution.covariance, stamp_s, solution.refused)
 
 

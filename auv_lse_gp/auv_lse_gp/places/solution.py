@@ -81,7 +81,14 @@ class Solution:
     refused: int
 
 
-def solve(model: TeamModel, fixes: Fixes, ranges: Ranges, terrain: TerrainTerm | None, start: Array) -> Solution:
+def solve(
+    model: TeamModel,
+    fixes: Fixes,
+    ranges: Ranges,
+    terrain: TerrainTerm | None,
+    start: Array,
+    terrain_steps: int = TERRAIN_STEPS,
+) -> Solution:
     """Solves for the unknowns.
 
     Args:
@@ -90,6 +97,7 @@ def solve(model: TeamModel, fixes: Fixes, ranges: Ranges, terrain: TerrainTerm |
         ranges: The ranges.
         terrain: Depths along the tracks, if they count.
         start: Where to begin (u,); the result does not depend on it as long as the search finds the same minimum.
+        terrain_steps: Steps with the terrain at most.
     """
     precision = model.prior_std() ** -2.0
     search = _Search(precision, fixes, ranges)
@@ -99,7 +107,7 @@ def solve(model: TeamModel, fixes: Fixes, ranges: Ranges, terrain: TerrainTerm |
     theta = search.run(theta, loss, STEPS)
     information = search.normal(theta, loss)[1]
     if terrain is not None and len(terrain) > 1:
-        theta, information = _with_terrain(search, terrain, theta, loss, information)
+        theta, information = _with_terrain(search, terrain, theta, loss, information, terrain_steps)
     covariance = cho_solve(cho_factor(information, lower=True), np.eye(model.size))
     return Solution(theta, 0.5 * (covariance + covariance.T), int((~kept).sum()))
 
@@ -150,12 +158,12 @@ class _Search:
 
 
 def _with_terrain(
-    search: _Search, terrain: TerrainTerm, theta: Array, loss: Loss, information: Array
+    search: _Search, terrain: TerrainTerm, theta: Array, loss: Loss, information: Array, steps: int
 ) -> tuple[Array, Array]:
     """Goes on with the terrain; returns the unknowns and their information with it (without it, if it fails)."""
     try:
         now = search.cost(theta, loss) + terrain.cost(theta)
-        for _ in range(TERRAIN_STEPS):
+        for _ in range(steps):
             slope, seen = terrain.gradient(theta, search.precision)
             gradient, known = search.normal(theta, loss)
             information = known + seen

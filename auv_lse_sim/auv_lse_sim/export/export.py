@@ -33,7 +33,8 @@ def export(run_folder: Path, folder: Path, picture: bool = False) -> Iterator[st
     yield f"reading {run_folder}"
     run = read_run(run_folder)
     yield f"mapping {sum(len(v.soundings) for v in run.vehicles)} soundings"
-    yield from write_export(run, team_map(run), folder)
+    team = team_map(run)
+    yield from write_export(team.run, team, folder)
     if picture:
         from auv_lse_sim.export.picture import draw_export
 

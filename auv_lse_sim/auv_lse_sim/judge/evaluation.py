@@ -49,7 +49,7 @@ class Evaluation:
     """A judged mission: the summary, and the maps and curves that the figures show.
 
     Attributes:
-        run: The mission.
+        run: The mission, with soundings at the places of `team_map`.
         settings: Settings of each vehicle, in order.
         team_map: Map from all soundings of all vehicles, in order of time, and its isobath.
         local: Each vehicle's own final map.
@@ -113,6 +113,7 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
         ParameterError: if the parameters cannot be used.
     """
     team = team_map(run)
+    run = team.run
     settings = mission_settings(run.parameters, max(v.vehicle for v in run.vehicles))
     settings = [settings[v.vehicle - 1] for v in run.vehicles]
     first, area = settings[0], team.area

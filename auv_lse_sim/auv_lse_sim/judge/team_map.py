@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from auv_lse_common.params import parameters_for
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthField, DepthMap, Isobath
 from auv_lse_planner.config import PlannerSettings
+from auv_lse_sim.adjust.adjustment import Adjustment, adjust, wanted
 from auv_lse_sim.judge import certainty
 from auv_lse_sim.judge.certainty import CLASSES, Piece
 from auv_lse_sim.judge.isobath import write_geojson
@@ -28,6 +30,8 @@ class TeamMap:
     """What all vehicles together know in the end.
 
     Attributes:
+        run: The mission, with soundings where they were taken as far as fixes, ranges and terrain tell (`adjust`), if
+            it flew with `places.correct`; else as it was.
         settings: The first vehicle's settings: level, costs and prior are the same for all.
         area: The operating area.
         prior: The map before the first sounding.
@@ -36,6 +40,7 @@ class TeamMap:
         pieces: That contour, in pieces of one certainty.
     """
 
+    run: RunData
     settings: PlannerSettings
     area: OperatingArea
     prior: DepthField
@@ -64,6 +69,9 @@ def mission_settings(parameters: Mapping[str, Mapping[str, Any]], vehicles: int)
 def team_map(run: RunData) -> TeamMap:
     """The map of a mission.
 
+    Where places are corrected, the map tells how uncertain they still are (`Posterior.place_variance`); the certainty
+    of the isobath's pieces takes that as the vehicles' place error.
+
     Raises:
         ValueError: if there is no vehicle.
         ParameterError: if the parameters cannot be used.
@@ -72,16 +80,38 @@ def team_map(run: RunData) -> TeamMap:
         raise ValueError("run: has no vehicle; expected at least one")
     first = mission_settings(run.parameters, run.vehicles[0].vehicle)[-1]
     area = OperatingArea(first.area)
-    prior = DepthMap(first.gp, first.level_set, area).field()
+    if wanted(run):
+        return adjusted_map(adjust([run]), first)
     depth_map = map_of(first, area, np.concatenate([v.soundings for v in run.vehicles]))
+    return _team_map(run, first, area, depth_map, depth_map.field())
+
+
+def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:
+    """The map of all runs of an adjustment; with several, its run has the vehicles of all of them."""
+    area = OperatingArea(settings.area)
+    depth_map = DepthMap(settings.gp, settings.level_set, area)
+    placed = adjustment.settle(depth_map)
+    places_known = depth_map.field()
+    placed.inform(adjustment.correction)
+    first = adjustment.runs[0]
+    run = dataclasses.replace(first, vehicles=[v for run in adjustment.runs for v in run.vehicles])
+    return _team_map(run, settings, area, depth_map, places_known)
+
+
+def _team_map(
+    run: RunData, settings: PlannerSettings, area: OperatingArea, depth_map: DepthMap, places_known: DepthField
+) -> TeamMap:
+    """As `team_map`, from the map and its field as if all places were known."""
+    prior = DepthMap(settings.gp, settings.level_set, area).field()
     isobath = depth_map.isobath()
     return TeamMap(
-        settings=first,
+        run=run,
+        settings=settings,
         area=area,
         prior=prior,
         field=depth_map.field(),
         isobath=isobath,
-        pieces=certainty.classify(isobath.lines, depth_map.field(), prior, sounded_places(run)),
+        pieces=certainty.classify(isobath.lines, places_known, prior, sounded_places(run)),
     )
 
 

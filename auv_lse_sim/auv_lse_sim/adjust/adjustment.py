@@ -1,0 +1,296 @@
+"""The places of recorded soundings, found by everything that all recordings together hold.
+
+Every vehicle of every run has errors of its own; what they share is the ground, and within a run the ranges. In a
+smoother under way each vehicle knows its mates by their packets. Here their own recordings stand in for them where they
+are given.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from auv_lse_common.dead_reckoning import DeadReckoning
+from auv_lse_common.params import parameters_for
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.depth_map import DepthMap
+from auv_lse_gp.places.config import PlacesConfig, places_of
+from auv_lse_gp.places.correction import Correction
+from auv_lse_gp.places.measurements import FixRow, RangeRow
+from auv_lse_gp.places.pieces import Pieces, pieces_of
+from auv_lse_gp.places.placed_map import PlacedMap
+from auv_lse_gp.places.smoother import PlaceSmoother, smooth_team
+from auv_lse_gp.places.terrain import Terrain
+from auv_lse_gp.places.track import Track
+from auv_lse_planner.config import PlannerSettings
+from auv_lse_sim.adjust.errors import AdjustError
+from auv_lse_sim.record.run_data import RunData, VehicleRun
+
+Array = NDArray[np.float64]
+
+#: Vehicles of different runs are told apart by this many times the number of the run.
+_OF_RUN = 1000
+#: Pieces of track that are compared, and steps with the terrain: more than under way, where time is short.
+MOST_PIECES, TERRAIN_STEPS = 1200, 8
+#: A sample heard is the sounding of a mate that is this near (m): a packet holds 32 bits of each number.
+_SAME_M = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moved:
+    """What became of one vehicle's soundings.
+
+    Attributes:
+        run: Number of the run, from 0.
+        vehicle: Number of the vehicle.
+        soundings: How many were recorded.
+        missing: What its recording lacks, so that its soundings stay where they are; "" if nothing.
+        mean_m: Mean distance that they were moved.
+        largest_m: Largest.
+        std_m: Standard deviation of a place afterwards, each axis (root mean square over the soundings).
+        fixes: Surfacings used.
+        ranges: Ranges measured to it by others or by it to others.
+    """
+
+    run: int
+    vehicle: int
+    soundings: int
+    missing: str
+    mean_m: float = float("nan")
+    largest_m: float = float("nan")
+    std_m: float = float("nan")
+    fixes: int = 0
+    ranges: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Adjustment:
+    """Runs with their soundings at the places found.
+
+    Attributes:
+        runs: The runs, with soundings, samples and their places' standard deviations replaced; odometry is as flown.
+        moved: What became of each vehicle's soundings.
+        ranges: Ranges measured, in all.
+        refused: How many of them were refused as wrong.
+        correction: The places found.
+    """
+
+    runs: list[RunData]
+    moved: list[Moved]
+    ranges: int
+    refused: int
+    correction: Correction
+
+    def settle(self, depth_map: DepthMap) -> PlacedMap:
+        """Puts all soundings into an empty map, in order of time, run by run; the map is not told how sure they are."""
+        placed = PlacedMap(depth_map, {key_of(m.run, m.vehicle) for m in self.moved})
+        for number, run in enumerate(self.runs):
+            for vehicle in run.vehicles:
+                rows = vehicle.soundings
+                raw = _raw_places(vehicle)
+                placed.book.add(key_of(number, vehicle.vehicle), rows[:, 0], raw, rows[:, 1:3], rows[:, 3], None)
+        placed.lay_out(np.concatenate([v.soundings[:, 1:3] for run in self.runs for v in run.vehicles]))
+        return placed
+
+
+def key_of(run: int, vehicle: int) -> int:
+    """The number by which a vehicle of a run (from 0) is known among those of all runs."""
+    return _OF_RUN * run + vehicle
+
+
+def missing_in(vehicle: VehicleRun) -> str:
+    """What a vehicle's recording lacks to be adjusted; "" if nothing."""
+    if len(vehicle.dead_reckoning) < 2:
+        return "no dead reckoning (topic dead_reckoning)"
+    if not len(vehicle.soundings):
+        return "no soundings (topic sounding)"
+    return ""
+
+
+def wanted(run: RunData) -> bool:
+    """Whether a run flew with corrected places, and recorded what they are found with."""
+    if not any(not missing_in(vehicle) for vehicle in run.vehicles):
+        return False
+    number = run.vehicles[0].vehicle
+    return bool(places_of(parameters_for(run.parameters, f"/auv{number}/gp_node"), "mission file").correct)
+
+
+def adjust(runs: Sequence[RunData]) -> Adjustment:
+    """Finds where the soundings of all runs were taken.
+
+    Raises:
+        AdjustError: if no vehicle's recording has what is needed, or the runs have different origins.
+        ParameterError: if the parameters cannot be used.
+    """
+    able = [(n, v) for n, run in enumerate(runs) for v in run.vehicles if not missing_in(v)]
+    if not able:
+        lacks = [f"auv{v.vehicle} of run {n + 1}: {missing_in(v)}" for n, run in enumerate(runs) for v in run.vehicles]
+        raise AdjustError(
+            "; ".join(lacks or ["no vehicle in any run"])
+            + "; expected raw places beside the soundings, as recorded since vehicles keep them (docs/places.md)"
+        )
+    origins = {run.origin for run in runs}
+    if len(origins) > 1:
+        raise AdjustError(f"runs: have different origins {sorted(map(str, origins))}; expected one local frame for all")
+    first = runs[able[0][0]]
+    nested = parameters_for(first.parameters, f"/auv{able[0][1].vehicle}/gp_node")
+    config = places_of(nested, "mission file")
+    settings = PlannerSettings.from_parameters(nested, "mission file", able[0][1].vehicle)
+    smoothers = {key_of(n, v.vehicle): _told(v, config) for n, v in able}
+    tracks, fixes, ranges, before = _gathered(smoothers, {key_of(n, v.vehicle): v for n, v in able})
+    plain = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area)).gp
+    correction = smooth_team(
+        config,
+        tracks,
+        fixes,
+        ranges,
+        references={min(k for k in smoothers if k // _OF_RUN == n) for n in {k // _OF_RUN for k in smoothers}},
+        stamp_s=max(run.sim_s for run in runs),
+        terrain=Terrain(_pieces(able), plain.kernel, plain.prior_mean, settings.gp.noise_std_m),
+        before_m=before,
+        terrain_steps=TERRAIN_STEPS,
+    )
+    moved: list[Moved] = []
+    new_runs = []
+    for n, run in enumerate(runs):
+        vehicles = []
+        for vehicle in run.vehicles:
+            if missing := missing_in(vehicle):
+                moved.append(Moved(run=n, vehicle=vehicle.vehicle, soundings=len(vehicle.soundings), missing=missing))
+                vehicles.append(vehicle)
+                continue
+            key = key_of(n, vehicle.vehicle)
+            new, report = _adjusted(vehicle, correction, key, n)
+            used = sum(key in (row.sender, row.receiver) for row in ranges)
+            report = dataclasses.replace(report, fixes=sum(f.vehicle == key for f in fixes), ranges=used)
+            moved.append(report)
+            vehicles.append(new)
+        new_runs.append(dataclasses.replace(run, vehicles=_with_samples(run.vehicles, vehicles)))
+    return Adjustment(runs=new_runs, moved=moved, ranges=len(ranges), refused=correction.refused, correction=correction)
+
+
+def _told(vehicle: VehicleRun, config: PlacesConfig) -> PlaceSmoother:
+    """A smoother that knows everything that a vehicle measured and heard."""
+    smoother = PlaceSmoother(vehicle.vehicle, config)
+    for stamp, north, east, heading, depth in vehicle.dead_reckoning.tolist():
+        smoother.moved(DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=depth))
+    for fix in vehicle.fixes:
+        smoother.fixed(fix)
+    heard = vehicle.received
+    samples = {
+        (float(t), int(k)): heard[(heard[:, 0] == t) & (heard[:, 1] == k), 2:4] for t, k in {*map(tuple, heard[:, :2])}
+    }
+    events = [(mate.stamp_s, 0, mate.source) for mate in vehicle.mates] + [(t, 1, k) for t, k in samples]
+    mates = iter(vehicle.mates)
+    for stamp, kind, source in sorted(events, key=lambda event: event[:2]):
+        if kind == 0:
+            smoother.heard(next(mates))
+        else:
+            smoother.sampled(source, samples[stamp, source])
+    return smoother
+
+
+def _gathered(
+    smoothers: dict[int, PlaceSmoother], recorded: dict[int, VehicleRun]
+) -> tuple[dict[int, Track], list[FixRow], list[RangeRow], dict[int, float]]:
+    """Tracks, fixes, ranges and ways before the first known place, of all vehicles recorded or heard, by their keys."""
+    tracks: dict[int, Track] = {}
+    fixes: list[FixRow] = []
+    ranges: list[RangeRow] = []
+    before: dict[int, float] = {}
+    for key, smoother in smoothers.items():
+        team = key - smoother.vehicle
+        for number, track in smoother.tracks.items():
+            other = team + number
+            if other in tracks or (other in smoothers and other != key):
+                continue  # its own recording, or what an earlier one heard of it
+            tracks[other] = track
+            fixes += [dataclasses.replace(row, vehicle=other) for row in smoother.fixes(number)]
+            if number in smoother.before_m:
+                before[other] = smoother.before_m[number]
+        for row in smoother.ranges:
+            ends = team + row.sender, team + row.receiver
+            deeper = 0.0
+            if ends[0] in recorded and ends[1] in recorded:
+                times = (row.sent_s, row.arrived_s)
+                a, b = (
+                    float(np.interp(t, recorded[k].dead_reckoning[:, 0], recorded[k].dead_reckoning[:, 4]))
+                    for t, k in zip(times, ends, strict=True)
+                )
+                deeper = b - a
+            ranges.append(dataclasses.replace(row, sender=ends[0], receiver=ends[1], deeper_m=deeper))
+    return tracks, fixes, ranges, before
+
+
+def _raw_places(vehicle: VehicleRun) -> Array:
+    """Raw places (n, 2) of a vehicle's soundings; where they were not recorded, from its raw track, if it has one."""
+    raw = vehicle.raw_soundings_m
+    if len(raw) != len(vehicle.soundings):
+        raw = np.full((len(vehicle.soundings), 2), np.nan)
+    track = vehicle.dead_reckoning
+    if len(track) < 2:
+        return raw
+    between = np.column_stack([np.interp(vehicle.soundings[:, 0], track[:, 0], track[:, c]) for c in (1, 2)])
+    return np.where(np.isfinite(raw), raw, between)
+
+
+def _pieces(able: Sequence[tuple[int, VehicleRun]]) -> Pieces:
+    rows = [
+        np.column_stack(
+            [np.full(len(v.soundings), key_of(n, v.vehicle)), v.soundings[:, 0], _raw_places(v), v.soundings[:, 3]]
+        )
+        for n, v in able
+    ]
+    every = np.concatenate(rows)
+    return pieces_of(every[:, 0].astype(np.int64), every[:, 1], every[:, 2:4], every[:, 4], MOST_PIECES)
+
+
+def _adjusted(vehicle: VehicleRun, correction: Correction, key: int, run: int) -> tuple[VehicleRun, Moved]:
+    """A vehicle with its soundings at their places, and what that changed."""
+    stamps, raw = vehicle.soundings[:, 0], _raw_places(vehicle)
+    places = correction.places(key, stamps, raw)
+    soundings = vehicle.soundings.copy()
+    soundings[:, 1:3] = places
+    far = np.sqrt(((places - vehicle.soundings[:, 1:3]) ** 2).sum(axis=1))
+    odometry = vehicle.odometry
+    track = correction.model.vehicles[key].track
+    place_std = correction.place_std_m(key, odometry[:, 0], track.at(odometry[:, 0]).raw_m)
+    some = np.unique(np.linspace(0, len(stamps) - 1, 200).astype(int))
+    std = correction.place_std_m(key, stamps[some], raw[some])
+    report = Moved(
+        run=run,
+        vehicle=vehicle.vehicle,
+        soundings=len(soundings),
+        missing="",
+        mean_m=float(far.mean()),
+        largest_m=float(far.max()),
+        std_m=float(np.sqrt((std**2).mean())),
+    )
+    return dataclasses.replace(vehicle, soundings=soundings, place_std_m=place_std), report
+
+
+def _with_samples(before: Sequence[VehicleRun], after: Sequence[VehicleRun]) -> list[VehicleRun]:
+    """Vehicles whose samples heard are at the places of the soundings that they are, where those were recorded."""
+    found = {
+        old.vehicle: (cKDTree(_raw_places(old)), new.soundings[:, 1:3])
+        for old, new in zip(before, after, strict=True)
+        if not missing_in(old)
+    }
+    vehicles = []
+    for vehicle in after:
+        heard = vehicle.received.copy()
+        for source in np.unique(heard[:, 1]).astype(int).tolist():
+            if source not in found:
+                continue
+            tree, places = found[source]
+            rows = np.flatnonzero(heard[:, 1] == source)
+            apart, index = tree.query(heard[rows, 2:4])
+            same = apart <= _SAME_M
+            heard[rows[same], 2:4] = places[index[same]]
+        vehicles.append(dataclasses.replace(vehicle, received=heard))
+    return vehicles
