@@ -267,6 +267,8 @@ def _summary(e: Evaluation) -> Summary:
         local_f1=None if truth is None else tuple(judge(own, first, truth, scored, e.truth).f1 for own in e.local),
         navigation_error_m=tuple(float(np.sqrt(np.mean(n**2))) for n in navigation) if tracked else None,
         navigation_error_end_m=tuple(float(n[-1]) for n in navigation) if tracked else None,
+        place_error_m=_place_error(run),
+        error_over_std=None if truth is None else known(_error_over_std(e)),
         f1_true_positions=of(ideal, lambda v: v.f1),
         misclassified_true_positions_m2=of(ideal, lambda v: v.false_safe_m2 + v.false_unsafe_m2),
         isobath_error_true_positions_m=of(ideal, lambda v: v.error.mean_m),
@@ -307,6 +309,19 @@ def _at_third(risk: Array) -> float | None:
 def _last(values: Array) -> float | None:
     finite = values[np.isfinite(values)]
     return float(finite[-1]) if len(finite) else None
+
+
+def _place_error(run: RunData) -> tuple[float, ...] | None:
+    if any(len(v.truth) == 0 or len(v.soundings) == 0 for v in run.vehicles):
+        return None
+    apart = [v.soundings[:, 1:3] - true_positions(v)[:, 1:3] for v in run.vehicles]
+    return tuple(float(np.sqrt((a**2).sum(axis=1).mean())) for a in apart)
+
+
+def _error_over_std(e: Evaluation) -> float:
+    assert e.run.ground is not None
+    error = (e.team.mean_m - e.run.ground.depth_m)[e.scored]
+    return float(((error / e.team.std_m[e.scored]) ** 2).mean())
 
 
 def _without_navigation_error(e: Evaluation) -> Verdict | None:

@@ -85,6 +85,12 @@ class Summary:
     navigation_error_end_m: tuple[float, ...] | None = figure(
         "m", "per vehicle: horizontal error of odometry at the end"
     )
+    place_error_m: tuple[float, ...] | None = figure(
+        "m", "per vehicle: RMS distance of its soundings, as mapped, from where they were taken"
+    )
+    error_over_std: float | None = figure(
+        "", "mean over the map of ((mean - true depth) / standard deviation)^2; 1 is honest, less is modest"
+    )
     f1_true_positions: float | None = figure(
         "", "f1 with the soundings booked at their true positions: without navigation error"
     )
