@@ -1,6 +1,6 @@
 """Hindsight as a yardstick: how much of the way from mowing to the best paths in hindsight a method has gone.
 
-    python -m benchmarks.hindsight --lakes 2 [--methods tour best] [--vehicles 1] [--area small] [--mutations 400]
+    python -m benchmarks.hindsight --lakes 2 [--methods tour fixed_tour] [--vehicles 1] [--area small] [--mutations 400]
 
 On each lake the methods are flown in the light loop, mowing among them. The flown paths are then improved by somebody
 who knows the lake: waypoints are shifted by chance, the vehicles steer along them, and what lowers the final risk plus

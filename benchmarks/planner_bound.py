@@ -4,8 +4,8 @@
     python -m benchmarks.planner_bound --table bound.jsonl
 
 Missions differ in lake (synthetic lakes, and lakes drawn from the planner's own prior), number of vehicles (1 to 3)
-and packet loss (0 to 50 %); each is flown by `augmented` (the paper's reward) and by `bounded` (the map's), with the
-incumbent rule and without, and by `tour`, whose account stands for the rule. Of `tour`'s team missions a quarter has a
+and packet loss (0 to 50 %); each is flown by `augmented`, with the incumbent rule and without, and by `tour`, whose
+account stands for the rule. Of `tour`'s team missions a quarter has a
 vehicle that starts late and a quarter one that falls silent. Per vehicle, with P_i = reward so far + Jbar at decision i
 (what is promised), g_i = Jbar less the value of continuing the last plan on the same data (what the choice brings),
 counted are missions in which
@@ -44,8 +44,7 @@ from benchmarks.planner_loop import light_mission, settings_for
 
 SPAN_M = (250.0, 300.0)
 RULES = (True, False)
-OBJECTIVES = ("path", "map", "tour")
-METHOD_OF = {"path": "augmented", "map": "bounded", "tour": "tour"}
+METHODS = ("augmented", "tour")
 LOSSES = (0.0, 0.25, 0.5)
 #: Seed of the first synthetic lake.
 FIRST = 8300
@@ -78,8 +77,8 @@ def risk(posterior: Posterior, settings: PlannerSettings) -> float:
     return float(settings.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum())
 
 
-def mission(number: int, objective: str, rule: bool, steps: int, iterations: int, first: int = FIRST) -> dict[str, Any]:
-    """Flies mission `number` by one objective and rule over its lake, `first` the seed of number 0; gives its line."""
+def mission(number: int, method: str, rule: bool, steps: int, iterations: int, first: int = FIRST) -> dict[str, Any]:
+    """Flies mission `number` by one method and rule over its lake, `first` the seed of number 0; gives its line."""
     vehicles, loss = 1 + number % 3, LOSSES[(number // 3) % 3]
     own = (number // 9) % 2 == 1
     height, width = SPAN_M
@@ -96,7 +95,7 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
             )
         )
     settings = settings_for(
-        METHOD_OF[objective],
+        method,
         vehicles,
         {"polygon_m": [-20.0, -20.0, height - 20, -20.0, height - 20, width - 20, -20.0, width - 20]},
         {"incumbent": rule, "iterations": iterations},
@@ -106,7 +105,7 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
     )
     late_s: dict[int, float] = {}
     silent_s: dict[int, float] = {}
-    if objective == "tour" and vehicles > 1:
+    if method == "tour" and vehicles > 1:
         if number % 4 == 1:
             late_s = {vehicles: 100.0}
         if number % 4 == 2:
@@ -114,7 +113,7 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
     outcome = light_mission(settings, ground, number, loss, 0.3, late_s, silent_s)
     line: dict[str, Any] = {
         "number": number,
-        "objective": objective,
+        "method": method,
         "rule": rule,
         "vehicles": vehicles,
         "loss": loss,
@@ -126,25 +125,25 @@ def mission(number: int, objective: str, rule: bool, steps: int, iterations: int
     for boat in outcome.boats:
         records = boat.planner.records
         promised = np.array([r.promised for r in records])
-        if objective != "path":
+        if method == "tour":
             posterior = boat.planner.posterior
             at_last_decision = risk(posterior, settings)
             posterior.follow(boat.gp.centers)
             end = records[-1].reward_so_far + at_last_decision - risk(posterior, settings)
-            bound = promised if objective == "map" else np.array([r.lower_bound for r in records])
+            bound = np.array([r.lower_bound for r in records])
         else:
             end = float(promised[-1])  # the last leg's own reward is all that its Jbar holds
             bound = np.array([r.lower_bound for r in records])
         gains = np.array([r.jbar - r.incumbent_value for r in records if np.isfinite(r.incumbent_value)])
-        start = float(bound[0] if objective == "tour" else promised[0])
-        if objective == "tour":
+        start = float(bound[0] if method == "tour" else promised[0])
+        if method == "tour":
             gains = np.array([r.account for r in records])
         line["per_vehicle"].append(
             {
                 "start": start,
                 "end": end,
                 "bound_max": float(bound.max()),
-                "gain": float(gains.min() if objective == "tour" else gains.sum()),
+                "gain": float(gains.min() if method == "tour" else gains.sum()),
                 "violated": int(np.sum(gains < -1e-9)),
                 "decisions": len(gains),
             }
@@ -159,13 +158,13 @@ def read(path: Path) -> list[dict[str, Any]]:
 
 def table(lines: list[dict[str, Any]]) -> str:
     """Markdown table of rates."""
-    head = ["reward", "incumbent", "lakes", "missions", "expected", "realized start", "realized maximum", "decisions"]
+    head = ["method", "incumbent", "lakes", "missions", "expected", "realized start", "realized maximum", "decisions"]
     head += ["end - start, mean (95 % interval)"]
     text = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    for objective in OBJECTIVES:
+    for method in METHODS:
         for rule in RULES:
             for own in (False, True):
-                mine = [r for r in lines if (r["objective"], r["rule"], r["prior_lake"]) == (objective, rule, own)]
+                mine = [r for r in lines if (r["method"], r["rule"], r["prior_lake"]) == (method, rule, own)]
                 if not mine:
                     continue
                 boats = [r["per_vehicle"] for r in mine]
@@ -175,7 +174,7 @@ def table(lines: list[dict[str, Any]]) -> str:
                 violated = sum(v["violated"] for b in boats for v in b) / sum(v["decisions"] for b in boats for v in b)
                 over = np.array([np.mean([v["end"] - v["start"] for v in b]) for b in boats])
                 error = 1.96 * over.std(ddof=1) / np.sqrt(len(over)) if len(over) > 1 else np.nan
-                cells = [objective, "kept" if rule else "off", "own prior" if own else "synthetic", str(len(mine))]
+                cells = [method, "kept" if rule else "off", "own prior" if own else "synthetic", str(len(mine))]
                 cells += [f"{x:.0%}" for x in (expected, start, top, violated)]
                 cells.append(f"{over.mean():+.1f} ({over.mean() - error:+.1f} .. {over.mean() + error:+.1f})")
                 text.append("| " + " | ".join(cells) + " |")
@@ -200,8 +199,8 @@ def main(arguments: list[str] | None = None) -> None:
     if options.table:
         print(table(read(options.table)))
         return
-    done = {(r["number"], r["objective"], r["rule"], r["steps"], r["first"]) for r in read(options.out)}
-    jobs = [(n, o, r) for n in range(options.missions) for o in OBJECTIVES for r in RULES if r or o != "tour"]
+    done = {(r["number"], r["method"], r["rule"], r["steps"], r["first"]) for r in read(options.out)}
+    jobs = [(n, o, r) for n in range(options.missions) for o in METHODS for r in RULES if r or o != "tour"]
     jobs = [j for j in jobs if (*j, options.steps, options.first) not in done]
     print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}", flush=True)
     with ProcessPoolExecutor(options.processes) as pool, options.out.open("a") as file:

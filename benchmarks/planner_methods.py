@@ -1,6 +1,6 @@
 """The table of methods: the same lakes, the same distance travelled, differences paired lake by lake.
 
-    python -m benchmarks.planner_methods --vehicles 1 3 --lakes 20 --out methods.jsonl [--methods best plain ...]
+    python -m benchmarks.planner_methods --vehicles 1 3 --lakes 20 --out methods.jsonl [--methods tour plain ...]
     python -m benchmarks.planner_methods --vehicles 3 --area default --out methods.jsonl
     python -m benchmarks.planner_methods --table methods.jsonl
 
@@ -43,11 +43,8 @@ METHODS = (
     "dec_mcts",
     "augmented",
     "exponential_quadratic",
-    "map",
-    "bounded",
     "fixed_tour",
     "tour",
-    "best",
 )
 #: Parameters of names that are no methods: the lawnmower whose lanes are not fitted but just cover its strip; plain
 #: search credited beyond the team mates' plans, and coordinated by Dec-MCTS.

@@ -11,7 +11,7 @@ from auv_lse_common.plan import MAX_ACTION_SET
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.methods import METHODS, PROPOSALS, SEARCHES
+from auv_lse_planner.methods import METHODS, PROPOSALS
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
 
 if TYPE_CHECKING:
@@ -128,10 +128,7 @@ class MotionConfig:
 class PlannerConfig:
     """How a vehicle plans. What is left out (None) follows from the method; see `methods.py`."""
 
-    method: str = parameter("best", choices=tuple(METHODS), help="named set of the parameters that are left out")
-    objective: FromMethod[str] = from_method(
-        "path", choices=("path", "map"), help="reward: the paper's, or the map's risk"
-    )
+    method: str = parameter("tour", choices=tuple(METHODS), help="named set of the parameters that are left out")
     credit: FromMethod[str] = from_method(
         "whole",
         choices=("whole", "beyond"),
@@ -160,18 +157,10 @@ class PlannerConfig:
     )
     map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
     proposals: FromMethod[str] = from_method(
-        None,  # a tree search by the objective
+        "path",
         choices=PROPOSALS,
-        help="what proposes plans: a tree search on the map reward's surrogate or on the path's reward, "
+        help="what proposes plans: an optimized tour by the map's reward, a tree search on the path's reward, "
         "the naive path alone, or the next leg by chance or by a score",
-    )
-    map_share: FromMethod[float] = from_method(
-        0.0,
-        low=0.0,
-        help="weight of the map's reward in the choice among the finalists of the path's reward (0: none)",
-    )
-    finalists: FromMethod[int] = from_method(
-        8, low=0, high=64, help="best paths of a search that are valued on the map too"
     )
     anytime_weight: float = parameter(
         1.0, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
@@ -199,6 +188,11 @@ class PlannerConfig:
         10.0, unit="m", above=0.0, help="distance off the leg at which planning starts from odometry"
     )
 
+    @property
+    def counts_the_map(self) -> bool:
+        """Whether the reward that plans are made for is the drop of the map's risk, not that of the own places."""
+        return self.complete().proposals == "tour"
+
     def complete(self) -> PlannerConfig:
         """This configuration with the method's values where they are left out: no `FromMethod` parameter is None.
 
@@ -208,25 +202,14 @@ class PlannerConfig:
         paper = {f.name: f.metadata["paper"] for f in fields(self) if "paper" in f.metadata}
         given = {name: value for name in paper if (value := getattr(self, name)) is not None}
         values = {**paper, **METHODS[self.method], **given}
-        values["proposals"] = values["proposals"] or ("surrogate" if values["objective"] == "map" else "path")
         if values["augmented"] and not values["naive_paths"]:
             values["naive_paths"] = paper["naive_paths"]
         if not values["augmented"] and values["proposals"] != "naive":
             values["naive_paths"] = ()
-        if values["proposals"] in SEARCHES and not values["finalists"]:
-            raise ValueError(
-                f"planner.finalists: got 0 with planner.method {self.method!r}; expected 1 or more, but for 'tour'"
-            )
-        if values["proposals"] == "surrogate" and values["objective"] != "map":
-            raise ValueError(
-                "planner.proposals: 'surrogate' stands in for the map's reward; got planner.objective "
-                f"{values['objective']!r}; expected 'map', or 'path' for both"
-            )
-        if self.coordination == "dec_mcts" and (values["proposals"] != "path" or values["objective"] != "path"):
+        if self.coordination == "dec_mcts" and values["proposals"] != "path":
             raise ValueError(
                 f"planner.coordination: 'dec_mcts' searches by the path's reward; got planner.method {self.method!r} "
-                f"with objective {values['objective']!r} and proposals {values['proposals']!r}; expected 'augmented', "
-                "'plain' or objective 'path'"
+                f"with proposals {values['proposals']!r}; expected 'augmented', 'plain' or proposals 'path'"
             )
         return replace(self, **values)
 

@@ -25,14 +25,12 @@ from auv_lse_gp.posterior import Posterior
 from auv_lse_planner.account import Account, BoundRecord
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.decision import Decision, Statistics
-from auv_lse_planner.methods import RISK_METHODS, SEARCHES
+from auv_lse_planner.methods import RISK_METHODS
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.proposals import chosen_with_map, naive_only, one_leg, search_map, search_path
+from auv_lse_planner.proposals import naive_only, one_leg, search_path
 from auv_lse_planner.reward.anytime import AnytimeReward
-from auv_lse_planner.reward.map import MapReward
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.surrogate import Surrogate
 from auv_lse_planner.search.dec_mcts import JOINT_DRAWS, search_dec_mcts
 from auv_lse_planner.search.uct import Actions
 from auv_lse_planner.situation import Proposal, Situation
@@ -45,6 +43,8 @@ Array = NDArray[np.float64]
 LOOK_AHEAD = 3
 #: Sequences of a search that the next search tries first.
 SEEDS = 4
+#: Best sequences of a search that head a tour.
+HEADS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,6 @@ class RecedingHorizon:
         self._map: KeptColumns | None = None
         self._coarse: KeptColumns | None = None
         self._touring = Touring(vehicle, settings.mission.vehicles, space, rollout)
-        self._surrogate: Surrogate | None = None
         self._seeds: list[Actions] = []
 
     def decide(
@@ -152,8 +151,6 @@ class RecedingHorizon:
         escape = not self._space.feasible(state).size
         reward = self._reward()
         incumbent = None if reanchored else self._incumbent(situation, reward)
-        if incumbent is not None and self.planner.incumbent and not incumbent.infeasible:
-            situation = dataclasses.replace(situation, to_beat=incumbent.value)
         proposal = self._propose(now_s, situation, reward)
         choice = self._choose(situation, reward, proposal, incumbent)
         bound = self._enter(now_s, reward, proposal, incumbent, choice)
@@ -223,7 +220,8 @@ class RecedingHorizon:
         )
         self._account.measure(reward.risk_before)
         planned = np.concatenate([np.empty((0, 2)), *(places for _, places in mates)])
-        heads = self._heads(step, state, planned, deadline)
+        due = last is not None and self._touring.due(self.planner, step, bool(void))
+        heads = self._heads(step, state, planned, deadline) if due else []
         choice = self._touring.decide(
             self.planner,
             step,
@@ -271,7 +269,7 @@ class RecedingHorizon:
 
     def _heads(self, step: int, state: Array, planned_m: Array, deadline: Callable[[], bool] | None) -> list[Actions]:
         """The best sequences of a tree search on the own places' reward, beyond what is planned at `planned_m`."""
-        if not self.planner.finalists or self._plan is None or (deadline is not None and deadline()):
+        if not self.planner.tour_interval or (deadline is not None and deadline()):
             return []
         self._posterior.plan(planned_m)
         try:
@@ -280,7 +278,7 @@ class RecedingHorizon:
         finally:
             self._posterior.forget_planned()
         self._seeds = [a[1:] for a, _ in found.ranking if len(a) > 1][:SEEDS]
-        return [a for a, _ in found.ranking[: self.planner.finalists]]
+        return [a for a, _ in found.ranking[:HEADS]]
 
     def _own(self, planned_m: Array, paths: Sequence[PlannedPath]) -> list[float]:
         """What the next legs of paths bring at their own places, beyond what is planned at `planned_m`."""
@@ -313,23 +311,18 @@ class RecedingHorizon:
             grid=self._map_grid,
         )
 
-    def _reward(self) -> PathReward | MapReward:
+    def _reward(self) -> PathReward:
         level_set = self._settings.level_set
         if self.planner.method in RISK_METHODS:
             level_set = dataclasses.replace(level_set, method=RISK_METHODS[self.planner.method])
-        if self.planner.objective == "path":
-            return PathReward(self._posterior, level_set, self.planner.credit)
-        reward = MapReward(self._map_columns(), level_set)
-        # the map's risk is measured, not predicted: what the mission has brought so far is the drop until now
-        self._account.measure(float(reward.risk_in_hand.sum()))
-        return reward
+        return PathReward(self._posterior, level_set, self.planner.credit)
 
     def _map_columns(self) -> KeptColumns:
         if self._map is None:
             self._map = KeptColumns(self._posterior, self._map_grid.places_m)
         return self._map
 
-    def _incumbent(self, s: Situation, reward: PathReward | MapReward) -> Incumbent | None:
+    def _incumbent(self, s: Situation, reward: PathReward) -> Incumbent | None:
         if self._plan is None or self.path is None:
             return None
         path = self.path.from_step(s.step)
@@ -338,7 +331,7 @@ class RecedingHorizon:
         feasible = self._space.path_feasible(path.states[0], path.actions, max(LOOK_AHEAD, s.horizon))
         return Incumbent(self._plan, path, reward.value(self._posterior.columns(path.places_m)), not feasible)
 
-    def _propose(self, now_s: float, s: Situation, reward: PathReward | MapReward) -> Proposal:
+    def _propose(self, now_s: float, s: Situation, reward: PathReward) -> Proposal:
         """The method's new plan."""
         space, rollout = self._space, self._rollout
         if self.planner.coordination == "dec_mcts":
@@ -347,33 +340,17 @@ class RecedingHorizon:
         if self.planner.proposals == "naive":
             ids = self.planner.naive_paths
             return naive_only(s, space, rollout, reward, ids[(self._vehicle - 1) % len(ids)])
-        if self.planner.proposals not in SEARCHES:
+        if self.planner.proposals != "path":
             return one_leg(s, space, rollout, reward)
-        if isinstance(reward, MapReward):
-            own = None
-            if self.planner.proposals == "path":
-                own = PathReward(self._posterior, reward.level_set, self.planner.credit)
-            return search_map(s, space, rollout, reward, self._surrogate_of(reward), own)
-        found = search_path(s, space, rollout, reward)
-        if self.planner.map_share > 0.0 and not found.deadline_hit:
-            found = chosen_with_map(found, s, rollout, MapReward(self._map_columns(), reward.level_set))
-        return found
+        return search_path(s, space, rollout, reward)
 
-    def _surrogate_of(self, reward: MapReward) -> Surrogate:
-        if self._surrogate is None:
-            self._surrogate = Surrogate(self._map_grid, self._settings.level_set)
-        self._surrogate.set(reward)
-        return self._surrogate
-
-    def _choose(
-        self, s: Situation, reward: PathReward | MapReward, proposal: Proposal, incumbent: Incumbent | None
-    ) -> Choice:
+    def _choose(self, s: Situation, reward: PathReward, proposal: Proposal, incumbent: Incumbent | None) -> Choice:
         """The incumbent, if it may stay and the proposal is not worth more; a naive path is never exchanged."""
         plan = Plan.at(s.step, s.state, proposal.actions, proposal.naive_path)
         path, value = self._rollout.follow(plan), proposal.value
         if proposal.for_team is not None:  # valued against draws; from here on against the team mates' last plans
             value = reward.value(self._posterior.columns(path.places_m))
-        may_stay = incumbent is not None and math.isfinite(s.to_beat)
+        may_stay = incumbent is not None and self.planner.incumbent and not incumbent.infeasible
         if incumbent is not None and may_stay and (self.planner.proposals == "naive" or incumbent.value >= value):
             return Choice(incumbent.plan, incumbent.path, incumbent.value, True)
         return Choice(plan, path, value, False)
@@ -381,7 +358,7 @@ class RecedingHorizon:
     def _enter(
         self,
         now_s: float,
-        reward: PathReward | MapReward,
+        reward: PathReward,
         proposal: Proposal,
         incumbent: Incumbent | None,
         choice: Choice,
@@ -389,12 +366,8 @@ class RecedingHorizon:
         """Enters the choice into the account."""
         columns, leg_places = self._posterior.columns(choice.path.places_m), self._rollout.samples_per_leg
         own_places = choice.path.own * leg_places
-        if isinstance(reward, MapReward):
-            naive_part = choice.value - reward.value(columns.slice(0, own_places))
-            of_leg = 0.0
-        else:
-            gains = reward.contributions(columns)
-            naive_part, of_leg = float(gains[own_places:].sum()), float(gains[:leg_places].sum())
+        gains = reward.contributions(columns)
+        naive_part, of_leg = float(gains[own_places:].sum()), float(gains[:leg_places].sum())
         so_far = self._account.reward_so_far
         lower, largest = self._account.bound(naive_part)
         self._account.credit(of_leg)

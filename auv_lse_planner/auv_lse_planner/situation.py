@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -30,7 +29,6 @@ class Situation:
         deadline: Says when to stop searching; None: never.
         seeds: Action sequences to try first.
         grid: Grid of places over the area, to guess what naive paths bring; None: not guessed.
-        to_beat: Value of the incumbent, if it may stay.
     """
 
     planner: PlannerConfig
@@ -42,7 +40,6 @@ class Situation:
     deadline: Callable[[], bool] | None = None
     seeds: list[Actions] = field(default_factory=list)
     grid: Grid | None = None
-    to_beat: float = -math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -40,12 +40,14 @@ VARIATIONS = 20
 ITERATIONS = 14
 #: Boustrophedons that are optimized at the start, iterations of each, and of the best of them after that.
 STARTS = 4
-START_ITERATIONS = 40
-FIRST_ITERATIONS = 200
+START_ITERATIONS = 20
+FIRST_ITERATIONS = 150
 #: A tour is rejoined at a waypoint at least so far (m) away.
 REJOIN_M = 20.0
 #: Legs that lead around ground that the map shows to be too shallow, as explicit actions.
 DETOUR_LEGS = 8
+#: Places of a leg that the own path is valued by, at least: with fewer, corners are worth more than they are.
+OWN_PLACES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +131,10 @@ class Touring:
         self._waypoints = None if values["waypoints"] is None else np.array(values["waypoints"])
         self._waypoints_step = values["waypoints_step"]
 
+    def due(self, planner: PlannerConfig, step: int, void: bool) -> bool:
+        """Whether a decision after the first looks for another tour: where the last one is void, and now and then."""
+        return void or bool(planner.tour_interval and step - self._optimized_at >= planner.tour_interval)
+
     def decide(
         self,
         planner: PlannerConfig,
@@ -158,14 +164,14 @@ class Touring:
         """
         incumbent = None
         if last is not None and not void:
-            incumbent = Candidate(*last, reward.value(last[1].leg_places_m), "incumbent")
+            incumbent = self._worth(*last, reward, "incumbent")
         candidates: list[Candidate] = []
         gradients, hit = 0, False
         floor = -math.inf
         if last is None:
             candidates, floor, gradients, hit = self._first(step, state, reward, deadline)
             self._optimized_at = step
-        elif void or (planner.tour_interval and step - self._optimized_at >= planner.tour_interval):
+        elif self.due(planner, step, void):
             waypoints = self._warm(step, state, last[1])
             if planner.tour_interval:
                 varied = self._search.vary(waypoints, reward.legs, reward, VARIATIONS, rng, deadline)
@@ -210,8 +216,12 @@ class Touring:
         legs = reward.legs
         starts = self._search.starts(state[1:], legs, self._vehicle, self._vehicles)
         starts += [self._search.resampled(self._rest(state, c.path), legs) for c in naive[:1]]
-        worth = reward.values(self._search.places(w, legs).reshape(legs, -1, 2) for w in starts)
-        order = sorted(range(len(starts)), key=lambda i: -worth[i].weighted)[:STARTS]
+        worth = []
+        for waypoints in starts:
+            worth.append(reward.coarse_value(self._search.places(waypoints, legs)))
+            if deadline is not None and deadline():
+                break
+        order = sorted(range(len(worth)), key=lambda i: -worth[i])[:STARTS]
         found = []
         for i in order:
             found.append(self._search.improve(starts[i], legs, reward, START_ITERATIONS, deadline))
@@ -280,5 +290,10 @@ class Touring:
         return candidates[int(np.argmax(score))]
 
     def _valued(self, plan: Plan, reward: AnytimeReward, kind: str) -> Candidate:
-        path = self._rollout.follow(plan)
-        return Candidate(plan, path, reward.value(path.leg_places_m), kind)
+        return self._worth(plan, self._rollout.follow(plan), reward, kind)
+
+    def _worth(self, plan: Plan, path: PlannedPath, reward: AnytimeReward, kind: str) -> Candidate:
+        """A plan valued at `OWN_PLACES` of each leg, while team mates' plans and the search have fewer."""
+        each = max(OWN_PLACES, self._rollout.samples_per_leg)
+        places = self._rollout.leg_places(path.states[:-1], path.actions, each)
+        return Candidate(plan, path, reward.value(places), kind)

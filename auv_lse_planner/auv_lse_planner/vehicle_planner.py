@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 #: Shallow ground is looked for so much (m) farther away than the legs of a plan lead: room to turn, and to spare.
 SHALLOWS_BEYOND_M = 100.0
 #: Least spacing (m) of the cells over which the gradient of a tour's reward is summed.
-COARSE_M = 24.0
+COARSE_M = 30.0
 
 
 class VehiclePlanner:

@@ -9,10 +9,10 @@ from auv_lse_planner.methods import METHODS
 
 def test_methods_are_the_papers_and_single_parameters_go_before():
     paper = PlannerConfig(method="augmented").complete()
-    assert (paper.objective, paper.credit, paper.horizon, paper.augmented) == ("path", "whole", 3, True)
-    assert (paper.proposals, paper.naive_paths, paper.incumbent) == ("path", (0xF0,), True)
+    assert (paper.proposals, paper.credit, paper.horizon, paper.augmented) == ("path", "whole", 3, True)
+    assert (paper.naive_paths, paper.incumbent) == ((0xF0,), True)
     plain = PlannerConfig(method="plain").complete()
-    assert (plain.objective, plain.credit, plain.horizon, plain.augmented) == ("path", "whole", 10, False)
+    assert (plain.proposals, plain.credit, plain.horizon, plain.augmented) == ("path", "whole", 10, False)
     assert (plain.naive_paths, plain.incumbent) == ((), False)
     changed = PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)).complete()
     assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))
@@ -33,11 +33,9 @@ def test_a_methods_values_are_parameters_that_a_file_may_give():
         assert from_mapping(PlannerConfig, {"method": method, **values}, "methods.py").method == method
 
 
-def test_the_surrogate_of_the_maps_reward_cannot_stand_for_the_paths():
-    assert PlannerConfig(method="map").complete().proposals == "surrogate"
-    assert PlannerConfig(method="map", objective="path").complete().proposals == "path"
-    with pytest.raises(ValueError, match="'surrogate' stands in for the map's reward"):
-        PlannerConfig(method="best", proposals="surrogate").complete()
+def test_the_default_counts_the_map_and_the_papers_methods_their_paths():
+    assert PlannerConfig().method == "tour"
+    assert {m for m in METHODS if PlannerConfig(method=m).counts_the_map} == {"tour", "fixed_tour"}
 
 
 @pytest.mark.parametrize(
@@ -64,5 +62,5 @@ def test_the_depth_left_out_follows_from_the_vehicles_number():
 def test_configuration_round_trip():
     from auv_lse_common.params import to_mapping
 
-    config = PlannerConfig(method="best", horizon=7, naive_paths=(0xF4,))
+    config = PlannerConfig(method="plain", horizon=7, naive_paths=(0xF4,))
     assert from_mapping(PlannerConfig, to_mapping(config), "again") == config

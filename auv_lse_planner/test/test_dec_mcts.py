@@ -67,4 +67,4 @@ def test_it_prefers_better_sequences_and_cools():
 
 def test_the_maps_reward_is_refused():
     with pytest.raises(ValueError, match="dec_mcts' searches by the path's reward"):
-        PlannerConfig(method="map", coordination="dec_mcts").complete()
+        PlannerConfig(method="tour", coordination="dec_mcts").complete()

@@ -8,7 +8,7 @@ from auv_lse_common.compiled import plain
 from auv_lse_common.plan import NONE
 from auv_lse_planner.config import MotionConfig, PlannerConfig
 from auv_lse_planner.paths.naive import lawnmower, straight_on
-from auv_lse_planner.paths.naive_ids import COVERING, HOLD, IDS, LAWNMOWERS, STRAIGHT_ON
+from auv_lse_planner.paths.naive_ids import COVERING, HOLD, IDS, LAWNMOWERS, STRAIGHT_ON, STRIPS
 
 
 def _states(count, seed=1):
@@ -119,3 +119,13 @@ def test_sums_along_paths_are_those_of_the_places(naive_path):
         places = motion.roll(state, naive.actions(state, naive_path, 12))[1:, 1:]
         inside = np.clip(places, [grid.north_m[0], grid.east_m[0]], [grid.north_m[-1], grid.east_m[-1]])
         assert total == pytest.approx((2.0 * inside[:, 0] - 0.5 * inside[:, 1]).sum(), abs=0.5)
+
+
+def test_ids_of_strips_that_name_the_same_path_are_tried_once():
+    *_, naive = world()  # two vehicles or one: see planner_helpers
+    different = naive.different((*COVERING, *STRIPS))
+    assert different[:4] == COVERING
+    state = np.array([0.0, 50.0, 50.0])
+    paths = [naive.actions(state, h, 60).tolist() for h in different]
+    assert len({tuple(p) for p in paths[4:]}) == len(paths[4:])
+    assert naive.different((STRIPS[4],)) == (STRIPS[4],)  # never empty

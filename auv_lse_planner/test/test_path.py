@@ -5,6 +5,7 @@ import pytest
 from planner_helpers import centers, dense_posterior, expected_risk
 
 from auv_lse_common.compiled import plain
+from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
@@ -133,3 +134,20 @@ def test_long_paths_take_the_other_way_and_are_worth_the_same(monkeypatch):
     short = reward.values_of_equal(columns, 10)
     monkeypatch.setattr(module, "SMALL", 0)
     assert reward.values_of_equal(columns, 10) == pytest.approx(short, abs=1e-11)
+
+
+def test_the_paths_own_reward_does_not_telescope():
+    """Legs are credited at their own place only, a planned path at all of its places at once."""
+    config, level = GpConfig(), LevelSet()
+    posterior = Posterior(config)
+    reward = PathReward(posterior, level)
+    path = posterior.columns(np.column_stack([np.arange(1, 41) * 10.0, np.zeros(40)]))
+    whole = reward.value(path)
+    # leg by leg on perfect data: each place is already well known when it is reached, so there is less left to credit
+    stepwise = 0.0
+    for i in range(40):
+        known = Centers(np.column_stack([np.arange(1, i + 1) * 10.0, np.zeros(i)]), np.full(i, 15.0), np.full(i, 0.3))
+        posterior.follow(known)
+        here = posterior.columns(np.array([[(i + 1) * 10.0, 0.0]]))
+        stepwise += PathReward(posterior, level).value(here)
+    assert stepwise < 0.95 * whole

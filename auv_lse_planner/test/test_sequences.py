@@ -1,18 +1,15 @@
 import numpy as np
 import pytest
-from planner_helpers import actions_by_chance, area, centers, rollout
+from planner_helpers import actions_by_chance, centers, rollout
 from reference_tree import exhaustive_search
 
 from auv_lse_common.plan import NONE
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
-from auv_lse_planner.reward.map import MapReward
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.surrogate import Surrogate
-from auv_lse_planner.search.sequences import PathSequences, SurrogateSequences
+from auv_lse_planner.search.sequences import PathSequences
 
 STATE = np.array([0.3, 150.0, 150.0])
 
@@ -74,17 +71,3 @@ def test_promising_sequences_are_the_best_of_all():
     assert first[:5] == [a for a, _ in best.ranking[:5]]
     assert {sequence[0] for sequence in first} == set(space.choices(state))
     assert alone.promising(space, 10, 5, 1) == []
-
-
-@pytest.mark.parametrize("samples", [1, 2])
-def test_the_surrogate_values_sequences_by_their_places(samples):
-    roll, space = rollout(20, samples)
-    rng = np.random.default_rng(1)
-    grid = area().grid(40.0)
-    posterior = Posterior(GpConfig())
-    posterior.follow(centers(rng, 40))
-    surrogate = Surrogate(grid, LevelSet())
-    surrogate.set(MapReward(KeptColumns(posterior, grid.places_m), LevelSet()))
-    batch = [tuple(int(a) for a in actions_by_chance(space, STATE, rng.random(6))) for _ in range(5)]
-    for sequence, value in zip(batch, SurrogateSequences(surrogate, roll, STATE)(batch), strict=True):
-        assert value == pytest.approx(surrogate.value(roll.path(0, STATE, sequence, NONE).places_m), rel=1e-6)

@@ -16,6 +16,9 @@ class Basin:
     def __init__(self, goals_m):
         self.goals = goals_m
 
+    def coarse_value(self, places_m):
+        return self.value_and_gradient(places_m)[0]
+
     def value_and_gradient(self, places_m):
         off = places_m - self.goals[: len(places_m)]
         near = np.exp(-0.5 * (off**2).sum(axis=1) / 60.0**2)
@@ -28,7 +31,7 @@ def _polyline(rng, corners):
 
 def test_places_along_a_polyline_worked_by_hand():
     bent = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0]])
-    places, segments, along = places_along(bent, 4.0, 6)
+    places, segments, along = places_along(bent, 4.0, 4.0, 6)
     assert places.tolist() == [[4, 0], [8, 0], [10, 2], [10, 6], [10, 10], [10, 14]]
     assert segments.tolist() == [0, 0, 1, 1, 1, 1]
     assert along.tolist() == [4, 8, 2, 6, 10, 14]
@@ -40,9 +43,9 @@ def test_the_gradient_by_waypoints_is_that_of_finite_differences():
     corners = _polyline(rng, 7)
 
     def value(w):
-        return reward.value_and_gradient(places_along(w, LEG, 30)[0])[0]
+        return reward.value_and_gradient(places_along(w, 0.5 * LEG, LEG, 30)[0])[0]
 
-    places, segments, along = places_along(corners, LEG, 30)
+    places, segments, along = places_along(corners, 0.5 * LEG, LEG, 30)
     gradient = pull_back(corners, segments, along, reward.value_and_gradient(places)[1])
     for k in range(len(corners)):
         for axis in (0, 1):
@@ -55,7 +58,7 @@ def test_the_gradient_by_waypoints_is_that_of_finite_differences():
 def test_compiled_equals_plain():
     rng = np.random.default_rng(2)
     corners = _polyline(rng, 5)
-    fast, slow = places_along(corners, LEG, 20), plain(places_along)(corners, LEG, 20)
+    fast, slow = places_along(corners, 3.0, LEG, 20), plain(places_along)(corners, 3.0, LEG, 20)
     for a, b in zip(fast, slow, strict=True):
         assert np.array_equal(a, b)
     gradient = rng.normal(size=(20, 2))

@@ -127,11 +127,11 @@ def test_missions_below_their_bound_are_counted(tmp_path, capsys):
     bound = importlib.import_module("benchmarks.planner_bound")
     lines = tmp_path / "bound.jsonl"
     for number in (0, 9):  # a synthetic lake, and one of the planner's own prior
-        for reward in bound.OBJECTIVES:
-            row = bound.mission(number, reward, rule=True, steps=2, iterations=4)
+        for method in bound.METHODS:
+            row = bound.mission(number, method, rule=True, steps=2, iterations=4)
             lines.open("a").write(json.dumps(row) + "\n")
     bound.main(["--table", str(lines)])
-    assert capsys.readouterr().out.count("| kept |") == 2 * len(bound.OBJECTIVES)
+    assert capsys.readouterr().out.count("| kept |") == 2 * len(bound.METHODS)
 
 
 def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, capsys):
@@ -172,12 +172,13 @@ def test_windows_of_a_real_lake_are_found_and_flown(tmp_path):
 def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, capsys):
     reference = importlib.import_module("benchmarks.reference_missions")
     short = {"mission.vehicles": 1, "mission.steps": 2, "planner.iterations": 4, "gp.map_resolution_m": 20.0}
-    monkeypatch.setitem(reference.MISSIONS, "best", short)
+    short["planner.method"] = "plain"
+    monkeypatch.setitem(reference.MISSIONS, "plain", short)
     file = tmp_path / "before.json"
-    assert reference.main(["--write", str(file), "--only", "best"]) == 0
-    assert reference.main(["--compare", str(file), "--only", "best"]) == 0
-    monkeypatch.setitem(reference.MISSIONS, "best", {**short, "mission.seed": 2})
-    assert reference.main(["--compare", str(file), "--only", "best"]) == 1
+    assert reference.main(["--write", str(file), "--only", "plain"]) == 0
+    assert reference.main(["--compare", str(file), "--only", "plain"]) == 0
+    monkeypatch.setitem(reference.MISSIONS, "plain", {**short, "mission.seed": 2})
+    assert reference.main(["--compare", str(file), "--only", "plain"]) == 1
     out = capsys.readouterr().out
     assert out.count(": the same") == 1
     assert out.count(": differs") == 1

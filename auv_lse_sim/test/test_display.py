@@ -52,7 +52,8 @@ def test_a_method_without_a_bound_shows_none_and_one_that_maximizes_neither_show
 
 
 @pytest.mark.parametrize(
-    ("method", "shown"), [("tour", OF_THE_MAP), ("map", OF_THE_MAP), ("augmented", OF_THE_PATH), ("lawnmower", "")]
+    ("method", "shown"),
+    [("tour", OF_THE_MAP), ("fixed_tour", OF_THE_MAP), ("augmented", OF_THE_PATH), ("lawnmower", "")],
 )
 def test_whose_reward_is_shown_follows_the_method(method: str, shown: str) -> None:
     assert reward_shown(PlannerConfig(method=method)) == shown

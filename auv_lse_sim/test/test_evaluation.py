@@ -71,7 +71,7 @@ def test_nothing_is_claimed_in_the_half_of_a_lake_that_nobody_visited(synthetic_
 def test_the_papers_bounds_are_judged_for_its_methods_alone(synthetic_run):
     run = synthetic_run(steps=6)
     assert evaluate(run).summary.path_bound_kept is not None
-    run.parameters["/**"]["planner"] = {"method": "best"}
+    run.parameters["/**"]["planner"] = {"method": "tour"}
     s = evaluate(run).summary
     assert s.lower_bound is s.bound_kept is s.path_bound_start is s.path_bound_max is s.path_bound_kept is None
 

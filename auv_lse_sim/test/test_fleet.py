@@ -12,7 +12,9 @@ from auv_lse_sim.world.ground_source import ground_of
 
 
 def fleet(**overrides) -> Fleet:
-    settings = Settings.load(None, {"mission.steps": 12, "planner.iterations": 20, **overrides})
+    settings = Settings.load(
+        None, {"mission.steps": 12, "planner.method": "plain", "planner.iterations": 20, **overrides}
+    )
     return Fleet(settings, ground_of(settings))
 
 

@@ -85,6 +85,13 @@ def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
         ("planner.iterations=[1", "error: --set 'planner.iterations=[1': the value is not YAML: "),
         ("planner.[/x]=1", "planner.[/x]: unknown parameter"),
         ("planner.iterations", "expected NAME=VALUE"),
+        (
+            "planner.iteratons=5",
+            "error: --set planner.iteratons=5: planner.iteratons: unknown parameter (value 5); did you mean",
+        ),
+        ("auv2.planner.horizon=0", "error: --set auv2.planner.horizon=0: planner.horizon: got 0; expected int >= 1"),
+        ("planer.horizon=3", "error: --set planer.horizon=3: planer: unknown section; did you mean 'planner'?"),
+        ("planner.method=best", "error: --set planner.method=best: planner.method: got 'best'; expected one of 'tour'"),
     ],
 )
 def test_a_wrong_set_is_named(

@@ -171,7 +171,7 @@ def test_a_leg_decided_twice_keeps_all_its_soundings(synthetic_run):
     assert reward_curves(run, settings, area).stepwise[-1] == pytest.approx(once.stepwise[-1])
 
 
-@pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower", "best"])
+@pytest.mark.parametrize("method", ["augmented", "plain", "lawnmower", "tour"])
 def test_credited_places_lie_on_the_flown_tracks(method):
     """The judge rebuilds legs from plans alone: kept plans, naive paths and strips come out as they were flown."""
     from scipy.spatial import cKDTree

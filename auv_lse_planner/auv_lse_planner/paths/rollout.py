@@ -88,7 +88,7 @@ class Rollout:
         self.steps = steps
         self.samples_per_leg = samples_per_leg
         self._steering = Steering(naive.space)
-        self._samples_m = np.stack([motion.samples(a, samples_per_leg) for a in range(motion.actions)])
+        self._samples_m = {samples_per_leg: _samples(motion, samples_per_leg)}
 
     def follow(self, plan: Plan) -> PlannedPath:
         """The path of a plan."""
@@ -132,9 +132,18 @@ class Rollout:
             and plan.naive_path in (*IDS, NONE)
         )
 
-    def leg_places(self, states: Array, actions: Ints) -> Array:
-        """Measurement places (L, n, 2) of legs that start from `states` (L, 3) with `actions` (L,)."""
-        ahead, starboard = np.moveaxis(self._samples_m[actions], 2, 0)
+    def leg_places(self, states: Array, actions: Ints, samples: int | None = None) -> Array:
+        """Measurement places (L, n, 2) of legs that start from `states` (L, 3) with `actions` (L,).
+
+        Args:
+            states: State before each leg.
+            actions: Action of each.
+            samples: Places on a leg; None: as many as the rollout has.
+        """
+        each = samples or self.samples_per_leg
+        if each not in self._samples_m:
+            self._samples_m[each] = _samples(self.motion, each)
+        ahead, starboard = np.moveaxis(self._samples_m[each][actions], 2, 0)
         c, s = np.cos(states[:, :1]), np.sin(states[:, :1])
         north = states[:, 1:2] + c * ahead - s * starboard
         east = states[:, 2:3] + s * ahead + c * starboard
@@ -151,3 +160,8 @@ class Rollout:
     def naive_places(self, states: Array, naive_path: int, legs: int) -> Array:
         """Measurement places (B, legs * n, 2) of a naive path over so many legs from many states (B, 3)."""
         return self.places_of_many(states, self.naive.actions_from(states, naive_path, legs))
+
+
+def _samples(motion: MotionTable, count: int) -> Array:
+    """Places (A, count, 2) of every action from the state before it: ahead, to starboard."""
+    return np.stack([motion.samples(a, count) for a in range(motion.actions)])

@@ -58,8 +58,8 @@ GRADIENT_CHECKPOINTS = 10
 #: The gradient takes one in so many of a mate's places.
 GRADIENT_MATES_EVERY = 3
 #: Cells of less risk, as a share of the largest that a place can have, are left out of the value, of the gradient.
-NO_RISK = 1e-9
-LITTLE_RISK = 1e-3
+NO_RISK = 1e-6
+LITTLE_RISK = 5e-3
 #: Rows of the blocks in which the cells are conditioned on places.
 BLOCK = 64
 
@@ -191,6 +191,12 @@ class AnytimeReward:
                 f"places_m: got {len(places)} places; expected the same number on each of {self.legs} legs"
             )
         return self._coarsely().weighted_and_gradient(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
+
+    def coarse_value(self, places_m: Array) -> float:
+        """The value of `value_and_gradient` alone."""
+        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
+        drops = self._coarsely().drops(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
+        return float(self._coarsely().schedule.weights @ drops)
 
     def risk_left(self, places_m: Array) -> tuple[Array, Array]:
         """Where risk is expected to be left at the mission's end: cells (M, 2) of the gradient's map, their risk (M,).

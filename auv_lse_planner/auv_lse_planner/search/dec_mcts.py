@@ -11,7 +11,7 @@ tree against plans drawn from theirs. Here, as a packet has room for one plan:
   free energy that Dec-MCTS descends to, for the others' distributions as they stand. The temperature falls from step to
   step (`COOLING`). The vehicle itself travels the best sequence.
 
-It plans by the path's reward; the surrogate of the map's reward has no joint draws.
+It plans by the path's reward.
 """
 
 from __future__ import annotations

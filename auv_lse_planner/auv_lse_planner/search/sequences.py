@@ -13,7 +13,6 @@ from auv_lse_gp.columns import ColumnPool, Columns, join_by_path
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.reward.surrogate import Surrogate
 from auv_lse_planner.search.prefixes import Prefixes
 from auv_lse_planner.search.tree import every_sequence
 from auv_lse_planner.search.uct import Actions
@@ -169,16 +168,3 @@ class PathSequences:
         self.naive_path.update(zip(sequences, (ids[i] for i in values.argmax(axis=0)), strict=True))
         best: Array = values.max(axis=0)
         return best
-
-
-class SurrogateSequences:
-    """Values of action sequences by the surrogate of the map's reward, without naive paths."""
-
-    def __init__(self, surrogate: Surrogate, rollout: Rollout, state: Array) -> None:
-        """Prepares for sequences from `state` (3,)."""
-        self._surrogate, self._rollout, self._root = surrogate, rollout, np.array(state, dtype=float)
-
-    def __call__(self, sequences: Sequence[Actions]) -> Array:
-        """Values (B,) of sequences of the same length."""
-        states = np.tile(self._root, (len(sequences), 1))
-        return self._surrogate.values(self._rollout.places_of_many(states, np.array(sequences, dtype=np.int64)))

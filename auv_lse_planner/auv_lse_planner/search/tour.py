@@ -1,8 +1,9 @@
 """Optimizes a tour: waypoints over the rest of a mission, moved by the gradient of what the tour brings.
 
-The vehicle measures at fixed distances along the polyline of its position and the waypoints, at p_i = P(i leg / n). The
-polyline is cut where the mission ends, so it needs no penalty on its length: a detour at its beginning costs what its
-end would have brought. With the corner w_k before a place, S_k the arc there, u_k the direction of its segment of
+The vehicle measures at fixed distances along the polyline of its position and the waypoints, p_i = P((i - 1/2) leg / n)
+(corners lie at the ends of legs, and a place on a corner would be worth more than the path that is steered around it).
+The polyline is cut where the mission ends, so it needs no penalty on its length: a detour at its beginning costs what
+its end would have brought. With the corner w_k before a place, S_k the arc there, u_k the direction of its segment of
 length l_k and t = (a - S_k) / l_k,
 
     p = w_k + (a - S_k) u_k,    dp = (1 - t) dw_k + t dw_k+1  across u_k, dw_k - u_k dS_k along it,
@@ -52,16 +53,19 @@ class Differentiable(Protocol):
         """Value of places (P, 2) in the order travelled, and its derivative by each of them (P, 2)."""
 
 
-class Varied(Differentiable, Protocol):
+class Varied(Protocol):
     """A reward that also says where risk will be left."""
+
+    def coarse_value(self, places_m: Array) -> float:
+        """Value of places (P, 2) in the order travelled."""
 
     def risk_left(self, places_m: Array) -> tuple[Array, Array]:
         """Cells (M, 2) and their expected risk (M,) after places (P, 2) are measured."""
 
 
 @compiled
-def places_along(waypoints, spacing, count):
-    """Places (count, 2) at every `spacing` (m of arc) of a polyline (n + 1, 2); behind its end straight on.
+def places_along(waypoints, first, spacing, count):
+    """Places (count, 2) of a polyline (n + 1, 2), at `first`, then every `spacing` (m of arc); straight on behind it.
 
     Also the segment of each place, shape (count,), and its distance from that segment's first corner.
     """
@@ -74,7 +78,7 @@ def places_along(waypoints, spacing, count):
     north, east = waypoints[1, 0] - waypoints[0, 0], waypoints[1, 1] - waypoints[0, 1]
     length = max(math.sqrt(north * north + east * east), SHORTEST_M)
     for i in range(count):
-        at = (i + 1) * spacing
+        at = first + i * spacing
         while at > begin + length and k < last:
             begin += length
             k += 1
@@ -215,7 +219,8 @@ class TourSearch:
         """A polyline over so many legs along `waypoints_m`, with corners at equal arcs, the start first."""
         every = self.segment_legs(legs)
         count = math.ceil(legs / every)
-        places, _, _ = places_along(np.ascontiguousarray(waypoints_m, dtype=float), every * self._leg_m, count)
+        spacing = every * self._leg_m
+        places, _, _ = places_along(np.ascontiguousarray(waypoints_m, dtype=float), spacing, spacing, count)
         return np.concatenate([waypoints_m[:1], np.clip(places, self._low, self._high)])
 
     def lanes(self, start_m: Array, legs: int, axis_rad: float, count: int, strip: tuple[int, int]) -> Array:
@@ -287,7 +292,7 @@ class TourSearch:
     def places(self, waypoints_m: Array, legs: int) -> Array:
         """Measurement places (legs * n, 2) along a polyline."""
         spacing = self._leg_m / self._samples
-        return np.asarray(places_along(waypoints_m, spacing, legs * self._samples)[0])
+        return np.asarray(places_along(waypoints_m, 0.5 * spacing, spacing, legs * self._samples)[0])
 
     def vary(
         self,
@@ -322,7 +327,7 @@ class TourSearch:
         places = self.places(waypoints_m, legs)
         space = self._space
         lack, _ = lack_of_room(space.raster, space.north0_m, space.east0_m, space.cell_m, ROOM_M, places)
-        value, _ = reward.value_and_gradient(places)
+        value = reward.coarse_value(places)
         return float(value - ROOM_WEIGHT * lack * abs(value))
 
     @staticmethod
@@ -366,7 +371,7 @@ class TourSearch:
                 raise OutOfTimeError
             calls += 1
             corners = np.concatenate([start[None], unit * x.reshape(shape)])
-            places, segments, along = places_along(corners, spacing, count)
+            places, segments, along = places_along(corners, 0.5 * spacing, spacing, count)
             value, gradient = reward.value_and_gradient(places)
             if not scale:
                 scale = max(abs(value), 1e-9)

@@ -1,8 +1,7 @@
 """Monte Carlo tree search (UCT) over actions: one search for every reward.
 
 What differs is passed in: the tree says where to go, the valuer what sequences are worth, the batch how many are valued
-together. `PathSequences` values exactly, `SurrogateSequences` by the surrogate of the map's reward, `JointDraws` in the
-mean over the team mates' possible plans (Dec-MCTS).
+together. `PathSequences` values exactly, `JointDraws` in the mean over the team mates' possible plans (Dec-MCTS).
 
 The tree's nodes are sequences of actions from the root state. An iteration descends by UCB on values scaled to 0..1
 by the least and largest seen, adds one node, completes the sequence to the horizon by random feasible actions, and

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from auv_lse_common.params import ParameterError
+from auv_lse_common.params import ParameterError, check_sections, nest, problems
+from auv_lse_sim.settings import SECTION_CLASSES
+
+#: A parameter's name that begins so is one vehicle's: auv2.vehicle.depth_m.
+_VEHICLE = re.compile(r"auv\d+")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -93,17 +98,19 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     """The parameters that the command line sets, flat: {name: value}.
 
     Raises:
-        ParameterError: for a --set that is not NAME=VALUE, or whose value is not YAML.
+        ParameterError: naming the option, for one that sets no parameter or a value that cannot be.
     """
     wanted: dict[str, Any] = {}
-    pairs = {
-        "mission.vehicles": options.vehicles,
-        "mission.steps": options.steps,
-        "mission.seed": options.seed,
-        "planner.method": options.method,
-        "sim.channel.packet_loss": options.packet_loss,
-    }
-    wanted.update({name: value for name, value in pairs.items() if value is not None})
+    for flag, name, value in (
+        ("--vehicles", "mission.vehicles", options.vehicles),
+        ("--steps", "mission.steps", options.steps),
+        ("--seed", "mission.seed", options.seed),
+        ("--method", "planner.method", options.method),
+        ("--packet-loss", "sim.channel.packet_loss", options.packet_loss),
+    ):
+        if value is not None:
+            _check(f"{flag} {value}", name, value)
+            wanted[name] = value
     if options.bathymetry is not None:
         wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
     if options.real_time_factor is not None:
@@ -119,7 +126,7 @@ def settings_given(texts: Sequence[str]) -> dict[str, Any]:
     """The parameters that `--set NAME=VALUE` sets, flat: {name: value}.
 
     Raises:
-        ParameterError: for a text that is not NAME=VALUE, or whose value is not YAML.
+        ParameterError: for a text that is not NAME=VALUE, whose value is not YAML, or that sets no parameter.
     """
     wanted: dict[str, Any] = {}
     for text in texts:
@@ -133,4 +140,15 @@ def settings_given(texts: Sequence[str]) -> dict[str, Any]:
             raise ParameterError(
                 f"--set {text!r}: the value is not YAML: {problem}; write it as in a mission file"
             ) from error
+        _check(f"--set {text}", name, wanted[name])
     return wanted
+
+
+def _check(option: str, name: str, value: Any) -> None:
+    """Refuses a parameter that there is not, or a value that it cannot have, in the name of the option."""
+    vehicle, _, rest = name.partition(".")
+    nested = nest({rest if _VEHICLE.fullmatch(vehicle) else name: value})
+    check_sections(nested, option)
+    for section, values in nested.items():
+        for problem in problems(SECTION_CLASSES[section], values, f"{option}: {section}"):
+            raise ParameterError(problem)

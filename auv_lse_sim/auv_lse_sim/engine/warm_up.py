@@ -15,7 +15,7 @@ from auv_lse_sim.world.ground_source import ground_of
 
 def main() -> int:
     """Flies the first ticks of a short mission by each kind of search."""
-    for method in ("augmented", "best"):
+    for method in ("augmented", "tour"):
         overrides = {"mission.vehicles": 2, "mission.steps": 4, "planner.method": method, "planner.iterations": 20}
         settings = Settings.load(None, overrides)
         fleet = Fleet(settings, ground_of(settings))

@@ -245,7 +245,7 @@ def _summary(e: Evaluation) -> Summary:
         risk_third=_at_third(curves.risk),
         risk_after=mean(e.team.risk),
         mowing_risk=known(curves.mowing_risk),
-        map_bound_promised=first.planner.complete().objective == "map" and _promises(run),
+        map_bound_promised=first.planner.counts_the_map and _promises(run),
         map_bound_kept=bool(mean(e.team.risk) <= curves.mowing_risk) if run.steps else None,
         loss_after=of(verdict, lambda v: v.loss),
         reliability_error=None if reliability is None else known(reliability.error),
