@@ -212,4 +212,4 @@ def test_places_fly_unless_the_paper_is_flown():
     assert places_of({}, "file").correct is True
     assert places_of({"planner": {"method": "plain"}}, "file").correct is False
     assert places_of({"planner": {"method": "plain"}, "places": {"correct": True}}, "file").correct is True
-    assert places_of({"planner": {"method": "best"}, "places": {"correct": False}}, "file").correct is False
+    assert places_of({"planner": {"method": "plain"}, "places": {"correct": False}}, "file").correct is False
