@@ -158,13 +158,22 @@ def read(path: Path) -> list[dict[str, Any]]:
 
 def table(lines: list[dict[str, Any]]) -> str:
     """Markdown table of rates."""
-    head = ["method", "incumbent", "lakes", "missions", "expected", "realized start", "realized maximum", "decisions"]
+    head = [
+        "method",
+        "incumbent",
+        "packets lost",
+        "missions",
+        "expected",
+        "realized start",
+        "realized maximum",
+        "decisions",
+    ]
     head += ["end - start, mean (95 % interval)"]
     text = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for method in METHODS:
         for rule in RULES:
-            for own in (False, True):
-                mine = [r for r in lines if (r["method"], r["rule"], r["prior_lake"]) == (method, rule, own)]
+            for loss in LOSSES:
+                mine = [r for r in lines if (r["method"], r["rule"], r["loss"]) == (method, rule, loss)]
                 if not mine:
                     continue
                 boats = [r["per_vehicle"] for r in mine]
@@ -174,7 +183,7 @@ def table(lines: list[dict[str, Any]]) -> str:
                 violated = sum(v["violated"] for b in boats for v in b) / sum(v["decisions"] for b in boats for v in b)
                 over = np.array([np.mean([v["end"] - v["start"] for v in b]) for b in boats])
                 error = 1.96 * over.std(ddof=1) / np.sqrt(len(over)) if len(over) > 1 else np.nan
-                cells = [method, "kept" if rule else "off", "own prior" if own else "synthetic", str(len(mine))]
+                cells = [method, "kept" if rule else "off", f"{loss:.0%}", str(len(mine))]
                 cells += [f"{x:.0%}" for x in (expected, start, top, violated)]
                 cells.append(f"{over.mean():+.1f} ({over.mean() - error:+.1f} .. {over.mean() + error:+.1f})")
                 text.append("| " + " | ".join(cells) + " |")
@@ -191,6 +200,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--table", type=Path, help="only print the table of this results file")
     parser.add_argument("--out", type=Path, default=Path("planner_bound.jsonl"), help="results file, appended to")
     parser.add_argument("--missions", type=int, default=200, help="number of missions (default: %(default)s)")
+    parser.add_argument(
+        "--methods", nargs="+", default=list(METHODS), choices=METHODS, help="which of them (default: all)"
+    )
     parser.add_argument("--first", type=int, default=FIRST, help="seed of the first lake (default: %(default)s)")
     parser.add_argument("--steps", type=int, default=25, help="legs of each vehicle (default: %(default)s)")
     parser.add_argument("--iterations", type=int, default=25, help="search budget (default: %(default)s)")
@@ -200,7 +212,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(table(read(options.table)))
         return
     done = {(r["number"], r["method"], r["rule"], r["steps"], r["first"]) for r in read(options.out)}
-    jobs = [(n, o, r) for n in range(options.missions) for o in METHODS for r in RULES if r or o != "tour"]
+    jobs = [(n, o, r) for n in range(options.missions) for o in options.methods for r in RULES if r or o != "tour"]
     jobs = [j for j in jobs if (*j, options.steps, options.first) not in done]
     print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}", flush=True)
     with ProcessPoolExecutor(options.processes) as pool, options.out.open("a") as file:

@@ -4,8 +4,11 @@ A decision values everything by the same reward (`reward/anytime.py`), with the 
 
 - The incumbent is the last plan, continued. It stays unless another is worth more.
 - Every `planner.tour_interval` legs, and where the incumbent is void, the waypoints of what is left are changed by
-  chance and then optimized (`search/tour.py`); at the mission's start they are optimized from several boustrophedons.
-- At the start the naive paths are candidates too.
+  chance and then optimized (`search/tour.py`), and a tree search proposes heads: next legs, which rejoin them. At the
+  mission's start waypoints are optimized from several boustrophedons, and the naive paths are candidates too.
+
+The own path is valued at two places of each leg at least. By one, at the leg's end, the risk that a turning path leaves
+is overestimated twice as much as that of straight lanes (docs/planner.md), and these are chosen wrongly.
 
 The account keeps the bound. E is the drop of the map's risk that is expected for the mission's end (`Value.end`): at
 the start A = E(chosen) - E(best naive path) >= 0, and each later choice needs E(new) >= E(incumbent) - A and changes A
@@ -172,23 +175,8 @@ class Touring:
             candidates, floor, gradients, hit = self._first(step, state, reward, deadline)
             self._optimized_at = step
         elif self.due(planner, step, void):
-            waypoints = self._warm(step, state, last[1])
-            if planner.tour_interval:
-                varied = self._search.vary(waypoints, reward.legs, reward, VARIATIONS, rng, deadline)
-                found = self._search.improve(varied.waypoints_m, reward.legs, reward, ITERATIONS, deadline)
-                waypoints, hit = found.waypoints_m, found.deadline_hit
-                gradients = varied.evaluations + found.evaluations
-            candidates = [self._candidate(step, state, waypoints, reward)]
+            candidates, gradients, hit = self._again(planner, step, state, reward, last[1], heads, rng, deadline)
             self._optimized_at = step
-        if last is not None:
-            base = next((c.waypoints_m for c in candidates if c.waypoints_m is not None), None)
-            if base is None:
-                base = self._warm(step, state, last[1])
-            for actions in heads:
-                if deadline is not None and deadline():
-                    hit = True
-                    break
-                candidates.append(self._headed(step, state, actions, base, reward))
         if incumbent is not None:
             floor = incumbent.value.end - self.balance
         every = candidates if incumbent is None else [incumbent, *candidates]
@@ -233,6 +221,31 @@ class Touring:
         tours = [more.waypoints_m, *(f.waypoints_m for f in found)]
         candidates = [*naive, *(self._candidate(step, state, w, reward) for w in tours)]
         return candidates, floor, gradients, more.deadline_hit
+
+    def _again(
+        self,
+        planner: PlannerConfig,
+        step: int,
+        state: Array,
+        reward: AnytimeReward,
+        path: PlannedPath,
+        heads: Sequence[Actions],
+        rng: np.random.Generator,
+        deadline: Callable[[], bool] | None,
+    ) -> tuple[list[Candidate], int, bool]:
+        """Candidates after the start: the last path's waypoints moved, and behind each of the heads."""
+        waypoints, gradients, hit = self._warm(step, state, path), 0, False
+        if planner.tour_interval:
+            varied = self._search.vary(waypoints, reward.legs, reward, VARIATIONS, rng, deadline)
+            found = self._search.improve(varied.waypoints_m, reward.legs, reward, ITERATIONS, deadline)
+            waypoints, hit = found.waypoints_m, found.deadline_hit
+            gradients = varied.evaluations + found.evaluations
+        candidates = [self._candidate(step, state, waypoints, reward)]
+        for actions in heads:
+            if deadline is not None and deadline():
+                return candidates, gradients, True
+            candidates.append(self._headed(step, state, actions, waypoints, reward))
+        return candidates, gradients, hit
 
     def _warm(self, step: int, state: Array, path: PlannedPath) -> Array:
         """Waypoints to optimize from: those of the last optimization that are still ahead, else the last path's."""
