@@ -101,7 +101,7 @@ def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple
 def _reserved(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     """A terminal byte that ends the path, after the actions or the tour, and is no naive path's."""
     at = _samples_start(sent.plan) - 1
-    return good[:at] + bytes([int(rng.choice(RESERVED[:-1]))]) + good[at + 1 :], {"naive_path"}
+    return good[:at] + bytes([int(rng.choice(RESERVED[:-2]))]) + good[at + 1 :], {"naive_path"}
 
 
 def _bad_tour(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:

@@ -26,8 +26,9 @@ from auv_lse_common.health import Health, Level
 from auv_lse_common.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Ticks
 from auv_lse_common.params import ParameterError, check_sections, describe, merge, nest, to_mapping
+from auv_lse_common.processes import vehicle_nodes
 from auv_lse_common.ros_conversions import seconds
-from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, Topic
+from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, Topic, reader_count
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 
 #: Every message counts: reliable, and room for a burst (depth 1 drops bursts).
@@ -290,8 +291,13 @@ class VehicleNode(BaseNode):
         """A publisher of one of the vehicle's topics. In lockstep its readers are waited for."""
         entry = VEHICLE_TOPICS[topic]
         publisher = self.create_publisher(kind, topic, quality_of(entry))
-        self._readers[publisher] = len(entry.readers) + self.recorded * entry.recorded
+        self._readers[publisher] = reader_count(entry, self._mates_and_simulator()) + self.recorded * entry.recorded
         return publisher
+
+    def _mates_and_simulator(self) -> list[str]:
+        """The nodes that may read the vehicle's topics: those of the vehicle, by its parameters, and the simulator."""
+        modem, link = (self.parameters.get(name, {}).get("kind") for name in ("modem", "link"))
+        return [*(name for _, name in vehicle_nodes(modem == "micromodem", link == "mavlink")), "sim_node"]
 
     def listen(
         self,
@@ -439,7 +445,7 @@ class VehicleNode(BaseNode):
         self.wake()
 
     def _on_tick(self, message: LockstepTick) -> None:
-        announced = (message.soundings, message.arrivals, message.odometries)
+        announced = (message.soundings, message.arrivals, message.odometries, message.odometries, message.commands)
         totals = {topic: counts[self.vehicle - 1] for topic, counts in zip(TICK_ANNOUNCES, announced, strict=True)}
         self._ticks.begin(message.tick, seconds(message.stamp), totals)
         self.wake()

@@ -29,7 +29,7 @@ class Phase:
 
 
 #: Topics of a vehicle whose messages the simulator counts in each tick's announcement (LockstepTick).
-TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry")
+TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry", "altitude", "mission/command")
 
 #: The phases of a tick, by `LockstepDone.phase`; "vehicle_link" and "micromodem" where these drivers run.
 #: "kernel_centers" counts revisions, "targets" what the driver has sent to the autopilot, for which it has taken as
@@ -37,12 +37,16 @@ TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry")
 PHASES = {
     "modem": Phase(waits_for=("sounding", "modem/rx"), announces=("team/plans", "team/samples")),
     "gp": Phase(waits_for=("sounding", "team/samples"), announces=("kernel_centers",)),
-    "safety": Phase(announces=("mission/state",)),
-    "planner": Phase(
-        waits_for=("odometry", "team/plans", "kernel_centers"), announces=("plan", "waypoint"), ends_tick=True
+    "safety": Phase(
+        waits_for=("odometry", "altitude", "mission/command"), announces=("mission/state",), ends_tick=True
     ),
-    "modem_sent": Phase(waits_for=("plan",), announces=("modem/tx",), ends_tick=True),
-    "vehicle_link": Phase(waits_for=("odometry",), announces=("targets", "waypoint"), ends_tick=True),
+    "planner": Phase(
+        waits_for=("odometry", "team/plans", "kernel_centers", "mission/state"),
+        announces=("plan", "waypoint"),
+        ends_tick=True,
+    ),
+    "modem_sent": Phase(waits_for=("plan", "mission/state"), announces=("modem/tx",), ends_tick=True),
+    "vehicle_link": Phase(waits_for=("odometry", "mission/state"), announces=("targets", "waypoint"), ends_tick=True),
     "micromodem": Phase(announces=("modem/failed",), ends_tick=True),
     "micromodem_lost": Phase(announces=("modem/failed",), ends_tick=True),
     "recorder": Phase(ends_tick=True),

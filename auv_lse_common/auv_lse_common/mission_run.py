@@ -23,7 +23,9 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 
 class RunState(enum.IntEnum):
@@ -37,7 +39,7 @@ class RunState(enum.IntEnum):
 
 
 class Action(enum.IntEnum):
-    """What a vehicle is to do, the mildest first; the numbers are those of auv_lse_msgs/MissionState."""
+    """What a vehicle is to do; the numbers are those of auv_lse_msgs/MissionState."""
 
     TRAVEL = 0
     HOLD = 1
@@ -56,8 +58,42 @@ class Command(enum.IntEnum):
     END = 6
 
 
-#: Actions by the names that parameters have for them.
-ACTIONS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
+#: Stops by the names that parameters have for them.
+STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """What a vehicle does in place of travelling.
+
+    Attributes:
+        action: HOLD, SURFACE or GO_TO.
+        place_m: North, east (m) of GO_TO; NaN otherwise.
+    """
+
+    action: Action
+    place_m: tuple[float, float] = (math.nan, math.nan)
+
+    def __post_init__(self) -> None:
+        """Refuses what is no stop.
+
+        Raises:
+            ValueError: naming the action or the place.
+        """
+        if self.action is Action.TRAVEL:
+            raise ValueError("stop: TRAVEL is none; expected HOLD, SURFACE or GO_TO")
+        if self.action is Action.GO_TO and not all(map(math.isfinite, self.place_m)):
+            raise ValueError(f"stop: GO_TO the place {self.place_m}; expected its north and east in m")
+
+    def __eq__(self, other: object) -> bool:
+        """Equal in action and, for GO_TO, in place."""
+        if not isinstance(other, Stop):
+            return NotImplemented
+        return self.action is other.action and (self.action is not Action.GO_TO or self.place_m == other.place_m)
+
+    def __hash__(self) -> int:
+        """As it is equal."""
+        return hash(self.action)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,19 +102,27 @@ class Standing:
 
     Attributes:
         state: Where the mission is.
-        action: What the vehicle is to do.
-        place_m: North, east (m) of GO_TO; NaN otherwise.
+        stop: What the vehicle does in place of travelling; None: it follows its waypoints.
         team_abort: Whether the team mates are to be told of the abort by acoustic packet.
         reason: Why it is so, for people.
-        limits: Names of the limits that have tripped.
+        limits: Limits that have tripped, each with the reason.
     """
 
     state: RunState
-    action: Action
-    place_m: tuple[float, float] = (math.nan, math.nan)
+    stop: Stop | None
     team_abort: bool = False
     reason: str = ""
     limits: tuple[str, ...] = ()
+
+    @property
+    def hindrance(self) -> str:
+        """Why nothing is to be planned now; "" if the mission goes, or has gone to its end."""
+        if self.state in (RunState.RUNNING, RunState.ENDED):
+            return ""
+        return f"the mission is {self.state.name}: {self.reason}"
+
+
+_HOLD, _SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
 
 
 class MissionRun:
@@ -88,25 +132,17 @@ class MissionRun:
         limits: Limits that have tripped since the last RESET, each with the reason.
     """
 
-    def __init__(
-        self, at_once: bool, on_abort: Action = Action.SURFACE, recovery_m: tuple[float, float] = (math.nan, math.nan)
-    ) -> None:
+    def __init__(self, at_once: bool, on_abort: Stop) -> None:
         """Before the mission.
 
         Args:
             at_once: Whether it starts without a GO, as soon as the autopilot is ready.
             on_abort: What the vehicle does after an abort.
-            recovery_m: North, east (m) where GO_TO leads.
-
-        Raises:
-            ValueError: if GO_TO is asked for and the place is not known.
         """
-        if on_abort is Action.GO_TO and not all(map(math.isfinite, recovery_m)):
-            raise ValueError(f"an abort is to lead to the place {recovery_m}; expected its north and east in m")
         self.limits: dict[str, str] = {}
-        self._on_abort, self._recovery_m = on_abort, recovery_m
+        self._on_abort = on_abort
         self._state = RunState.RUNNING if at_once else RunState.WAITING
-        self._action = Action.TRAVEL
+        self._stop: Stop | None = None if at_once else _HOLD
         self._reason = "" if at_once else "waits for GO"
         self._not_ready = ""
         self._travelled = False
@@ -130,7 +166,7 @@ class MissionRun:
             case Command.GO:
                 return self._go(source)
             case Command.HOLD | Command.SURFACE:
-                self._hold(Action.HOLD if command is Command.HOLD else Action.SURFACE, f"{command.name} by {source}")
+                self._hold(_HOLD if command is Command.HOLD else _SURFACE, f"{command.name} by {source}")
             case Command.ABORT:
                 self._team_abort = self._team_abort or team
                 self._abort(f"ABORT by {source}")
@@ -138,26 +174,48 @@ class MissionRun:
                 self._reset(source)
             case Command.END:
                 if state in (RunState.WAITING, RunState.RUNNING):
-                    self._state, self._action, self._reason = RunState.ENDED, Action.TRAVEL, "the last leg is travelled"
+                    self._state, self._stop, self._reason = RunState.ENDED, None, "the last leg is travelled"
         return ""
 
-    def trip(self, limit: str, action: Action | None, reason: str) -> None:
+    def trip(self, limit: str, stop: Stop | None, reason: str) -> None:
         """A limit of the safety watch has tripped; nothing happens if it had already.
 
         Args:
             limit: Its name.
-            action: HOLD or SURFACE; None: the mission is aborted.
+            stop: HOLD or SURFACE; None: the mission is aborted.
             reason: What has happened, with values, for people.
         """
         if limit in self.limits:
             return
-        self.limits[limit] = reason
         if self._state is RunState.ABORTED:
-            return
-        if action is None:
+            pass
+        elif stop is None:
             self._abort(reason)
         else:
-            self._hold(max(action, self._action if self._action is not Action.GO_TO else Action.HOLD), reason)
+            self._hold(_SURFACE if self._stop == _SURFACE else stop, reason)
+        self.limits[limit] = reason
+
+    def snapshot(self) -> dict[str, Any]:
+        """How it stands, for a journal; the autopilot tells anew whether it is ready."""
+        stop = None if self._stop is None else [int(self._stop.action), *self._stop.place_m]
+        return {
+            "state": int(self._state),
+            "stop": stop,
+            "reason": self._reason,
+            "limits": dict(self.limits),
+            "team_abort": self._team_abort,
+            "travelled": self._travelled,
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self._state, self._reason = RunState(values["state"]), values["reason"]
+        self._stop = None
+        if values["stop"] is not None:
+            action, north_m, east_m = values["stop"]
+            self._stop = Stop(action=Action(action), place_m=(north_m, east_m))
+        self.limits = dict(values["limits"])
+        self._team_abort, self._travelled = values["team_abort"], values["travelled"]
 
     def set_ready(self, problem: str) -> None:
         """Whether the autopilot follows targets: "" if so, else what keeps it from that."""
@@ -168,19 +226,16 @@ class MissionRun:
     @property
     def standing(self) -> Standing:
         """How it stands now."""
-        state, action, reason = self._state, self._action, self._reason
+        state, stop, reason = self._state, self._stop, self._reason
         if state is RunState.RUNNING and self._not_ready:
             state = RunState.HOLDING if self._travelled else RunState.WAITING
-            action, reason = Action.HOLD, self._not_ready
-        elif state is RunState.WAITING:
-            action = Action.HOLD
+            stop, reason = _HOLD, self._not_ready
         return Standing(
             state=state,
-            action=action,
-            place_m=self._recovery_m if action is Action.GO_TO else (math.nan, math.nan),
+            stop=stop,
             team_abort=self._team_abort and state is RunState.ABORTED,
             reason=reason,
-            limits=tuple(self.limits),
+            limits=tuple(f"{name}: {reason}" for name, reason in self.limits.items()),
         )
 
     def _go(self, source: str) -> str:
@@ -188,21 +243,22 @@ class MissionRun:
             return "GO: the mission has ended; expected a new one (the nodes started again)"
         if self.limits:
             return f"GO: limits have tripped: {'; '.join(self.limits.values())}; expected RESET first"
-        self._state, self._action, self._reason = RunState.RUNNING, Action.TRAVEL, f"GO by {source}"
+        self._state, self._stop, self._reason = RunState.RUNNING, None, f"GO by {source}"
         return ""
 
-    def _hold(self, action: Action, reason: str) -> None:
-        least = Action.SURFACE if self.limits and self._action is Action.SURFACE else Action.HOLD
+    def _hold(self, stop: Stop, reason: str) -> None:
+        if self.limits and self._stop == _SURFACE:
+            stop = _SURFACE
         if self._state is not RunState.ENDED:
             self._state = RunState.HOLDING
-        self._action, self._reason = max(action, least), reason
+        self._stop, self._reason = stop, reason
 
     def _abort(self, reason: str) -> None:
         if self._state is not RunState.ABORTED:
-            self._state, self._action, self._reason = RunState.ABORTED, self._on_abort, reason
+            self._state, self._stop, self._reason = RunState.ABORTED, self._on_abort, reason
 
     def _reset(self, source: str) -> None:
         self.limits.clear()
         self._team_abort = False
         if self._state in (RunState.HOLDING, RunState.ABORTED):
-            self._state, self._action, self._reason = RunState.HOLDING, Action.HOLD, f"RESET by {source}"
+            self._state, self._stop, self._reason = RunState.HOLDING, _HOLD, f"RESET by {source}"

@@ -33,6 +33,7 @@ SECTIONS = {
     "motion": "auv_lse_planner",
     "planner": "auv_lse_planner",
     "vehicle": "auv_lse_planner",
+    "safety": "auv_lse_common",
     "tdma": "auv_lse_comms",
     "packet": "auv_lse_comms",
     "modem": "auv_lse_comms",

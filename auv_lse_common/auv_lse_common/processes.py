@@ -53,7 +53,12 @@ def vehicle_nodes(modem: bool, link: bool) -> list[tuple[str, str]]:
         modem: Whether micromodem_node runs between modem_node and a modem.
         link: Whether vehicle_link_node runs between the stack and an autopilot.
     """
-    nodes = [("auv_lse_gp", "gp_node"), ("auv_lse_planner", "planner_node"), ("auv_lse_comms", "modem_node")]
+    nodes = [
+        ("auv_lse_gp", "gp_node"),
+        ("auv_lse_planner", "safety_node"),
+        ("auv_lse_planner", "planner_node"),
+        ("auv_lse_comms", "modem_node"),
+    ]
     if modem:
         nodes.append(("auv_lse_comms", "micromodem_node"))
     if link:

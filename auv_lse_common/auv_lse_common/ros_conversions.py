@@ -15,11 +15,12 @@ from std_msgs.msg import Header
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.health import Health
+from auv_lse_common.mission_run import Action, RunState, Standing, Stop
 from auv_lse_common.plan import Plan, Tour
 from auv_lse_msgs.msg import Fix as FixMessage
 from auv_lse_msgs.msg import MateNavigation as MateNavigationMessage
+from auv_lse_msgs.msg import MissionState, Sounding
 from auv_lse_msgs.msg import Plan as PlanMessage
-from auv_lse_msgs.msg import Sounding
 
 
 def stamp(seconds: float) -> Time:
@@ -190,4 +191,51 @@ def plan_from_message(message: PlanMessage) -> Plan:
         actions=tuple(message.actions),
         tour=Tour.from_fields(message.segment_legs, message.bearings),
         naive_path=message.naive_path,
+    )
+
+
+def stop_of(action: int, north_m: float, east_m: float) -> Stop | None:
+    """The stop of a message's action, one of MissionState's, and place; None: the vehicle travels.
+
+    Raises:
+        ValueError: if there is no such action, or no place to go to.
+    """
+    known = Action(action)
+    return None if known is Action.TRAVEL else Stop(action=known, place_m=(north_m, east_m))
+
+
+def stop_fields(stop: Stop | None) -> tuple[int, float, float]:
+    """Action, north and east (m) of a stop in a message; None: the vehicle travels."""
+    return (int(Action.TRAVEL), math.nan, math.nan) if stop is None else (int(stop.action), *stop.place_m)
+
+
+def mission_state(now_s: float, revision: int, standing: Standing, warnings: Sequence[str]) -> MissionState:
+    """MissionState number `revision` of how it stands with a vehicle's mission."""
+    action, north_m, east_m = stop_fields(standing.stop)
+    return MissionState(
+        header=header(now_s),
+        revision=revision,
+        state=standing.state,
+        action=action,
+        go_to_north_m=north_m,
+        go_to_east_m=east_m,
+        team_abort=standing.team_abort,
+        reason=standing.reason,
+        limits=list(standing.limits),
+        warnings=list(warnings),
+    )
+
+
+def standing_of(message: MissionState) -> Standing:
+    """How it stands with the mission, by a MissionState.
+
+    Raises:
+        ValueError: if it has a number that stands for nothing.
+    """
+    return Standing(
+        state=RunState(message.state),
+        stop=stop_of(message.action, message.go_to_north_m, message.go_to_east_m),
+        team_abort=message.team_abort,
+        reason=message.reason,
+        limits=tuple(message.limits),
     )

@@ -35,11 +35,19 @@ _DONE = "auv_lse_msgs/msg/LockstepDone"
 #: Topics of one vehicle, by their name below its namespace. "lockstep/PHASE": the nodes that a phase lets go on.
 VEHICLE_TOPICS = {
     "sounding": Topic(kind="auv_lse_msgs/msg/Sounding", readers=("gp_node", "modem_node")),
-    "odometry": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node",)),
+    "odometry": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node", "safety_node")),
     "dead_reckoning": Topic(kind="nav_msgs/msg/Odometry"),
     "fix": Topic(kind="auv_lse_msgs/msg/Fix"),
-    "altitude": Topic(kind="sensor_msgs/msg/Range"),
+    "altitude": Topic(kind="sensor_msgs/msg/Range", readers=("safety_node",)),
     "pressure": Topic(kind="sensor_msgs/msg/FluidPressure"),
+    "autopilot": Topic(kind="auv_lse_msgs/msg/AutopilotStatus", readers=("safety_node",), latched=True),
+    "mission/command": Topic(kind="auv_lse_msgs/msg/MissionCommand", readers=("safety_node",), command=True),
+    "mission/state": Topic(
+        kind="auv_lse_msgs/msg/MissionState",
+        readers=("planner_node", "modem_node", "vehicle_link_node|sim_node"),
+        latched=True,
+        command=True,
+    ),
     "kernel_centers": Topic(kind="auv_lse_msgs/msg/KernelCenters", readers=("planner_node",), latched=True),
     "field": Topic(kind="auv_lse_msgs/msg/LevelSetField", latched=True),
     "risk_map": Topic(kind="nav_msgs/msg/OccupancyGrid", latched=True),
@@ -61,14 +69,16 @@ VEHICLE_TOPICS = {
     "diagnostics": Topic(kind="diagnostic_msgs/msg/DiagnosticArray"),
     "lockstep/modem": Topic(kind=_DONE, readers=("gp_node", "planner_node"), recorded=False),
     "lockstep/gp": Topic(kind=_DONE, readers=("planner_node",), recorded=False),
+    "lockstep/safety": Topic(kind=_DONE, readers=("planner_node", "modem_node", "vehicle_link_node"), recorded=False),
     "lockstep/planner": Topic(kind=_DONE, readers=("modem_node",), recorded=False),
 }
 
-_VEHICLE_NODES = ("gp_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node")
+_VEHICLE_NODES = ("gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node")
 
 #: Topics of the whole mission. Each vehicle's nodes count once among the readers.
 MISSION_TOPICS = {
     "/clock": Topic(kind="rosgraph_msgs/msg/Clock", readers=_VEHICLE_NODES),
+    "/mission/command": Topic(kind="auv_lse_msgs/msg/MissionCommand", readers=("sim_node",), command=True),
     "/sim/status": Topic(kind="auv_lse_msgs/msg/SimStatus", latched=True),
     "/lockstep/tick": Topic(
         kind="auv_lse_msgs/msg/LockstepTick", readers=(*_VEHICLE_NODES, "recorder_node"), recorded=False

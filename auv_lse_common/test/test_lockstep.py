@@ -56,6 +56,7 @@ def planner_at_tick_1() -> Ticks:
     ticks.begin(1, 2.5, {"sounding": 7, "modem/rx": 0, "odometry": 1})
     ticks.done("modem", 1, 1, 0)
     ticks.done("gp", 1, 4, 0)
+    ticks.done("safety", 1, 0, 0)
     return ticks
 
 
@@ -74,6 +75,7 @@ def test_a_phase_begins_when_all_that_it_waits_for_has_arrived() -> None:
 def test_what_others_announce_may_come_before_the_tick() -> None:
     ticks = Ticks(("modem", "modem_sent"))
     ticks.done("planner", 1, 0, 0)
+    ticks.done("safety", 1, 0, 0)
     assert ticks.ready() is None, "the tick has no stamp yet"
     ticks.begin(1, 1.0, {"sounding": 0, "modem/rx": 0, "odometry": 1})
     assert ticks.ready() == Ready(phase="modem", tick=1, now_s=1.0)

@@ -33,7 +33,7 @@ def crew(file: Path, *, simulated: bool = False, record: bool | None = None):
 
 def test_the_file_says_which_nodes_run(tmp_path: Path) -> None:
     found = crew(write(tmp_path))
-    names = ["gp_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
+    names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
     assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
     assert found.recording == tmp_path / "dive" / "bag"
     assert not found.simulated

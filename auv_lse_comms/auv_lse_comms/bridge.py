@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auv_lse_common.plan import Plan
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode, room_for_samples
@@ -68,6 +68,7 @@ class ModemBridge:
     Attributes:
         remember: Told each event that a bridge needs after a restart (`recall`): a kind, and values that JSON holds.
         unconfirmed: Packets in a row that the modem has neither sent nor refused.
+        abort: Whether its packets call the team to abort the mission.
     """
 
     def __init__(
@@ -107,6 +108,7 @@ class ModemBridge:
         self.address = address
         self.vehicles = vehicles
         self.counts: Counter[str] = Counter()
+        self.abort = False
         self._config = packet
         self._limits = limits
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
@@ -128,6 +130,20 @@ class ModemBridge:
         self._heard = False  # whether a packet was accepted since that slot began
         #: Estimated chance that a packet is lost: the share of the others' recent slots in which nothing was received.
         self.loss = packet.expected_loss
+
+    def obeys(self, received: Received) -> bool:
+        """Whether a packet calls to abort, and may: with a tag, or by `packet.abort_without_tag`; counts it.
+
+        Args:
+            received: A packet that `receive` has given.
+        """
+        if not received.packet.abort:
+            return False
+        if self._tagger is not None or self._config.abort_without_tag:
+            self.counts[f"aborts.{received.source}"] += 1
+            return True
+        self.counts[f"aborts_refused.{received.source}"] += 1
+        return False
 
     @property
     def unsent(self) -> int:
@@ -316,6 +332,8 @@ class ModemBridge:
 
     def _compose(self, plan: Plan, slot_s: float) -> tuple[bytes, Array]:
         """The packet for the slot that starts at `slot_s`, and the rows of `_unsent` that went into it."""
+        if self.abort:  # it goes nowhere
+            plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE)
         room = room_for_samples(plan, self._config.reserve)
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
@@ -324,7 +342,7 @@ class ModemBridge:
             self._receivers.send(self.loss)
         else:
             chosen = every_nth(len(unsent), room)
-        packet = Packet(plan, unsent[chosen, 1:4])
+        packet = Packet(plan, unsent[chosen, 1:4], self.abort)
         payload = encode(packet, self._limits, self._config.reserve)
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address, slot_s)

@@ -105,6 +105,9 @@ class PacketConfig:
         help="name of the dive, mixed into the tag, which needs one: packets of another dive are refused even with the "
         "same key",
     )
+    abort_without_tag: bool = parameter(
+        False, help="obey a call to abort by acoustic packet without `tag`, which anybody on the water can send"
+    )
     check_limits: bool = parameter(
         True, help="refuse packets whose places lie outside the operating area's box widened by area_margin_m"
     )

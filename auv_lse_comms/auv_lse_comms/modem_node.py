@@ -10,15 +10,22 @@ from diagnostic_msgs.msg import DiagnosticArray
 from auv_lse_common.base_node import VehicleNode, run
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import diagnostics, plan_from_message, plan_message, seconds, sounding_row
-from auv_lse_comms.bridge import EVENTS
+from auv_lse_common.ros_conversions import (
+    diagnostics,
+    header,
+    plan_from_message,
+    plan_message,
+    seconds,
+    sounding_row,
+)
+from auv_lse_comms.bridge import EVENTS, Received
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ros_conversions import tdma_status, team_samples, transmission
 from auv_lse_comms.settings import bridge_of
-from auv_lse_msgs.msg import ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus
+from auv_lse_msgs.msg import MissionCommand, MissionState, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus
 
 _STATUS_PERIOD_S = 10.0
 _TUNABLE = ("order", "slot_s", "guard_s", "epoch_s", "send_duration_s")
@@ -57,12 +64,14 @@ class ModemNode(VehicleNode):
         self._tx = self.publisher(ModemTx, "modem/tx")
         self._team_plans = self.publisher(Plan, "team/plans")
         self._team_samples = self.publisher(SampleArray, "team/samples")
+        self._command = self.publisher(MissionCommand, "mission/command")
         self._status = self.publisher(TdmaStatus, "tdma")
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
         self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([sounding_row(m)]))
         self.listen(ModemRx, "modem/rx", self._on_arrival)
         self.listen(Plan, "plan", lambda m: self._intake.set_plan(plan_from_message(m)))
         self.listen(ModemTx, "modem/sent", lambda m: self._bridge.confirm(seconds(m.header.stamp)))
+        self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
         self.listen(ModemTx, "modem/failed", self._on_failed)
         self.phase("modem", self.hear, lambda: (self._published["plans"], self._published["samples"]))
         self.phase("modem_sent", self.say, lambda: (self._published["packets"],))
@@ -85,11 +94,27 @@ class ModemNode(VehicleNode):
         self._bridge.not_sent(sent_s)
         self.get_logger().warning(f"the packet of {sent_s:.1f} s was not sent; its samples wait")
 
+    def _on_state(self, message: MissionState) -> None:
+        self._bridge.abort = message.team_abort
+
+    def _abort(self, received: Received) -> None:
+        """A team mate calls to abort the mission."""
+        if not self._bridge.obeys(received):
+            self.get_logger().warning(
+                f"vehicle {received.source} calls to abort: not obeyed without packet.tag (or packet.abort_without_tag)"
+            )
+            return
+        command = MissionCommand(header=header(received.stamp_s), command=MissionCommand.ABORT, team=True)
+        command.source = f"vehicle {received.source}, by acoustic packet"
+        self._command.publish(command)
+
     def hear(self, now_s: float) -> None:
         """Takes own soundings and what the modem has received; gives the team's plans and samples."""
         for received in self._intake.hear():
             self._team_plans.publish(plan_message(received.stamp_s, received.source, received.packet.plan))
             self._published["plans"] += 1
+            if received.packet.abort:
+                self._abort(received)
             if len(received.packet.samples):
                 self._team_samples.publish(team_samples(received))
                 self._published["samples"] += 1

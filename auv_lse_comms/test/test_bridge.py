@@ -294,6 +294,26 @@ def test_a_restarted_sender_is_heard_at_once() -> None:
     assert listener.receive(43.0, 2, restarted.poll(41.0)) is not None
 
 
+def test_a_call_to_abort_is_obeyed_if_it_has_a_tag_or_need_not_have_one() -> None:
+    listener, sender = tagged_team()
+    assert not listener.obeys(listener.receive(13.0, 2, sender.poll(11.0)))
+    sender.abort = True
+    received = listener.receive(43.0, 2, sender.poll(41.0))
+    assert (received.packet.plan.actions, received.packet.plan.naive_path) == ((), 0xFF), "it goes nowhere"
+    assert listener.obeys(received)
+    stranger = bridge(2)
+    stranger.set_plan(PLAN)
+    stranger.abort = True
+    call = stranger.poll(11.0)
+    assert listener.receive(73.0, 2, call) is None, "without the key it is no packet at all"
+    plain = bridge(1)
+    assert not plain.obeys(plain.receive(13.0, 2, call))
+    assert plain.counts["aborts_refused.2"] == 1
+    trusting = bridge(1, abort_without_tag=True)
+    assert trusting.obeys(trusting.receive(13.0, 2, call))
+    assert trusting.counts["aborts.2"] == 1
+
+
 @pytest.mark.parametrize("apart_s", [-7.0, -2.0, 2.0, 7.0])
 def test_clocks_some_seconds_apart_do_not_break_the_tag(apart_s: float) -> None:
     listener, sender = tagged_team()

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from auv_lse_common.mission_run import Action, Stop
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_comms.mavlink import events
 from auv_lse_comms.mavlink.config import LinkConfig
@@ -23,6 +24,8 @@ from auv_lse_comms.mavlink.conversion import (
 from auv_lse_comms.mavlink.datum import Datum, Origin, origin_of
 from auv_lse_comms.mavlink.events import AutopilotEstimate
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
+from auv_lse_comms.mavlink.modes import obeying_modes
+from auv_lse_comms.mavlink.targets import target_limits
 from auv_lse_comms.mavlink.wire import MavlinkCodec
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
@@ -34,8 +37,8 @@ B = Target(north_m=40.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=1)
 class Autopilot:
     """Vehicle 2's autopilot, and the link to it."""
 
-    def __init__(self, origin=ORIGIN, own_origin=ORIGIN, **values):
-        self.link = VehicleLink(LinkConfig(kind="mavlink", **values), 2, origin)
+    def __init__(self, origin=ORIGIN, own_origin=ORIGIN, limits=None, **values):
+        self.link = VehicleLink(LinkConfig(kind="mavlink", **values), 2, origin, limits)
         self.own_origin = own_origin
         self.mav = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
         self.reader = mavlink.MAVLink(None)
@@ -646,3 +649,124 @@ def test_missions_need_an_origin():
 def test_settings_that_cannot_work_are_refused_by_name(values, words):
     with pytest.raises(ParameterError, match=words):
         from_mapping(LinkConfig, values, "mission.yaml: link")
+
+
+# ------------------------------------------------------------------ stops, limits, what the autopilot says of itself
+
+
+def targets_of(messages):
+    return [(round(m.x, 1), round(m.y, 1), round(m.z, 1)) for m in messages]
+
+
+def test_a_stop_holds_the_vehicle_where_it_was_until_it_is_lifted():
+    pilot = Autopilot().up()
+    pilot.link.command(pilot.now_s, A)
+    pilot.link.command(pilot.now_s, B)
+    pilot.at(12.0, 1.0)
+    pilot.heard()
+    pilot.link.stop(pilot.now_s, Stop(action=Action.HOLD))
+    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED")) == [(12.0, 1.0, 4.0)]
+    pilot.at(21.0, 0.0)  # it has drifted past the end of its leg
+    pilot.wait(1.0)
+    assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(12.0, 1.0, 4.0)}
+    pilot.link.stop(pilot.now_s, Stop(action=Action.SURFACE))
+    pilot.wait(1.0)
+    assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(21.0, 0.0, 0.0)}
+    pilot.link.stop(pilot.now_s, Stop(action=Action.GO_TO, place_m=(-5.0, -6.0)))
+    pilot.wait(1.0)
+    assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(-5.0, -6.0, 4.0)}
+    pilot.link.stop(pilot.now_s, None)
+    pilot.wait(1.0)
+    assert set(targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))) == {(40.0, 0.0, 4.0)}
+
+
+def test_a_stop_that_comes_before_the_place_is_known_waits_for_it():
+    pilot = Autopilot().up()
+    pilot.link.stop(pilot.now_s, Stop(action=Action.HOLD))
+    pilot.wait(1.0)
+    assert pilot.heard("SET_POSITION_TARGET_LOCAL_NED") == []
+    assert pilot.link.quiet
+    pilot.at(3.0, 4.0, depth=0.2)
+    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED")) == [(3.0, 4.0, 0.2)]
+
+
+@pytest.mark.parametrize(
+    ("then", "place"),
+    [(Action.HOLD, (20.0, 0.0, 4.0)), (Action.SURFACE, (20.0, 0.0, 0.0)), (Action.GO_TO, (-5.0, -6.0, 4.0))],
+)
+def test_after_the_last_target_the_vehicle_does_what_it_says(then, place):
+    pilot = Autopilot().up()
+    stop = Stop(action=then, place_m=(-5.0, -6.0) if then is Action.GO_TO else (math.nan, math.nan))
+    pilot.link.command(pilot.now_s, dataclasses.replace(A, then=stop))
+    pilot.at(10.0, 0.0)
+    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == (20.0, 0.0, 4.0)
+    pilot.at(19.0, 0.0)
+    pilot.wait(0.5)
+    assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == place
+
+
+def test_a_speed_is_sent_when_it_changes():
+    pilot = Autopilot().up()
+    for step, speed in enumerate((1.5, 1.5, 0.8)):
+        pilot.link.command(pilot.now_s, dataclasses.replace(A, north_m=20.0 * step, step=step, speed_mps=speed))
+        pilot.at(20.0 * step - 1.0, 0.0)
+        pilot.wait(0.3)
+    speeds = [m for m in pilot.heard("COMMAND_LONG") if m.command == mavlink.MAV_CMD_DO_CHANGE_SPEED]
+    assert [(m.param1, round(m.param2, 2)) for m in speeds] == [(1.0, 1.5), (1.0, 0.8)]
+
+
+@pytest.mark.parametrize("mode", ["position_target", "mission"])
+def test_a_target_too_deep_or_far_outside_never_reaches_the_autopilot(mode):
+    parameters = {"area": {"polygon_m": [0.0, 0.0, 100.0, 0.0, 100.0, 100.0, 0.0, 100.0]}, "vehicle": {"depth_m": 4.0}}
+    pilot = Autopilot(limits=target_limits(parameters, "test"), mode=mode).up()
+    pilot.at(10.0, 10.0)
+    for bad, words in (
+        (dataclasses.replace(A, depth_m=9.5), r"9.5 m deep; expected at most 9.0 m \(safety.max_depth_m\)"),
+        (dataclasses.replace(A, north_m=300.0), r"200 m outside of the area.*expected at most 150 m"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            pilot.link.command(pilot.now_s, bad)
+    pilot.wait(3.0)
+    assert pilot.heard("SET_POSITION_TARGET_LOCAL_NED", "MISSION_COUNT") == []
+    assert pilot.link.counts["targets_refused"] == 2
+    pilot.at(500.0, 10.0)  # a vehicle that is farther out still is led back
+    pilot.link.command(pilot.now_s, dataclasses.replace(A, north_m=300.0))
+    assert len(pilot.heard("SET_POSITION_TARGET_LOCAL_NED", "MISSION_COUNT")) == 1
+
+
+def test_limits_that_are_none_are_named():
+    with pytest.raises(ParameterError, match=r"m.yaml: area.polygon_m, vehicle.depth_m: .*at least 3 corners"):
+        target_limits({"area": {"polygon_m": [0.0, 1.0]}}, "m.yaml")
+    assert target_limits({}, "m.yaml").deepest_m == 10.0
+
+
+def test_the_autopilot_tells_whether_it_obeys_its_charge_and_a_leak():
+    pilot = Autopilot().up()
+    (state,) = pilot.of(events.AutopilotState)
+    assert (state.says.heard, state.says.armed, state.says.mode, state.says.mode_obeys) == (True, True, 4, True)
+    assert math.isnan(state.says.battery)
+    assert state.says.leak == -1
+    flags = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+    pilot.say(mavlink.MAVLink_heartbeat_message(12, 3, flags, 19, mavlink.MAV_STATE_ACTIVE, 3))  # ArduSub: MANUAL
+    assert not pilot.link.says.mode_obeys
+    pilot.say(mavlink.MAVLink_sys_status_message(0, 0, 0, 500, 14800, -1, 64, 0, 0, 0, 0, 0, 0))
+    pilot.say(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, b"Leak Detected"))
+    pilot.beat(armed=False)
+    state = pilot.of(events.AutopilotState)[-1]
+    assert (state.says.armed, state.says.battery, state.battery_v, state.says.leak) == (False, 0.64, 14.8, 1)
+    pilot.wait(6.0, beat=False)
+    assert not pilot.of(events.AutopilotState)[-1].says.heard
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "kind", "mission", "modes"),
+    [
+        (mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_SUBMARINE, False, (4,)),
+        (mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_SURFACE_BOAT, True, (10,)),
+        (mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_SUBMARINE, False, (393216,)),
+        (mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_SUBMARINE, True, (67371008,)),
+        (mavlink.MAV_AUTOPILOT_GENERIC, mavlink.MAV_TYPE_SUBMARINE, False, ()),
+    ],
+)
+def test_the_modes_in_which_autopilots_obey(autopilot, kind, mission, modes):
+    assert obeying_modes(autopilot, kind, mission) == modes

@@ -405,8 +405,19 @@ def test_damage_has_its_reason() -> None:
     assert reason(good[:-1] + b"\x00") == "spare"
     assert reason(good[:14] + bytes(238)) == "terminal"
     assert decode(bytearray(good)) == decode(memoryview(good)) == decode(good)
-    for terminal in range(0xE5, 0xEF):  # reserved: 0xEE for a word to stop, the others for what is still unknown
+    for terminal in range(0xE5, 0xEE):  # reserved for what is still unknown
         assert reason(good[:17] + bytes([terminal]) + good[18:]) == "naive_path"
+
+
+def test_a_call_to_abort_is_a_terminal_byte() -> None:
+    packet = Packet(dataclasses.replace(PLAIN.plan, naive_path=NONE), PLAIN.samples)
+    call = dataclasses.replace(packet, abort=True)
+    quiet, loud = encode(packet), encode(call)
+    assert [i for i in range(252) if quiet[i] != loud[i]] == [17]
+    assert (quiet[17], loud[17]) == (0xFF, 0xEE)
+    assert decode(loud) == call != decode(quiet)
+    with pytest.raises(PacketError, match=r"expected 255 \(none\) beside a call to abort"):
+        encode(dataclasses.replace(PLAIN, abort=True))
 
 
 def test_a_damaged_tour_has_its_reason() -> None:
@@ -425,7 +436,6 @@ def test_a_damaged_tour_has_its_reason() -> None:
     assert reason(19, 0) == "tour", "no segment"
     assert reason(19, 65) == "tour"
     assert reason(24, 0xEF) == "naive_path", "a second tour"
-    assert reason(24, 0xEE) == "naive_path"
     assert reason(24, 0x01) == "naive_path", "an action after the tour"
     # a tour that leaves no byte for a terminal: 230 actions, then one of 20 segments
     assert reason(14, *([0] * 230), 0xEF, 1, 20) == "terminal"

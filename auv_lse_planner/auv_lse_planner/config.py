@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
-from auv_lse_common.params import merge, parameter, section
+from auv_lse_common.mission_run import STOPS, Stop
+from auv_lse_common.params import ParameterError, merge, parameter, section
 from auv_lse_common.plan import MAX_ACTION_SET
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
@@ -71,12 +72,52 @@ class VehicleConfig:
         low=0.0,
         help="time at which it sets out, on the simulator's clock (on a real vehicle's UTC clock: long past)",
     )
+    start: str = parameter(
+        "at_once",
+        choices=("at_once", "on_call"),
+        help="at_once: the mission starts with the first odometry and, with an autopilot, when that is armed and "
+        "follows targets; on_call: when somebody says GO",
+    )
+    at_end: str = parameter(
+        "hold", choices=tuple(STOPS), help="after the last leg; go_to: to recovery_north_m, _east_m"
+    )
+    recovery_north_m: float | None = parameter(None, unit="m", help="north of the place where it is picked up")
+    recovery_east_m: float | None = parameter(None, unit="m", help="east of the place where it is picked up")
     min_water_m: float = parameter(
         3.0,
         unit="m",
         low=0.0,
         help="least water under it: it keeps clear of ground that the map shows shallower than depth_m + this",
     )
+
+    def __post_init__(self) -> None:
+        """Checks what holds between the fields.
+
+        Raises:
+            ParameterError: if it is to go to a place that is not given.
+        """
+        self.stop("vehicle.at_end", self.at_end)
+
+    @property
+    def stop_at_end(self) -> Stop:
+        """What follows the last leg."""
+        return self.stop("vehicle.at_end", self.at_end)
+
+    def stop(self, key: str, name: str) -> Stop:
+        """The stop that parameter `key` names; GO_TO leads to the place where the vehicle is picked up.
+
+        Raises:
+            ParameterError: if that place is not given.
+        """
+        north_m, east_m = self.recovery_north_m, self.recovery_east_m
+        if name != "go_to":
+            return Stop(action=STOPS[name])
+        if north_m is None or east_m is None:
+            raise ParameterError(
+                f"{key}: is 'go_to' and vehicle.recovery_north_m, recovery_east_m are {north_m}, {east_m}; expected a "
+                "place (m)"
+            )
+        return Stop(action=STOPS[name], place_m=(north_m, east_m))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

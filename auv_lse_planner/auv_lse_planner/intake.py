@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from auv_lse_common.mission_run import Standing
 from auv_lse_common.plan import Plan
 from auv_lse_gp.centers import Centers
 from auv_lse_planner.vehicle_planner import VehiclePlanner
@@ -25,7 +26,7 @@ class Taken:
 
 
 class PlannerIntake:
-    """The map, plans and odometry that wait for the planner, and the order in which it takes them.
+    """The mission's state, the map, plans and odometry that wait for the planner, and the order in which it takes them.
 
     Attributes:
         planner: The planner.
@@ -39,6 +40,7 @@ class PlannerIntake:
         self._centers: tuple[Centers, int] | None = None
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
+        self._standing: Standing | None = None
 
     def set_centers(self, centers: Centers, revision: int) -> None:
         """The map's kernel centers and their revision; they replace those that still wait."""
@@ -52,9 +54,20 @@ class PlannerIntake:
         """The vehicle's navigation; it replaces what still waits."""
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
 
+    def set_standing(self, standing: Standing) -> None:
+        """How it stands with the mission; it replaces what still waits."""
+        self._standing = standing
+
     def take(self, now_s: float) -> bool:
-        """The planner takes the map, plans by stamp and vehicle, odometry; returns whether a decision is due then."""
+        """The planner takes the mission's state, the map, plans by stamp and vehicle, odometry.
+
+        Returns:
+            Whether a decision is due then.
+        """
         revision, plans, odometry_s = self.taken.map_revision, self.taken.plans, self.taken.odometry_s
+        if self._standing is not None:
+            self.planner.run(now_s, self._standing.hindrance)
+            self._standing = None
         if self._centers is not None:
             centers, revision = self._centers
             self.planner.set_centers(centers, now_s)

@@ -14,10 +14,10 @@ from auv_lse_common.base_node import NEWEST, VehicleNode, run
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import section
 from auv_lse_common.plan import Plan as CorePlan
-from auv_lse_common.ros_conversions import diagnostics, plan_from_message, plan_message, seconds
+from auv_lse_common.ros_conversions import diagnostics, header, plan_from_message, plan_message, seconds, standing_of
 from auv_lse_common.seeds import stream
 from auv_lse_gp.ros_conversions import centers_from_message
-from auv_lse_msgs.msg import Bound, KernelCenters, Plan, Waypoint
+from auv_lse_msgs.msg import Bound, KernelCenters, MissionCommand, MissionState, Plan, Waypoint
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.decision import Decision
 from auv_lse_planner.health import planner_health, warnings_of
@@ -49,6 +49,7 @@ class PlannerNode(VehicleNode):
         self._settings = settings
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._intake = PlannerIntake(self._planner)
+        self._planner.run(0.0, "safety_node has not said how it stands with the mission")
         self._rehearse(settings)
         self.show_parameters(
             {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
@@ -58,14 +59,17 @@ class PlannerNode(VehicleNode):
         self._published = 0
         self._diagnosed_s = -float("inf")
         self._planning_s = 0.0
+        self._ended = False
         self._new_problems = NewProblems()
         self._plan = self.publisher(Plan, "plan")
         self._path = self.publisher(Path, "path")
         self._waypoint = self.publisher(Waypoint, "waypoint")
         self._bound = self.publisher(Bound, "planner/bound")
+        self._command = self.publisher(MissionCommand, "mission/command")
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
         self.listen(Odometry, "odometry", self._on_odometry, quality=NEWEST)
         self.listen(KernelCenters, "kernel_centers", self._on_centers, total=lambda m: m.revision + 1)
+        self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
         self.listen(Plan, "team/plans", self._on_team_plan)
         self.phase("planner", self.step, lambda: (self._published,) * 2, lambda: self._planner.finished)
         self._go_on()
@@ -110,6 +114,12 @@ class PlannerNode(VehicleNode):
         self._intake.add_plan(stamp_s, message.vehicle, plan)
         self.journal.write("heard", stamp_s, message.vehicle, dataclasses.asdict(plan))
 
+    def _on_state(self, message: MissionState) -> None:
+        try:
+            self._intake.set_standing(standing_of(message))
+        except ValueError as error:
+            self.get_logger().error(f"mission/state: {error}")
+
     def _deadline(self) -> Callable[[], bool] | None:
         """A guard on the decision's wall clock; none in lockstep, where a run must not depend on the machine."""
         limit_s = self._planner.planner.deadline_s
@@ -127,13 +137,18 @@ class PlannerNode(VehicleNode):
             self._publish(now_s, decision)
             if self.journal.kept:
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
+        if self._planner.finished and not self._ended:
+            self._ended = True
+            command = MissionCommand(header=header(now_s), command=MissionCommand.END, source=self.get_name())
+            self._command.publish(command)
         self._diagnose(now_s)
 
     def _publish(self, now_s: float, decision: Decision) -> None:
         vehicle = self._settings.vehicle
         last = decision.leg.step == self._settings.mission.steps - 1
+        then = vehicle.stop_at_end if last else None
         self._plan.publish(plan_message(now_s, self.vehicle, decision.plan))
-        self._waypoint.publish(waypoint_message(now_s, decision.leg, vehicle.speed_mps, vehicle.depth_m, last))
+        self._waypoint.publish(waypoint_message(now_s, decision.leg, vehicle.speed_mps, vehicle.depth_m, then))
         self._bound.publish(bound_message(now_s, decision.bound, self._planning_s, self._intake.taken))
         if self._planner.path is not None:
             self._path.publish(path_message(now_s, self._planner.path.states, vehicle.depth_m))

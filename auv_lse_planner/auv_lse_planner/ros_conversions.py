@@ -10,8 +10,10 @@ from sensor_msgs.msg import Range
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.leg import Leg
-from auv_lse_common.ros_conversions import header, stamp
-from auv_lse_msgs.msg import Bound, Waypoint
+from auv_lse_common.mission_run import Stop
+from auv_lse_common.ros_conversions import header, stamp, stop_fields
+from auv_lse_common.safety.watch import AutopilotSays
+from auv_lse_msgs.msg import AutopilotStatus, Bound, Waypoint
 from auv_lse_planner.account import BoundRecord
 from auv_lse_planner.intake import Taken
 
@@ -29,9 +31,10 @@ def altitude_m(message: Range) -> float:
     return float(message.range)
 
 
-def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, last: bool) -> Waypoint:
-    """Waypoint of the next leg."""
+def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, then: Stop | None) -> Waypoint:
+    """Waypoint of the next leg; `then` is what follows the mission's last one, None if it is not the last."""
     end = leg.end_state
+    action, north_m, east_m = stop_fields(then)
     return Waypoint(
         header=header(now_s),
         step=leg.step,
@@ -46,7 +49,10 @@ def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, l
         end_east_m=float(end[2]),
         speed_mps=speed_mps,
         depth_m=depth_m,
-        last=last,
+        last=then is not None,
+        then=action,
+        then_north_m=north_m,
+        then_east_m=east_m,
     )
 
 
@@ -79,4 +85,16 @@ def bound_message(now_s: float, bound: BoundRecord, planning_s: float, taken: Ta
         map_revision=taken.map_revision,
         plans_heard=taken.plans,
         odometry_taken=stamp(taken.odometry_s),
+    )
+
+
+def autopilot_says(message: AutopilotStatus) -> AutopilotSays:
+    """What an AutopilotStatus says."""
+    return AutopilotSays(
+        heard=message.heard,
+        armed=message.armed,
+        mode=message.mode,
+        mode_obeys=message.mode_obeys,
+        battery=message.battery,
+        leak=message.leak,
     )

@@ -45,6 +45,7 @@ class Travel:
         leg: The leg being travelled; None before the first decision.
         leg_started_s: Mission time at which it began; NaN before the first decision.
         decided: Number of steps decided.
+        running: Whether the mission goes: while it does not, nothing is due, and no leg's time runs.
         absurd: Number of estimates that no vehicle can have; they are ignored.
         finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
     """
@@ -58,7 +59,17 @@ class Travel:
         self.decided = 0
         self.absurd = 0
         self.finished = False
+        self.running = True
+        self._held_s = math.nan
         self._next_leg: Leg | None = None
+
+    def run(self, now_s: float, running: bool) -> None:
+        """The mission goes, or holds, from `now_s` on."""
+        if self.running and not running:
+            self._held_s = now_s
+        elif running and not self.running:
+            self.leg_started_s += max(now_s - max(self._held_s, self.leg_started_s), 0.0)
+        self.running = running
 
     def move(self, estimate: EstimatedState) -> None:
         """Takes an estimated state; the next leg begins where the present one has ended."""
@@ -67,6 +78,8 @@ class Travel:
             self.absurd += 1
             return
         self.estimate = estimate
+        if not self.running:
+            return
         leg, following = self.leg, self._next_leg
         if leg is not None and following is not None and self._remaining_m(leg, estimate) <= 1e-9:
             self._begin(following, estimate.now_s)
@@ -113,14 +126,14 @@ class Travel:
 
     def overdue(self, now_s: float) -> bool:
         """Whether the leg has taken far longer than it should: the vehicle is held up or driven off."""
-        if self.leg is None:
+        if self.leg is None or not self.running:
             return False
         expected_s = self.leg.length_m / self._vehicle.speed_mps
         return now_s - self.leg_started_s > 4.0 * expected_s + 10.0
 
     def due(self, now_s: float, planner: PlannerConfig) -> bool:
         """Whether a decision is due."""
-        if self.estimate is None or self.decided >= self._steps or self._next_leg is not None:
+        if not self.running or self.estimate is None or self.decided >= self._steps or self._next_leg is not None:
             return False
         if now_s - self.estimate.now_s > planner.odometry_timeout_s:
             return False

@@ -7,6 +7,8 @@ Theory of operation.
   for step i + 1 when what remains of leg i takes `replan_lead_s` or less. It starts from leg i's planned end, unless
   odometry shows the vehicle further than `reanchor_m` off its leg: then from where odometry leads in that time
   (`travel.py`).
+- Steps are counted only while the mission goes (`run`): while it waits or holds nothing is decided, and the leg under
+  way takes no time.
 - A decision goes through the steps of `receding_horizon.py`.
 - Nothing here reads a clock. A decision always yields a leg: where nothing is feasible, the escape (`free_space.py`).
 """
@@ -112,6 +114,7 @@ class VehiclePlanner:
         self._new_centers: Centers | None = None
         self._map_s: float | None = None
         self._map_refused = ""
+        self._held = ""
 
     @property
     def planner(self) -> PlannerConfig:
@@ -148,6 +151,16 @@ class VehiclePlanner:
         """Takes the estimated state of the vehicle at `now_s`; one that no vehicle can have is ignored and counted."""
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
+    def run(self, now_s: float, standing: str = "") -> None:
+        """The mission goes from `now_s` on, or does not.
+
+        Args:
+            now_s: Mission time.
+            standing: Why it does not, for people; "" if it goes.
+        """
+        self._travel.run(now_s, not standing)
+        self._held = standing
+
     # ------------------------------------------------------------------ where it is
 
     @property
@@ -179,6 +192,8 @@ class VehiclePlanner:
         if started:
             found |= problems.of_team(now_s, self._travel.decided, self.team, self.planner)
         found |= problems.of_leg(now_s, self._travel)
+        if self._held:
+            found["held"] = f"no steps are counted: {self._held}"
         if self.plans_refused:
             found["plans refused"] = f"team: {self.plans_refused} received plans could not be rebuilt and were ignored"
         return found

@@ -116,3 +116,23 @@ def test_later_decisions_plan_from_the_legs_end_unless_the_vehicle_is_off_it():
     state, from_odometry = travel.anchor(PLANNER)
     assert from_odometry
     assert np.array_equal(state, [0.0, 41.0, 0.0])
+
+
+def test_while_the_mission_holds_no_step_is_counted_and_the_legs_time_stands_still():
+    waiting = _travel()
+    waiting.run(0.0, False)
+    waiting.move(_at(0.0, 0.0))
+    assert not waiting.due(500.0, PLANNER), "on deck, with odometry"
+    travel = _on_the_first_leg()
+    travel.take(_leg(1), 16.0, at_once=False)
+    travel.run(17.0, False)
+    for now_s in range(17, 1017, 5):
+        travel.move(_at(float(now_s), 45.0, 20.0))  # it circles, past the end of its leg
+        assert not travel.due(float(now_s), PLANNER)
+        assert not travel.overdue(float(now_s))
+    assert travel.leg == _leg(0)
+    travel.run(1017.0, True)
+    assert travel.leg_started_s == 1000.0
+    assert not travel.overdue(1017.0)
+    travel.move(_at(1018.0, 30.5, 1.0))
+    assert travel.leg == _leg(1)

@@ -120,6 +120,7 @@ def tick_message(simulation: Simulation) -> LockstepTick:
         soundings=simulation.soundings,
         arrivals=simulation.arrivals,
         odometries=[simulation.tick] * len(simulation.vehicles),
+        commands=simulation.commands,
     )
 
 

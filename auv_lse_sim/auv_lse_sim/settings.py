@@ -26,6 +26,7 @@ from auv_lse_common.params import (
     section,
     to_mapping,
 )
+from auv_lse_common.safety.config import SafetyConfig
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.micromodem.config import ModemConfig
@@ -45,12 +46,13 @@ from auv_lse_sim.config import SimConfig
 from auv_lse_sim.record.config import RecordConfig
 
 #: Sections in which vehicles may differ.
-PER_VEHICLE = ("vehicle", "planner", "gp", "modem", "link")
+PER_VEHICLE = ("vehicle", "safety", "planner", "gp", "modem", "link")
 
 #: The class that checks each section of a mission file.
 SECTION_CLASSES: dict[str, type] = {
     "mission": MissionConfig,
     "vehicle": VehicleConfig,
+    "safety": SafetyConfig,
     "level_set": LevelSet,
     "area": AreaConfig,
     "gp": GpConfig,
@@ -81,6 +83,7 @@ class VehicleSettings:
     """The sections that may differ between vehicles."""
 
     vehicle: VehicleConfig = field(default_factory=VehicleConfig)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     gp: GpConfig = field(default_factory=GpConfig)
     modem: ModemConfig = field(default_factory=ModemConfig)
@@ -257,6 +260,7 @@ def _plain(value: Any) -> Any:
 def _vehicle_settings(parameters: Mapping[str, Any], where: str) -> VehicleSettings:
     return VehicleSettings(
         vehicle=section(VehicleConfig, parameters, "vehicle", where),
+        safety=section(SafetyConfig, parameters, "safety", where),
         planner=section(PlannerConfig, parameters, "planner", where),
         gp=section(GpConfig, parameters, "gp", where),
         modem=section(ModemConfig, parameters, "modem", where),

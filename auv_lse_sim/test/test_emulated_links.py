@@ -45,7 +45,7 @@ class Sea:
         self.world = World.of(settings, GROUND)
         self.pending = []
         self.legs = []
-        self.links = EmulatedLinks(settings, self.transmit, self.follow)
+        self.links = EmulatedLinks(settings, self.transmit, self.follow, lambda k, stop: None)
         self.ports = {k: ModemPort(settings.vehicle(k).modem, k) for k in self.links.modems}
         self.ears = {}
         self.autopilots = {}
@@ -200,7 +200,7 @@ def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
 
 
 def test_without_hardware_there_is_nothing_to_open():
-    links = EmulatedLinks(settings_with(), lambda *a: 0.0, lambda *a: None)
+    links = EmulatedLinks(settings_with(), lambda *a: 0.0, lambda *a: None, lambda *a: None)
     assert links.modems == links.autopilots == ()
     links.serve(0.0)
     links.poll(0.0)
@@ -221,4 +221,4 @@ def test_without_hardware_there_is_nothing_to_open():
 )
 def test_ports_that_cannot_be_offered_are_named(overrides, words):
     with pytest.raises(ParameterError, match=words):
-        EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, lambda *a: None)
+        EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, lambda *a: None, lambda *a: None)

@@ -20,7 +20,7 @@ from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
-from auv_lse_sim.emulated.target_leg import leg_to
+from auv_lse_sim.world.target_leg import leg_to
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
 MOTION = MotionTable(MotionConfig())
@@ -33,27 +33,27 @@ def end_of(leg: Leg) -> Target:
 
 
 def test_legs_by_hand():
-    straight = leg_to(0.0, 0.0, 0.0, Target(north_m=30.0, east_m=0.0, depth_m=4.0, heading_rad=0.0), 15.0)
+    straight = leg_to(0.0, 0.0, 0.0, (30.0, 0.0), 15.0)
     assert (straight.action_rad, straight.straight_m) == pytest.approx((0.0, 30.0))
     # a quarter turn to starboard ends one radius ahead and one to the right; 10 m further lies 10 m to the right
-    turn = leg_to(0.0, 0.0, 0.0, Target(north_m=15.0, east_m=25.0, depth_m=4.0, heading_rad=0.0), 15.0)
+    turn = leg_to(0.0, 0.0, 0.0, (15.0, 25.0), 15.0)
     assert (turn.action_rad, turn.straight_m) == pytest.approx((math.pi / 2, 10.0))
-    port = leg_to(math.pi, 0.0, 0.0, Target(north_m=-15.0, east_m=15.0, depth_m=4.0, heading_rad=0.0), 15.0)
+    port = leg_to(math.pi, 0.0, 0.0, (-15.0, 15.0), 15.0)
     assert (port.action_rad, port.straight_m) == pytest.approx((-math.pi / 2, 0.0), abs=1e-6)
 
 
 @given(st.floats(-3.1, 3.1), st.integers(0, len(MOTION.turns_rad) - 1))
 def test_the_end_of_a_planners_leg_gives_that_leg_back(heading, action):
     leg = MOTION.leg(3, [heading, 100.0, 200.0], action)
-    back = leg_to(heading, 100.0, 200.0, end_of(leg), leg.radius_m, 3)
+    end = end_of(leg)
+    back = leg_to(heading, 100.0, 200.0, (end.north_m, end.east_m), leg.radius_m, 3)
     assert back.action_rad == pytest.approx(leg.action_rad, abs=1e-6)
     assert back.straight_m == pytest.approx(leg.straight_m, abs=1e-5)
 
 
 @given(st.floats(-3.1, 3.1), st.floats(-300, 300), st.floats(-300, 300))
 def test_every_target_can_be_reached_and_is(heading, north, east):
-    target = Target(north_m=north, east_m=east, depth_m=4.0, heading_rad=0.0)
-    leg = leg_to(heading, 0.0, 0.0, target, 15.0)
+    leg = leg_to(heading, 0.0, 0.0, (north, east), 15.0)
     assert leg.end_state[1:] == pytest.approx((north, east), abs=0.06)  # ON_CIRCLE_M
     assert leg.straight_m >= 0.0
     assert abs(leg.action_rad) < 2.0 * math.pi

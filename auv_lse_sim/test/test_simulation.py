@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from auv_lse_common.mission_run import Action, RunState, Stop
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
@@ -19,6 +20,7 @@ def simulation(recorded: bool = False, lockstep: bool = True, vehicles: int = 1)
 def handle(sim: Simulation, tick: int, waypoints: int = 0, packets: int = 0, finished: bool = False) -> None:
     """Every vehicle's nodes announce the tick."""
     for k in sim.vehicles:
+        sim.take_done(k, "safety", tick, (0, 0), False)
         sim.take_done(k, "planner", tick, (waypoints, waypoints), finished)
         sim.take_done(k, "modem_sent", tick, (packets, 0), False)
 
@@ -27,7 +29,7 @@ def test_the_first_tick_waits_for_every_node_of_every_vehicle() -> None:
     sim = simulation(vehicles=2)
     sim.begin()
     for k in (1, 2):
-        for phase in ("gp", "planner", "modem"):
+        for phase in ("gp", "safety", "planner", "modem"):
             assert not sim.ready()
             sim.take_done(k, phase, 0, (0, 0), False)
     assert sim.ready()
@@ -101,3 +103,28 @@ def test_speed_is_that_of_the_last_seconds() -> None:
     for wall_s in range(40):
         speed.note(float(wall_s) ** 2, float(wall_s))
     assert speed.value == pytest.approx(39.0 + 14.0), "mean slope of t^2 from 14 s to 39 s"
+
+
+def test_a_tick_waits_for_the_states_that_are_announced_and_the_vehicle_obeys() -> None:
+    sim = simulation()
+    for tick in range(1, 4):
+        sim.advance()
+        handle(sim, tick)
+    sim.advance()
+    handle(sim, 4)
+    sim.take_done(1, "safety", 4, (1, 0), False)
+    assert not sim.ready()
+    sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.SURFACE))
+    assert sim.ready()
+    assert sim.runs == [RunState.HOLDING]
+
+
+def test_the_time_of_a_hold_does_not_count_against_the_mission() -> None:
+    sim = simulation(lockstep=False)
+    sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.HOLD))
+    while sim.now_s < 2.0 * sim._settings.longest_s:
+        assert sim.advance()
+    sim.take_state(1, 2, RunState.RUNNING, None)
+    while sim.state is MissionState.RUNNING:
+        sim.advance()
+    assert sim.state is MissionState.FAILED

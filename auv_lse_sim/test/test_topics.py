@@ -56,7 +56,13 @@ def test_every_message_type_of_our_own_exists() -> None:
 
 
 def test_the_end_of_a_phase_is_told_to_the_nodes_that_wait_for_it_and_to_no_other() -> None:
-    phases_of = {"gp_node": ["gp"], "planner_node": ["planner"], "modem_node": ["modem", "modem_sent"]}
+    phases_of = {
+        "gp_node": ["gp"],
+        "safety_node": ["safety"],
+        "planner_node": ["planner"],
+        "modem_node": ["modem", "modem_sent"],
+        "vehicle_link_node": ["vehicle_link"],
+    }
     for phase, it in PHASES.items():
         waiting = {
             node

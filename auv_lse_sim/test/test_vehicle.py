@@ -7,6 +7,7 @@ import pytest
 
 from auv_lse_common.compiled import plain
 from auv_lse_common.leg import Leg
+from auv_lse_common.mission_run import Action, Stop
 from auv_lse_common.params import from_mapping
 from auv_lse_common.seeds import stream
 from auv_lse_planner.config import MotionConfig, VehicleConfig
@@ -20,6 +21,7 @@ from auv_lse_sim.world.vehicle import SimVehicle
 TABLE = MotionTable(MotionConfig())
 IDEAL = {"ideal": True}
 STRAIGHT, RIGHT, LEFT = 5, 10, 0
+HOLD = Stop(action=Action.HOLD)
 
 
 def sim_config(**sections) -> SimConfig:
@@ -404,3 +406,88 @@ def test_current_is_what_was_asked_for():
     lag = np.mean(rest[:-500] * rest[500:]) / np.mean(rest**2)  # 50 s: one correlation time
     assert lag == pytest.approx(math.exp(-1.0), abs=0.1)
     assert np.abs(np.diff(flow, axis=0)).max() < 0.05
+
+
+def settle(dive: Dive, ticks: int) -> None:
+    for _ in range(ticks):
+        dive.tick()
+
+
+@pytest.mark.parametrize("sim", [sim_config(**IDEAL), sim_config()], ids=["ideal", "real"])
+def test_a_vehicle_told_to_hold_stays_there_and_then_travels_its_leg_to_the_end(sim) -> None:
+    dive = Dive(sim)
+    dive.command(STRAIGHT)
+    settle(dive, 8)
+    dive.command(RIGHT)
+    held_at = np.array(dive.vehicle.position[:2])
+    dive.vehicle.obey(HOLD)
+    for _ in range(120):
+        dive.tick()
+        assert np.hypot(*(np.array(dive.vehicle.position[:2]) - held_at)) < 2.0 * 15.0 + 5.0
+    assert dive.vehicle.step == 0
+    assert not dive.vehicle.truth(0.0).loitering, "its mission is not over"
+    end = dive.command(LEFT).end_state  # decided while it held
+    dive.vehicle.obey(None)
+    for _ in range(200):
+        dive.tick()
+        if dive.vehicle.truth(0.0).loitering:
+            break
+    assert dive.vehicle.step == 2
+    rows = np.concatenate(dive.rows)[-600:]
+    assert np.hypot(rows[:, mm.O_EST_NORTH] - end[1], rows[:, mm.O_EST_EAST] - end[2]).min() < 3.0
+
+
+def test_a_vehicle_told_to_surface_comes_up_and_dives_again() -> None:
+    dive = Dive(sim_config(), depth_m=4.0)
+    dive.command(STRAIGHT)
+    settle(dive, 10)
+    assert dive.vehicle.position[2] > 2.0
+    dive.vehicle.obey(Stop(action=Action.SURFACE))
+    settle(dive, 30)
+    assert dive.vehicle.position[2] == 0.0
+    dive.vehicle.obey(None)
+    settle(dive, 20)
+    assert dive.vehicle.position[2] > 2.0
+
+
+def test_a_vehicle_told_to_go_to_a_place_goes_there_and_stays() -> None:
+    dive = Dive(sim_config(**IDEAL))
+    dive.command(STRAIGHT)
+    settle(dive, 8)
+    dive.vehicle.obey(Stop(action=Action.GO_TO, place_m=(-60.0, 40.0)))
+    settle(dive, 200)
+    for _ in range(30):
+        dive.tick()
+        assert math.dist(dive.vehicle.position[:2], (-60.0, 40.0)) < 2.0 * 15.0 + 3.0
+
+
+def test_a_vehicle_that_is_told_to_hold_before_it_sets_out_waits() -> None:
+    dive = Dive(sim_config(**IDEAL))
+    dive.vehicle.obey(HOLD)
+    dive.command(STRAIGHT)
+    settle(dive, 20)
+    assert dive.vehicle.truth(0.0).travelled_m == 0.0
+    dive.vehicle.obey(None)
+    settle(dive, 20)
+    assert dive.vehicle.truth(0.0).travelled_m > 20.0
+
+
+@pytest.mark.parametrize(
+    ("then", "depth_m", "place_m"),
+    [
+        (None, 3.0, None),
+        (Stop(action=Action.HOLD), 3.0, None),
+        (Stop(action=Action.SURFACE), 0.0, None),
+        (Stop(action=Action.GO_TO, place_m=(-60.0, 40.0)), 3.0, (-60.0, 40.0)),
+    ],
+)
+def test_after_the_last_leg_a_vehicle_does_what_its_waypoint_says(then, depth_m, place_m) -> None:
+    dive = Dive(sim_config(**IDEAL))
+    leg = TABLE.leg(0, dive.state, STRAIGHT)
+    dive.vehicle.command(leg, 1.0, then)
+    settle(dive, 20)
+    assert dive.vehicle.truth(0.0).travelled_m == pytest.approx(20.0, abs=0.2), "at the speed that it was told"
+    settle(dive, 200)
+    assert dive.vehicle.position[2] == pytest.approx(depth_m, abs=0.01)
+    near = leg.end_state[1:] if place_m is None else place_m
+    assert math.dist(dive.vehicle.position[:2], near) < 2.0 * 15.0 + 3.0

@@ -202,16 +202,25 @@ class Graph:
         return None if result.successful else result.reason or "no reason given"
 
     def _call(self, node: str, kind: type, service: str, request: Any) -> Any:
-        client = self.node.create_client(kind, f"{node}/{service}")
+        return self.call(f"{node}/{service}", kind, request)
+
+    def call(self, service: str, kind: type, request: Any) -> Any:
+        """Calls a service by its full name; returns the answer.
+
+        Raises:
+            GraphError: if nobody offers it or answers.
+        """
+        node, _, name = service.rpartition("/")
+        client = self.node.create_client(kind, service)
         until = time.monotonic() + _ANSWER_S
         while not client.service_is_ready():
             if time.monotonic() > until:
-                raise GraphError(f"node {node}: offers no {service}; expected a node with parameter services")
+                raise GraphError(f"node {node}: offers no {name}; expected a node with that service")
             self.spin(0.05)
         future = client.call_async(request)
         while not future.done():
             if time.monotonic() > until:
-                raise GraphError(f"node {node}: no answer to {service} within {_ANSWER_S:g} s (is it busy?)")
+                raise GraphError(f"node {node}: no answer to {name} within {_ANSWER_S:g} s (is it busy?)")
             self._executor.spin_once(timeout_sec=0.1)
         self.node.destroy_client(client)
         return future.result()

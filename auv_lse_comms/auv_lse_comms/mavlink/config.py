@@ -31,6 +31,11 @@ class LinkConfig:
         choices=("position_target", "mission"),
         help="waypoints as SET_POSITION_TARGET_LOCAL_NED one after another, or as an uploaded mission",
     )
+    modes: tuple[int, ...] = parameter(
+        (),
+        low=0,
+        help="flight modes (the autopilot's numbers) in which the mission goes; empty: by its kind, docs/mavlink.md",
+    )
     set_origin: bool = parameter(
         True, help="send the mission's origin as SET_GPS_GLOBAL_ORIGIN when the autopilot has none"
     )

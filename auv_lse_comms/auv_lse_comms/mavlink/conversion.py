@@ -19,6 +19,7 @@ import math
 from dataclasses import dataclass
 
 from auv_lse_common.frames import wrap_pi
+from auv_lse_common.mission_run import Stop
 from auv_lse_comms.mavlink.datum import Datum
 from auv_lse_comms.mavlink.wire import Message, mavlink
 
@@ -45,6 +46,8 @@ class Target:
         depth_m: Below the surface, positive down.
         heading_rad: Heading there, clockwise from north.
         step: Mission step of the leg's start, for messages.
+        speed_mps: Speed on the way there; NaN: as the autopilot is set.
+        then: What follows the mission's last target; None: it is not the last.
     """
 
     north_m: float
@@ -52,6 +55,8 @@ class Target:
     depth_m: float
     heading_rad: float
     step: int = 0
+    speed_mps: float = math.nan
+    then: Stop | None = None
 
 
 def position_target(target: Target, datum: Datum, boot_ms: int, system: int, component: int) -> Message:
@@ -69,6 +74,14 @@ def position_target(target: Target, datum: Datum, boot_ms: int, system: int, com
         *(0.0,) * 6,
         float(wrap_pi(target.heading_rad)),
         0.0,
+    )
+
+
+def speed_command(speed_mps: float, system: int, component: int) -> Message:
+    """DO_CHANGE_SPEED to a speed over ground (m/s), throttle as it is, to the autopilot `system`, `component`."""
+    ground, throttle = 1.0, -1.0
+    return mavlink.MAVLink_command_long_message(
+        system, component, mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, ground, speed_mps, throttle, *(0.0,) * 4
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from auv_lse_common.safety.watch import AutopilotSays
 from auv_lse_comms.mavlink.conversion import Target
 
 
@@ -64,6 +65,21 @@ class Pressure:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotState:
+    """What the autopilot says of itself, told with each of its heartbeats and when they stop.
+
+    Attributes:
+        stamp_s: When it was last heard (s, the host's clock).
+        says: What it says.
+        battery_v: Voltage of its battery (V); NaN unknown.
+    """
+
+    stamp_s: float
+    says: AutopilotSays
+    battery_v: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TargetSent:
     """The autopilot has been sent a new target (position_target) or has accepted a mission that ends there."""
 
@@ -77,4 +93,4 @@ class Problem:
     text: str
 
 
-Event = AutopilotEstimate | Altitude | Pressure | LinkUp | LinkLost | TargetSent | Problem
+Event = AutopilotEstimate | Altitude | Pressure | AutopilotState | LinkUp | LinkLost | TargetSent | Problem

@@ -2,8 +2,9 @@
 
 Theory of operation
 -------------------
-The owner (a node) calls `receive` with bytes, `command` with each new leg's end, and `poll` often; after each it takes
-`outgoing` (datagrams) and `events`. `now_s` is the host's clock, s since 1970 (UTC, or simulated).
+The owner (a node) calls `receive` with bytes, `command` with each new leg's end, `stop` when the vehicle is to stop,
+and `poll` often; after each it takes `outgoing` (datagrams) and `events`. `now_s` is the host's clock, s since 1970
+(UTC, or simulated).
 
     state   cause                                               next
     DOWN    HEARTBEAT of the autopilot                          UP      asks for its origin, sets it if it has none
@@ -11,19 +12,13 @@ The owner (a node) calls `receive` with bytes, `command` with each new leg's end
     UP      HEARTBEAT                                           UP
 
 Own heartbeats go out in both states. Every LOCAL_POSITION_NED gives one odometry if an ATTITUDE not older than
-`stale_after_s` is there. Stamps are the autopilot's own times (time_boot_ms) carried over to UTC by its SYSTEM_TIME,
-if that agrees with the host's clock within `MAX_CLOCK_OFFSET_S`; else the time of receipt.
+`stale_after_s` is there. Stamps are the autopilot's own (`clock.py`) where its UTC is known, else times of receipt.
 
-Nothing is said of places before they are in the mission's frame: until the autopilot's origin is known (asked for every
-`ORIGIN_PERIOD_S`), and after one that was refused, neither odometry nor targets pass. An autopilot that reboots (its
-time since boot runs backwards, or the link is lost) may have another origin and clock: both are asked for anew.
+Nothing is said of places before they are in the mission's frame: until the autopilot's origin is known, and after one
+that was refused, neither odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs
+backwards, or the link is lost) may have another origin and clock: both are asked for anew.
 
-Waypoints come as ends of legs, in order, each before the one before it is reached; one with the step of an earlier
-one replaces it and all after it. In mode "position_target" the
-current end is sent as SET_POSITION_TARGET_LOCAL_NED, at once and every `target_period_s`; the next one replaces it when
-the vehicle is within `acceptance_m` of it or has passed it. In mode "mission" all ends not yet reached are
-uploaded as a mission whenever one is added; the first then becomes the current item, for autopilots keep their index.
-While the link is down targets are kept; the vehicle does what its
+Waypoints come as ends of legs (`targets.py`). While the link is down targets are kept; the vehicle does what its
 autopilot's own failsafe says, and when the link is up again the current target, or the mission, is sent again.
 """
 
@@ -31,37 +26,29 @@ from __future__ import annotations
 
 import enum
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable
 
+from auv_lse_common.mission_run import Stop
+from auv_lse_common.safety.watch import AutopilotSays
+from auv_lse_comms.mavlink.clock import AutopilotClock
 from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import Target, altitude_m, mission_item, position_target, pressure_pa
+from auv_lse_comms.mavlink.conversion import Target, altitude_m, pressure_pa
 from auv_lse_comms.mavlink.datum import Datum, Origin
 from auv_lse_comms.mavlink.events import (
     Altitude,
     AutopilotEstimate,
+    AutopilotState,
     Event,
     LinkLost,
     LinkUp,
     Pressure,
     Problem,
-    TargetSent,
 )
-from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
+from auv_lse_comms.mavlink.modes import obeying_modes
+from auv_lse_comms.mavlink.origin import ORIGIN_TOLERANCE_M, OriginExchange
+from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
 from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
-
-#: The autopilot's UTC is believed if it is within this of the host's clock (s).
-MAX_CLOCK_OFFSET_S = 2.0
-#: The autopilot's origin is asked for this often until it is known (s).
-ORIGIN_PERIOD_S = 2.0
-#: The autopilot's origin may lie this far from the mission's before it is reported (m).
-ORIGIN_TOLERANCE_M = 1.0
-#: An origin of the autopilot's farther than this from the mission's is refused (m): garbage, or another place.
-MAX_ORIGIN_OFFSET_M = 10_000.0
-#: A time since boot this much less than the last one means a reboot; less than that, a datagram out of order (ms).
-REBOOT_MS = 1000
-#: Legs' ends kept while the link is down or the vehicle slow; a mission has at most this many ahead.
-MAX_TARGETS = 64
 
 
 class LinkState(enum.Enum):
@@ -79,11 +66,18 @@ class VehicleLink:
         armed: Whether it reports to be armed.
         custom_mode: Its flight mode's number, by its own numbering; -1 while unknown.
         counts: What happened, by name.
-        datum: The mission's origin and the autopilot's.
     """
 
-    def __init__(self, config: LinkConfig, vehicle: int, origin: Origin | None) -> None:
+    def __init__(
+        self, config: LinkConfig, vehicle: int, origin: Origin | None, limits: TargetLimits | None = None
+    ) -> None:
         """For vehicle number `vehicle`, whose mission has `origin` (None: local places only, no missions).
+
+        Args:
+            config: Section `link`.
+            vehicle: Number of the vehicle.
+            origin: The mission's origin.
+            limits: What no target may exceed; None: any passes.
 
         Raises:
             ValueError: if missions are to be uploaded and there is no origin.
@@ -96,30 +90,24 @@ class VehicleLink:
         self.armed = False
         self.custom_mode = -1
         self.counts: Counter[str] = Counter()
-        self.datum = Datum(origin)
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
         self._codec = MavlinkCodec(config.system_id, config.component_id)
         self._out: list[bytes] = []
         self._events: list[Event] = []
-        self._upload = MissionUpload(
-            self._send, *self._autopilot, timeout_s=config.upload_timeout_s, retries=config.upload_retries
+        self._clock = AutopilotClock()
+        self._origin = OriginExchange(origin, self._autopilot, config.set_origin, self._send, self._report, self.counts)
+        self._targets = TargetSender(
+            config, self._autopilot, limits or TargetLimits(), self._send, self._events_of_targets, self.counts
         )
-        self._ardupilot = False
+        self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
+        self._battery, self._battery_v, self._leak = math.nan, math.nan, -1
         self._heard_s = -math.inf
         self._beat_s = -math.inf
-        self._origin_asked_s = -math.inf
-        self._refused_origin: Origin | None = None  # the last one refused
-        self._target_s = -math.inf
         self._now_s = -math.inf
-        self._boot_offset_s: float | None = None
-        self._boot_ms = 0  # the autopilot's latest time since boot
         self._attitude: Message | None = None
         self._attitude_s = -math.inf
         self._place: AutopilotEstimate | None = None
-        self._targets: deque[Target] = deque(maxlen=MAX_TARGETS)
-        self._unsent = False  # the first target, or the mission, has not been sent as it is now
-        self._uploading: tuple[Target, ...] = ()
 
     # ------------------------------------------------------------------ calls of the owner
 
@@ -139,21 +127,16 @@ class VehicleLink:
         """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
 
         Raises:
-            ValueError: if a number in it is not finite.
+            ValueError: if a number in it is not finite, or it is too deep or too far outside.
         """
         self._tick(now_s)
-        if not all(map(math.isfinite, (target.north_m, target.east_m, target.depth_m, target.heading_rad))):
-            raise ValueError(f"target {target}: expected finite numbers")
-        while self._targets and self._targets[-1].step >= target.step:
-            self._targets.pop()
-            self.counts["targets_replaced"] += 1
-        if len(self._targets) == MAX_TARGETS:
-            self.counts["targets_dropped"] += 1
-            self._events.append(Problem(text=f"more than {MAX_TARGETS} legs wait: the oldest is dropped"))
-        self._targets.append(target)
-        self.counts["targets"] += 1
-        if self._config.mode == "mission" or len(self._targets) == 1:
-            self._unsent = True
+        self._targets.add(target, self._place)
+        self._advance()
+
+    def stop(self, now_s: float, stop: Stop | None) -> None:
+        """Stops the vehicle, or lets it travel on (None)."""
+        self._tick(now_s)
+        self._targets.stop(stop)
         self._advance()
 
     def poll(self, now_s: float) -> None:
@@ -175,13 +158,11 @@ class VehicleLink:
             self.state = LinkState.DOWN
             self.counts["lost"] += 1
             self._events.append(LinkLost(silent_s=now_s - self._heard_s))
-            self._upload.abandon("link lost")
-            self._watch_upload()
+            self._events.append(self._autopilot_state())
             self._forget_autopilot()
         if self.state is LinkState.UP:
-            self._poll_origin()
-            self._upload.poll(now_s)
-            self._watch_upload()
+            self._origin.poll(now_s)
+            self._targets.poll(now_s)
         self._advance()
 
     def recognizes(self, datagram: bytes) -> bool:
@@ -203,17 +184,40 @@ class VehicleLink:
     @property
     def quiet(self) -> bool:
         """No answer of the autopilot is awaited that would come at once (so a lockstep tick may end)."""
-        return self.state is LinkState.UP and not self._upload.busy and not self._unsent
+        return self.state is LinkState.UP and self._targets.settled
 
     @property
     def targets(self) -> tuple[Target, ...]:
         """Ends of legs not yet reached, the current one first."""
-        return tuple(self._targets)
+        return self._targets.targets
+
+    @property
+    def datum(self) -> Datum:
+        """The mission's origin and the autopilot's."""
+        return self._origin.datum
 
     @property
     def placed(self) -> bool:
-        """AutopilotEstimate is in the mission's frame: the autopilot's origin is known, or the mission has none."""
-        return self.datum.mission is None or self.datum.autopilot is not None
+        """Places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        return self._origin.placed
+
+    @property
+    def obeying_modes(self) -> tuple[int, ...]:
+        """The flight modes in which the autopilot follows targets; empty: any, as far as is known."""
+        return self._config.modes or obeying_modes(*self._kind, self._config.mode == "mission")
+
+    @property
+    def says(self) -> AutopilotSays:
+        """What the autopilot says of itself."""
+        modes = self.obeying_modes
+        return AutopilotSays(
+            heard=self.state is LinkState.UP,
+            armed=self.armed,
+            mode=self.custom_mode,
+            mode_obeys=not modes or self.custom_mode in modes,
+            battery=self._battery,
+            leak=self._leak,
+        )
 
     @property
     def wire(self) -> Counter[str]:
@@ -227,140 +231,44 @@ class VehicleLink:
             self.counts["clock_steps"] += 1
             self._heard_s = min(self._heard_s, now_s)
             self._beat_s = min(self._beat_s, now_s)
-            self._target_s = min(self._target_s, now_s)
-            self._origin_asked_s = min(self._origin_asked_s, now_s)
             self._attitude_s = min(self._attitude_s, now_s)
-            self._boot_offset_s = None
+            self._targets.host_stepped(now_s)
+            self._origin.host_stepped(now_s)
+            self._clock.host_stepped()
         self._now_s = now_s
 
     def _forget_autopilot(self) -> None:
         """Drops what holds only until the autopilot reboots: its clock, its origin, where it said to be."""
-        self._boot_offset_s = None
-        self._boot_ms = 0
+        self._clock.forget()
+        self._origin.forget()
         self._attitude, self._place = None, None
-        self.datum = Datum(self.datum.mission)
-        self._refused_origin = None
-        self._origin_asked_s = -math.inf
-        self._unsent = bool(self._targets)
+        self._targets.resend()
 
     def _watch_boot(self, boot_ms: int) -> None:
         """Notices by its time since boot that the autopilot has rebooted."""
-        if boot_ms < self._boot_ms - REBOOT_MS:
+        if self._clock.rebooted(boot_ms):
             self.counts["reboots"] += 1
-            text = f"the autopilot has rebooted: its time since boot went back to {boot_ms / 1000.0:.1f} s"
-            self._events.append(Problem(text=text))
-            self._upload.abandon("the autopilot has rebooted")
-            self._watch_upload()
+            self._report(f"the autopilot has rebooted: its time since boot went back to {boot_ms / 1000.0:.1f} s")
             self._forget_autopilot()
-        self._boot_ms = max(self._boot_ms, boot_ms)
+            self._clock.rebooted(boot_ms)
 
     def _send(self, message: Message) -> None:
         self._out.append(self._codec.encode(message))
 
-    def _stamp_s(self, boot_ms: int) -> float:
-        if self._boot_offset_s is None:
-            return self._now_s
-        return boot_ms / 1000.0 + self._boot_offset_s
+    def _report(self, text: str) -> None:
+        self._events.append(Problem(text=text))
 
-    def _poll_origin(self) -> None:
-        if self.datum.autopilot is not None or self._now_s - self._origin_asked_s < ORIGIN_PERIOD_S:
-            return
-        first = math.isinf(self._origin_asked_s)
-        self._origin_asked_s = self._now_s
-        mission = self.datum.mission
-        if not first and self._config.set_origin and mission is not None and self._refused_origin is None:
-            # it did not answer: it has none yet
-            self.counts["origin_set"] += 1
-            if self.counts["origin_set"] == 1:
-                text = (
-                    "the autopilot has no origin: the mission's is set; without GPS the place where its estimator "
-                    f"started is then taken for latitude {mission.lat_deg:.7f}, longitude {mission.lon_deg:.7f} deg "
-                    "(fix: start it there, or wait for its GPS and set link.set_origin to false)"
-                )
-                self._events.append(Problem(text=text))
-            self._send(
-                mavlink.MAVLink_set_gps_global_origin_message(
-                    self._autopilot[0], round(mission.lat_deg * 1e7), round(mission.lon_deg * 1e7), 0
-                )
-            )
-        self._send(
-            mavlink.MAVLink_command_long_message(
-                *self._autopilot,
-                mavlink.MAV_CMD_REQUEST_MESSAGE,
-                0,
-                mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
-                *(0.0,) * 6,
-            )
-        )
-
-    # ------------------------------------------------------------------ waypoints
-
-    def _reached(self, target: Target) -> bool:
-        place = self._place
-        if place is None:
-            return False
-        north, east = target.north_m - place.north_m, target.east_m - place.east_m
-        ahead_m = north * math.cos(target.heading_rad) + east * math.sin(target.heading_rad)
-        aside_m = abs(east * math.cos(target.heading_rad) - north * math.sin(target.heading_rad))
-        # near it, or past the line across its end at no more than twice the acceptance to the side
-        acceptance_m = self._config.acceptance_m
-        return math.hypot(north, east) <= acceptance_m or (ahead_m <= 0.0 and aside_m <= 2.0 * acceptance_m)
+    def _events_of_targets(self, event: Event) -> None:
+        self._events.append(event)
 
     def _advance(self) -> None:
-        while len(self._targets) > 1 and self._reached(self._targets[0]):
-            self._targets.popleft()
-            self.counts["reached"] += 1
-            if self._config.mode == "position_target":
-                self._unsent = True
-        if self.state is LinkState.DOWN or not self.placed or not self._targets:
-            return
-        if self._config.mode == "position_target":
-            self._advance_position_target()
-        else:
-            self._advance_mission()
+        self._targets.pass_reached(self._place)
+        if self.state is LinkState.UP and self.placed:
+            ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+            self._targets.send(self._now_s, self._clock.boot_ms_at(self._now_s), self.datum, ardupilot)
 
-    def _advance_position_target(self) -> None:
-        if not self._unsent and self._now_s - self._target_s < self._config.target_period_s:
-            return
-        target = self._targets[0]
-        boot_ms = max(0, int((self._now_s - (self._boot_offset_s or 0.0)) * 1000.0))
-        self._send(position_target(target, self.datum, boot_ms, *self._autopilot))
-        self.counts["target_messages"] += 1
-        if self._unsent:
-            self.counts["targets_sent"] += 1
-            self._events.append(TargetSent(target=target))
-        self._unsent = False
-        self._target_s = self._now_s
-
-    def _advance_mission(self) -> None:
-        if self._upload.busy or not self._unsent:
-            return
-        if self._upload.state is UploadState.FAILED and self._now_s - self._target_s < self._config.upload_timeout_s:
-            return
-        self._unsent = False
-        self._target_s = self._now_s
-        self._uploading = tuple(self._targets)
-        ends = list(self._uploading)
-        if self._ardupilot:
-            ends.insert(0, ends[0])  # ArduPilot keeps its home in item 0 and flies from item 1
-        items = [
-            mission_item(end, self.datum, number, self._config.acceptance_m, *self._autopilot)
-            for number, end in enumerate(ends)
-        ]
-        self._upload.start(self._now_s, items, first=int(self._ardupilot))
-
-    def _watch_upload(self) -> None:
-        """Reports an upload that has just ended."""
-        if not self._uploading or self._upload.busy:
-            return
-        if self._upload.state is UploadState.DONE:
-            self.counts["uploads"] += 1
-            self._events.append(TargetSent(target=self._uploading[-1]))
-        else:
-            self.counts["uploads_failed"] += 1
-            self._events.append(Problem(text=f"mission upload: {self._upload.problem}"))
-            self._unsent = True  # tried again after upload_timeout_s, with what is then to be flown
-        self._uploading = ()
+    def _autopilot_state(self) -> AutopilotState:
+        return AutopilotState(stamp_s=self._heard_s, says=self.says, battery_v=self._battery_v)
 
     # ------------------------------------------------------------------ messages
 
@@ -368,25 +276,18 @@ class VehicleLink:
         self._heard_s = self._now_s
         self.armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.custom_mode = int(message.custom_mode)
-        self._ardupilot = message.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        self._kind = (message.autopilot, message.type)
         if self.state is LinkState.DOWN:
             self.state = LinkState.UP
             self.counts["up"] += 1
-            self._origin_asked_s = -math.inf
             self._events.append(LinkUp(autopilot=message.autopilot, vehicle_type=message.type))
-            self._poll_origin()
+            self._origin.ask_at_once(self._now_s)
+        self._events.append(self._autopilot_state())
 
     def _on_system_time(self, message: Message) -> None:
         self._watch_boot(message.time_boot_ms)
-        if message.time_unix_usec == 0:  # it does not know: it has rebooted, or has never had a fix
-            self._boot_offset_s = None
-            return
-        utc_s = message.time_unix_usec * 1e-6
-        if abs(utc_s - self._now_s) <= MAX_CLOCK_OFFSET_S:
-            self._boot_offset_s = utc_s - message.time_boot_ms / 1000.0
-        else:
-            self._boot_offset_s = None
-            self.counts["clock_off"] += 1
+        if not self._clock.set_utc(self._now_s, message.time_unix_usec, message.time_boot_ms):
+            self.counts["clock_off"] += message.time_unix_usec != 0  # 0: it does not know it
 
     def _on_attitude(self, message: Message) -> None:
         self._watch_boot(message.time_boot_ms)
@@ -407,7 +308,7 @@ class VehicleLink:
             return
         north_m, east_m = self.datum.from_local_ned(message.x, message.y)
         self._place = AutopilotEstimate(
-            stamp_s=self._stamp_s(message.time_boot_ms),
+            stamp_s=self._clock.stamp_s(self._now_s, message.time_boot_ms),
             heading_rad=float(self._attitude.yaw),
             north_m=north_m,
             east_m=east_m,
@@ -428,49 +329,19 @@ class VehicleLink:
         if apart_m > ORIGIN_TOLERANCE_M + moved_m + 1e-3 * math.hypot(north_m, east_m):
             self.counts["datum_mismatch"] += 1
             if self.counts["datum_mismatch"] == 1:
-                text = f"local and global position are {apart_m:.1f} m apart: another origin? (datum {self.datum})"
-                self._events.append(Problem(text=text))
+                self._report(
+                    f"local and global position are {apart_m:.1f} m apart: another origin? (datum {self.datum})"
+                )
 
     def _on_origin(self, message: Message) -> None:
-        if message.latitude == 0 and message.longitude == 0:
-            return
-        origin = Origin(lat_deg=message.latitude * 1e-7, lon_deg=message.longitude * 1e-7)
-        if self.datum.autopilot == origin:
-            return
-        datum = Datum(self.datum.mission, origin)
-        valid = abs(origin.lat_deg) <= 90.0 and abs(origin.lon_deg) <= 180.0
-        north_m, east_m = datum.from_local_ned(0.0, 0.0) if valid else (math.inf, math.inf)
-        if not valid or not math.hypot(north_m, east_m) <= MAX_ORIGIN_OFFSET_M:
-            self._refuse_origin(origin, math.hypot(north_m, east_m))
-            return
-        self.datum = datum
-        self._refused_origin = None
-        if self.datum.mission is not None and math.hypot(north_m, east_m) > ORIGIN_TOLERANCE_M:
-            text = (
-                f"the autopilot's origin lies {north_m:.1f} m north, {east_m:.1f} m east of the mission's: allowed for"
-            )
-            self._events.append(Problem(text=text))
-
-    def _refuse_origin(self, origin: Origin, offset_m: float) -> None:
-        """Counts an origin that cannot be right, and reports it once; the autopilot's frame is not known then."""
-        self.counts["origins_refused"] += 1
-        self.datum = Datum(self.datum.mission)
-        if origin == self._refused_origin:
-            return
-        self._refused_origin = origin
-        where = f", {offset_m / 1000.0:.1f} km from the mission's" if math.isfinite(offset_m) else ""
-        text = (
-            f"the autopilot's origin is refused: latitude {origin.lat_deg:.7f}, longitude {origin.lon_deg:.7f} deg"
-            f"{where}; expected a place within {MAX_ORIGIN_OFFSET_M / 1000.0:g} km of the mission's origin"
-        )
-        self._events.append(Problem(text=text))
+        self._origin.take(message.latitude, message.longitude)
 
     def _on_distance(self, message: Message) -> None:
         altitude = altitude_m(message)
         if altitude is not None:
             self._events.append(
                 Altitude(
-                    stamp_s=self._stamp_s(message.time_boot_ms),
+                    stamp_s=self._clock.stamp_s(self._now_s, message.time_boot_ms),
                     altitude_m=altitude,
                     min_m=message.min_distance / 100.0,
                     max_m=message.max_distance / 100.0,
@@ -478,31 +349,37 @@ class VehicleLink:
             )
 
     def _on_pressure(self, message: Message) -> None:
-        self._events.append(Pressure(stamp_s=self._stamp_s(message.time_boot_ms), pressure_pa=pressure_pa(message)))
+        stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
+        self._events.append(Pressure(stamp_s=stamp_s, pressure_pa=pressure_pa(message)))
+
+    def _on_system_status(self, message: Message) -> None:
+        if 0 <= message.battery_remaining <= 100:
+            self._battery = message.battery_remaining / 100.0
+        if message.voltage_battery != 0xFFFF:
+            self._battery_v = message.voltage_battery / 1000.0
 
     def _on_mission_request(self, message: Message) -> None:
-        self._upload.request(self._now_s, message.seq)
-        self._watch_upload()
+        self._targets.requested(self._now_s, message.seq)
 
     def _on_mission_ack(self, message: Message) -> None:
-        if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION or not self._upload.busy:
-            return
-        self._upload.acknowledge(self._now_s, message.type)
-        self._watch_upload()
+        if message.mission_type == mavlink.MAV_MISSION_TYPE_MISSION:
+            self._targets.acknowledged(self._now_s, message.type)
 
     def _on_mission_current(self, message: Message) -> None:
-        self._upload.current(message.seq)
-        self._watch_upload()
+        self._targets.now_at_item(message.seq)
 
     def _on_text(self, message: Message) -> None:
         if message.severity <= mavlink.MAV_SEVERITY_WARNING:
-            self._events.append(Problem(text=f"autopilot: {message.text}"))
+            self._report(f"autopilot: {message.text}")
+        if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
+            self._leak = 1  # ArduSub says so by text alone, and never that it is over
 
 
 #: What is done with each message of the autopilot; others are ignored.
 HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "HEARTBEAT": VehicleLink._on_heartbeat,
     "SYSTEM_TIME": VehicleLink._on_system_time,
+    "SYS_STATUS": VehicleLink._on_system_status,
     "ATTITUDE": VehicleLink._on_attitude,
     "LOCAL_POSITION_NED": VehicleLink._on_local_position,
     "GLOBAL_POSITION_INT": VehicleLink._on_global_position,

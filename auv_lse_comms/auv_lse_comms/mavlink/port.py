@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from auv_lse_common.health import Health, Level
+from auv_lse_common.mission_run import Stop
 from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.mavlink.conversion import Target
 from auv_lse_comms.mavlink.datum import Origin
@@ -12,6 +13,7 @@ from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate
 from auv_lse_comms.mavlink.events import Event as LinkEvent
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.mavlink.sounder import Sounder, Sounding
+from auv_lse_comms.mavlink.targets import TargetLimits
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
 
 #: Speed of a serial endpoint that names none.
@@ -31,14 +33,22 @@ class AutopilotPort:
         connection: The endpoint.
     """
 
-    def __init__(self, config: LinkConfig, vehicle: int, origin: Origin | None) -> None:
+    def __init__(
+        self, config: LinkConfig, vehicle: int, origin: Origin | None, limits: TargetLimits | None = None
+    ) -> None:
         """For the autopilot of vehicle number `vehicle`; opens nothing yet.
+
+        Args:
+            config: Section `link`.
+            vehicle: Number of the vehicle.
+            origin: The mission's origin.
+            limits: What no target may exceed.
 
         Raises:
             ValueError: if `link.endpoint` is no address, or missions are to be uploaded and there is no origin.
         """
         address = read_address(config.endpoint, _BAUD)
-        self.link = VehicleLink(config, vehicle, origin)
+        self.link = VehicleLink(config, vehicle, origin, limits)
         self.connection = Connection(
             lambda: open_transport(address, self.link.recognizes), config.backoff_min_s, config.backoff_max_s
         )
@@ -69,6 +79,10 @@ class AutopilotPort:
         """
         self.link.command(now_s, target)
 
+    def stop(self, now_s: float, stop: Stop | None) -> None:
+        """Stops the vehicle, or lets it travel on (None); `step` puts it on the wire."""
+        self.link.stop(now_s, stop)
+
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
         """Opens the endpoint if it is time, takes what has come, lets time pass (if `poll`), writes; tells events."""
         self.connection.poll(steady_s)
@@ -91,6 +105,8 @@ class AutopilotPort:
         link = self.link
         up = link.state is LinkState.UP
         text = ("armed" if link.armed else "not armed") if up else self.connection.problem or "no autopilot heard"
+        if up and not link.says.mode_obeys:
+            text += f"; mode {link.custom_mode}, expected one of {list(link.obeying_modes)} (link.modes)"
         if up and not link.placed:
             text += "; the autopilot's origin is not known: no odometry, no targets"
         values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts}

@@ -8,10 +8,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.frames import quaternion_from_heading
-from auv_lse_common.ros_conversions import header
+from auv_lse_common.ros_conversions import header, stop_of
 from auv_lse_comms.mavlink.conversion import Target
-from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, Pressure
-from auv_lse_msgs.msg import Waypoint
+from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, AutopilotState, Pressure
+from auv_lse_msgs.msg import AutopilotStatus, Waypoint
 
 
 def odometry_message(odometry: AutopilotEstimate, vehicle: int) -> Odometry:
@@ -42,11 +42,32 @@ def pressure_message(pressure: Pressure, vehicle: int) -> FluidPressure:
 
 
 def target_of_waypoint(message: Waypoint) -> Target:
-    """The end of a Waypoint's leg."""
+    """The end of a Waypoint's leg.
+
+    Raises:
+        ValueError: if what is to follow it is none of MissionState's actions.
+    """
     return Target(
         north_m=message.end_north_m,
         east_m=message.end_east_m,
         depth_m=message.depth_m,
         heading_rad=message.end_heading_rad,
         step=message.step,
+        speed_mps=message.speed_mps if message.speed_mps > 0.0 else math.nan,
+        then=stop_of(message.then, message.then_north_m, message.then_east_m),
+    )
+
+
+def status_message(state: AutopilotState) -> AutopilotStatus:
+    """What the autopilot says of itself."""
+    says = state.says
+    return AutopilotStatus(
+        header=header(state.stamp_s),
+        heard=says.heard,
+        armed=says.armed,
+        mode=says.mode,
+        mode_obeys=says.mode_obeys,
+        battery=says.battery,
+        battery_v=state.battery_v,
+        leak=says.leak,
     )

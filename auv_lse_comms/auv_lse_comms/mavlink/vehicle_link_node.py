@@ -7,7 +7,7 @@ from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.base_node import run
 from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import sounding_message
+from auv_lse_common.ros_conversions import sounding_message, standing_of
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.mavlink import events, sounder
 from auv_lse_comms.mavlink.config import LinkConfig
@@ -17,9 +17,11 @@ from auv_lse_comms.mavlink.ros_conversions import (
     altitude_message,
     odometry_message,
     pressure_message,
+    status_message,
     target_of_waypoint,
 )
-from auv_lse_msgs.msg import Sounding, Waypoint
+from auv_lse_comms.mavlink.targets import target_limits
+from auv_lse_msgs.msg import AutopilotStatus, MissionState, Sounding, Waypoint
 
 
 class VehicleLinkNode(DriverNode):
@@ -33,17 +35,20 @@ class VehicleLinkNode(DriverNode):
             raise ParameterError(f"{self.where}: link.kind: got {config.kind!r}; expected 'mavlink'")
         origin = origin_of(self.parameters, self.where)
         try:
-            self._autopilot = AutopilotPort(config, self.vehicle, origin)
+            limits = target_limits(self.parameters, self.where)
+            self._autopilot = AutopilotPort(config, self.vehicle, origin, limits)
         except ValueError as error:
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
         self._waypoints = 0
+        self._status = self.publisher(AutopilotStatus, "autopilot")
         self._odometry = self.publisher(Odometry, "odometry")
         self._altitude = self.publisher(Range, "altitude")
         self._pressure = self.publisher(FluidPressure, "pressure")
         if config.soundings:
             self._sounding = self.publisher(Sounding, "sounding")
         self.listen(Waypoint, "waypoint", self._on_waypoint)
+        self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
         self.drive(self._autopilot)
 
     def _on_waypoint(self, message: Waypoint) -> None:
@@ -53,6 +58,12 @@ class VehicleLinkNode(DriverNode):
             self.get_logger().error(f"waypoint of step {message.step}: {error}")
         self._waypoints += 1
         self.owe("vehicle_link")  # what was answered for this tick did not count the waypoint
+
+    def _on_state(self, message: MissionState) -> None:
+        try:
+            self._autopilot.stop(self.time_s(), standing_of(message).stop)
+        except ValueError as error:
+            self.get_logger().error(f"mission/state: {error}")
 
     def polls(self) -> bool:
         """Before the first tick time passes by the timer: the autopilot has to be found."""
@@ -69,6 +80,8 @@ class VehicleLinkNode(DriverNode):
             case events.AutopilotEstimate():
                 self._odometry.publish(odometry_message(event, self.vehicle))
                 self.arrived("odometry")
+            case events.AutopilotState():
+                self._status.publish(status_message(event))
             case events.Altitude():
                 self._altitude.publish(altitude_message(event, self.vehicle))
             case events.Pressure():

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import Plan, Tour
+from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_comms.packet.fields import (
+    ABORT,
     ACTION,
     BEARING,
     FILL,
@@ -63,7 +64,7 @@ REASONS = {
     "action": "an action that is not in the action set",
     "terminal": "no terminal byte ends the actions, or too many actions",
     "tour": "a tour without segments, with more than 64, or longer than the mission",
-    "naive_path": "a terminal byte that is reserved (0xE5 to 0xEE), or after a tour 0xEF or one below 0xE0",
+    "naive_path": "a terminal byte that is reserved (0xE5 to 0xED), or after a tour 0xEF or one below 0xE0",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
@@ -138,16 +139,19 @@ class Packet:
     Attributes:
         plan: Where the sender's path begins, its actions, its tour, and the naive path that continues it.
         samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
+        abort: Whether the sender calls the team to abort the mission; no naive path continues its plan then.
     """
 
     plan: Plan
     samples: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
+    abort: bool = False
+
     def __eq__(self, other: object) -> bool:
-        """Equal in plan and samples."""
+        """Equal in plan, samples, and whether it calls to abort."""
         if not isinstance(other, Packet):
             return NotImplemented
-        return self.plan == other.plan and np.array_equal(self.samples, other.samples)
+        return self.plan == other.plan and self.abort == other.abort and np.array_equal(self.samples, other.samples)
 
     __hash__ = None  # type: ignore[assignment]  # holds an array
 
@@ -178,6 +182,8 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     step, naive_path, actions = operator.index(plan.step), operator.index(plan.naive_path), plan.actions
     _check("step", step, HEADER[0])
     _check_terminal(naive_path)
+    if packet.abort and naive_path != NONE:
+        raise PacketError("naive_path", f"naive_path = {naive_path}: expected {NONE} (none) beside a call to abort")
     if any(not ACTION.low <= action <= ACTION.high for action in actions):
         raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
     _check_tour(plan.tour, limits)
@@ -198,7 +204,7 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     _check_start(step, *start, limits)
     _check_actions(actions, limits)
     _check_samples(small_samples, limits)
-    path = bytes(actions) + _tour_bytes(plan.tour) + bytes([naive_path])
+    path = bytes(actions) + _tour_bytes(plan.tour) + bytes([ABORT if packet.abort else naive_path])
     used = HEADER_STRUCT.pack(step, *start) + path + small_samples.tobytes()
     return used.ljust(PACKET_BYTES, bytes([FILL]))
 
@@ -231,7 +237,8 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     _check_tour(tour, limits)
     segments = 0 if tour is None else len(tour.bearings)
     start = samples_start(len(actions), segments)
-    naive_path = data[start - 1]
+    abort = data[start - 1] == ABORT
+    naive_path = NONE if abort else data[start - 1]
     _check_terminal(naive_path)
     places = capacity(len(actions), reserve, segments)
     stop = start + places * SAMPLE_BYTES
@@ -249,7 +256,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
             raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
         raise
     plan = Plan.at(step, np.array([heading, north, east]), actions, naive_path, tour)
-    return Packet(plan, samples.astype(float))
+    return Packet(plan, samples.astype(float), abort)
 
 
 def _check(reason: str, value: float, table: PacketField) -> None:
@@ -261,7 +268,7 @@ def _check(reason: str, value: float, table: PacketField) -> None:
 def _check_terminal(naive_path: int) -> None:
     _check("naive_path", naive_path, TERMINAL)
     if naive_path in RESERVED:
-        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{RESERVED[-1]} are reserved")
+        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{ABORT - 1} are reserved")
 
 
 def _check_start(step: int, heading: float, north: float, east: float, limits: Limits | None) -> None:

@@ -16,7 +16,9 @@ PACKET_BYTES = 252
 FIRST_TERMINAL = MAX_ACTION_SET
 #: Ends the actions of a plan with a tour, which follows.
 TOUR = 0xEF
-#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR`.
+#: Ends the path of a vehicle that calls the team to abort the mission.
+ABORT = 0xEE
+#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR` and `ABORT`.
 RESERVED = range(0xE5, 0xF0)
 #: Fills unused bytes.
 FILL = 0xFF
@@ -98,7 +100,8 @@ TERMINAL = PacketField(
     type="uint8",
     low=FIRST_TERMINAL,
     high=NONE,
-    meaning="ends the path: 0xFF no more of it, else the id of the naive path that continues to the mission's end",
+    meaning="ends the path: 0xFF no more of it, 0xEE likewise and the team is to abort, else the id of the naive path "
+    "that continues to the mission's end",
 )
 #: Repeated once per sample; an unused place holds 12 bytes 0xFF.
 SAMPLE = (

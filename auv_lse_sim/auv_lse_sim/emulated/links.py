@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from auv_lse_common.leg import Leg
+from auv_lse_common.mission_run import Stop
 from auv_lse_common.params import ParameterError
 from auv_lse_comms.mavlink.datum import Origin
 from auv_lse_comms.transport import AddressError, read_address
@@ -43,6 +44,7 @@ class EmulatedLinks:
         settings: Settings,
         transmit: Callable[[int, float, bytes], float],
         follow: Callable[[int, Leg], None],
+        obey: Callable[[int, Stop | None], None],
     ) -> None:
         """Opens the ports.
 
@@ -50,6 +52,7 @@ class EmulatedLinks:
             settings: The mission.
             transmit: Takes (vehicle, start (s), payload) into the water; returns the transmission's duration (s).
             follow: Takes (vehicle, leg), to be travelled after the legs before it.
+            obey: Takes (vehicle, what it does in place of travelling; None: it travels on).
 
         Raises:
             ParameterError: naming a port that cannot be offered, and why.
@@ -65,7 +68,7 @@ class EmulatedLinks:
                 shells = {k: _shell(settings.vehicle(k).modem.port) for k in self.modems}
                 self.rack = ModemRack(shells, lambda k, packet: transmit(k, packet.start_s, packet.payload))
             if self.autopilots:
-                autopilots = {k: self._autopilot(k, follow) for k in self.autopilots}
+                autopilots = {k: self._autopilot(k, follow, obey) for k in self.autopilots}
                 self.dock = MavlinkDock(
                     autopilots, {k: _calls(settings.vehicle(k).link.endpoint) for k in self.autopilots}
                 )
@@ -73,7 +76,9 @@ class EmulatedLinks:
             self.close()
             raise ParameterError(f"{settings.where}: emulated links: {error}") from error
 
-    def _autopilot(self, k: int, follow: Callable[[int, Leg], None]) -> MavlinkVehicle:
+    def _autopilot(
+        self, k: int, follow: Callable[[int, Leg], None], obey: Callable[[int, Stop | None], None]
+    ) -> MavlinkVehicle:
         vehicle, area = self._settings.vehicle(k).vehicle, self._settings.area
         origin = None
         if area.origin_lat_deg is not None and area.origin_lon_deg is not None:
@@ -81,7 +86,9 @@ class EmulatedLinks:
         start = (vehicle.start_heading_rad, vehicle.start_north_m, vehicle.start_east_m)
         radius_m = self._settings.motion.turn_radius_m
         system_id = self._settings.vehicle(k).link.autopilot_system_id or k
-        return MavlinkVehicle(system_id, start, radius_m, origin, lambda leg: follow(k, leg))
+        return MavlinkVehicle(
+            system_id, start, radius_m, origin, lambda leg: follow(k, leg), obey=lambda stop: obey(k, stop)
+        )
 
     def greet(self, now_s: float) -> None:
         """Lets the drivers find their hardware before the mission's time runs."""

@@ -10,7 +10,9 @@ told otherwise by MISSION_SET_CURRENT.
 A new target or mission item is travelled to after the one before it (the sender sends it when the vehicle is about to
 reach that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs,
 which are arcs and straights of that radius, that is the leg itself, to the rounding of the message (float32: 0.03 mm at
-500 m; mission items: 1 cm). A target's depth is ignored: a simulated vehicle keeps its own.
+500 m; mission items: 1 cm). A target's depth and a commanded speed are ignored, since a simulated vehicle keeps its
+own, but for a target at the surface, which brings it up where it is. A new target where the vehicle has just been stops
+it there. The next other target lets it travel on.
 """
 
 from __future__ import annotations
@@ -21,15 +23,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from auv_lse_common.leg import Leg
+from auv_lse_common.mission_run import Action, Stop
 from auv_lse_comms.mavlink.conversion import DOWN, Target, target_of_item, target_of_position
 from auv_lse_comms.mavlink.datum import Datum, Origin
 from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
-from auv_lse_sim.emulated.target_leg import leg_to
+from auv_lse_sim.world.target_leg import leg_to
 
 #: A target nearer than this to an earlier one is that one again (m): the rounding of a mission item.
 SAME_M = 0.05
 #: A target's heading is taken for the leg's end if it is within this of the leg's own (rad).
 SAME_RAD = 0.1
+#: A new target nearer than `SAME_M` to one of so many places reported last stops the vehicle there.
+REPORTS = 8
+#: A target less deep than this brings the vehicle to the surface (m).
+SURFACE_M = 0.5
 #: Targets remembered to recognize their repetition.
 REMEMBERED = 8
 #: A mission has at most this many items.
@@ -83,6 +90,7 @@ class MavlinkVehicle:
         origin: Origin | None,
         follow: Callable[[Leg], None],
         *,
+        obey: Callable[[Stop | None], None] = lambda stop: None,
         own_origin: Origin | None = None,
     ) -> None:
         """Starts armed, in guided flight, without a ground station.
@@ -93,6 +101,7 @@ class MavlinkVehicle:
             radius_m: Turn radius.
             origin: The mission's origin; None: no geodetic positions.
             follow: Takes each leg, to be travelled after the legs before it.
+            obey: Takes what the vehicle does in place of travelling; None: it travels on.
             own_origin: The estimator's origin, if it is another than the mission's.
         """
         self.counts: Counter[str] = Counter()
@@ -103,7 +112,9 @@ class MavlinkVehicle:
         self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._state = start
         self._radius_m = radius_m
-        self._follow = follow
+        self._follow, self._obey = follow, obey
+        self._stopped: Stop | None = None
+        self._reported: deque[tuple[float, float]] = deque(maxlen=REPORTS)  # north, east (m)
         self._recent: deque[Target] = deque(maxlen=REMEMBERED)
         self._out: list[bytes] = []
         self._now_s = 0.0
@@ -125,6 +136,7 @@ class MavlinkVehicle:
     def report(self, now_s: float, report: Report) -> None:
         """Sends the telemetry of one tick."""
         self._now_s = now_s
+        self._reported.append((report.north_m, report.east_m))
         if now_s - self._beat_s >= 1.0 or now_s < self._beat_s:
             self._beat_s = now_s
             self._heartbeat()
@@ -202,11 +214,16 @@ class MavlinkVehicle:
     # ------------------------------------------------------------------ targets
 
     def _go(self, target: Target) -> None:
-        if any(
-            math.hypot(target.north_m - known.north_m, target.east_m - known.east_m) <= SAME_M for known in self._recent
-        ):
+        known = any(_apart_m(target, (recent.north_m, recent.east_m)) <= SAME_M for recent in self._recent)
+        if target.depth_m <= SURFACE_M:  # where it comes up makes no difference
+            self._tell(Stop(action=Action.SURFACE))
             return
-        leg = leg_to(*self._state, target, self._radius_m, self.counts["legs"])
+        if not known and self._stops(target):
+            return
+        self._tell(None)
+        if known:
+            return
+        leg = leg_to(*self._state, (target.north_m, target.east_m), self._radius_m, self.counts["legs"])
         self._recent.append(target)
         # The next leg begins at the target as it was meant, not as it comes out of the geometry: from leg to leg a
         # heading that is a little off would be off by more and more.
@@ -216,6 +233,19 @@ class MavlinkVehicle:
         self._state = (heading, target.north_m, target.east_m)
         self.counts["legs"] += 1
         self._follow(leg)
+
+    def _stops(self, target: Target) -> bool:
+        """Whether a target is a place to stop at: that of a stop, or where the vehicle just was; it then stops."""
+        places = self._reported if self._stopped is None else [*self._reported, self._stopped.place_m]
+        if not any(_apart_m(target, place) <= SAME_M for place in places):
+            return False
+        self._tell(Stop(action=Action.HOLD, place_m=(target.north_m, target.east_m)))
+        return True
+
+    def _tell(self, stop: Stop | None) -> None:
+        if stop != self._stopped:
+            self._obey(stop)
+        self._stopped = stop
 
     def _send_text(self, severity: int, text: str) -> None:
         self._send(mavlink.MAVLink_statustext_message(severity, text.encode("ascii", "replace")[:50]))
@@ -345,6 +375,7 @@ class MavlinkVehicle:
                 mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
                 mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
                 mavlink.MAV_CMD_MISSION_START,
+                mavlink.MAV_CMD_DO_CHANGE_SPEED,
             )
         result = mavlink.MAV_RESULT_ACCEPTED if known else mavlink.MAV_RESULT_UNSUPPORTED
         asker = (message.get_srcSystem(), message.get_srcComponent())
@@ -377,6 +408,10 @@ class MavlinkVehicle:
     def _on_timesync(self, message: Message) -> None:
         if message.tc1 == 0:
             self._send(mavlink.MAVLink_timesync_message(round(self._now_s * 1e9), message.ts1))
+
+
+def _apart_m(target: Target, place_m: tuple[float, float]) -> float:
+    return math.hypot(target.north_m - place_m[0], target.east_m - place_m[1])
 
 
 #: What `MAV_CMD_REQUEST_MESSAGE` can ask for.

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
+from auv_lse_common.mission_run import Command, Stop
 from auv_lse_common.params import parameters_for
 from auv_lse_common.seeds import stream
 from auv_lse_common.stamps import stamped
@@ -26,6 +27,7 @@ from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.receivers_risk import ReceiversRisk
 from auv_lse_planner.decision import Decision
 from auv_lse_planner.intake import PlannerIntake
+from auv_lse_planner.safety import Safety
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 from auv_lse_sim.record.run_data import (
     DecisionRecord,
@@ -67,15 +69,19 @@ class Crew:
         vehicle: Its number.
         bridge: Its modem bridge.
         map: Its map.
+        safety: Its mission's state and the watch over it.
         planner: Its planner.
         log: What is kept of it.
     """
 
-    def __init__(self, vehicle: int, bridge: ModemBridge, depth_map: DepthMap, planner: VehiclePlanner) -> None:
+    def __init__(
+        self, vehicle: int, bridge: ModemBridge, depth_map: DepthMap, safety: Safety, planner: VehiclePlanner
+    ) -> None:
         """Nothing has come in yet."""
         self.vehicle = vehicle
         self.bridge = bridge
         self.map = depth_map
+        self.safety = safety
         self.planner = planner
         self.log = _Log()
         self._to_bridge = BridgeIntake(bridge)
@@ -88,7 +94,11 @@ class Crew:
         self._to_bridge.add_soundings(output.soundings)
         for arrival in output.arrivals:
             self._to_bridge.add_packet(stamped(arrival.arrival_s), arrival.source, arrival.payload)
-        return self._to_bridge.hear()
+        heard = self._to_bridge.hear()
+        for received in heard:
+            if self.bridge.obeys(received):
+                self.safety.run.command(Command.ABORT, f"vehicle {received.source}, by acoustic packet", team=True)
+        return heard
 
     def update_map(self, output: VehicleOutput, heard: list[Received]) -> None:
         """The map takes own soundings and the team's samples, as gp_node does."""
@@ -97,6 +107,19 @@ class Crew:
             if len(received.packet.samples):
                 self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
         self._to_map.step(output.odometry.stamp_s)
+
+    def watch(self, now_s: float, output: VehicleOutput) -> Stop | None:
+        """The watch looks at odometry and altitude, as safety_node does; returns what stops the vehicle."""
+        o, safety = output.odometry, self.safety
+        heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
+        safety.watch.odometry(heading, o.north_m, o.east_m, output.pressure_depth_m)
+        safety.watch.altitude(float(np.float32(output.altitude_m)))  # as a Range has it
+        if self.planner.finished:
+            safety.run.command(Command.END, "planner_node")
+        safety.watch.step(now_s, safety.run)
+        self._to_planner.set_standing(safety.run.standing)
+        self.bridge.abort = safety.run.standing.team_abort
+        return safety.run.standing.stop
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
         """The planner takes map, plans and odometry, as planner_node does.
@@ -154,6 +177,7 @@ class Fleet:
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
             depth_map=DepthMap(own.gp, self.settings.level_set, self.area),
+            safety=Safety.of(parameters, f"{self.settings.where} (auv{number})", number),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
         )
 
@@ -170,11 +194,13 @@ class Fleet:
         outputs = self.world.tick(now_s)
         self.now_s = now_s
         payloads: list[tuple[int, bytes]] = []
+        stops: list[tuple[int, Stop | None]] = []
         decisions: list[tuple[int, Decision]] = []
         for crew in self.crews:
             output = outputs[crew.vehicle]
             heard = crew.hear(output)
             crew.update_map(output, heard)
+            stops.append((crew.vehicle, crew.watch(now_s, output)))
             decided = crew.decide(now_s, output, heard)
             payload = crew.say(now_s, decided[0] if decided else None)
             if decided:
@@ -182,8 +208,12 @@ class Fleet:
             if payload is not None:
                 payloads.append((crew.vehicle, payload))
             self._record(crew, now_s, output, heard, decided)
+        for vehicle, stop in stops:
+            self.world.obey(vehicle, stop)
         for vehicle, decision in decisions:
-            self.world.command(vehicle, decision.leg)
+            own = self.settings.vehicle(vehicle).vehicle
+            last = decision.leg.step == self.settings.mission.steps - 1
+            self.world.command(vehicle, decision.leg, own.speed_mps, own.stop_at_end if last else None)
         for vehicle, payload in payloads:
             self.world.transmit(vehicle, now_s, payload)
             self.sent.append(PacketSent(stamp_s=now_s, source=vehicle, payload=payload))

@@ -11,10 +11,12 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from auv_lse_common.base_node import EVERY, BaseNode, quality_of, run
-from auv_lse_common.ros_conversions import seconds, stamp
-from auv_lse_common.topics import MISSION_TOPICS, reader_count
+from auv_lse_common.ros_conversions import seconds, stamp, standing_of, stop_of
+from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, reader_count
 from auv_lse_comms.transport import PortWatcher
-from auv_lse_msgs.msg import LockstepDone, LockstepTick, ModemTx, SimStatus, Waypoint
+from auv_lse_msgs.msg import LockstepDone, LockstepTick, MissionCommand, ModemTx, SimStatus, Waypoint
+from auv_lse_msgs.msg import MissionState as MissionStateMessage
+from auv_lse_msgs.srv import RunMission
 from auv_lse_sim.engine.parameter_file import parameter_file
 from auv_lse_sim.engine.sim_topics_node import VehicleTopics
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
@@ -40,6 +42,8 @@ class SimNode(BaseNode):
         self._clock_topic = self._publisher(ClockMessage, "/clock")
         self._status = self._publisher(SimStatus, "/sim/status")
         self._topics = {k: self._wire(k) for k in self._sim.vehicles}
+        self.create_subscription(MissionCommand, "/mission/command", self._on_command, EVERY)
+        self.create_service(RunMission, "/mission/run", self._on_call)
         self._bytes = self.create_guard_condition(self._on_bytes)
         ports = [port for port in (self._sim.links.rack, self._sim.links.dock) if port is not None]
         self._watchers = [PortWatcher(port, self._bytes.trigger) for port in ports]
@@ -63,6 +67,8 @@ class SimNode(BaseNode):
         space = f"/auv{k}/"
         if k not in self._sim.links.modems:
             self.create_subscription(ModemTx, space + "modem/tx", partial(self._on_packet, k), EVERY)
+        quality = quality_of(VEHICLE_TOPICS["mission/state"])
+        self.create_subscription(MissionStateMessage, space + "mission/state", partial(self._on_state, k), quality)
         if k not in self._sim.links.autopilots:
             self.create_subscription(Waypoint, space + "waypoint", partial(self._on_waypoint, k), EVERY)
         topics = VehicleTopics(self, k, self._sim)
@@ -117,11 +123,33 @@ class SimNode(BaseNode):
     def _on_waypoint(self, k: int, message: Waypoint) -> None:
         try:
             leg = leg_of_waypoint(message)
+            then = stop_of(message.then, message.then_north_m, message.then_east_m)
         except ValueError as error:
             self.get_logger().error(f"auv{k}: {error}")
-            leg = None
-        self._sim.take_waypoint(k, leg)
+            leg, then = None, None
+        self._sim.take_waypoint(k, leg, message.speed_mps, then)
         self._advance()
+
+    def _on_state(self, k: int, message: MissionStateMessage) -> None:
+        try:
+            standing = standing_of(message)
+        except ValueError as error:
+            self.get_logger().error(f"auv{k}: mission/state: {error}")
+            return
+        self._sim.take_state(k, message.revision, standing.state, standing.stop)
+        self._advance()
+
+    def _on_command(self, message: MissionCommand) -> None:
+        """A command to all vehicles."""
+        for k, topics in self._topics.items():
+            self._sim.commands[k - 1] += 1
+            message.number = self._sim.commands[k - 1]
+            topics.command(message)
+
+    def _on_call(self, request: RunMission.Request, response: RunMission.Response) -> RunMission.Response:
+        self._on_command(request.command)
+        response.accepted, response.message = True, f"told {len(self._topics)} vehicles"
+        return response
 
     def _on_packet(self, k: int, message: ModemTx) -> None:
         self._sim.take_packet(k, seconds(message.header.stamp), bytes(message.payload))

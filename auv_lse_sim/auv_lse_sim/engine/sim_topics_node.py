@@ -9,7 +9,7 @@ from sensor_msgs.msg import FluidPressure, Range
 from auv_lse_common.base_node import BaseNode, quality_of
 from auv_lse_common.ros_conversions import sounding_message
 from auv_lse_common.topics import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, reader_count
-from auv_lse_msgs.msg import ModemRx, Sounding
+from auv_lse_msgs.msg import MissionCommand, ModemRx, Sounding
 from auv_lse_sim.engine.simulation import Simulation
 from auv_lse_sim.ros_conversions import (
     altitude_message,
@@ -38,6 +38,7 @@ class VehicleTopics:
         self._odometry = self._of_vehicle(Odometry, "odometry")
         self._altitude = self._of_vehicle(Range, "altitude")
         self._pressure = self._of_vehicle(FluidPressure, "pressure")
+        self._commands = self._of_vehicle(MissionCommand, "mission/command")
         self._received = self._of_vehicle(ModemRx, "modem/rx")
         self._truth = self._publisher(Odometry, f"/truth/auv{vehicle}/odometry", TRUTH_TOPIC)
 
@@ -49,6 +50,10 @@ class VehicleTopics:
         nodes = self._sim.nodes(self._vehicle)
         self.readers[publisher] = reader_count(topic, nodes) + self._node.recorded * topic.recorded
         return publisher
+
+    def command(self, message: MissionCommand) -> None:
+        """Gives the vehicle's mission a command."""
+        self._commands.publish(message)
 
     def publish(self, output: VehicleOutput) -> None:
         """Publishes what the last tick brought, and hands the emulated hardware its part."""

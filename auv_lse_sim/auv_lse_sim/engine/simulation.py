@@ -7,9 +7,11 @@ waypoints and packets that the nodes announce for this tick, and the answers of 
 from __future__ import annotations
 
 import enum
+import math
 
 from auv_lse_common.leg import Leg
 from auv_lse_common.lockstep import PHASES, Gate
+from auv_lse_common.mission_run import RunState, Stop
 from auv_lse_common.processes import vehicle_nodes
 from auv_lse_common.stamps import stamped
 from auv_lse_sim.emulated.links import EmulatedLinks
@@ -46,6 +48,8 @@ class Simulation:
         steps_total: Legs of the mission.
         soundings: Soundings made so far, per vehicle.
         arrivals: Packets received so far, per vehicle.
+        commands: Commands given to the missions so far, per vehicle.
+        runs: Where each vehicle's mission is, as far as is known.
         sent: Packets sent by all.
         received: Packets received by all.
         lost: Receptions that the channel lost.
@@ -66,12 +70,13 @@ class Simulation:
         """
         self.world = World.of(settings, ground)
         self.vehicles = range(1, settings.mission.vehicles + 1)
-        self.links = EmulatedLinks(settings, self._on_emulated_packet, self.world.command)
+        self.links = EmulatedLinks(settings, self._on_emulated_packet, self.world.command, self.world.obey)
         self.state = MissionState.WAITING
         self.message = "for the mission's nodes"
         self.tick = 0
         self.now_s = 0.0
-        self.steps, self.soundings, self.arrivals = ([0] * len(self.vehicles) for _ in range(3))
+        self.steps, self.soundings, self.arrivals, self.commands = ([0] * len(self.vehicles) for _ in range(4))
+        self.runs = [RunState.RUNNING] * len(self.vehicles)
         self.steps_total = settings.mission.steps
         self.sent = self.received = self.lost = 0
         self.problems: list[str] = []
@@ -80,12 +85,14 @@ class Simulation:
         self._finished = [False] * len(self.vehicles)
         self._transmissions: list[tuple[float, int, bytes]] = []
         self._begun = False
+        self._held_s = 0.0  # time in which no vehicle's mission went
         self._greeted: set[tuple[int, str]] = set()
         self._recorded_tick = 0
         self._targets_heard = [0] * len(self.vehicles)
         self._lost_by_modem = [0] * len(self.vehicles)
         inputs = [f"packets of auv{k}" for k in self.vehicles]
         inputs += [f"waypoints of auv{k}" for k in self.vehicles]
+        inputs += [f"states of auv{k}" for k in self.vehicles]
         inputs += [f"targets of auv{k}" for k in self.links.autopilots]
         inputs += [f"modem of auv{k}" for k in self.links.modems]
         self._gate = Gate(inputs)
@@ -134,7 +141,9 @@ class Simulation:
             return {}
         self.tick += 1
         self.now_s = self.tick * self._settings.sim.tick_s
-        if self.now_s > self._settings.longest_s:
+        if not any(run is RunState.RUNNING for run in self.runs):
+            self._held_s += self._settings.sim.tick_s
+        if self.now_s - self._held_s > self._settings.longest_s:
             slow = [k for k in self.vehicles if not self._finished[k - 1]]
             self.state, self.message = (
                 MissionState.FAILED,
@@ -178,14 +187,28 @@ class Simulation:
 
     # ------------------------------------------------------------------ what the vehicles do
 
-    def take_waypoint(self, k: int, leg: Leg | None) -> None:
-        """Vehicle `k` is to travel `leg` next; None: a waypoint that cannot be used."""
+    def take_waypoint(self, k: int, leg: Leg | None, speed_mps: float = math.nan, then: Stop | None = None) -> None:
+        """Vehicle `k` is to travel `leg` next; None: a waypoint that cannot be used.
+
+        Args:
+            k: Number of the vehicle.
+            leg: The leg.
+            speed_mps: Speed through the water; NaN: the vehicle's own.
+            then: What follows the mission's last leg.
+        """
         if leg is not None:
             try:
-                self.world.command(k, leg)
+                self.world.command(k, leg, None if math.isnan(speed_mps) else speed_mps, then)
             except ValueError as error:
                 self.problems.append(f"auv{k}: {error}")
         self._gate.count(f"waypoints of auv{k}")
+
+    def take_state(self, k: int, revision: int, run: RunState, stop: Stop | None) -> None:
+        """How it stands with vehicle `k`'s mission; without an autopilot between, the vehicle obeys at once."""
+        self.runs[k - 1] = run
+        if k not in self.links.autopilots:
+            self.world.obey(k, stop)
+        self._gate.reach(f"states of auv{k}", revision)
 
     def take_packet(self, k: int, stamp_s: float, payload: bytes) -> None:
         """Vehicle `k` transmits a packet from `stamp_s` (s) on; it goes into the water before the next tick."""
@@ -240,6 +263,8 @@ class Simulation:
                 if finished:
                     self.steps[k - 1] = self.steps_total
                 self._gate.announce(tick, f"waypoints of auv{k}", counts["waypoint"])
+            case "safety":
+                self._gate.announce(tick, f"states of auv{k}", counts["mission/state"])
             case "modem_sent":
                 self._gate.announce(tick, f"packets of auv{k}", counts["modem/tx"])
             case "vehicle_link":  # what it has sent to the autopilot, once it has that many waypoints

@@ -29,7 +29,7 @@ def vehicle_file(settings: Settings) -> str:
 
     There is no section `sim`, `modem.kind` is micromodem, `link.kind` is mavlink, `record.folder` is `RECORDING`, and
     `tdma.send_duration_s` is as long as the slowest start of a modem makes it;
-    ports and endpoints are those of `settings`.
+    the mission waits for GO (`vehicle.start`); ports and endpoints are those of `settings`.
 
     Raises:
         ParameterError: if the addresses of modem or autopilot are a simulated run's, or a modem has none.
@@ -50,6 +50,7 @@ def vehicle_file(settings: Settings) -> str:
             )
         wanted[f"auv{k}.modem.kind"] = "micromodem"
         wanted[f"auv{k}.link.kind"] = "mavlink"
+        wanted[f"auv{k}.vehicle.start"] = "on_call"
     text = settings.with_overrides(wanted).to_parameter_file()
     body = yaml.safe_load(text)
     del body["/**"]["ros__parameters"]["sim"]

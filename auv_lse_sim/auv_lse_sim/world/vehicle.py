@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.leg import Leg
+from auv_lse_common.mission_run import Action, Stop
 from auv_lse_common.pings import by_period, period_of, sounding_of
 from auv_lse_planner.config import VehicleConfig
 from auv_lse_sim.config import SimConfig
@@ -26,6 +27,7 @@ from auv_lse_sim.world.navigation import (
     SWAY,
     wrap,
 )
+from auv_lse_sim.world.target_leg import leg_to
 
 Array = NDArray[np.float64]
 
@@ -126,6 +128,27 @@ def _parameters(vehicle: VehicleConfig, sim: SimConfig, speed_mps: float) -> Arr
     return p
 
 
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """A leg to travel, the speed (m/s) through the water, and what follows the mission's last leg."""
+
+    leg: Leg
+    speed_mps: float
+    then: Stop | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """Where a vehicle was on its way when it was told to stop, and what it is told meanwhile."""
+
+    leg: Array
+    step: int
+    along_m: float
+    loitering: bool
+    then: Stop | None
+    orders: list[_Order]
+
+
 class SimVehicle:
     """A vehicle in the water.
 
@@ -133,7 +156,8 @@ class SimVehicle:
 
     A leg that arrives while another is travelled is started at the end of that one, if it begins there; otherwise at
     once. Without a next leg the vehicle circles at the leg's turning radius, from the leg's end on; a leg that begins
-    there is started when the circle closes.
+    there is started when the circle closes. Told to stop (`obey`) it circles where it is, comes up or goes to a place;
+    told to travel on, it steers back to its leg and takes the legs that came meanwhile.
 
     Args:
         number: Its number, from 1.
@@ -160,8 +184,8 @@ class SimVehicle:
         draws = rng.standard_normal(8)  # the same count whatever is ideal, so that other draws stay the same
         ideal = sim.ideal
         spread = 0.0 if sim.dynamics.ideal or ideal else sim.dynamics.speed_spread
-        speed = config.speed_mps * max(1.0 + spread * float(draws[0]), 0.2)
-        self._params = _parameters(config, sim, speed)
+        self._speed_share = max(1.0 + spread * float(draws[0]), 0.2)
+        self._params = _parameters(config, sim, config.speed_mps * self._speed_share)
         self._rails = bool(self._params[mm.P_IDEAL_MOTION] and self._params[mm.P_IDEAL_NAVIGATION])
         gyro_bias = 0.0 if sim.gyro.ideal or ideal else sim.gyro.bias_deg_h * DEG / 3600.0
         compass_bias = 0.0 if sim.compass.ideal or ideal else sim.compass.bias_deg * DEG
@@ -199,7 +223,10 @@ class SimVehicle:
         self._leg = np.zeros(6)
         self._leg[mm.LEG_RADIUS] = 15.0
         self._step = -1
-        self._next: Leg | None = None
+        self._next: _Order | None = None
+        self._then: Stop | None = None
+        self._stop: Stop | None = None
+        self._way: _Way | None = None
         self._loitering = False
         self._in_reach = True
         self._rows = np.empty((0, mm.OUT))
@@ -252,13 +279,76 @@ class SimVehicle:
         error[HEADING] = wrap(error[HEADING])
         return error
 
-    def command(self, leg: Leg) -> None:
-        """Takes the next leg."""
-        if self._m[mm.MODE] == mm.WAITING or self._follows(leg):
-            self._next = leg
+    def command(self, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
+        """Takes the next leg.
+
+        Args:
+            leg: The leg.
+            speed_mps: Speed through the water; None: the configured one.
+            then: What follows it if it is the mission's last; None: it circles.
+        """
+        self._take(_Order(leg, self.config.speed_mps if speed_mps is None else speed_mps, then))
+
+    def obey(self, stop: Stop | None) -> None:
+        """Does `stop` in place of travelling; None: travels on."""
+        if stop == self._stop:
+            return
+        self._stop = stop
+        self._keep_depth()
+        if self._m[mm.MODE] == mm.WAITING:
+            return
+        if stop is None:
+            self._travel_on()
+            return
+        if self._way is None:
+            orders = [] if self._next is None else [self._next]
+            along_m = float(self._m[mm.ALONG])
+            self._way = _Way(self._leg.copy(), self._step, along_m, self._loitering, self._then, orders)
+        self._next, self._then = None, None
+        here = self._here()
+        if stop.action is Action.GO_TO:
+            self._lead(leg_to(*here, stop.place_m, float(self._leg[mm.LEG_RADIUS]), self._step))
+        else:
+            self._leg = np.array([*here, 0.0, float(self._leg[mm.LEG_RADIUS]), 0.0])
+            self._circle(0.0)
+
+    def _travel_on(self) -> None:
+        way, self._way = self._way, None
+        if way is None:
+            return
+        self._leg, self._step, self._loitering, self._then = way.leg, way.step, way.loitering, way.then
+        self._m[mm.ALONG] = way.along_m
+        self._m[mm.MODE] = mm.STEERED
+        for order in way.orders:
+            self._take(order)
+
+    def _take(self, order: _Order) -> None:
+        if self._way is not None:
+            self._way.orders.append(order)
+        elif self._m[mm.MODE] == mm.WAITING or self._follows(order.leg):
+            self._next = order
         else:
             self._next = None
-            self._begin(leg, 0.0)
+            self._begin(order, 0.0)
+
+    def _here(self) -> tuple[float, float, float]:
+        """Heading, north, east from which a way that nobody planned begins: of the track on rails, else estimated."""
+        if self._m[mm.MODE] == mm.ON_RAILS:
+            heading, north, east, _ = mm.on_leg(self._leg, self._m[mm.ALONG])
+            return heading, north, east
+        return float(self._x[HEADING]), float(self._x[NORTH]), float(self._x[EAST])
+
+    def _keep_depth(self) -> None:
+        up = self._stop is not None and self._stop.action is Action.SURFACE
+        self._params[mm.P_DEPTH] = 0.0 if up else self.config.depth_m
+
+    def _lead(self, leg: Leg, along_m: float = 0.0) -> None:
+        """Leads the vehicle on a leg that is none of the mission's."""
+        self._leg = np.array(
+            [leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m], dtype=float
+        )
+        self._loitering = False
+        self._m[mm.ALONG] = along_m
 
     def _follows(self, leg: Leg) -> bool:
         end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
@@ -268,20 +358,31 @@ class SimVehicle:
     def _leg_start(self) -> tuple[float, float, float, float]:
         return self._leg[mm.LEG_HEADING], self._leg[mm.LEG_NORTH], self._leg[mm.LEG_EAST], 0.0
 
-    def _begin(self, leg: Leg, along_m: float) -> None:
+    def _begin(self, order: _Order, along_m: float) -> None:
         """Starts a leg, of which `along_m` are travelled already."""
-        m = self._m
+        m, leg = self._m, order.leg
+        self._params[mm.P_SPEED] = order.speed_mps * self._speed_share
+        self._then = order.then
+        self._keep_depth()
         on_track = mm.on_leg(self._leg, m[mm.ALONG]) if m[mm.MODE] == mm.ON_RAILS else None
-        self._leg = np.array(
-            [leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m], dtype=float
-        )
-        self._step, self._loitering = leg.step, False
+        self._lead(leg, along_m)
+        self._step = leg.step
         place = mm.on_leg(self._leg, along_m)
         on_rails = self._rails and math.hypot(place[1] - m[mm.T_NORTH], place[2] - m[mm.T_EAST]) < RAILS_M
         if on_track is None and m[mm.MODE] != mm.WAITING and abs(wrap(place[0] - m[mm.T_HEADING])) > 0.01:
             on_rails = False
         m[mm.MODE] = mm.ON_RAILS if on_rails else mm.STEERED
-        m[mm.ALONG] = along_m
+
+    def _end(self, along_m: float) -> None:
+        """Does what follows the end of a leg that no other follows, of which `along_m` are travelled already."""
+        then, self._then = self._then, None
+        heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
+        if then is not None and then.action is Action.GO_TO:
+            self._lead(leg_to(heading, north, east, then.place_m, float(self._leg[mm.LEG_RADIUS])), along_m)
+            return
+        if then is not None and then.action is Action.SURFACE:
+            self._params[mm.P_DEPTH] = 0.0
+        self._circle(along_m)
 
     def _circle(self, along_m: float) -> None:
         """Starts a circle at the leg's end."""
@@ -319,11 +420,11 @@ class SimVehicle:
             last, limit = n, math.inf
             if m[mm.MODE] == mm.WAITING:
                 until_start = math.ceil((self.config.start_delay_s - start_s) / dt - 1e-6)
-                if self._next is not None and i >= until_start:
-                    leg, self._next = self._next, None
-                    self._begin(leg, 0.0)
+                if self._next is not None and self._stop is None and i >= until_start:
+                    order, self._next = self._next, None
+                    self._begin(order, 0.0)
                     continue
-                if self._next is not None:
+                if self._next is not None and self._stop is None:
                     last = min(n, max(until_start, i + 1))
             else:
                 limit = mm.leg_length(self._leg)
@@ -334,12 +435,12 @@ class SimVehicle:
             if m[mm.MODE] != mm.WAITING and m[mm.ALONG] >= limit - 1e-9:
                 over = max(float(m[mm.ALONG]) - limit, 0.0)
                 if self._next is not None:
-                    leg, self._next = self._next, None
-                    self._begin(leg, over)
+                    order, self._next = self._next, None
+                    self._begin(order, over)
                 elif self._loitering:
                     m[mm.ALONG] = over
                 else:
-                    self._circle(over)
+                    self._end(over)
         self._rows = rows
         self._stamps = stamps_s
         return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
@@ -424,5 +525,5 @@ class SimVehicle:
             water_m=self._water_m,
             step=self._step,
             along_m=float(m[mm.ALONG]),
-            loitering=self._loitering,
+            loitering=self._loitering and self._way is None,
         )

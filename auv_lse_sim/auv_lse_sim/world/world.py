@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.leg import Leg
+from auv_lse_common.mission_run import Stop
 from auv_lse_common.seeds import stream
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_planner.config import VehicleConfig
@@ -131,9 +132,13 @@ class World:
             )
         return output
 
-    def command(self, vehicle: int, leg: Leg) -> None:
-        """Gives a vehicle its next leg."""
-        self.vehicles[vehicle].command(leg)
+    def command(self, vehicle: int, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
+        """Gives a vehicle its next leg, with the speed (None: its own) and what follows the mission's last leg."""
+        self.vehicles[vehicle].command(leg, speed_mps, then)
+
+    def obey(self, vehicle: int, stop: Stop | None) -> None:
+        """Tells a vehicle to stop, or to travel on (None)."""
+        self.vehicles[vehicle].obey(stop)
 
     def transmit(self, vehicle: int, now_s: float, payload: bytes) -> float:
         """A vehicle starts to send. Returns when its transmission ends (s)."""

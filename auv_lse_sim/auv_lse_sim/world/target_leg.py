@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 
 from auv_lse_common.leg import Leg
-from auv_lse_comms.mavlink.conversion import Target
 
 #: An end that lies inside the turning circle by less than this is taken to lie on it (m).
 ON_CIRCLE_M = 0.05
 
 
-def leg_to(heading_rad: float, north_m: float, east_m: float, target: Target, radius_m: float, step: int = 0) -> Leg:
-    """The shortest leg (one arc, then a straight) from a state to a target.
+def leg_to(
+    heading_rad: float, north_m: float, east_m: float, target_m: tuple[float, float], radius_m: float, step: int = 0
+) -> Leg:
+    """The shortest leg (one arc, then a straight) from a state to a target, given by its north and east.
 
     There always is one: the two turning circles touch at the state, so no target lies inside both.
     """
-    d_north, d_east = target.north_m - north_m, target.east_m - east_m
+    d_north, d_east = target_m[0] - north_m, target_m[1] - east_m
     forward = d_north * math.cos(heading_rad) + d_east * math.sin(heading_rad)
     starboard = d_east * math.cos(heading_rad) - d_north * math.sin(heading_rad)
     best: tuple[float, float, float] | None = None  # length, turn, straight

@@ -1,0 +1,41 @@
+"""Commands to the missions of running vehicles, and how it stands with them, over a `Graph`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from auv_lse_common.inspect.graph_node import Graph
+from auv_lse_common.mission_run import Command
+from auv_lse_msgs.msg import MissionCommand, MissionState
+from auv_lse_msgs.srv import RunMission
+
+
+def tell(graph: Graph, vehicle: str, command: Command, source: str, team: bool) -> tuple[bool, str]:
+    """Gives a vehicle's mission a command.
+
+    Args:
+        graph: The graph.
+        vehicle: The vehicle, "auv2".
+        command: What is wanted.
+        source: Who wants it.
+        team: With ABORT: whether the team mates are to be told by acoustic packet.
+
+    Returns:
+        Whether it is taken, and what was done or stands against it.
+
+    Raises:
+        GraphError: if the vehicle does not answer.
+    """
+    message = MissionCommand(command=int(command), source=source, team=team)
+    answer = graph.call(f"/{vehicle}/mission/run", RunMission, RunMission.Request(command=message))
+    return answer.accepted, answer.message
+
+
+def states(graph: Graph, vehicles: Sequence[str], seconds: float) -> dict[str, Any]:
+    """The last MissionState of each vehicle that says one within `seconds`."""
+    heard: dict[str, Any] = {}
+    for name in vehicles:
+        graph.listen(f"/{name}/mission/state", MissionState, lambda m, name=name: heard.update({name: m}))
+    graph.spin(seconds)
+    return heard

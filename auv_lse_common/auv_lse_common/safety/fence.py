@@ -1,0 +1,44 @@
+"""The fence: the operating area's polygon, widened by a margin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+
+class Fence:
+    """A polygon that vehicles and waypoints may leave by no more than a margin.
+
+    Attributes:
+        margin_m: The margin.
+    """
+
+    def __init__(self, polygon_m: Sequence[float], margin_m: float) -> None:
+        """Around corners north, east (m), north, east, ... in order; a last corner that repeats the first is dropped.
+
+        Raises:
+            ValueError: if they are no polygon.
+        """
+        flat = [float(x) for x in polygon_m]
+        corners = list(zip(flat[::2], flat[1::2], strict=False))
+        if corners and corners[0] == corners[-1]:
+            corners.pop()
+        if len(flat) % 2 or len(corners) < 3 or not all(map(math.isfinite, flat)):
+            raise ValueError(
+                f"area.polygon_m: got {list(polygon_m)}; expected north, east (m) of each of at least 3 corners"
+            )
+        self.margin_m = margin_m
+        self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
+
+    def outside_m(self, north_m: float, east_m: float) -> float:
+        """How far (m) a place lies outside of the polygon; 0 within. More than the margin is beyond the fence."""
+        inside, nearest = False, math.inf
+        for (n0, e0), (n1, e1) in self._edges:
+            if (n0 > north_m) != (n1 > north_m) and east_m < e0 + (north_m - n0) / (n1 - n0) * (e1 - e0):
+                inside = not inside
+            along_n, along_e = n1 - n0, e1 - e0
+            length_2 = along_n * along_n + along_e * along_e
+            part = ((north_m - n0) * along_n + (east_m - e0) * along_e) / length_2 if length_2 else 0.0
+            part = min(max(part, 0.0), 1.0)
+            nearest = min(nearest, math.hypot(north_m - n0 - part * along_n, east_m - e0 - part * along_e))
+        return 0.0 if inside else nearest

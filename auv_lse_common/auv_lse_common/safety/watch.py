@@ -1,0 +1,182 @@
+"""The safety watch of one vehicle: what it is told of the vehicle, against the limits. Knows no ROS and no clock.
+
+Theory of operation
+-------------------
+`odometry`, `altitude` and `autopilot` take what has come in since the last step; `step` looks at every limit. A limit
+that is exceeded is warned of at once. When it has been exceeded for `patience_s` without a break and its response is
+not "warn", it trips: `MissionRun.trip`, which latches it until RESET. Before the mission has started nothing trips.
+
+Ages count from the step at which something came in, by the step's clock: a clock that is set, back or forward, shifts
+them and makes nothing old.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from auv_lse_common.frames import is_possible
+from auv_lse_common.mission_run import STOPS, MissionRun, RunState, Stop
+from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.safety.fence import Fence
+
+#: A step this long (s) after the last one, or before it, is a clock that was set.
+LONGEST_STEP_S = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutopilotSays:
+    """What an autopilot says of itself.
+
+    Attributes:
+        heard: Whether its heartbeat comes.
+        armed: Whether its motors may turn.
+        mode: Its flight mode's number; -1 unknown.
+        mode_obeys: Whether it follows targets in that mode, as far as is known.
+        battery: Charge left, 0 to 1; NaN unknown.
+        leak: 1 water inside, 0 none, -1 unknown.
+    """
+
+    heard: bool
+    armed: bool
+    mode: int = -1
+    mode_obeys: bool = True
+    battery: float = math.nan
+    leak: int = -1
+
+    @property
+    def problem(self) -> str:
+        """What keeps it from following targets; "" if nothing is known to."""
+        if not self.heard:
+            return "the autopilot is not heard"
+        if not self.armed:
+            return "the autopilot is not armed"
+        return "" if self.mode_obeys else f"the autopilot is in mode {self.mode}, which is none of link.modes"
+
+
+class SafetyWatch:
+    """Watches the limits of one vehicle; see the module's text.
+
+    Attributes:
+        warnings: Limits that are exceeded and have not tripped, with the reason of each.
+    """
+
+    def __init__(self, config: SafetyConfig, fence: Fence, deepest_m: float, has_autopilot: bool = False) -> None:
+        """Nothing has come in yet.
+
+        Args:
+            config: The limits.
+            fence: Where the vehicle may be.
+            deepest_m: Greatest depth that is allowed (m).
+            has_autopilot: Whether an autopilot is to be heard; the mission waits for it then.
+        """
+        self.warnings: dict[str, str] = {}
+        self._config, self._fence, self._deepest_m = config, fence, deepest_m
+        self._responses = {
+            "depth": config.depth_response,
+            "altitude": config.altitude_response,
+            "fence": config.fence_response,
+            "odometry": config.odometry_response,
+            "link": config.link_response,
+            "battery": config.battery_response,
+            "leak": config.leak_response,
+            "mission time": config.mission_time_response,
+        }
+        self._place: tuple[float, float, float] | None = None  # north, east, depth (m)
+        self._altitude_m = math.nan
+        self._autopilot: AutopilotSays | None = AutopilotSays(heard=False, armed=False) if has_autopilot else None
+        self._link_known = False  # the autopilot has been heard once
+        self._new_odometry = False
+        self._was_inside = False
+        self._now_s = math.nan
+        self._odometry_s = math.nan  # when it came; at first when the watch began
+        self._link_s = math.nan
+        self._since_s: dict[str, float] = {}  # since when each limit has been exceeded
+        self._ran_s = 0.0
+
+    def odometry(self, heading_rad: float, north_m: float, east_m: float, depth_m: float) -> None:
+        """Takes the vehicle's estimate of where it is; one that no vehicle can have counts as none."""
+        if is_possible(heading_rad, north_m, east_m) and math.isfinite(depth_m):
+            self._place = (north_m, east_m, depth_m)
+            self._new_odometry = True
+
+    def altitude(self, altitude_m: float) -> None:
+        """Takes the height over the ground (m); NaN or infinite: no echo."""
+        self._altitude_m = altitude_m
+
+    def autopilot(self, says: AutopilotSays) -> None:
+        """Takes what the autopilot says of itself."""
+        self._autopilot = says
+        self._link_known = self._link_known or says.heard
+
+    @property
+    def autopilot_known(self) -> bool:
+        """The autopilot has been heard, or there is none."""
+        return self._autopilot is None or self._link_known
+
+    def step(self, now_s: float, run: MissionRun) -> None:
+        """Looks at every limit; those that trip are told to `run`, and whether the autopilot is ready.
+
+        Args:
+            now_s: The step's clock.
+            run: The vehicle's mission.
+        """
+        passed_s = self._pass_time(now_s)
+        run.set_ready(self._autopilot.problem if self._autopilot is not None else "")
+        state = run.standing.state
+        if state is RunState.RUNNING:
+            self._ran_s += passed_s
+        exceeded = self._exceeded()
+        self._since_s = {name: self._since_s.get(name, now_s) for name in exceeded}
+        for name, reason in exceeded.items():
+            response = self._responses[name]
+            if response == "warn" or state is RunState.WAITING:
+                continue
+            if now_s - self._since_s[name] >= self._config.patience_s:
+                run.trip(name, None if response == "abort" else Stop(action=STOPS[response]), reason)
+        self.warnings = {name: reason for name, reason in exceeded.items() if name not in run.limits}
+
+    def _pass_time(self, now_s: float) -> float:
+        """Takes the step's time; returns how long (s) it is since the last step."""
+        if math.isnan(self._now_s):
+            self._now_s = self._odometry_s = self._link_s = now_s
+        passed_s = now_s - self._now_s
+        if not 0.0 <= passed_s <= LONGEST_STEP_S:
+            self._odometry_s += passed_s
+            self._link_s += passed_s
+            self._since_s = {name: since_s + passed_s for name, since_s in self._since_s.items()}
+            passed_s = 0.0
+        self._now_s = now_s
+        if self._new_odometry:
+            self._new_odometry, self._odometry_s = False, now_s
+        if self._autopilot is None or self._autopilot.heard or not self._link_known:
+            self._link_s = now_s
+        return passed_s
+
+    def _exceeded(self) -> dict[str, str]:
+        """The limits that are exceeded now, each with the reason."""
+        config, found = self._config, {}
+        if self._place is not None:
+            north_m, east_m, depth_m = self._place
+            if depth_m > self._deepest_m:
+                found["depth"] = f"depth {depth_m:.1f} m; expected at most {self._deepest_m:.1f} m"
+            outside_m = self._fence.outside_m(north_m, east_m)
+            self._was_inside = self._was_inside or outside_m <= self._fence.margin_m
+            if self._was_inside and outside_m > self._fence.margin_m:
+                found["fence"] = (
+                    f"{outside_m:.0f} m outside of the area (north {north_m:.0f}, east {east_m:.0f} m); expected at "
+                    f"most {self._fence.margin_m:.0f} m"
+                )
+        if 0.0 < self._altitude_m < config.min_altitude_m:
+            found["altitude"] = f"altitude {self._altitude_m:.1f} m; expected at least {config.min_altitude_m:.1f} m"
+        if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:
+            found["odometry"] = f"no usable odometry for {age_s:.0f} s; expected some every {config.odometry_age_s:g} s"
+        if (age_s := self._now_s - self._link_s) > config.link_age_s:
+            found["link"] = f"no heartbeat of the autopilot for {age_s:.0f} s; expected one in {config.link_age_s:g} s"
+        if self._autopilot is not None and self._autopilot.battery < config.min_battery:
+            found["battery"] = f"battery {self._autopilot.battery:.0%}; expected at least {config.min_battery:.0%}"
+        if self._autopilot is not None and self._autopilot.leak == 1:
+            found["leak"] = "the autopilot reports a leak"
+        if 0.0 < config.mission_time_s < self._ran_s:
+            found["mission time"] = f"it has run {self._ran_s:.0f} s; expected at most {config.mission_time_s:g} s"
+        return found

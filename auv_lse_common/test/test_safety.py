@@ -1,0 +1,182 @@
+"""The safety watch: each limit exceeded, warned of, tripped and latched; ages under clocks that are set; the fence."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from auv_lse_common.mission_run import Action, Command, MissionRun, RunState, Stop
+from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.safety.fence import Fence
+from auv_lse_common.safety.watch import AutopilotSays, SafetyWatch
+
+SQUARE = (0.0, 0.0, 100.0, 0.0, 100.0, 200.0, 0.0, 200.0)
+OK = AutopilotSays(heard=True, armed=True, mode=4, battery=0.9, leak=0)
+SURFACE = Stop(action=Action.SURFACE)
+
+
+class Vehicle:
+    """A vehicle on its way, its mission and the watch; every step is 0.1 s and brings odometry."""
+
+    def __init__(self, has_autopilot: bool = False, at_once: bool = True, **values: object) -> None:
+        config = SafetyConfig(**{"mission_time_s": 500.0, "altitude_response": "hold", **values})
+        self.run = MissionRun(at_once, SURFACE)
+        self.watch = SafetyWatch(config, Fence(SQUARE, config.fence_margin_m), 10.0, has_autopilot)
+        self.now_s = 1000.0
+        self.place = (50.0, 50.0, 4.0)
+        self.blind = False
+
+    def wait(self, seconds: float, step_s: float = 0.1) -> Vehicle:
+        for _ in range(round(seconds / step_s)):
+            self.now_s += step_s
+            if not self.blind:
+                self.watch.odometry(0.3, *self.place)
+            self.watch.step(self.now_s, self.run)
+        return self
+
+
+def too_deep(vehicle: Vehicle) -> None:
+    vehicle.place = (50.0, 50.0, 12.0)
+
+
+def too_low(vehicle: Vehicle) -> None:
+    vehicle.watch.altitude(0.4)
+
+
+def outside(vehicle: Vehicle) -> None:
+    vehicle.place = (-200.0, 50.0, 4.0)
+
+
+def blind(vehicle: Vehicle) -> None:
+    vehicle.blind = True
+    vehicle.wait(30.0)
+
+
+def silent(vehicle: Vehicle) -> None:
+    vehicle.watch.autopilot(dataclasses.replace(OK, heard=False))
+    vehicle.wait(30.0)
+
+
+def drained(vehicle: Vehicle) -> None:
+    vehicle.watch.autopilot(dataclasses.replace(OK, battery=0.1))
+
+
+def leaking(vehicle: Vehicle) -> None:
+    vehicle.watch.autopilot(dataclasses.replace(OK, leak=1))
+
+
+def late(vehicle: Vehicle) -> None:
+    vehicle.wait(500.0 - vehicle.now_s + 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "limit", "words", "state", "stop"),
+    [
+        (too_deep, "depth", "depth 12.0 m; expected at most 10.0 m", RunState.HOLDING, SURFACE),
+        (too_low, "altitude", "altitude 0.4 m; expected at least 1.0 m", RunState.HOLDING, Stop(action=Action.HOLD)),
+        (outside, "fence", "200 m outside", RunState.HOLDING, SURFACE),
+        (blind, "odometry", "no usable odometry for 3", RunState.HOLDING, SURFACE),
+        (silent, "link", "no heartbeat of the autopilot for 3", RunState.HOLDING, Stop(action=Action.HOLD)),
+        (drained, "battery", "battery 10%; expected at least 20%", RunState.HOLDING, SURFACE),
+        (leaking, "leak", "reports a leak", RunState.ABORTED, SURFACE),
+        (late, "mission time", "expected at most 500 s", RunState.ABORTED, SURFACE),
+    ],
+)
+def test_a_limit_warns_then_commands_and_is_latched(fault, limit, words, state, stop) -> None:  # type: ignore[no-untyped-def]
+    vehicle = Vehicle()
+    vehicle.watch.autopilot(OK)
+    vehicle.wait(5.0)
+    assert (vehicle.run.standing.state, vehicle.watch.warnings) == (RunState.RUNNING, {})
+    fault(vehicle)
+    vehicle.wait(2.5)
+    assert words in vehicle.watch.warnings[limit]
+    assert vehicle.run.limits == {}, "it only warns at first"
+    vehicle.wait(1.0)
+    assert (vehicle.run.standing.state, vehicle.run.standing.stop) == (state, stop)
+    assert words in vehicle.run.limits[limit]
+    vehicle.blind, vehicle.place = False, (50.0, 50.0, 4.0)
+    vehicle.watch.altitude(30.0)
+    vehicle.watch.autopilot(OK)
+    vehicle.wait(60.0)
+    assert vehicle.run.standing.state is state, "latched, though all is well again"
+    assert vehicle.run.command(Command.GO, "test") != ""
+    vehicle.run.command(Command.RESET, "test")
+    if limit != "mission time":  # which is exceeded still
+        vehicle.wait(5.0)
+        assert vehicle.run.command(Command.GO, "test") == ""
+        assert vehicle.wait(5.0).run.standing.state is RunState.RUNNING
+
+
+def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
+    vehicle = Vehicle(depth_response="warn")
+    too_deep(vehicle)
+    assert "depth" in vehicle.wait(60.0).watch.warnings
+    assert vehicle.run.standing.state is RunState.RUNNING
+    vehicle = Vehicle()
+    for _ in range(5):  # a depth that flutters about its limit for less than patience_s each time
+        too_deep(vehicle)
+        vehicle.wait(2.0)
+        vehicle.place = (50.0, 50.0, 4.0)
+        vehicle.wait(0.1)
+    assert vehicle.run.limits == {}
+
+
+def test_before_the_mission_nothing_trips() -> None:
+    vehicle = Vehicle(at_once=False)
+    too_low(vehicle)
+    too_deep(vehicle)
+    vehicle.wait(60.0)
+    assert vehicle.run.standing.state is RunState.WAITING
+    assert set(vehicle.watch.warnings) == {"altitude", "depth"}
+
+
+def test_a_vehicle_that_comes_from_outside_is_not_fenced_in_before_it_has_arrived() -> None:
+    vehicle = Vehicle()
+    outside(vehicle)
+    assert vehicle.wait(60.0).run.limits == {}
+    vehicle.place = (50.0, 50.0, 4.0)
+    vehicle.wait(5.0)
+    outside(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"fence"}
+
+
+def test_odometry_that_no_vehicle_can_have_counts_as_none() -> None:
+    vehicle = Vehicle()
+    vehicle.wait(5.0)
+    vehicle.place = (math.nan, 50.0, 4.0)
+    assert set(vehicle.wait(35.0).run.limits) == {"odometry"}
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
+def test_a_clock_that_is_set_makes_nothing_old(step_s: float) -> None:
+    vehicle = Vehicle(has_autopilot=True)
+    vehicle.watch.autopilot(OK)
+    vehicle.wait(5.0)
+    vehicle.now_s += step_s
+    assert vehicle.wait(10.0).run.limits == {}
+    blind(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"odometry"}, "and a real age still counts"
+
+
+def test_the_mission_waits_for_an_autopilot_that_is_heard_armed_and_in_its_mode() -> None:
+    vehicle = Vehicle(has_autopilot=True)
+    assert vehicle.wait(120.0).run.standing.reason == "the autopilot is not heard"
+    assert vehicle.run.limits == {}, "one that was never heard is not lost"
+    vehicle.watch.autopilot(dataclasses.replace(OK, armed=False))
+    assert vehicle.wait(1.0).run.standing.reason == "the autopilot is not armed"
+    vehicle.watch.autopilot(dataclasses.replace(OK, mode=19, mode_obeys=False))
+    assert "mode 19" in vehicle.wait(1.0).run.standing.reason
+    assert vehicle.run.standing.state is RunState.WAITING
+    vehicle.watch.autopilot(OK)
+    assert vehicle.wait(1.0).run.standing.state is RunState.RUNNING
+
+
+def test_the_fence_by_hand() -> None:
+    fence = Fence((*SQUARE, 0.0, 0.0), 10.0)  # the first corner once more
+    assert fence.outside_m(50.0, 50.0) == 0.0
+    assert fence.outside_m(-30.0, 50.0) == pytest.approx(30.0)
+    assert fence.outside_m(103.0, 204.0) == pytest.approx(5.0), "from the corner"
+    with pytest.raises(ValueError, match="at least 3 corners"):
+        Fence((0.0, 0.0, 1.0, 1.0), 10.0)

@@ -1,0 +1,308 @@
+"""The ends of legs on their way to the autopilot, one after another or as an uploaded mission, and stops.
+
+Theory of operation
+-------------------
+Targets come in order, each before the one before it is reached; one with the step of an earlier one replaces it and
+all after it. The first is the current one; the next replaces it when the vehicle is within `acceptance_m` of it or has
+passed it. In mode "position_target" the current one is sent at once and every `target_period_s`. In mode "mission" all
+are uploaded whenever one is added, and the first becomes the current item, for autopilots keep their index.
+
+A stop takes the place of them all until it is lifted: a target where the vehicle was when it was told to hold, the same
+at the surface, or the place to go to. Then the current target, or the mission, is sent again.
+
+A target too deep, or outside of the fence and farther out than the vehicle itself, is refused.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from auv_lse_common.mission_run import Action, Stop
+from auv_lse_common.params import ParameterError, section
+from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.safety.fence import Fence
+from auv_lse_comms.mavlink.config import LinkConfig
+from auv_lse_comms.mavlink.conversion import Target, mission_item, position_target, speed_command
+from auv_lse_comms.mavlink.datum import Datum
+from auv_lse_comms.mavlink.events import AutopilotEstimate, Event, Problem, TargetSent
+from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
+from auv_lse_comms.mavlink.wire import Message
+
+#: Greatest depth (m) that a vehicle without one of its own may take.
+DEEPEST_TURN_M = 5.0
+#: Legs' ends kept while the link is down or the vehicle slow; a mission has at most this many ahead.
+MAX_TARGETS = 64
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class TargetLimits:
+    """What no target may exceed.
+
+    Attributes:
+        fence: Where targets may lie; None: anywhere.
+        deepest_m: Greatest depth (m).
+    """
+
+    fence: Fence | None = None
+    deepest_m: float = math.inf
+
+    def check(self, target: Target, place: AutopilotEstimate | None) -> None:
+        """Refuses a target beyond the limits; one that leads a vehicle outside of the fence back towards it passes.
+
+        Raises:
+            ValueError: naming the limit and the value.
+        """
+        if target.depth_m > self.deepest_m:
+            raise ValueError(
+                f"target of step {target.step}: {target.depth_m:.1f} m deep; expected at most {self.deepest_m:.1f} m "
+                "(safety.max_depth_m)"
+            )
+        if self.fence is None:
+            return
+        outside_m = self.fence.outside_m(target.north_m, target.east_m)
+        allowed_m = self.fence.margin_m
+        if place is not None:
+            allowed_m = max(allowed_m, self.fence.outside_m(place.north_m, place.east_m))
+        if outside_m > allowed_m:
+            raise ValueError(
+                f"target of step {target.step}: {outside_m:.0f} m outside of the area (north {target.north_m:.0f}, "
+                f"east {target.east_m:.0f} m); expected at most {allowed_m:.0f} m (safety.fence_margin_m)"
+            )
+
+
+def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
+    """The limits of a vehicle's targets, by its parameters.
+
+    Args:
+        parameters: Nested parameters; `area` and `vehicle` belong to other packages, which check the rest of them.
+        where: Where they came from, for messages.
+
+    Raises:
+        ParameterError: if they are no area and no depth.
+    """
+    safety = section(SafetyConfig, parameters, "safety", where)
+    area, vehicle = (parameters.get(name) for name in ("area", "vehicle"))
+    polygon = area.get("polygon_m") if isinstance(area, Mapping) else None
+    depth_m = vehicle.get("depth_m", DEEPEST_TURN_M) if isinstance(vehicle, Mapping) else DEEPEST_TURN_M
+    try:
+        fence = None if polygon is None else Fence(polygon, safety.fence_margin_m)
+        return TargetLimits(fence=fence, deepest_m=safety.deepest_m(float(depth_m)))
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{where}: area.polygon_m, vehicle.depth_m: {error}") from error
+
+
+class TargetSender:
+    """The targets of one vehicle; see the module's text."""
+
+    def __init__(
+        self,
+        config: LinkConfig,
+        autopilot: tuple[int, int],
+        limits: TargetLimits,
+        send: Callable[[Message], None],
+        report: Callable[[Event], None],
+        counts: Counter[str],
+    ) -> None:
+        """No target yet.
+
+        Args:
+            config: Section `link`.
+            autopilot: The autopilot's system and component id.
+            limits: What no target may exceed.
+            send: Takes messages to the autopilot.
+            report: Takes events.
+            counts: Where targets are counted.
+        """
+        self._config, self._autopilot, self._limits = config, autopilot, limits
+        self._send, self._report, self._counts = send, report, counts
+        self._upload = MissionUpload(send, *autopilot, timeout_s=config.upload_timeout_s, retries=config.upload_retries)
+        self._targets: deque[Target] = deque(maxlen=MAX_TARGETS)
+        self._stop: Stop | None = None
+        self._stopped_at: Target | None = None
+        self._unsent = False  # the first target, or the mission, has not been sent as it is now
+        self._target_s = -math.inf
+        self._uploading: tuple[Target, ...] = ()
+        self._speed_mps = math.nan  # the last one sent
+
+    @property
+    def targets(self) -> tuple[Target, ...]:
+        """Ends of legs not yet reached, the current one first."""
+        return tuple(self._targets)
+
+    @property
+    def settled(self) -> bool:
+        """No answer is awaited, and nothing waits to be sent."""
+        return not self._upload.busy and not self._unsent
+
+    def add(self, target: Target, place: AutopilotEstimate | None) -> None:
+        """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
+
+        Raises:
+            ValueError: if a number in it is not finite, or it is beyond the limits.
+        """
+        if not all(map(math.isfinite, (target.north_m, target.east_m, target.depth_m, target.heading_rad))):
+            raise ValueError(f"target {target}: expected finite numbers")
+        try:
+            self._limits.check(target, place)
+        except ValueError:
+            self._counts["targets_refused"] += 1
+            raise
+        while self._targets and self._targets[-1].step >= target.step:
+            self._targets.pop()
+            self._counts["targets_replaced"] += 1
+        if len(self._targets) == MAX_TARGETS:
+            self._counts["targets_dropped"] += 1
+            self._report(Problem(text=f"more than {MAX_TARGETS} legs wait: the oldest is dropped"))
+        self._targets.append(target)
+        self._counts["targets"] += 1
+        if self._config.mode == "mission" or len(self._targets) == 1:
+            self._unsent = True
+        if target.then is not None and target.then.action is not Action.HOLD:  # it holds at its last target anyway
+            self._targets.append(_follows(target, target.then))
+
+    def stop(self, stop: Stop | None) -> None:
+        """Stops the vehicle, or lets it travel on (None)."""
+        if stop == self._stop:
+            return
+        self._stop, self._stopped_at = stop, None
+        self._unsent = stop is None and bool(self._targets)
+
+    def resend(self) -> None:
+        """The autopilot has to be told again: it was lost, or has rebooted."""
+        self._upload.abandon("link lost, or autopilot rebooted")
+        self._watch_upload()
+        self._unsent = bool(self._targets) if self._stop is None else self._stopped_at is not None
+        self._speed_mps = math.nan
+
+    def host_stepped(self, now_s: float) -> None:
+        """The host's clock was set back to `now_s`."""
+        self._target_s = min(self._target_s, now_s)
+
+    def poll(self, now_s: float) -> None:
+        """Lets time pass: repeats what an upload lacks an answer to."""
+        self._upload.poll(now_s)
+        self._watch_upload()
+
+    def requested(self, now_s: float, number: int) -> None:
+        """The autopilot asks for an item of the mission."""
+        self._upload.request(now_s, number)
+        self._watch_upload()
+
+    def acknowledged(self, now_s: float, result: int) -> None:
+        """The autopilot accepts or refuses the mission."""
+        if self._upload.busy:
+            self._upload.acknowledge(now_s, result)
+            self._watch_upload()
+
+    def now_at_item(self, number: int) -> None:
+        """The autopilot says which item it flies."""
+        self._upload.current(number)
+        self._watch_upload()
+
+    def pass_reached(self, place: AutopilotEstimate | None) -> None:
+        """Drops targets that are reached, and finds the place of a stop."""
+        if self._stop is not None:
+            if self._stopped_at is None and place is not None:
+                self._stopped_at = self._place_of(self._stop, place)
+                self._unsent = True
+            return
+        while len(self._targets) > 1 and place is not None and self._reached(self._targets[0], place):
+            self._targets.popleft()
+            self._counts["reached"] += 1
+            if self._config.mode == "position_target":
+                self._unsent = True
+
+    def send(self, now_s: float, boot_ms: int, datum: Datum, ardupilot: bool) -> None:
+        """Sends what is due now; the autopilot is there, and its frame is known.
+
+        Args:
+            now_s: The host's clock.
+            boot_ms: The autopilot's time since boot.
+            datum: The mission's origin and the autopilot's.
+            ardupilot: Whether missions begin with a home item.
+        """
+        wanted = tuple(self._targets)
+        if self._stop is not None:
+            wanted = () if self._stopped_at is None else (self._stopped_at,)
+        if not wanted:
+            return
+        if self._config.mode == "position_target":
+            self._send_position_target(now_s, boot_ms, datum, wanted[0])
+        else:
+            self._send_mission(now_s, datum, wanted, ardupilot)
+
+    def _send_position_target(self, now_s: float, boot_ms: int, datum: Datum, target: Target) -> None:
+        if not self._unsent and now_s - self._target_s < self._config.target_period_s:
+            return
+        self._send_speed(target)
+        self._send(position_target(target, datum, boot_ms, *self._autopilot))
+        self._counts["target_messages"] += 1
+        if self._unsent:
+            self._counts["targets_sent"] += 1
+            self._report(TargetSent(target=target))
+        self._unsent = False
+        self._target_s = now_s
+
+    def _send_mission(self, now_s: float, datum: Datum, wanted: tuple[Target, ...], ardupilot: bool) -> None:
+        if self._upload.busy or not self._unsent:
+            return
+        if self._upload.state is UploadState.FAILED and now_s - self._target_s < self._config.upload_timeout_s:
+            return
+        self._unsent = False
+        self._target_s = now_s
+        self._uploading = wanted
+        self._send_speed(wanted[0])
+        ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot keeps its home in item 0, flies from item 1
+        items = [
+            mission_item(end, datum, number, self._config.acceptance_m, *self._autopilot)
+            for number, end in enumerate(ends)
+        ]
+        self._upload.start(now_s, items, first=int(ardupilot))
+
+    def _send_speed(self, target: Target) -> None:
+        if math.isfinite(target.speed_mps) and target.speed_mps != self._speed_mps:
+            self._speed_mps = target.speed_mps
+            self._send(speed_command(target.speed_mps, *self._autopilot))
+            self._counts["speeds"] += 1
+
+    def _watch_upload(self) -> None:
+        """Reports an upload that has just ended."""
+        if not self._uploading or self._upload.busy:
+            return
+        if self._upload.state is UploadState.DONE:
+            self._counts["uploads"] += 1
+            self._report(TargetSent(target=self._uploading[-1]))
+        else:
+            self._counts["uploads_failed"] += 1
+            self._report(Problem(text=f"mission upload: {self._upload.problem}"))
+            self._unsent = True  # tried again after upload_timeout_s, with what is then to be flown
+        self._uploading = ()
+
+    def _place_of(self, stop: Stop, place: AutopilotEstimate) -> Target:
+        depth_m = self._targets[0].depth_m if self._targets else place.depth_m
+        here = Target(north_m=place.north_m, east_m=place.east_m, depth_m=depth_m, heading_rad=place.heading_rad)
+        return _follows(here, stop)
+
+    def _reached(self, target: Target, place: AutopilotEstimate) -> bool:
+        north, east = target.north_m - place.north_m, target.east_m - place.east_m
+        ahead_m = north * math.cos(target.heading_rad) + east * math.sin(target.heading_rad)
+        aside_m = abs(east * math.cos(target.heading_rad) - north * math.sin(target.heading_rad))
+        # near it, or past the line across its end at no more than twice the acceptance to the side
+        acceptance_m = self._config.acceptance_m
+        return math.hypot(north, east) <= acceptance_m or (ahead_m <= 0.0 and aside_m <= 2.0 * acceptance_m)
+
+
+def _follows(target: Target, stop: Stop) -> Target:
+    """The target of a stop that begins at `target`."""
+    if stop.action is Action.GO_TO:
+        north_m, east_m = stop.place_m
+        heading_rad = math.atan2(east_m - target.east_m, north_m - target.north_m)
+        return dataclasses.replace(
+            target, north_m=north_m, east_m=east_m, heading_rad=heading_rad, step=target.step + 1, then=None
+        )
+    depth_m = 0.0 if stop.action is Action.SURFACE else target.depth_m
+    return dataclasses.replace(target, depth_m=depth_m, step=target.step + 1, then=None)

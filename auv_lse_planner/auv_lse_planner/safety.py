@@ -1,0 +1,71 @@
+"""One vehicle's mission with its safety watch, as the parameters make them: what `safety_node` owns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from auv_lse_common.health import Health, Level
+from auv_lse_common.mission_run import Action, MissionRun, RunState
+from auv_lse_common.params import ParameterError, section
+from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.safety.fence import Fence
+from auv_lse_common.safety.watch import SafetyWatch
+from auv_lse_gp.area import AreaConfig
+from auv_lse_planner.config import VehicleConfig, with_depth
+
+
+@dataclass(slots=True)
+class Safety:
+    """The mission of a vehicle and the watch over it.
+
+    Attributes:
+        run: How it stands with the mission.
+        watch: The limits.
+    """
+
+    run: MissionRun
+    watch: SafetyWatch
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, Any], where: str, vehicle: int) -> Safety:
+        """From a nested parameter mapping; other sections are left alone.
+
+        Args:
+            parameters: Nested mapping (section -> parameter -> value).
+            where: Where it came from, for messages.
+            vehicle: Number of the vehicle, from 1.
+
+        Raises:
+            ParameterError: naming the key, the value, what was expected and `where`.
+        """
+        parameters = with_depth(parameters, vehicle)
+        safety = section(SafetyConfig, parameters, "safety", where)
+        own = section(VehicleConfig, parameters, "vehicle", where)
+        area = section(AreaConfig, parameters, "area", where)
+        link = parameters.get("link", {})
+        try:
+            on_abort = own.stop("safety.abort", safety.abort)
+        except ParameterError as error:
+            raise ParameterError(f"{where}: {error}") from error
+        fence = Fence(area.polygon_m, safety.fence_margin_m)
+        has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
+        return cls(
+            run=MissionRun(own.start == "at_once", on_abort),
+            watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot),
+        )
+
+    def problems(self) -> dict[str, str]:
+        """Limits that are exceeded or have tripped: a text for each, by its key."""
+        found = {f"tripped {name}": f"{name}: {why} (latched until RESET)" for name, why in self.run.limits.items()}
+        return found | {name: f"{name}: {reason}" for name, reason in self.watch.warnings.items()}
+
+    def health(self) -> Health:
+        """The state of the mission."""
+        standing = self.run.standing
+        bad = Level.ERROR if self.run.limits or standing.state is RunState.ABORTED else Level.OK
+        level = max(bad, Level.WARN if self.watch.warnings else Level.OK)
+        text = "; ".join(self.problems().values()) or standing.reason or "ok"
+        action = Action.TRAVEL if standing.stop is None else standing.stop.action
+        return Health(level=level, text=text, values={"state": standing.state.name, "action": action.name})
