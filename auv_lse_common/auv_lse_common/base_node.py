@@ -233,7 +233,7 @@ class VehicleNode(BaseNode):
         self._readers: dict[Publisher, int] = {}
         self._parts: dict[str, _Part] = {}
         self._ticks: Ticks | None = None
-        self._matched = self._greeted = False
+        self._matched = self._greeted = self._at_work = False
         self._mates: dict[str, Publisher] = {}  # in lockstep, who tells a phase's end to the vehicle's other nodes
         if self.lockstep:
             entry = MISSION_TOPICS["/lockstep/done"]
@@ -435,7 +435,14 @@ class VehicleNode(BaseNode):
                 tick, part.owed = part.owed, None
                 self.tell(phase, tick, part.totals(), part.finished())
 
+    def note_at_work(self) -> None:
+        """Says once in the log that the node is at work: what it took to start, or to start again, ends here."""
+        if not self._at_work:
+            self._at_work = True
+            self.get_logger().info("at work")
+
     def _handle_all(self) -> None:
+        self.note_at_work()
         now_s = self.now_s()
         for part in self._parts.values():
             part.handle(now_s)

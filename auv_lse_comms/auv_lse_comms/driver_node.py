@@ -96,6 +96,7 @@ class DriverNode(VehicleNode):
         self._diagnostics.publish(diagnostics(self.now_s(), self._status_name, self._port.health()))
 
     def _on_timer(self) -> None:
+        self.note_at_work()
         self._exchange(poll=self.polls())
         super().wake()
 

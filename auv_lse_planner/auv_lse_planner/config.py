@@ -22,6 +22,9 @@ else:
     #: A parameter that follows from the method where it is left out (None); `PlannerConfig.complete` fills it in.
     FromMethod = Optional
 
+#: Places of a path that can be valued at once: their covariances take 0.5 GB.
+MOST_PLACES = 8000
+
 
 def from_method(paper: Any, **options: Any) -> Any:
     """A parameter that follows from the method where it is left out.
@@ -255,6 +258,27 @@ class PlannerConfig:
         return replace(self, **values)
 
 
+def check_path_length(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
+    """Refuses a mission whose paths to the end have more places than can be valued at once.
+
+    Raises:
+        ParameterError: with the most steps that the method can plan.
+    """
+    try:
+        complete = planner.complete()
+    except ValueError:
+        return  # said where the planner is made
+    each = 2 if complete.proposals == "tour" else complete.samples_per_leg  # touring.OWN_PLACES
+    places = mission.steps * each
+    if places > MOST_PLACES and (complete.augmented or complete.proposals in ("tour", "naive")):
+        raise ParameterError(
+            f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, which values all "
+            f"{places} places to the mission's end at once: their covariances take {8e-9 * places**2:.0f} GB; expected "
+            f"at most {MOST_PLACES // each} steps, or planner.method plain, which looks some "
+            "legs ahead"
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerSettings:
     """All that a `VehiclePlanner` is made from."""
@@ -281,12 +305,15 @@ class PlannerSettings:
         """
         if vehicle is not None:
             parameters = with_depth(parameters, vehicle)
+        mission = section(MissionConfig, parameters, "mission", where)
+        planner = section(PlannerConfig, parameters, "planner", where)
+        check_path_length(mission, planner, where)
         return cls(
-            mission=section(MissionConfig, parameters, "mission", where),
+            mission=mission,
             level_set=section(LevelSet, parameters, "level_set", where),
             area=section(AreaConfig, parameters, "area", where),
             gp=section(GpConfig, parameters, "gp", where),
             motion=section(MotionConfig, parameters, "motion", where),
-            planner=section(PlannerConfig, parameters, "planner", where),
+            planner=planner,
             vehicle=section(VehicleConfig, parameters, "vehicle", where),
         )

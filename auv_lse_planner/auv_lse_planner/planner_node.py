@@ -50,7 +50,8 @@ class PlannerNode(VehicleNode):
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._intake = PlannerIntake(self._planner)
         self._planner.run(0.0, "safety_node has not said how it stands with the mission")
-        self._rehearse(settings)
+        if not self.journal.records:  # else it is started again under way: the sooner it is back, the better
+            self._rehearse(settings)
         self.show_parameters(
             {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
             tunable=tuple(f"planner.{name}" for name in _TUNABLE),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.plan import Plan
+from auv_lse_planner.config import MOST_PLACES
 from auv_lse_planner.paths.rollout import PlannedPath
 
 Array = NDArray[np.float64]
@@ -108,7 +109,7 @@ class Team:
 
     def _ahead(self, mate: _Mate, now_s: float) -> Array:
         passed = int(max(0.0, self._step_of(mate, now_s) - mate.plan.step))
-        return mate.path.from_step(mate.plan.step + passed).places_m
+        return mate.path.from_step(mate.plan.step + passed).places_m[:MOST_PLACES]
 
     def in_time_order(self, now_s: float) -> list[tuple[Array, Array]]:
         """Of each team mate whose plan counts, the places (P, 2) ahead, and legs (P,) from now after which it is there.
@@ -126,7 +127,7 @@ class Team:
             path = mate.path.from_step(mate.plan.step + int(max(0.0, step - mate.plan.step)))
             each = path.leg_places_m.shape[1]
             legs = path.step + (np.arange(len(path) * each) + 1.0) / each - step
-            ahead.append((legs, path.places_m))
+            ahead.append((legs[:MOST_PLACES], path.places_m[:MOST_PLACES]))
         return ahead
 
     def snapshot(self) -> list[list[float]]:

@@ -3,7 +3,8 @@ import dataclasses
 import pytest
 
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner import touring
+from auv_lse_planner.config import MissionConfig, PlannerConfig, PlannerSettings, check_path_length
 from auv_lse_planner.methods import METHODS
 
 
@@ -64,3 +65,17 @@ def test_configuration_round_trip():
 
     config = PlannerConfig(method="plain", horizon=7, naive_paths=(0xF4,))
     assert from_mapping(PlannerConfig, to_mapping(config), "again") == config
+
+
+@pytest.mark.parametrize(("method", "most"), [("augmented", 8000), ("tour", 4000), ("lawnmower", 8000)])
+def test_a_mission_too_long_to_be_valued_at_once_is_refused(method: str, most: int) -> None:
+    """Before, the first decision ended in a MemoryError."""
+    message = rf"mission.steps: got 65535 with planner.method '{method}'.* GB; expected at most {most} steps"
+    with pytest.raises(ParameterError, match=message):
+        check_path_length(MissionConfig(steps=65535), PlannerConfig(method=method), "m.yaml")
+    assert touring.OWN_PLACES == 2
+    check_path_length(MissionConfig(steps=most), PlannerConfig(method=method), "m.yaml")
+
+
+def test_a_method_that_looks_some_legs_ahead_may_have_any_length() -> None:
+    check_path_length(MissionConfig(steps=65535), PlannerConfig(method="plain"), "m.yaml")

@@ -20,6 +20,7 @@ from nav_msgs.msg import Odometry
 from ros_bench import Bench, bench
 from sensor_msgs.msg import FluidPressure, Range
 
+from auv_lse_common.base_node import LATCHED
 from auv_lse_common.ros_conversions import header
 from auv_lse_comms.mavlink.datum import Origin
 from auv_lse_comms.micromodem.config import ModemConfig
@@ -140,7 +141,7 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
         odometry = b.collect(Odometry, "/auv2/odometry")
         altitude = b.collect(Range, "/auv2/altitude")
         pressure = b.collect(FluidPressure, "/auv2/pressure")
-        waypoint = b.publisher(Waypoint, "/auv2/waypoint")
+        waypoint = b.publisher(Waypoint, "/auv2/waypoint", LATCHED)
         report_until(b, dock, report, lambda: odometry and altitude and pressure, "no odometry")
         pose = odometry[-1].pose.pose
         assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx((-40.0, 30.0, -4.0), abs=1e-4)
@@ -150,11 +151,21 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
         assert odometry[-1].twist.twist.angular.z == pytest.approx(-0.1)
         assert altitude[-1].range == pytest.approx(11.0, abs=0.01)
         assert pressure[-1].fluid_pressure == pytest.approx(140551.6, abs=0.5)
+        # a node that was started again gets the last waypoint, whose leg may still be to come: it goes to its start
+        again = mode == "position_target"
         waypoint.publish(
             Waypoint(
-                header=header(time.time()), step=0, end_heading_rad=0.5, end_north_m=60.0, end_east_m=-20.0, depth_m=4.0
+                header=header(time.time() - (60.0 if again else 0.0)),
+                step=0,
+                start_heading_rad=0.5,
+                start_north_m=45.0,
+                start_east_m=-30.0,
+                end_heading_rad=0.5,
+                end_north_m=60.0,
+                end_east_m=-20.0,
+                depth_m=4.0,
             )
         )
         report_until(b, dock, report, lambda: legs, "no leg")
-        assert legs[0].end_state[1:] == pytest.approx((60.0, -20.0), abs=0.012)
+        assert legs[0].end_state[1:] == pytest.approx((45.0, -30.0) if again else (60.0, -20.0), abs=0.012)
     dock.close()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -22,6 +21,7 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.record.bag import read_run
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
+from benchmarks.faults import kills
 
 pytestmark = [pytest.mark.ros, pytest.mark.mission]
 
@@ -68,34 +68,20 @@ def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> Non
         assert [(d.now_s, d.plan) for d in one.decisions] == [(d.now_s, d.plan) for d in other.decisions]
 
 
-def test_vehicles_that_share_nothing_but_the_water_hear_each_other(tmp_path: Path) -> None:
-    """Three ROS domains; packets pass through emulated modems alone. In real time: two legs, half a minute."""
-    folder = tmp_path / "run"
-    with own_domain() as a, own_domain() as b, own_domain() as c:
-        domains = (a, b, c)
-    short = ("--apart", "--vehicles", "2", "--steps", "2", "--seed", "5", "--out", str(folder))
-    slots = ("--set", "tdma.slot_s=6.0")  # two cycles while the vehicles travel
-    simulator = start("auv_lse_sim.engine.sim", *short, *slots, "--domain", str(domains[0]))
-    vehicles = []
-    try:
-        until = time.monotonic() + 60.0
-        while not (folder / "vehicles.yaml").is_file():
-            assert time.monotonic() < until, "the simulator has not written vehicles.yaml"
-            time.sleep(0.1)
-        for k in (1, 2):
-            own = (f"auv{k}", str(folder / "vehicles.yaml"), "--out", str(tmp_path / f"auv{k}"))
-            vehicles.append(start("auv_lse_common.vehicle", *own, "--domain", str(domains[k])))
-        told = simulator.communicate(timeout=200)[0]
-        for vehicle in vehicles:
-            vehicle.send_signal(signal.SIGTERM)
-        outputs = [vehicle.communicate(timeout=30)[0] for vehicle in vehicles]
-    finally:
-        for process in (simulator, *vehicles):
-            process.kill()
-    assert simulator.returncode == 0, told
-    assert [vehicle.returncode for vehicle in vehicles] == [0, 0], outputs
+def test_vehicles_that_share_nothing_but_the_water_survive_the_death_of_every_node(tmp_path: Path) -> None:
+    """Three ROS domains; packets pass through emulated modems alone. In real time: three legs, a minute."""
+
+    def one_of_each(travel_s: float) -> list[tuple[float, int, str]]:
+        return [(3.0 + 5.0 * number, 1, node) for number, node in enumerate(kills.NODES)]
+
+    flight = kills.fly(tmp_path / "lake é 1", 3, one_of_each, {"tdma.slot_s": "6.0"})
+    assert flight.codes == [0, 0, 0], flight.outputs
+    assert len(flight.kills) == 6
+    assert all(kill.back_s < 15.0 for kill in flight.kills), flight.kills  # 5 s on a machine that has time
+    assert not any(kill.lost for kill in flight.kills), flight.kills
+    assert flight.steps == {1: [0, 1, 2], 2: [0, 1, 2]}, "the planner went on at its step"
     for k, mate in ((1, 2), (2, 1)):
-        heard = list(read_messages(tmp_path / f"auv{k}" / "bag", re.compile("/auv.*")))
+        heard = list(read_messages(flight.recordings[k], re.compile("/auv.*")))
         assert {topic.split("/")[1] for topic, _ in heard} == {f"auv{k}"}, "no topic of the mate's"
         plans = [message for topic, message in heard if topic == f"/auv{k}/team/plans"]
         assert plans, "the mate's plan came through the water"

@@ -17,6 +17,18 @@ def _kills(options: argparse.Namespace, folder: Path, say: Callable[[str], None]
     return kills.run(folder, options.kills, options.seed, say)
 
 
+def _soak(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
+    from benchmarks.faults import soak
+
+    return soak.run(options.minutes, options.vehicles, options.seed, say)
+
+
+def _water(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
+    from benchmarks.faults import water
+
+    return water.run(folder, options.seeds, options.seed, options.steps, say, options.out is not None)
+
+
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/faults."""
     p = argparse.ArgumentParser(
@@ -33,6 +45,14 @@ def parser() -> argparse.ArgumentParser:
     one = kinds.add_parser("kills", parents=[common], help="kills random nodes of two vehicles in one paced mission")
     one.add_argument("--kills", type=int, default=50, metavar="N", help="how many (default: %(default)s; 9 s each)")
     one.set_defaults(run=_kills)
+    one = kinds.add_parser("soak", parents=[common], help="a long mission of a large team, with mates that babble")
+    one.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
+    one.add_argument("--vehicles", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)")
+    one.set_defaults(run=_soak)
+    one = kinds.add_parser("water", parents=[common], help="packets lost, doubled, late, damaged; with --out a picture")
+    one.add_argument("--seeds", type=int, default=4, metavar="N", help="missions of each kind (default: %(default)s)")
+    one.add_argument("--steps", type=int, default=60, metavar="N", help="steps of each (default: %(default)s)")
+    one.set_defaults(run=_water)
     return p
 
 

@@ -6,6 +6,7 @@ water, in real time. The recorders are not killed: they are the witnesses.
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import secrets
@@ -27,14 +28,9 @@ from auv_lse_common.recording import Recording, recording_in
 
 #: A killed node has to be at work again within this time (s).
 BACK_S = 5.0
-#: What shows that a node is at work: its topic, and of a topic that several share, the status name's end.
-SIGNS = {
-    "gp_node": ("kernel_centers", ""),
-    "planner_node": ("diagnostics", "planner_node"),
-    "modem_node": ("tdma", ""),
-    "micromodem_node": ("diagnostics", "micromodem"),
-    "vehicle_link_node": ("odometry", ""),
-}
+#: The nodes that are killed.
+NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
+_AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: at work$", re.MULTILINE)
 _STARTED = re.compile(r"auv(\d+)\.(\w+) started.*, process (\d+)")
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -54,7 +50,7 @@ class Kill:
     vehicle: int
     node: str
     when_s: float
-    back_s: float = float("nan")
+    back_s: float = math.nan
     lost: str = ""
 
 
@@ -136,7 +132,7 @@ def fly(
             own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
             processes.append(_Process("auv_lse_common.vehicle", *own, "--domain", str(domains[k])))
         _until(
-            lambda: all(set(SIGNS) <= set(p.nodes) for p in processes[1:]), 60.0, "the vehicles' nodes did not start"
+            lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 60.0, "the vehicles' nodes did not start"
         )
         under_way_s = time.time() + 10.0
         for after_s, vehicle, node in kills(steps * 15.7):
@@ -162,7 +158,7 @@ def fly(
     flight.codes = [process.process.returncode for process in processes]
     for k in (1, 2):
         flight.recordings[k] = recording_in(folder / f"auv{k}")
-        _read(flight, k)
+        _read(flight, k, folder / f"auv{k}" / "logs")
     return flight
 
 
@@ -182,36 +178,35 @@ def _until(condition: Callable[[], bool], seconds: float, what: str) -> None:
         time.sleep(0.1)
 
 
-def _read(flight: Flight, vehicle: int) -> None:
-    """Reads in a recording what became of the vehicle's nodes."""
-    topics = {name: f"/auv{vehicle}/{name}" for name in ("kernel_centers", "diagnostics", "tdma", "odometry")}
-    seen: dict[str, list[tuple[float, Any]]] = {name: [] for name in [*SIGNS, "centers", "slots"]}
+def _read(flight: Flight, vehicle: int, logs: Path) -> None:
+    """Reads in a recording, and in the nodes' logs, what became of the vehicle's nodes."""
+    topics = {"gp_node": f"/auv{vehicle}/kernel_centers", "modem_node": f"/auv{vehicle}/tdma"}
+    seen: dict[str, list[tuple[float, Any]]] = {node: [] for node in NODES}
     steps, heard = [], 0
     wanted = [*topics.values(), f"/auv{vehicle}/planner/bound", f"/auv{vehicle}/team/plans"]
     with Recording(flight.recordings[vehicle]) as recording:
         for topic, stamp_ns, message in recording.messages(re.compile("|".join(map(re.escape, wanted)))):
-            stamp_s = stamp_ns * 1e-9
             if topic.endswith("/bound"):
                 steps.append(int(message.step))
             elif topic.endswith("/plans"):
                 heard += 1
-            for node, (name, end) in SIGNS.items():
-                if topic == topics[name] and (not end or message.status[0].name.endswith(end)):
-                    seen[node].append((stamp_s, message))
+            for node, name in topics.items():
+                if topic == name:
+                    seen[node].append((stamp_ns * 1e-9, message))
     flight.steps[vehicle], flight.heard[vehicle] = steps, heard
+    at_work = {
+        node: [float(s) for s in _AT_WORK.findall((logs / f"auv{vehicle}.{node}.log").read_text())] for node in NODES
+    }
     for kill in flight.kills:
         if kill.vehicle == vehicle:
+            kill.back_s = min((s - kill.when_s for s in at_work[kill.node] if s > kill.when_s), default=math.nan)
             before = [m for t, m in seen[kill.node] if t < kill.when_s]
             # what a dying process had still sent arrives within 0.2 s
-            after = [(t, m) for t, m in seen[kill.node] if t > kill.when_s + 0.2]
-            if after:
-                kill.back_s = after[0][0] - kill.when_s
-                kill.lost = _lost(kill.node, before, after[0][1])
+            after = [m for t, m in seen[kill.node] if t > kill.when_s + 0.2]
+            kill.lost = _lost(kill.node, before, after[0]) if before and after else ""
 
 
 def _lost(node: str, before: Sequence[Any], after: Any) -> str:
-    if not before:
-        return ""
     if node == "gp_node" and len(after.depth_m) < len(before[-1].depth_m):
         return f"{len(after.depth_m)} centers of {len(before[-1].depth_m)}"
     if node == "modem_node" and after.slots_used < before[-1].slots_used:
@@ -225,7 +220,7 @@ def at_random(number: int, seed: int) -> Callable[[float], list[tuple[float, int
     def of(travel_s: float) -> list[tuple[float, int, str]]:
         rng = np.random.default_rng(seed)
         times_s = np.sort(rng.uniform(0.0, travel_s - 20.0, number))
-        nodes = sorted(SIGNS)
+        nodes = sorted(NODES)
         return [(float(t), int(rng.integers(1, 3)), nodes[int(rng.integers(len(nodes)))]) for t in times_s]
 
     return of
@@ -235,9 +230,9 @@ def table(flight: Flight, steps: int) -> tuple[list[str], bool]:
     """The table of a flight, and whether nothing was lost."""
     lines = ["| node | kills | back after (median, worst) | lost |", "|---|---|---|---|"]
     good = all(code == 0 for code in flight.codes)
-    for node in SIGNS:
+    for node in NODES:
         mine = [kill for kill in flight.kills if kill.node == node]
-        back = [kill.back_s for kill in mine if kill.back_s == kill.back_s]
+        back = [kill.back_s for kill in mine if not math.isnan(kill.back_s)]
         lost = [kill.lost for kill in mine if kill.lost] + ["never back"] * (len(mine) - len(back))
         if back:
             times = f"{statistics.median(back):.1f} s, {max(back):.1f} s"

@@ -71,3 +71,14 @@ def status_message(state: AutopilotState) -> AutopilotStatus:
         battery_v=state.battery_v,
         leak=says.leak,
     )
+
+
+def start_of_waypoint(message: Waypoint) -> Target:
+    """The start of a Waypoint's leg, which is the end of the one before."""
+    return Target(
+        north_m=message.start_north_m,
+        east_m=message.start_east_m,
+        depth_m=message.depth_m,
+        heading_rad=message.start_heading_rad,
+        step=message.step - 1,
+    )

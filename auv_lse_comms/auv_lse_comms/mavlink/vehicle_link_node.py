@@ -7,7 +7,7 @@ from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.base_node import run
 from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import sounding_message, standing_of
+from auv_lse_common.ros_conversions import seconds, sounding_message, standing_of
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.mavlink import events, sounder
 from auv_lse_comms.mavlink.config import LinkConfig
@@ -17,6 +17,7 @@ from auv_lse_comms.mavlink.ros_conversions import (
     altitude_message,
     odometry_message,
     pressure_message,
+    start_of_waypoint,
     status_message,
     target_of_waypoint,
 )
@@ -42,6 +43,7 @@ class VehicleLinkNode(DriverNode):
         self.show_parameters({"link": config})
         self._waypoints = 0
         self._status = self.publisher(AutopilotStatus, "autopilot")
+        self._started_s = self.now_s()
         self._odometry = self.publisher(Odometry, "odometry")
         self._altitude = self.publisher(Range, "altitude")
         self._pressure = self.publisher(FluidPressure, "pressure")
@@ -52,8 +54,13 @@ class VehicleLinkNode(DriverNode):
         self.drive(self._autopilot)
 
     def _on_waypoint(self, message: Waypoint) -> None:
+        # One from before this node: it was started again under way. The leg may still be to come, and where it leads
+        # back, the short cut to its end would never pass the end of the leg before.
+        late = not self._waypoints and seconds(message.header.stamp) < self._started_s
+        ends = (start_of_waypoint(message), target_of_waypoint(message))
         try:
-            self._autopilot.command(self.time_s(), target_of_waypoint(message))
+            for end in ends if late else ends[1:]:
+                self._autopilot.command(self.time_s(), end)
         except ValueError as error:
             self.get_logger().error(f"waypoint of step {message.step}: {error}")
         self._waypoints += 1

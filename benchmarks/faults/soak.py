@@ -1,0 +1,123 @@
+"""A long mission under load: soundings at 50 Hz, and mates that babble. Memory and time are sampled.
+
+The cores of one vehicle of a large team, as its nodes call them, in one process. Its mates are not simulated: a few of
+them send far more than their slots, packets that pass every check.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.plan import NONE, Plan
+from auv_lse_comms.packet.codec import Packet, encode
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.channel import Arrival
+from auv_lse_sim.world.ground_source import ground_of
+from auv_lse_sim.world.world import VehicleOutput
+
+#: Soundings a second; packets a second of each vehicle that babbles, and how many of them do.
+SOUNDINGS_HZ = 50
+PACKETS_HZ = 2
+BABBLERS = 4
+#: Memory may grow by so much (MB) over the second half.
+GROWTH_MB = 150.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One look: mission time (s), memory (MB), kernel centers; longest decision and tick (s) since the last look."""
+
+    now_s: float
+    memory_mb: float
+    centers: int
+    decision_s: float
+    tick_s: float
+
+
+def memory_mb() -> float:
+    """Resident memory of this process (MB)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _loaded(
+    output: VehicleOutput, fleet: Fleet, now_s: float, corners: NDArray[np.float64], rng: np.random.Generator
+) -> VehicleOutput:
+    """A tick's output with soundings at `SOUNDINGS_HZ`, and the packets of those that babble."""
+    rows = np.repeat(output.soundings, max(1, SOUNDINGS_HZ // max(1, len(output.soundings))), axis=0)
+    rows[:, 3] += 0.05 * rng.standard_normal(len(rows))
+    arrivals = list(output.arrivals)
+    for number in range(BABBLERS * PACKETS_HZ if fleet.settings.mission.vehicles > BABBLERS else 0):
+        places = rng.uniform(corners.min(axis=0), corners.max(axis=0), (15, 2))
+        depths = np.nan_to_num(fleet.ground.depth_m(places[:, 0], places[:, 1]), nan=10.0)
+        plan = Plan.at(int(now_s / 15.7), np.array([0.3, *places[0]]), (5,) * 10, NONE)
+        payload = encode(Packet(plan, np.column_stack([places, depths])))
+        arrival = Arrival(
+            receiver=1,
+            source=2 + number % BABBLERS,
+            payload=payload,
+            sent_s=now_s - 2.5,
+            start_s=now_s - 2.0,
+            arrival_s=now_s,
+            snr_db=20.0,
+            range_m=100.0,
+            ok=True,
+            why="",
+        )
+        arrivals.append(arrival)
+    return dataclasses.replace(output, soundings=rows, arrivals=arrivals)
+
+
+def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[Sample], Fleet]:
+    """Runs the cores of vehicle 1 for so many minutes of mission time; returns ten samples, and the fleet."""
+    steps = max(4, int(minutes * 60.0 / 15.7))
+    settings = Settings.load(None, {"mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed})
+    fleet = Fleet(settings, ground_of(settings))
+    crew, rng = fleet.crews[0], np.random.default_rng(seed)
+    corners = np.reshape(settings.area.polygon_m, (-1, 2))
+    samples: list[Sample] = []
+    ticks, decision_s, tick_s = int(minutes * 60.0), 0.0, 0.0
+    for tick in range(1, ticks + 1):
+        output = _loaded(fleet.world.tick(float(tick))[1], fleet, float(tick), corners, rng)
+        began = time.perf_counter()
+        heard = crew.hear(output)
+        crew.update_map(output, heard)
+        decided = crew.decide(float(tick), output, heard)
+        crew.say(float(tick), decided[0] if decided else None)
+        tick_s = max(tick_s, time.perf_counter() - began)
+        if decided:
+            decision_s = max(decision_s, decided[1])
+            fleet.world.command(1, decided[0].leg)
+        if tick % max(1, ticks // 10) == 0:
+            samples.append(Sample(float(tick), memory_mb(), len(crew.map.gp), decision_s, tick_s))
+            say(f"{tick / 60.0:.1f} min of the mission: {samples[-1].memory_mb:.0f} MB, {len(crew.map.gp)} centers")
+            decision_s = tick_s = 0.0
+    return samples, fleet
+
+
+def run(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[str], bool]:
+    """The table of a soak, and whether memory and time stayed bounded."""
+    samples, fleet = soak(minutes, vehicles, seed, say)
+    crew = fleet.crews[0]
+    lines = ["| mission time | memory | centers | longest decision | longest tick |", "|---|---|---|---|---|"]
+    for s in samples:
+        sizes = f"{s.memory_mb:.0f} MB | {s.centers}"
+        lines.append(f"| {s.now_s / 60.0:.1f} min | {sizes} | {s.decision_s:.2f} s | {s.tick_s:.2f} s |")
+    counts, most = crew.map.counts, crew.map.gp.config.max_centers
+    lines.append(
+        f"{crew.bridge.counts['received']} packets taken, {crew.bridge.counts['rejected.excess']} refused as excess; "
+        f"{counts.kept} soundings and samples kept, {counts.merged + counts.too_close} merged or too close, "
+        f"{counts.outliers} outliers, {counts.full} given up (gp.max_centers = {most})"
+    )
+    growth_mb = samples[-1].memory_mb - samples[len(samples) // 2].memory_mb
+    lines.append(f"memory grew by {growth_mb:.0f} MB over the second half (limit {GROWTH_MB:.0f} MB)")
+    return lines, growth_mb < GROWTH_MB and samples[-1].centers <= most

@@ -1,0 +1,198 @@
+"""Bad water: packets lost, in bursts, for ten minutes, doubled, late, out of order, damaged. What the team still does.
+
+Missions of three vehicles in one process (the fleet engine). Each fault acts on what the modems have read, so that the
+rest of the water stays as it is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.judge.evaluation import evaluate
+from auv_lse_sim.settings import Settings
+from auv_lse_sim.world.channel import Arrival
+from auv_lse_sim.world.ground_source import ground_of
+
+#: What a fault makes of the packets that one vehicle has read in a tick: (packets, time (s), random stream) -> packets.
+Distort = Callable[[list[Arrival], float, np.random.Generator], list[Arrival]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """A kind of bad water.
+
+    Attributes:
+        name: For the table.
+        parameters: What it sets.
+        make: Makes what distorts one vehicle's arrivals; None: nothing does.
+    """
+
+    name: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    make: Callable[[], Distort] | None = None
+
+
+def _bursts() -> Distort:
+    """Half of the time nothing comes through, for a minute on average."""
+    state = {"bad": False, "until_s": 0.0}
+
+    def distort(arrivals: list[Arrival], now_s: float, rng: np.random.Generator) -> list[Arrival]:
+        while now_s >= state["until_s"]:
+            state["bad"] = not state["bad"]
+            state["until_s"] += float(rng.exponential(60.0))
+        return [] if state["bad"] else arrivals
+
+    return distort
+
+
+def _blackout() -> Distort:
+    return lambda arrivals, now_s, rng: [] if 200.0 <= now_s < 800.0 else arrivals
+
+
+def _doubled() -> Distort:
+    return lambda arrivals, now_s, rng: [a for a in arrivals for _ in range(2)]
+
+
+def _reordered() -> Distort:
+    """Each packet waits up to 90 s, and so comes after later ones."""
+    waiting: list[tuple[float, Arrival]] = []
+
+    def distort(arrivals: list[Arrival], now_s: float, rng: np.random.Generator) -> list[Arrival]:
+        waiting.extend((now_s + float(rng.uniform(0.0, 90.0)), a) for a in arrivals)
+        due = [entry for entry in waiting if entry[0] <= now_s]
+        waiting[:] = [entry for entry in waiting if entry[0] > now_s]
+        return [dataclasses.replace(a, arrival_s=then_s) for then_s, a in sorted(due, key=lambda entry: entry[0])]
+
+    return distort
+
+
+def _damaged() -> Distort:
+    """A third of the packets have one to eight flipped bits that no checksum has found."""
+
+    def distort(arrivals: list[Arrival], now_s: float, rng: np.random.Generator) -> list[Arrival]:
+        return [
+            dataclasses.replace(a, payload=_flipped(a.payload, rng)) if rng.random() < 1 / 3 else a for a in arrivals
+        ]
+
+    return distort
+
+
+def _flipped(payload: bytes, rng: np.random.Generator) -> bytes:
+    data = bytearray(payload)
+    for bit in rng.integers(8 * len(data), size=int(rng.integers(1, 9))):
+        data[bit // 8] ^= 1 << (bit % 8)
+    return bytes(data)
+
+
+FAULTS = (
+    *(Fault(name=f"{p} % lost", parameters={"sim.channel.packet_loss": p / 100}) for p in (0, 30, 60, 90, 100)),
+    Fault(name="half lost, in bursts of a minute", make=_bursts),
+    Fault(name="nothing for 10 min", make=_blackout),
+    Fault(name="each packet twice", make=_doubled),
+    Fault(name="up to 90 s late, out of order", make=_reordered),
+    Fault(name="a third damaged", make=_damaged),
+)
+
+
+class RoughWater(Fleet):
+    """A fleet whose arrivals are distorted."""
+
+    def __init__(self, settings: Settings, fault: Fault, seed: int) -> None:
+        """Makes the fleet, and a random stream for the fault."""
+        super().__init__(settings, ground_of(settings))
+        if fault.make is None:
+            return
+        tick, rng = self.world.tick, np.random.default_rng([seed, 17])
+        distort = {crew.vehicle: fault.make() for crew in self.crews}
+
+        def distorted(now_s: float) -> dict[int, Any]:
+            return {
+                number: dataclasses.replace(output, arrivals=distort[number](output.arrivals, now_s, rng))
+                for number, output in tick(now_s).items()
+            }
+
+        self.world.tick = distorted  # type: ignore[method-assign]  # the water, with its fault
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a mission came to: risk and true loss of the team's map, distance of its isobath (m), packets, refusals."""
+
+    risk: float
+    loss: float
+    isobath_m: float
+    own_risk: float
+    accepted: int
+    refused: int
+
+
+def fly(fault: Fault, seed: int, vehicles: int, steps: int) -> Outcome:
+    """Flies a mission with a fault."""
+    settings = Settings.load(
+        None, {"mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed, **fault.parameters}
+    )
+    fleet = RoughWater(settings, fault, seed)
+    summary = evaluate(fleet.run()).summary
+    counts = [crew.bridge.counts for crew in fleet.crews]
+    return Outcome(
+        risk=summary.risk_after,
+        loss=summary.loss_after or 0.0,
+        isobath_m=summary.isobath_error_m or 0.0,
+        own_risk=float(np.mean(summary.local_risk)),
+        accepted=sum(c["received"] for c in counts),
+        refused=sum(n for c in counts for name, n in c.items() if name.startswith("rejected.")),
+    )
+
+
+def run(
+    folder: Path, seeds: int, first: int, steps: int, say: Callable[[str], None], picture: bool
+) -> tuple[list[str], bool]:
+    """The table of all faults; also a picture in `folder`, if asked for. Whether nothing is absurdly bad."""
+    found: dict[str, list[Outcome]] = {}
+    for fault in FAULTS:
+        found[fault.name] = [fly(fault, seed, 3, steps) for seed in range(first, first + seeds)]
+        say(f"{fault.name}: risk {np.mean([o.risk for o in found[fault.name]]):.3f}")
+    lines = [
+        "| water | team's risk | true loss | isobath off by | a vehicle's own risk | packets taken | refused |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, outcomes in found.items():
+        mean = {f.name: float(np.mean([getattr(o, f.name) for o in outcomes])) for f in dataclasses.fields(Outcome)}
+        cells = [f"{mean['risk']:.2f}", f"{mean['loss']:.2f}", f"{mean['isobath_m']:.1f} m", f"{mean['own_risk']:.2f}"]
+        cells += [f"{mean[key]:.0f}" for key in ("accepted", "refused")]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    lines.append(f"means of {seeds} missions of three vehicles and {steps} steps, seeds {first} to {first + seeds - 1}")
+    if picture:
+        folder.mkdir(parents=True, exist_ok=True)
+        _draw(found, folder / "water.png")
+        lines.append(f"picture: {folder / 'water.png'}")
+    return lines, True
+
+
+def _draw(found: Mapping[str, Sequence[Outcome]], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    for axis, name, title in ((axes[0], "risk", "team's risk"), (axes[1], "own_risk", "a vehicle's own risk")):
+        names = list(found)
+        for i, outcomes in enumerate(found.values()):
+            values = [getattr(o, name) for o in outcomes]
+            axis.plot(values, [i] * len(values), "o", color="0.6", markersize=4)
+            axis.plot(np.mean(values), i, "D", color="tab:blue")
+        axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
+        axis.invert_yaxis()
+        axis.set_xlim(left=0.0)
+        axis.set_xlabel(f"{title} at the end (mean Bayes risk, cost/place)")
+        axis.grid(axis="x", alpha=0.3)
+    figure.savefig(path, dpi=120)
+    plt.close(figure)
