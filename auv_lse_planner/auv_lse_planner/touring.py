@@ -51,6 +51,8 @@ REJOIN_M = 20.0
 DETOUR_LEGS = 8
 #: Places of a leg that the own path is valued by, at least: with fewer, corners are worth more than they are.
 OWN_PLACES = 2
+#: A path's risk is guessed by one in so many of its places.
+SPARSE = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,17 +195,27 @@ class Touring:
     def _first(
         self, step: int, state: Array, reward: AnytimeReward, deadline: Callable[[], bool] | None
     ) -> tuple[list[Candidate], float, int, bool]:
-        """Candidates for the mission's start, the naive paths first, and the best expected end of those."""
-        own = [strips[(self._vehicle - 1) % len(strips)] for strips in (FITTED, STRIPS)]
-        naive = []
-        for naive_path in (*own, *COVERING, *LAWNMOWERS):
-            naive.append(self._valued(Plan.at(step, state, (), naive_path), reward, "naive"))
+        """Candidates for the mission's start, the naive paths first, and the best expected end of those.
+
+        The own fitted lanes come first, then naive paths in the order of the risk that they pass: with a short deadline
+        some of them are all that there is.
+        """
+        ids = (STRIPS[(self._vehicle - 1) % len(STRIPS)], *COVERING, *LAWNMOWERS)
+        plans = [Plan.at(step, state, (), i) for i in ids]
+        paths = [(plan, self._rollout.follow(plan)) for plan in plans]
+        paths.sort(key=lambda item: -reward.risk_near(item[1].places_m[::SPARSE]))
+        own = Plan.at(step, state, (), FITTED[(self._vehicle - 1) % len(FITTED)])
+        naive = [self._valued(own, reward, "naive")]
+        for plan, path in paths:
+            naive.append(self._worth(plan, path, reward, "naive"))
             if deadline is not None and deadline():
                 break
         floor = max(c.value.end for c in naive)
+        if deadline is not None and deadline():
+            return naive, floor, 0, True
         legs = reward.legs
         starts = self._search.starts(state[1:], legs, self._vehicle, self._vehicles)
-        starts += [self._search.resampled(self._rest(state, c.path), legs) for c in naive[:1]]
+        starts.insert(0, self._search.resampled(self._rest(state, naive[0].path), legs))
         worth = []
         for waypoints in starts:
             worth.append(reward.coarse_value(self._search.places(waypoints, legs)))
@@ -216,11 +228,11 @@ class Touring:
             if found[-1].deadline_hit:
                 break
         best = max(found, key=lambda f: f.value)
-        more = self._search.improve(best.waypoints_m, legs, reward, FIRST_ITERATIONS, deadline)
-        gradients = sum(f.evaluations for f in found) + more.evaluations
-        tours = [more.waypoints_m, *(f.waypoints_m for f in found)]
-        candidates = [*naive, *(self._candidate(step, state, w, reward) for w in tours)]
-        return candidates, floor, gradients, more.deadline_hit
+        if not best.deadline_hit:
+            found.insert(0, self._search.improve(best.waypoints_m, legs, reward, FIRST_ITERATIONS, deadline))
+        tours = [best] if best.deadline_hit else found
+        candidates = [*naive, *(self._candidate(step, state, f.waypoints_m, reward) for f in tours)]
+        return candidates, floor, sum(f.evaluations for f in found), found[0].deadline_hit
 
     def _again(
         self,

@@ -261,3 +261,17 @@ def test_wrong_numbers_of_places_are_named():
         case.reward.value(np.zeros((5, 1, 2)))
     with pytest.raises(ValueError, match="places_m: got 7 places; expected the same number on each of 4 legs"):
         case.reward.value_and_gradient(np.zeros((7, 2)))
+
+
+def test_the_value_alone_is_that_of_the_gradient():
+    case = Case(mates=((6, 12.0),))
+    places = case.path_m.reshape(-1, 2)
+    assert case.reward.coarse_value(places) == pytest.approx(case.reward.value_and_gradient(places)[0], rel=1e-12)
+
+
+def test_risk_near_a_path_is_that_of_the_cells_that_it_passes():
+    case = Case(data=0)
+    everywhere = case.reward.risk_near(case.coarse_m)
+    one = case.reward.risk_near(case.coarse_m[:1])
+    assert everywhere == pytest.approx(one * len(case.coarse_m))  # no data: every cell has the same risk
+    assert case.reward.risk_near(case.coarse_m[:1] + 1000.0) == 0.0

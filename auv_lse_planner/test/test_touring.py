@@ -115,3 +115,22 @@ def test_a_plan_heard_takes_the_place_of_mowing_and_a_silent_mate_is_dropped():
     assert places[:, 1] == pytest.approx([100.0] * 3)
     assert legs == pytest.approx([1, 2, 3])
     assert planner.team.in_time_order(106.0) == []
+
+
+def test_with_no_time_the_start_is_the_fitted_lanes_or_what_passes_more_risk():
+    planner = _planner(steps=40)
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    decision = planner.decide(0.0, deadline=lambda: True)
+    assert decision.bound.deadline_hit
+    assert decision.bound.account >= 0.0
+    assert decision.statistics.evaluations == 2
+    rested = _planner(steps=40)
+    rested.odometry(0.0, 0.0, 0.0, 0.0)
+    assert decision.bound.jbar >= 0.9 * rested.decide(0.0).bound.jbar
+
+
+def test_between_optimizations_the_incumbent_is_followed_without_a_search():
+    decisions = _travel(_planner(planner={"tour_interval": 4}), STEPS, _growing())
+    searched = [d.leg.step for d in decisions if d.statistics.evaluations > 1]
+    assert searched == [0, 4, 8]
+    assert all(d.bound.incumbent_kept for d in decisions if d.leg.step not in searched)

@@ -62,6 +62,8 @@ NO_RISK = 1e-6
 LITTLE_RISK = 5e-3
 #: Rows of the blocks in which the cells are conditioned on places.
 BLOCK = 64
+#: How far (m) a measurement tells of the ground, roughly.
+NEAR_M = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +200,10 @@ class AnytimeReward:
         drops = self._coarsely().drops(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
         return float(self._coarsely().schedule.weights @ drops)
 
+    def risk_near(self, places_m: Array) -> float:
+        """Risk before the first leg within `NEAR_M` of places (P, 2): a guess of what they bring, in no time."""
+        return self._coarsely().risk_near(np.asarray(places_m, dtype=float).reshape(-1, 2))
+
     def risk_left(self, places_m: Array) -> tuple[Array, Array]:
         """Where risk is expected to be left at the mission's end: cells (M, 2) of the gradient's map, their risk (M,).
 
@@ -255,7 +261,8 @@ class _Drop:
         self.risk_before = scale * float(risk.sum())
         counted = np.flatnonzero(risk > least_share * level_set.largest_risk)
         self._places_m = kept.places_m[counted]
-        self._before = float(risk[counted].sum())
+        self._risk = np.asarray(risk[counted])
+        self._before = float(self._risk.sum())
         self._cells = _Cells(
             columns.scaled[counted],
             np.ascontiguousarray(columns.white.T[:, counted]),
@@ -284,6 +291,12 @@ class _Drop:
         slopes *= self._scale * self.schedule.share[:, None]
         later = np.cumsum(slopes[::-1], axis=0)[::-1]  # of all checkpoints that include a row
         return float(self.schedule.weights @ self._drops(risks)), joint.gradient(later)
+
+    def risk_near(self, places_m: Array) -> float:
+        """Risk of the cells that lie near places (P, 2)."""
+        off = self._places_m[:, None] - places_m
+        near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
+        return float(self._risk[near].sum())
 
     def risk_left(self, places_m: Array, legs: Array) -> tuple[Array, Array]:
         """The cells (M, 2), and their expected risk (M,) after the last checkpoint."""
