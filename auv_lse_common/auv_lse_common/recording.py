@@ -195,7 +195,10 @@ class Recording:
         return found
 
     def _broken(self, error: Exception) -> RecordingError:
-        return RecordingError(f"{self.path}: cannot be read as a rosbag2 recording: {error}")
+        return RecordingError(
+            f"{self.path}: cannot be read as a rosbag2 recording: {error}; fix, if the recorder was killed: "
+            f"scripts/recover {self.path}"
+        )
 
 
 def read_messages(bag: Path, topics: re.Pattern[str]) -> Iterator[tuple[str, Any]]:

@@ -26,13 +26,15 @@ class Vehicle:
         self.watch = SafetyWatch(config, Fence(SQUARE, config.fence_margin_m), 10.0, has_autopilot)
         self.now_s = 1000.0
         self.place = (50.0, 50.0, 4.0)
-        self.blind = False
+        self.blind = self.frozen = False
+        self.heading_rad = 0.3
 
     def wait(self, seconds: float, step_s: float = 0.1) -> Vehicle:
         for _ in range(round(seconds / step_s)):
             self.now_s += step_s
             if not self.blind:
-                self.watch.odometry(0.3, *self.place)
+                self.heading_rad = -self.heading_rad + 1e-9  # an estimate never stands still
+                self.watch.odometry(0.3 if self.frozen else self.heading_rad, *self.place)
             self.watch.step(self.now_s, self.run)
         return self
 
@@ -147,6 +149,14 @@ def test_odometry_that_no_vehicle_can_have_counts_as_none() -> None:
     vehicle.wait(5.0)
     vehicle.place = (math.nan, 50.0, 4.0)
     assert set(vehicle.wait(35.0).run.limits) == {"odometry"}
+
+
+def test_odometry_that_hangs_counts_as_none_once_the_vehicle_has_moved() -> None:
+    vehicle = Vehicle()
+    vehicle.frozen = True
+    assert vehicle.wait(60.0).run.limits == {}, "it waits at its start"
+    vehicle.place = (55.0, 50.0, 4.0)
+    assert set(vehicle.wait(60.0).run.limits) == {"odometry"}
 
 
 @pytest.mark.parametrize("step_s", [-3600.0, 3600.0])

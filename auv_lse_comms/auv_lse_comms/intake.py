@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from auv_lse_common.plan import Plan
+from auv_lse_common.sounding_gate import SoundingGate
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.packet.codec import PacketError
 
@@ -14,12 +15,14 @@ class BridgeIntake:
 
     Attributes:
         bridge: The bridge.
+        gate: What own soundings pass before the bridge takes them.
         problems: What could not be used in the last `hear` or `say`, for the log.
     """
 
     def __init__(self, bridge: ModemBridge) -> None:
         """Nothing waits yet."""
         self.bridge = bridge
+        self.gate = SoundingGate()
         self.problems: list[str] = []
         self._soundings: list[Sequence[float]] = []
         self._packets: list[tuple[float, int, bytes]] = []
@@ -42,7 +45,7 @@ class BridgeIntake:
         self.problems = []
         bad = self.bridge.counts["samples.bad"]
         if self._soundings:
-            self.bridge.add_soundings(self._soundings)
+            self.bridge.add_soundings(self.gate.passed(sorted(self._soundings, key=lambda row: row[0])))
             self._soundings = []
         if self.bridge.counts["samples.bad"] > bad:
             self.problems.append(

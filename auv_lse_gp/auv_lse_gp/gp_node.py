@@ -87,7 +87,7 @@ class GpNode(VehicleNode):
         self._risk.publish(risk_map_message(now_s, field, level_set.largest_risk))
         for marker in isobath_markers(now_s, self._map.isobath(), level_set.level_m):
             self._isobath.publish(marker)
-        health = map_health(self._map, self._update_s, time.perf_counter() - began)
+        health = map_health(self._map, self._update_s, time.perf_counter() - began, self._intake.gate.counts)
         self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
 
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from auv_lse_common.health import Health, Level
 from auv_lse_gp.depth_map import DepthMap
 
 
-def map_health(depth_map: DepthMap, update_s: float, field_s: float) -> Health:
+def map_health(depth_map: DepthMap, update_s: float, field_s: float, gated: Mapping[str, int] | None = None) -> Health:
     """The state of a map.
 
     Args:
         depth_map: The map.
         update_s: Wall clock that its last update took (s).
         field_s: Wall clock that field and isobath took (s).
+        gated: Own soundings that the gate has refused, by kind.
     """
     counts = depth_map.counts
     values = {
@@ -28,6 +31,7 @@ def map_health(depth_map: DepthMap, update_s: float, field_s: float) -> Health:
         "map_ms": f"{1e3 * field_s:.2f}",
     }
     values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}
+    values |= {f"soundings {kind}": number for kind, number in (gated or {}).items()}
     suspicious = [f"auv{k}" for k, m in sorted(depth_map.team.items()) if m.suspicious]
     if suspicious:
         text = f"samples of {', '.join(suspicious)} do not fit the own map: its place, its sensor, or a forger?"
@@ -37,4 +41,7 @@ def map_health(depth_map: DepthMap, update_s: float, field_s: float) -> Health:
         return Health(level=Level.WARN, text=text, values=values)
     if counts.refused:
         return Health(level=Level.WARN, text=f"{counts.refused} soundings refused", values=values)
+    if gated:
+        kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(gated.items()))
+        return Health(level=Level.WARN, text=f"own soundings refused: {kinds}", values=values)
     return Health(level=Level.OK, text="ok", values=values)

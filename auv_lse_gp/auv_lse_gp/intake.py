@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.sounding_gate import SoundingGate
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.places.placer import Placer
 
@@ -20,12 +21,14 @@ class MapIntake:
     Attributes:
         map: The map.
         placer: What corrects the soundings' places; None: they are taken where they were told.
+        gate: What own soundings pass before the map takes them.
     """
 
     def __init__(self, depth_map: DepthMap, placer: Placer | None = None) -> None:
         """Nothing waits yet."""
         self.map = depth_map
         self.placer = placer
+        self.gate = SoundingGate()
         self._soundings: list[Sequence[float]] = []
         self._samples: list[tuple[float, int, ArrayLike]] = []
         self._tracks: list[DeadReckoning] = []
@@ -95,12 +98,12 @@ class MapIntake:
         return self.placer.step(now_s) or waited
 
     def _take(self) -> None:
-        if self._soundings:
+        passed, self._soundings = self.gate.passed(sorted(self._soundings, key=lambda row: row[0])), []
+        if passed:
             if self.placer is None:
-                self.map.add_soundings([row[:4] for row in self._soundings])
+                self.map.add_soundings([row[:4] for row in passed])
             else:
-                self.placer.add_soundings(np.array([_with_raw(row) for row in self._soundings], dtype=float))
-            self._soundings = []
+                self.placer.add_soundings(np.array([_with_raw(row) for row in passed], dtype=float))
         for _, source, samples in sorted(self._samples, key=lambda entry: entry[:2]):
             if self.placer is None:
                 self.map.add_samples(samples, source)

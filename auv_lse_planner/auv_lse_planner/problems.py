@@ -11,6 +11,9 @@ from auv_lse_planner.paths.free_space import HOLD_BEYOND_M, FreeSpace
 from auv_lse_planner.team import Team
 from auv_lse_planner.travel import Travel
 
+#: A mate that has been silent for this share of the time for which its plan counts is named.
+SILENT_SHARE = 0.25
+
 
 def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: bool) -> dict[str, str]:
     """No odometry after the start, or none for too long."""
@@ -32,6 +35,8 @@ def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
         found["odometry absurd"] = (
             f"odometry: {travel.absurd} odometry messages ignored: not finite, or more than 1000 km from the origin"
         )
+    if travel.gate.jumps:
+        found["odometry jumps"] = f"odometry: {travel.gate.jumps} places refused that the vehicle cannot have reached"
     if travel.estimate is None:
         return found
     outside_m = -space.clearance_m(travel.estimate.north_m, travel.estimate.east_m)
@@ -51,13 +56,18 @@ def of_map(now_s: float, map_s: float | None, refused: str, planner: PlannerConf
 
 
 def of_team(now_s: float, step: int, team: Team, planner: PlannerConfig) -> dict[str, str]:
-    """Team mates whose plans count for the decision of `step`, and are missing or have expired."""
+    """Team mates whose plans count for the decision of `step`, and are missing, getting old, or have expired."""
     found, ages = {}, team.age_s(now_s)
-    for mate in team.before(step):
+    for mate in team.others if planner.proposals == "tour" else team.before(step):
         if mate not in ages:
             found[f"plan of {mate} missing"] = f"team: no plan of vehicle {mate} heard yet; planning goes on without"
         elif ages[mate] >= planner.plan_expiry_s:
             found[f"plan of {mate} expired"] = f"team: plan of vehicle {mate} expired, heard {ages[mate]:.0f} s ago"
+        elif ages[mate] >= SILENT_SHARE * planner.plan_expiry_s:
+            found[f"{mate} silent"] = (
+                f"team: nothing heard of vehicle {mate} for {ages[mate]:.0f} s; its plan counts until "
+                f"{planner.plan_expiry_s:g} s (planner.plan_expiry_s)"
+            )
     return found
 
 

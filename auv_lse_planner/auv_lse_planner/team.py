@@ -89,9 +89,14 @@ class Team:
         """Age of each team mate's last received plan (s)."""
         return {v: now_s - m.last_heard_s for v, m in sorted(self._mates.items())}
 
+    @property
+    def others(self) -> list[int]:
+        """Numbers of the team mates."""
+        return [v for v in range(1, self._vehicles + 1) if v != self._vehicle]
+
     def before(self, step: int) -> list[int]:
         """Numbers of the vehicles whose plans count for a decision at `step`."""
-        others = [v for v in range(1, self._vehicles + 1) if v != self._vehicle]
+        others = self.others
         if self._order == "all":
             return others
         if self._order == "id":

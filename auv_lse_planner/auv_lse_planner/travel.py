@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from auv_lse_common.frames import is_possible
 from auv_lse_common.leg import Leg
 from auv_lse_planner.config import PlannerConfig, VehicleConfig
+from auv_lse_planner.odometry_gate import OdometryGate
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,7 @@ class Travel:
         leg_started_s: Mission time at which it began; NaN before the first decision.
         decided: Number of steps decided.
         running: Whether the mission goes: while it does not, nothing is due, and no leg's time runs.
+        gate: What estimates pass: no jumps.
         absurd: Number of estimates that no vehicle can have; they are ignored.
         finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
     """
@@ -58,6 +60,7 @@ class Travel:
         self.leg_started_s = math.nan
         self.decided = 0
         self.absurd = 0
+        self.gate = OdometryGate(vehicle.speed_mps)
         self.finished = False
         self.running = True
         self._held_s = math.nan
@@ -76,6 +79,8 @@ class Travel:
         e = estimate
         if not math.isfinite(e.now_s) or not is_possible(e.heading_rad, e.north_m, e.east_m):
             self.absurd += 1
+            return
+        if not self.gate.passes(e.now_s, e.north_m, e.east_m):
             return
         self.estimate = estimate
         if not self.running:

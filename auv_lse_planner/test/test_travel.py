@@ -136,3 +136,17 @@ def test_while_the_mission_holds_no_step_is_counted_and_the_legs_time_stands_sti
     assert not travel.overdue(1017.0)
     travel.move(_at(1018.0, 30.5, 1.0))
     assert travel.leg == _leg(1)
+
+
+def test_a_place_that_cannot_be_reached_is_refused_and_a_fix_that_lasts_is_believed():
+    travel = _on_the_first_leg()
+    travel.move(_at(1.0, 1.5))
+    travel.move(_at(2.0, 500.0))
+    travel.move(_at(3.0, 4.5))
+    assert (travel.estimate.north_m, travel.gate.jumps) == (4.5, 1)
+    for i in range(4, 8):  # a fix after a long dive
+        assert travel.estimate.north_m == 4.5
+        travel.move(_at(float(i), 1.5 * i, 80.0))
+    assert travel.estimate.east_m == 80.0
+    travel.move(_at(1000.0, 1500.0))
+    assert travel.estimate.north_m == 1500.0, "after a long silence it may be anywhere near"

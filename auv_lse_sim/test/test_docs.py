@@ -188,7 +188,7 @@ def found(module):
 
 @pages(LIVING)
 def test_scripts_that_are_named_exist(page):
-    for name in re.findall(r"(?<![\w/.-])scripts/(\w[\w.]*\w)", page.read_text()):
+    for name in re.findall(r"(?<![\w/.-])scripts/(\w[\w.-]*\w)", page.read_text()):
         assert (ROOT / "scripts" / name).is_file(), f"{page.name}: scripts/{name}"
 
 

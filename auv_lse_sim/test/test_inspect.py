@@ -24,6 +24,7 @@ from std_msgs.msg import String
 
 from auv_lse_common.domain import local_environment, own_domain
 from auv_lse_common.inspect import nodes, params, topics
+from auv_lse_common.inspect import run as mission
 from auv_lse_common.inspect.graph_node import Graph, GraphError
 
 pytestmark = pytest.mark.ros
@@ -36,6 +37,7 @@ PARAMETERS = """\
     mission: {vehicles: 2, steps: 20, seed: 7}
     gp: {publish_period_s: 0.2, map_resolution_m: 20.0}
     planner: {iterations: 30}
+    vehicle: {start: on_call}
 """
 
 Run = Callable[..., str]
@@ -108,7 +110,7 @@ def graph(vehicle: Vehicle) -> Iterator[Graph]:
 @pytest.fixture
 def run(graph: Graph, capsys: pytest.CaptureFixture[str]) -> Run:
     def call(*words: str, code: int = 0) -> str:
-        tool = {"topics": topics, "nodes": nodes, "params": params}[words[0]]
+        tool = {"topics": topics, "nodes": nodes, "params": params, "run": mission}[words[0]]
         options = tool.parser().parse_args(words[1:])
         assert options.run(options, graph) == code
         printed = capsys.readouterr()
@@ -170,8 +172,8 @@ def test_topics_info_says_who_does_not_hear_whom(run: Run) -> None:
 
 
 def test_nodes_list_and_info(run: Run) -> None:
-    assert run("nodes", "list") == "/auv1/gp_node\n/auv1/modem_node\n/auv1/planner_node\n"
-    assert run("nodes", "list", "-c") == "3\n"
+    assert run("nodes", "list") == ("/auv1/gp_node\n/auv1/modem_node\n/auv1/planner_node\n/auv1/safety_node\n")
+    assert run("nodes", "list", "-c") == "4\n"
     text = run("nodes", "info", "/auv1/planner_node")
     assert text.startswith("/auv1/planner_node\n  Subscribers:\n")
     assert "    /auv1/kernel_centers: auv_lse_msgs/msg/KernelCenters\n" in text
@@ -203,9 +205,21 @@ def test_params(run: Run) -> None:
         run("params", "get", node, "planner.iteratons")
 
 
+def test_a_mission_is_started_held_and_aborted(run: Run) -> None:
+    """The vehicle has no odometry, and waits for GO."""
+    assert run("run", "state").startswith("auv1: WAITING: waits for GO\n")
+    assert run("run", "go", "auv1").startswith("auv1: RUNNING: GO by ")
+    assert run("run", "hold", "all").startswith("auv1: HOLDING: HOLD by ")
+    assert run("run", "state").startswith("auv1: HOLDING: HOLD by ")
+    assert run("run", "abort", "auv1", "--team").startswith("auv1: ABORTED: ABORT by ")
+    assert "expected RESET first" in run("run", "go", "auv1", code=1)
+    assert run("run", "reset", "auv1").startswith("auv1: HOLDING: RESET by ")
+    assert "auv7 is not there; there are auv1" in run("run", "hold", "auv7", code=1)
+
+
 def test_a_node_that_is_killed_comes_back_and_sigterm_ends_all(vehicle: Vehicle, graph: Graph) -> None:
     before = vehicle.pids()
-    assert set(before) == {"gp_node", "planner_node", "modem_node"}
+    assert set(before) == {"gp_node", "planner_node", "modem_node", "safety_node"}
     os.kill(before["gp_node"], signal.SIGKILL)
     until = time.monotonic() + 30.0
     while vehicle.pids().get("gp_node") in (None, before["gp_node"]):

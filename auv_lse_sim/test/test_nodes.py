@@ -27,7 +27,18 @@ from auv_lse_common.base_node import LATCHED
 from auv_lse_common.plan import Plan as MatePlan
 from auv_lse_common.ros_conversions import header
 from auv_lse_comms.packet.codec import Packet, decode, encode
-from auv_lse_msgs.msg import Bound, KernelCenters, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus, Waypoint
+from auv_lse_msgs.msg import (
+    Bound,
+    KernelCenters,
+    MissionState,
+    ModemRx,
+    ModemTx,
+    Plan,
+    SampleArray,
+    Sounding,
+    TdmaStatus,
+    Waypoint,
+)
 
 pytestmark = pytest.mark.ros
 
@@ -104,7 +115,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         plans = b.collect(Plan, "/auv1/team/plans")
         samples = b.collect(SampleArray, "/auv1/team/samples")
         for i in range(30):
-            soundings.publish(sounding(float(i), 0.0, 12.0))
+            soundings.publish(sounding(float(i), 0.0, 12.0 + 0.01 * i))
         plan.publish(
             Plan(vehicle=1, step=3, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=[5, 5, 0], naive_path=0xF0)
         )
@@ -154,6 +165,9 @@ def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> N
     with bench(tmp_path) as b:
         b.start("auv_lse_planner", "planner_node", PARAMETERS)
         odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)  # as INS drivers publish
+        b.publisher(MissionState, "/auv1/mission/state", LATCHED).publish(
+            MissionState(revision=1, state=MissionState.RUNNING)
+        )
         waypoints = b.collect(Waypoint, "/auv1/waypoint")
         bounds = b.collect(Bound, "/auv1/planner/bound")
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")

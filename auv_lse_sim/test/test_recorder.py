@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,10 @@ from mcap.stream_reader import StreamReader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from auv_lse_common.recording import Recording, RecordingError, recording_in
+from auv_lse_sim.record.guard import GuardedWriter
 from auv_lse_sim.record.recorder import BagWriter, RecorderError, message_texts, message_types
+from auv_lse_sim.record.recover import main, recover
 
 MESSAGES = Path(__file__).resolve().parents[2] / "auv_lse_msgs" / "msg"
 
@@ -66,7 +72,8 @@ def test_definitions_are_whole_and_keep_their_comments(tmp_path: Path, types: An
     header = types.types["std_msgs/msg/Header"](
         stamp=types.types["builtin_interfaces/msg/Time"](sec=3, nanosec=4), frame_id="map"
     )
-    message = kind(header=header, north_m=1.0, east_m=2.0, depth_m=3.0)
+    raw = {"raw_north_m": 1.5, "raw_east_m": 2.5}
+    message = kind(header=header, north_m=1.0, east_m=2.0, depth_m=3.0, **raw)
     bag.write("/auv1/sounding", 1, bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding")))
     bag.close()
     with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
@@ -120,3 +127,94 @@ def test_what_cannot_be_recorded_is_said(tmp_path: Path, types: Any) -> None:
     with pytest.raises(RecorderError, match="no_such_msgs"):
         bag.add_topic("/x", "no_such_msgs/msg/Thing")
     bag.close()
+
+
+KILLED = """
+import os, sys, time
+from pathlib import Path
+sys.path[:0] = {path!r}
+from auv_lse_sim.record.recorder import BagWriter, message_types
+types = message_types([])
+bag = BagWriter(Path({folder!r}), types, {{}}, flush_s=1.0)
+bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")
+clock, stamp = types.types["rosgraph_msgs/msg/Clock"], types.types["builtin_interfaces/msg/Time"]
+for i in range(300):  # ten messages a second
+    data = types.serialize_cdr(clock(clock=stamp(sec=i, nanosec=0)), "rosgraph_msgs/msg/Clock")
+    bag.write("/clock", i * 10**8, bytes(data))
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_recorder_killed_loses_two_seconds_at_most_and_recover_makes_a_file_that_readers_open(tmp_path: Path) -> None:
+    folder = tmp_path / "a dive" / "bag"
+    folder.parent.mkdir()
+    done = subprocess.run([sys.executable, "-c", KILLED.format(path=sys.path, folder=str(folder))], check=False)
+    assert done.returncode == -9
+    with pytest.raises(RecordingError, match=r"scripts/recover .*bag\.mcap"), Recording(recording_in(folder)):
+        pass
+    found = recover(folder.parent)
+    assert found.messages >= 280, "thirty seconds at 10 Hz, less two"
+    with Recording(recording_in(folder)) as recording:
+        stamps = [stamp for _, stamp, _ in recording.messages(re.compile("/clock"))]
+    assert stamps == [i * 10**8 for i in range(found.messages)]
+    with (folder / "bag.mcap").open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == found.messages
+    assert main([str(folder)]) == 0, "the second time there is nothing to do"
+    assert (folder / "bag.mcap.torn").is_file()
+
+
+@pytest.mark.parametrize("at", [0.5, 0.9])
+def test_a_recording_cut_off_anywhere_is_recovered_up_to_there(tmp_path: Path, types: Any, at: float) -> None:
+    written(tmp_path / "bag", types, 100)
+    file = tmp_path / "bag" / "bag.mcap"
+    data = file.read_bytes()
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    file.write_bytes(data[: int(at * len(data))])
+    assert 0 < recover(tmp_path / "bag").messages <= 100
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as whole:
+        assert make_reader(whole).get_summary() is not None
+
+
+def test_what_is_no_recording_is_not_recovered(tmp_path: Path, types: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "none")]) == 1
+    assert "does not exist" in capsys.readouterr().err
+    (tmp_path / "x.mcap").write_bytes(b"no recording")
+    assert main([str(tmp_path / "x.mcap")]) == 1
+    assert "no message in it can be read" in capsys.readouterr().err
+    written(tmp_path / "bag", types, 3)
+    assert main([str(tmp_path / "bag")]) == 1
+    assert "nothing to recover" in capsys.readouterr().err
+
+
+def test_a_nearly_full_disk_ends_the_recording_and_leaves_it_whole(tmp_path: Path, types: Any) -> None:
+    bag, left = written(tmp_path / "bag", types, 5, close=False), [500.0]
+    guarded = GuardedWriter(bag, tmp_path / "bag", 200.0, lambda folder: left[0])
+    guarded.look()
+    assert guarded.problem == ""
+    left[0] = 150.0
+    guarded.look()
+    assert "150 MB are left; expected at least record.least_free_mb = 200 MB" in guarded.problem
+    guarded.write("/clock", 6 * 10**9, b"")
+    guarded.close()
+    assert guarded.dropped == 1
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert reader.message_count == 5
+
+
+class FullDisk:
+    """A writer on a disk without room."""
+
+    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    def close(self) -> None:
+        self.write("", 0, b"")
+
+
+def test_a_full_disk_ends_the_recording_and_raises_nothing(tmp_path: Path) -> None:
+    guarded = GuardedWriter(FullDisk(), tmp_path, 0.0)
+    guarded.write("/clock", 1, b"")
+    assert "No space left on device" in guarded.problem
+    guarded.write("/clock", 2, b"")
+    guarded.close()
+    assert guarded.dropped == 1

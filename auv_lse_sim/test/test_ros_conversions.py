@@ -13,6 +13,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.mission_run import Action, Stop
 from auv_lse_common.plan import Plan, Tour
 from auv_lse_common.ros_conversions import (
     dead_reckoning_from_message,
@@ -88,7 +89,9 @@ def test_plans_and_legs_come_back() -> None:
     hostile.segment_legs = 0
     assert not plan_from_message(hostile).tour.is_sound
     leg = MotionTable(MotionConfig()).leg(7, plan.state, 3)
-    message = waypoint_message(1.0, leg, 1.5, 4.0, last=True)
+    message = waypoint_message(1.0, leg, 1.5, 4.0, Stop(action=Action.SURFACE))
+    assert (message.last, message.then) == (True, int(Action.SURFACE))
+    assert not waypoint_message(1.0, leg, 1.5, 4.0, None).last
     assert leg_of_waypoint(message) == leg
     assert (message.end_heading_rad, message.end_north_m, message.end_east_m) == tuple(leg.end_state)
     message.straight_m = math.nan

@@ -71,7 +71,10 @@ def run_tell(options: argparse.Namespace, graph: Any) -> int:
             print(f"{name}: error: {error}", file=sys.stderr)
             failed = True
             continue
-        print(f"{name}: {text}" if taken else f"{name}: refused: {text}")
+        if taken:
+            print(f"{name}: {text}")
+        else:
+            print(f"{name}: refused: {text}", file=sys.stderr)
         failed = failed or not taken
     return int(failed)
 

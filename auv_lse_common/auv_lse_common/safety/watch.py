@@ -22,6 +22,8 @@ from auv_lse_common.safety.fence import Fence
 
 #: A step this long (s) after the last one, or before it, is a clock that was set.
 LONGEST_STEP_S = 10.0
+#: A vehicle that is told to be this far (m) from where it began has moved: before, its estimate may stand still.
+MOVED_M = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,6 +85,9 @@ class SafetyWatch:
             "mission time": config.mission_time_response,
         }
         self._place: tuple[float, float, float] | None = None  # north, east, depth (m)
+        self._first: tuple[float, float, float] | None = None  # heading (rad), north, east (m), as first told
+        self._state: tuple[float, float, float] | None = None  # the same, as last told
+        self._has_moved = False
         self._altitude_m = math.nan
         self._autopilot: AutopilotSays | None = AutopilotSays(heard=False, armed=False) if has_autopilot else None
         self._link_known = False  # the autopilot has been heard once
@@ -95,10 +100,19 @@ class SafetyWatch:
         self._ran_s = 0.0
 
     def odometry(self, heading_rad: float, north_m: float, east_m: float, depth_m: float) -> None:
-        """Takes the vehicle's estimate of where it is; one that no vehicle can have counts as none."""
-        if is_possible(heading_rad, north_m, east_m) and math.isfinite(depth_m):
-            self._place = (north_m, east_m, depth_m)
-            self._new_odometry = True
+        """Takes the vehicle's estimate of where it is; one that no vehicle can have counts as none.
+
+        So does one that is the last to the last digit, once the vehicle has moved: its estimator hangs.
+        """
+        if not is_possible(heading_rad, north_m, east_m) or not math.isfinite(depth_m):
+            return
+        state = (heading_rad, north_m, east_m)
+        self._first = self._first or state
+        self._has_moved = self._has_moved or math.dist(state[1:], self._first[1:]) > MOVED_M
+        if self._has_moved and state == self._state:
+            return
+        self._state, self._place = state, (north_m, east_m, depth_m)
+        self._new_odometry = True
 
     def altitude(self, altitude_m: float) -> None:
         """Takes the height over the ground (m); NaN or infinite: no echo."""

@@ -20,11 +20,14 @@ from auv_lse_common.topics import recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 from auv_lse_planner.config import MissionConfig
 from auv_lse_sim.record.config import RecordConfig
+from auv_lse_sim.record.guard import GuardedWriter
 from auv_lse_sim.record.recorder import RecorderError
 from auv_lse_sim.record.rosbag2_writer import make_writer
 from auv_lse_sim.record.software import mission_text, version
 
 _DISCOVERY_PERIOD_S = 2.0
+#: How often (s) the space on the disk is looked at.
+_LOOK_PERIOD_S = 2.0
 
 
 class RecorderNode(BaseNode):
@@ -40,7 +43,9 @@ class RecorderNode(BaseNode):
         self._share = {"auv_lse_msgs": Path(get_package_share_directory("auv_lse_msgs")) / "msg"}
         snapshot = {"software": version(), "seed": str(mission.seed)}
         try:
-            self._bag = make_writer(Path(config.folder), list(self._share.values()), snapshot, config.flush_s)
+            folder = Path(config.folder)
+            writer = make_writer(folder, list(self._share.values()), snapshot, config.flush_s)
+            self._bag = GuardedWriter(writer, folder, config.least_free_mb)
         except RecorderError as error:
             raise ParameterError(f"{self.where}: {error}") from error
         self._refused: set[str] = set()
@@ -53,7 +58,9 @@ class RecorderNode(BaseNode):
         if self.lockstep:
             self._done = self.create_publisher(LockstepDone, "/lockstep/done", EVERY)
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
+        self._said = False
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover)
+        self.create_timer(_LOOK_PERIOD_S, self._look)
         self.get_logger().info(f"recording to {config.folder}")
 
     def _write_text(self, topic: str, text: str) -> None:
@@ -116,6 +123,13 @@ class RecorderNode(BaseNode):
             except (RecorderError, PackageNotFoundError, ImportError, AttributeError) as error:
                 self._refused.add(topic)
                 self.get_logger().warning(f"{topic} ({', '.join(kinds)}) is not recorded: {error!r}")
+
+    def _look(self) -> None:
+        """Ends the recording if the disk is nearly full, and says so once."""
+        self._bag.look()
+        if self._bag.problem and not self._said:
+            self._said = True
+            self.get_logger().error(self._bag.problem)
 
     def _on_tick(self, message: LockstepTick) -> None:
         self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick))

@@ -1,0 +1,49 @@
+"""The gate for odometry: a place that the vehicle cannot have reached since the last one.
+
+A fix after a long dive moves the place for good, so `AGREEING` places in a row that agree with one another are
+believed.
+"""
+
+from __future__ import annotations
+
+import math
+
+#: Times the speed through the water that a place may move, for currents and a vehicle faster than told, and more (m).
+FASTER = 3.0
+SPREAD_M = 30.0
+AGREEING = 4
+
+Place = tuple[float, float, float]
+
+
+class OdometryGate:
+    """The places of one vehicle, in the order in which they come.
+
+    Attributes:
+        jumps: Places refused.
+    """
+
+    def __init__(self, speed_mps: float) -> None:
+        """For a vehicle that travels at `speed_mps`."""
+        self.jumps = 0
+        self._speed_mps = speed_mps
+        self._last: Place | None = None
+        self._refused: Place | None = None
+        self._in_a_row = 0
+
+    def passes(self, stamp_s: float, north_m: float, east_m: float) -> bool:
+        """Whether the place can be: it follows from the last one that did, or from others that said the same."""
+        place = (stamp_s, north_m, east_m)
+        if self._last is not None and not self._follows(self._last, place):
+            agrees = self._refused is not None and self._follows(self._refused, place)
+            self._in_a_row = self._in_a_row + 1 if agrees else 1
+            self._refused = place
+            if self._in_a_row < AGREEING:
+                self.jumps += 1
+                return False
+        self._last, self._refused, self._in_a_row = place, None, 0
+        return True
+
+    def _follows(self, last: Place, place: Place) -> bool:
+        moved_m = math.hypot(place[1] - last[1], place[2] - last[2])
+        return moved_m <= FASTER * self._speed_mps * abs(place[0] - last[0]) + SPREAD_M
