@@ -13,6 +13,15 @@ from typing import IO
 #: Domains whose UDP ports stay below Linux's ephemeral range.
 DOMAINS = range(1, 102)
 _MOST = 232
+#: Variables by which a user says how far DDS reaches.
+RANGE_VARIABLES = (
+    "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    "ROS_STATIC_PEERS",
+    "ROS_DISCOVERY_SERVER",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+    "CYCLONEDDS_URI",
+)
 
 
 class DomainError(RuntimeError):
@@ -146,6 +155,21 @@ def local_environment(root: Path, domain: int) -> dict[str, str]:
     environment = node_environment(domain)
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
     environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(root / "config" / "fastdds_localhost.xml")
+    return environment
+
+
+def vehicle_environment(root: Path, domain: int) -> dict[str, str]:
+    """This process's environment for the nodes of a vehicle: DDS kept to this machine, unless it says otherwise.
+
+    Args:
+        root: The project's folder, which holds config/.
+        domain: ROS domain.
+    """
+    if any(os.environ.get(name) for name in RANGE_VARIABLES):
+        return node_environment(domain)
+    environment = local_environment(root, domain)
+    if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp":
+        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # the profile is Fast DDS's own
     return environment
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.domain import DomainError, local_environment, node_environment, wanted_domain
+from auv_lse_common.domain import DomainError, local_environment, vehicle_environment, wanted_domain
 from auv_lse_common.journal import FOLDER_VARIABLE
 from auv_lse_common.params import ParameterError, check_sections, merge, parameters_for, read_parameter_file
 from auv_lse_common.processes import LaunchError, Process, executable_path, vehicle_nodes
@@ -198,7 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise ParameterError(f"--out {out}: has a recording, {out / 'bag'}; expected a folder without one")
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
         domain = wanted_domain(options.domain)
-        environment = local_environment(root, domain) if crew.simulated else node_environment(domain)
+        environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
         environment[FOLDER_VARIABLE] = str(journal_folder(out))
         tasks = crew.tasks()
         (out / "logs").mkdir(parents=True, exist_ok=True)

@@ -74,3 +74,19 @@ def test_environments(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     local = local_environment(tmp_path, 5)
     assert local["ROS_DOMAIN_ID"] == "5"
     assert local["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(tmp_path / "config" / "fastdds_localhost.xml")
+
+
+def test_a_vehicle_keeps_to_its_machine_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in (*domain.RANGE_VARIABLES, "RMW_IMPLEMENTATION"):
+        monkeypatch.delenv(name, raising=False)
+    alone = domain.vehicle_environment(tmp_path, 7)
+    assert alone["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(tmp_path / "config" / "fastdds_localhost.xml")
+    assert (alone["ROS_AUTOMATIC_DISCOVERY_RANGE"], alone["ROS_DOMAIN_ID"]) == ("SYSTEM_DEFAULT", "7")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    assert domain.vehicle_environment(tmp_path, 7)["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    asked = domain.vehicle_environment(tmp_path, 7)
+    assert asked["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in asked

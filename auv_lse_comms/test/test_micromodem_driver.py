@@ -178,8 +178,12 @@ def test_a_vital_setting_refused_is_asked_again_for_ever():
 # ------------------------------------------------------------------ clock
 
 
-def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again():
-    desk = Desk()
+@pytest.mark.parametrize(
+    ("synchronous", "command"), [(False, "CCTMS,2019-12-02T03:03:00Z,0"), (True, "CCTMS,2019-12-02T03:03:01Z,1")]
+)
+def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again(synchronous, command):
+    """With a PPS the time is that of its next edge, a second ahead."""
+    desk = Desk(synchronous=synchronous)
     desk.now_s = math.floor(NOW_S) + 0.5
     desk.modem.opened(desk.now_s)
     while (asked := desk.written())[-1].startswith("CCCFG"):
@@ -189,7 +193,7 @@ def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again()
     assert checked.offset_s == pytest.approx(946684801.0 - desk.now_s)
     assert desk.written() == []  # not in the middle of a second
     desk.wait(0.55, step=0.05)
-    assert desk.written() == ["CCTMS,2019-12-02T03:03:00Z,0"]
+    assert desk.written() == [command]
     desk.hear("CATMS,0,2019-12-02T03:03:00Z")
     assert desk.written() == ["CCTMQ,0"]
     events = desk.hear("CATMQ,2019-12-02T03:03:00Z,USER_CMD,RTC")

@@ -33,6 +33,7 @@ BY_PATH = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0"
             for suffix, number in (("", 19200), (":57600", 57600))
         ),
         ("/dev/ttyS0:0115200", Address(kind="serial", place="/dev/ttyS0:0115200", number=19200)),
+        ("/tmp/lake é 1/modem", Address(kind="serial", place="/tmp/lake é 1/modem", number=19200)),
         ("tcp://127.0.0.1:4001", Address(kind="tcp", place="127.0.0.1", number=4001)),
         ("udpin://0.0.0.0:14550", Address(kind="udpin", place="0.0.0.0", number=14550)),
         ("udpout://[::1]:14550", Address(kind="udpout", place="::1", number=14550)),

@@ -12,6 +12,7 @@ import yaml
 
 from auv_lse_common.params import SECTIONS, describe
 from auv_lse_sim.settings import SECTION_CLASSES
+from benchmarks import licences
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(folder.parent for folder in ROOT.glob("auv_lse_*/package.xml"))
@@ -229,3 +230,14 @@ def test_functions_and_classes_that_are_named_alone_exist(page):
         for name in re.findall(r"^(\w+)\(|\b(test_\w+)\b|^([A-Z][a-z]+(?:[A-Z][a-z]+)+)$", span):
             word = next(part for part in name if part)
             assert word in words, f"{page.name}: `{span}`"
+
+
+def test_the_page_of_licences_and_the_hashes_have_every_pinned_package():
+    pinned = set(licences.pins())
+    rows = re.findall(r"^\| ([\w.-]+) \| ([\w.]+) \| [^|]+ \|$", (ROOT / "docs" / "dependencies.md").read_text(), re.M)
+    assert set(rows) - {("package", "version")} == pinned, "python -m benchmarks.licences > docs/dependencies.md"
+    hashes = (ROOT / "config" / "hashes-cp311-linux_x86_64.txt").read_text()
+    hashed = re.findall(r"^(\S+)==(\S+) --hash=sha256:[0-9a-f]{64}$", hashes, re.M)
+    assert {(name.lower().replace("_", "-"), version) for name, version in hashed} == {
+        (name.lower().replace("_", "-"), version) for name, version in pinned
+    }

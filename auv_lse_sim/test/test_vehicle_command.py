@@ -74,11 +74,13 @@ def test_vehicles_that_share_nothing_but_the_water_survive_the_death_of_every_no
     def one_of_each(travel_s: float) -> list[tuple[float, int, str]]:
         return [(3.0 + 5.0 * number, 1, node) for number, node in enumerate(kills.NODES)]
 
-    flight = kills.fly(tmp_path / "lake é 1", 3, one_of_each, {"tdma.slot_s": "6.0"})
+    flight = kills.fly(tmp_path / "lake é 1", 3, one_of_each, {"tdma.slot_s": "8.0"})
     assert flight.codes == [0, 0, 0], flight.outputs
     assert len(flight.kills) == 6
     assert all(kill.back_s < 15.0 for kill in flight.kills), flight.kills  # 5 s on a machine that has time
     assert not any(kill.lost for kill in flight.kills), flight.kills
+    assert len(flight.sockets) > 20, "of three processes and their nodes"
+    assert [socket for socket in flight.sockets if not socket.local] == [], "nothing listens beyond this machine"
     assert flight.steps == {1: [0, 1, 2], 2: [0, 1, 2]}, "the planner went on at its step"
     for k, mate in ((1, 2), (2, 1)):
         heard = list(read_messages(flight.recordings[k], re.compile("/auv.*")))

@@ -25,6 +25,7 @@ import numpy as np
 
 from auv_lse_common.domain import own_domain
 from auv_lse_common.recording import Recording, recording_in
+from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
 #: A killed node has to be at work again within this time (s).
 BACK_S = 5.0
@@ -32,6 +33,8 @@ BACK_S = 5.0
 NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
 _AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: at work$", re.MULTILINE)
 _STARTED = re.compile(r"auv(\d+)\.(\w+) started.*, process (\d+)")
+#: What says how far DDS reaches: left out, so that the defaults are flown.
+_RANGE = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -65,6 +68,7 @@ class Flight:
         outputs: What each process printed, the simulator's first.
         codes: Their exit codes.
         recordings: The recordings, by vehicle.
+        sockets: What simulator and vehicles had open before the first kill.
     """
 
     kills: list[Kill] = field(default_factory=list)
@@ -73,6 +77,7 @@ class Flight:
     outputs: list[str] = field(default_factory=list)
     codes: list[int] = field(default_factory=list)
     recordings: dict[int, Path] = field(default_factory=dict)
+    sockets: list[OpenSocket] = field(default_factory=list)
 
 
 class _Process:
@@ -86,7 +91,7 @@ class _Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "AUV_LSE_ROOT": str(_ROOT)},
+            env={**{k: v for k, v in os.environ.items() if k not in _RANGE}, "AUV_LSE_ROOT": str(_ROOT)},
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -137,6 +142,8 @@ def fly(
         under_way_s = time.time() + 10.0
         for after_s, vehicle, node in kills(steps * 15.7):
             time.sleep(max(0.0, under_way_s + after_s - time.time()))
+            if not flight.kills:
+                flight.sockets = open_sockets(pid for p in processes for pid in family_of(p.process.pid))
             if processes[0].process.poll() is not None:
                 break
             process = processes[vehicle]

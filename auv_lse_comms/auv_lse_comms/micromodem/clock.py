@@ -89,7 +89,7 @@ class ClockCheck:
             if fraction_s <= SECOND_START_S or session.waited_s("clock") >= SECOND_WAIT_S:
                 self.step = ClockStep.SETTING
                 session.start("clock")
-                session.write(Sentence("CCTMS", (iso_time(round(session.now_s)), "0")))
+                session.write(Sentence("CCTMS", self._time_to_set()))
         elif session.waited_s("clock") >= session.config.reply_timeout_s:
             session.strike()
             self._tries += 1
@@ -98,6 +98,11 @@ class ClockCheck:
             else:
                 session.report(Problem(text="the modem does not answer about its clock"))
                 self.end()
+
+    def _time_to_set(self) -> tuple[str, str]:
+        """Time and mode of $CCTMS, written as a second begins: this one at once, or at the next edge of the PPS."""
+        second_s = round(self._session.now_s)
+        return (iso_time(second_s + 1), "1") if self._session.config.synchronous else (iso_time(second_s), "0")
 
     def on_time(self, message: ClockTime) -> None:
         """The modem's time: compares it with the host's."""

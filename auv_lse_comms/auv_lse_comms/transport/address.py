@@ -15,7 +15,7 @@ import re
 from dataclasses import dataclass
 
 _HOST_PORT = re.compile(r"(tcp|udpin|udpout)://(\[[0-9a-fA-F:]+\]|[^:/\s]+):(\d{1,5})\Z")
-_SERIAL = re.compile(r"(?:serial://)?(/dev/\S+?|/[^\s:]+)(?::([1-9]\d{2,6}))?\Z")
+_SERIAL = re.compile(r"(?:serial://)?(/dev/\S+?|/(?!dev/)[^\0\n:]*[^\s:])(?::([1-9]\d{2,6}))?\Z")
 
 
 class AddressError(ValueError):

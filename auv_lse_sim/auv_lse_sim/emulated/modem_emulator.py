@@ -303,7 +303,8 @@ class ModemEmulator:
         text = sentence.fields[0] if sentence.fields else ""
         # WHOI's acomms 3.1.1 ends the time in "ZZ", and real modems take it
         wanted_s, _ = read_iso_time(text.rstrip("Z"), "time")
-        self._clock_error_s = wanted_s - now_s
+        at_edge = sentence.fields[1:2] == ("1",)  # the time holds from the next edge of the PPS on
+        self._clock_error_s = wanted_s - (math.floor(now_s) + 1.0 if at_edge else now_s)
         self._clock_set = True
         self._write(ClockSet(timed_out=False, utc_s=wanted_s))
 

@@ -1,0 +1,29 @@
+"""The SROS 2 policy lets a vehicle's nodes do what the table of topics lists, and nothing of another vehicle."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import pytest
+
+from auv_lse_common.processes import vehicle_nodes
+from auv_lse_common.security_policy import main, policy
+from auv_lse_common.topics import VEHICLE_TOPICS
+
+
+def test_every_node_may_use_every_topic_of_its_own_vehicle() -> None:
+    root = ElementTree.fromstring(policy(2).partition("\n")[2])
+    assert [enclave.get("path") for enclave in root.iter("enclave")] == ["/auv2"]
+    nodes = {(profile.get("ns"), profile.get("node")) for profile in root.iter("profile")}
+    assert nodes == {("/", "recorder_node"), *(("/auv2", node) for _, node in vehicle_nodes(True, True))}
+    for profile in root.iter("profile"):
+        topics = {topic.text for topic in profile.iter("topic")}
+        assert {f"/auv2/{name}" for name in VEHICLE_TOPICS if "lockstep" not in name} <= topics
+        assert not any(str(topic).startswith("/auv") and not str(topic).startswith("/auv2/") for topic in topics)
+
+
+def test_a_name_that_is_no_vehicles_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["auv3"]) == 0
+    assert 'path="/auv3"' in capsys.readouterr().out
+    assert main(["boat"]) == 2
+    assert "expected a name from auv1 to auv255" in capsys.readouterr().err
