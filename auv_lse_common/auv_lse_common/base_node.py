@@ -349,7 +349,7 @@ class VehicleNode(BaseNode):
         Args:
             name: A key of `auv_lse_common.lockstep.PHASES`.
             handle: Handles what has come in; takes the time (s).
-            totals: The phase's own counts, as `LockstepDone.first` and `.second`.
+            totals: The phase's own counts, as `LockstepDone.first`, `.second` and `.third`.
             finished: Whether the vehicle's mission is over, as `LockstepDone.finished`.
         """
         self._parts[name] = _Part(handle, totals, finished)
@@ -415,9 +415,15 @@ class VehicleNode(BaseNode):
 
         Tick 0 says that the node is there, to the simulator alone.
         """
-        first, second = (*totals, 0, 0)[:2]
+        first, second, third = (*totals, 0, 0, 0)[:3]
         message = LockstepDone(
-            phase=phase, vehicle=self.vehicle, tick=tick, first=first, second=second, finished=finished
+            phase=phase,
+            vehicle=self.vehicle,
+            tick=tick,
+            first=first,
+            second=second,
+            third=third,
+            finished=finished,
         )
         if tick and phase in self._mates:
             self._mates[phase].publish(message)
@@ -452,13 +458,21 @@ class VehicleNode(BaseNode):
         self.wake()
 
     def _on_tick(self, message: LockstepTick) -> None:
-        announced = (message.soundings, message.arrivals, message.odometries, message.odometries, message.commands)
+        announced = (
+            message.soundings,
+            message.arrivals,
+            message.odometries,
+            message.odometries,
+            message.commands,
+            message.dead_reckonings,
+            message.fixes,
+        )
         totals = {topic: counts[self.vehicle - 1] for topic, counts in zip(TICK_ANNOUNCES, announced, strict=True)}
         self._ticks.begin(message.tick, seconds(message.stamp), totals)
         self.wake()
 
     def _on_done(self, message: LockstepDone) -> None:
-        self._ticks.done(message.phase, message.tick, message.first, message.second)
+        self._ticks.done(message.phase, message.tick, message.first, message.second, message.third)
         self.wake()
 
 

@@ -19,7 +19,8 @@ class Phase:
 
     Attributes:
         waits_for: Topics that it must have read up to this tick.
-        announces: What `LockstepDone.first` and `.second` count when it is done: messages published so far, by topic.
+        announces: What `LockstepDone.first`, `.second` and `.third` count when it is done: messages published so far,
+            by topic.
         ends_tick: Whether the simulator waits for it before the next tick, and so is told of it.
     """
 
@@ -29,7 +30,7 @@ class Phase:
 
 
 #: Topics of a vehicle whose messages the simulator counts in each tick's announcement (LockstepTick).
-TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry", "altitude", "mission/command")
+TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry", "altitude", "mission/command", "dead_reckoning", "fix")
 
 #: The phases of a tick, by `LockstepDone.phase`; "vehicle_link" and "micromodem" where these drivers run.
 #: "kernel_centers" counts revisions, "targets" what the driver has sent to the autopilot, for which it has taken as
@@ -135,9 +136,9 @@ class Ticks:
         self.now_s = max(self.now_s, now_s)
         self._announce(tick, totals)
 
-    def done(self, phase: str, tick: int, first: int, second: int) -> None:
-        """Another node has handled its `phase` of `tick`; `first` and `second` as in LockstepDone."""
-        self._announce(tick, dict(zip(PHASES[phase].announces, (first, second), strict=False)))
+    def done(self, phase: str, tick: int, *totals: int) -> None:
+        """Another node has handled its `phase` of `tick`; `totals` as `first`, `second`, `third` in LockstepDone."""
+        self._announce(tick, dict(zip(PHASES[phase].announces, totals, strict=False)))
 
     def arrived(self, topic: str, number: int = 1) -> None:
         """`number` more messages of `topic` are there."""

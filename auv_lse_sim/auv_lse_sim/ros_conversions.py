@@ -121,6 +121,8 @@ def tick_message(simulation: Simulation) -> LockstepTick:
         arrivals=simulation.arrivals,
         odometries=[simulation.tick] * len(simulation.vehicles),
         commands=simulation.commands,
+        dead_reckonings=[simulation.tick] * len(simulation.vehicles),
+        fixes=simulation.fixes,
     )
 
 

@@ -306,9 +306,7 @@ def test_surfacing_brings_fixes():
     errors, depths = [], []
     for step in range(40):
         dive.fly([STRAIGHT]) if step == 0 else dive.command(STRAIGHT)
-        while dive.vehicle.step < step:
-            dive.tick()
-        for _ in range(12):
+        while dive.vehicle.step < step or dive.vehicle._m[mm.ALONG] < 15.0:
             dive.tick()
             errors.append(np.hypot(*dive.vehicle.error[:2]))
             depths.append(dive.vehicle.position[2])
@@ -336,9 +334,90 @@ def test_time_at_the_surface_is_counted_at_the_surface(depth_m):
     assert count >= 3
     # Sub-steps of 0.1 s: 30 s up, and the second that the way down to the antenna's depth takes.
     assert (ends[:count] - begins[:count]) == pytest.approx(np.full(count, 310.0), abs=15.0)
-    # From one surfacing to the next: 30 s up, 60 s to the next climb, and the climb.
-    assert np.diff(begins) == pytest.approx(np.full(len(begins) - 1, 900.0 + (depth_m - 0.3) / 0.03), abs=15.0)
+    # From one surfacing to the next: 30 s up, the dive, 60 s to the next climb, and the climb.
+    period = 900.0 + (2.0 * depth_m - 0.3) / 0.03
+    assert np.diff(begins) == pytest.approx(np.full(len(begins) - 1, period), abs=15.0)
     assert depths.max() == pytest.approx(depth_m, abs=0.1)
+
+
+@pytest.mark.parametrize("ideal", [False, True])
+def test_surfacing_costs_its_time(ideal):
+    """It stops, climbs 3 m, waits 30 s, dives 3 m at 0.3 m/s, and goes on: 50 s and what stopping and starting take."""
+    sections = {"dynamics": IDEAL, "navigation": IDEAL} if ideal else {"dynamics": {"depth_wobble_m": 0.0}}
+
+    def flown(every_s: float) -> Dive:
+        dive = Dive(sim_config(gps={"surface_every_s": every_s}, current=IDEAL, **sections))
+        dive.fly([STRAIGHT] * 6)
+        return dive
+
+    free, once = flown(0.0), flown(60.0)
+    assert once.now_s - free.now_s == pytest.approx(49.0 if ideal else 50.0, abs=2.0)
+    rows = np.concatenate(once.rows)
+    held = rows[:, mm.O_DEPTH] <= 0.3
+    moved = np.hypot(*np.ptp(rows[600:][held[600:]][20:, :2], axis=0))
+    assert moved < (1e-9 if ideal else 0.5), "it stays where it came up"
+    assert path_error(once, [0.0, 0.0, 0.0], [STRAIGHT] * 6) < (0.03 if ideal else 3.0), "and goes on along its leg"
+
+
+def test_a_fix_moves_the_estimate_and_not_the_raw_place():
+    sections = {"compass": {"bias_deg": 4.0}, "gps": {"surface_every_s": 150.0}}
+    dive, never = Dive(sim_config(**sections)), Dive(sim_config(compass={"bias_deg": 4.0}))
+    fixes = []
+    for d in (dive, never):
+        d.command(STRAIGHT)
+    for tick in range(240):
+        for d in (dive, never):
+            if tick % 16 == 10:
+                d.command(STRAIGHT)
+            d.tick()
+        fixes += dive.vehicle.fixes
+        if not fixes and tick < 150:  # the same until the first surfacing
+            assert np.array_equal(dive.rows[-1], never.rows[-1])
+    rows = np.concatenate(dive.rows)
+    raw, estimate, truth = (rows[:, [a, a + 1]] for a in (mm.O_RAW_NORTH, mm.O_EST_NORTH, mm.O_NORTH))
+    assert np.array_equal(raw[:1500], estimate[:1500])
+    (fix,) = fixes
+    i = round(fix.stamp_s * 10.0) - 1
+    assert rows[i, mm.O_DEPTH] > 0.3 >= rows[i - 1, mm.O_DEPTH], "complete when it dives"
+    assert (fix.raw_north_m, fix.raw_east_m) == tuple(raw[i])
+    # 30 readings a second apart, correlated over 20 s: 1 m / sqrt(1 + 29 (1 - f) / (1 + f)), f = exp(-1 / 20)
+    assert fix.std_m == pytest.approx(0.76, abs=0.02)
+    off = np.hypot(*(np.array([fix.north_m, fix.east_m]) - truth[i]))
+    assert off < 4.0 * fix.std_m < np.hypot(*(raw[i] - truth[i])), "better than the raw place"
+    assert np.hypot(*(estimate[i] - truth[i])) < 3.0
+    jumps, corrected = (np.hypot(*np.diff(places, axis=0).T).max() for places in (raw, estimate))
+    assert jumps < 1.0 < 4.0 < corrected, "the raw place does not jump with the fix"
+    raw_soundings = np.concatenate(dive.soundings)
+    assert raw_soundings.shape[1] == 6
+    late = raw_soundings[raw_soundings[:, 0] > fix.stamp_s]
+    assert np.abs(late[:, 4:] - late[:, 1:3]).max() > 1.0
+    assert dive.vehicle.dead_reckoning(1.0).north_m == raw[-1, 0]
+
+
+def test_what_a_compass_makes_of_the_heading_does_not_shift_the_chance_of_the_rest():
+    def flown(harmonic_deg: float) -> Dive:
+        dive = Dive(sim_config(compass={"harmonic_deg": harmonic_deg}, navigation=IDEAL))
+        dive.fly([STRAIGHT, RIGHT])
+        return dive
+
+    without, with_it = flown(0.0), flown(1.0)
+    assert np.array_equal(np.concatenate(without.rows), np.concatenate(with_it.rows))
+    names = [mm.B_GYRO, mm.B_COMPASS, mm.B_SCALE]
+    assert np.array_equal(without.vehicle._m[names], with_it.vehicle._m[names])
+    assert (with_it.vehicle._m[[mm.H_SIN, mm.H_COS]] != 0.0).all()
+
+
+def test_gps_errors_are_correlated_over_seconds():
+    """While it waits, each reading is the truth and an error of 1 m that takes 20 s to change."""
+    errors = []
+    for seed in range(40):
+        dive = Dive(sim_config(), seed, start_delay_s=1e6)
+        for _ in range(60):
+            dive.tick()
+            errors.append(dive.vehicle._m[mm.G_NORTH])
+    errors = np.reshape(errors, (40, 60))
+    assert errors.std() == pytest.approx(1.0, abs=0.2)  # 40 dives of 3 correlation times
+    assert (errors[:, :-1] * errors[:, 1:]).mean() / errors.var() == pytest.approx(np.exp(-1 / 20), abs=0.03)
 
 
 def test_one_part_made_ideal_does_not_shift_the_chance_of_the_others():

@@ -45,6 +45,7 @@ class VehicleLinkNode(DriverNode):
         self._status = self.publisher(AutopilotStatus, "autopilot")
         self._started_s = self.now_s()
         self._odometry = self.publisher(Odometry, "odometry")
+        self._dead_reckoning = self.publisher(Odometry, "dead_reckoning")
         self._altitude = self.publisher(Range, "altitude")
         self._pressure = self.publisher(FluidPressure, "pressure")
         if config.soundings:
@@ -86,6 +87,7 @@ class VehicleLinkNode(DriverNode):
         match event:
             case events.AutopilotEstimate():
                 self._odometry.publish(odometry_message(event, self.vehicle))
+                self._dead_reckoning.publish(odometry_message(event, self.vehicle))
                 self.arrived("odometry")
             case events.AutopilotState():
                 self._status.publish(status_message(event))

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.mission_run import Command, Stop
 from auv_lse_common.params import parameters_for
@@ -52,6 +53,8 @@ class _Log:
     truth: list[tuple[float, float, float, float]] = field(default_factory=list)
     odometry: list[tuple[float, float, float, float]] = field(default_factory=list)
     place_std: list[tuple[float, float]] = field(default_factory=list)
+    dead_reckoning: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+    fixes: list[Fix] = field(default_factory=list)
     soundings: list[Array] = field(default_factory=list)
     received: list[Array] = field(default_factory=list)
     decisions: list[DecisionRecord] = field(default_factory=list)
@@ -60,6 +63,12 @@ class _Log:
 def _samples(received: Received) -> Array:
     """North, east, depth (m) of a packet's samples, (n, 3), as the packet's float32 hold them."""
     return np.asarray(received.packet.samples, dtype=np.float32).astype(float).reshape(-1, 3)
+
+
+def _as_message_has_it(raw: DeadReckoning) -> DeadReckoning:
+    """A raw place with the rounding of its message: its stamp to nanoseconds, its heading to a quaternion and back."""
+    heading_rad = heading_from_quaternion(*quaternion_from_heading(raw.heading_rad))
+    return replace(raw, stamp_s=stamped(raw.stamp_s), heading_rad=heading_rad)
 
 
 class Crew:
@@ -91,7 +100,7 @@ class Crew:
 
     def hear(self, output: VehicleOutput) -> list[Received]:
         """The bridge takes own soundings and packets, as modem_node does; returns the packets that it accepts."""
-        self._to_bridge.add_soundings(output.soundings)
+        self._to_bridge.add_soundings(output.soundings[:, :4])
         for arrival in output.arrivals:
             self._to_bridge.add_packet(stamped(arrival.arrival_s), arrival.source, arrival.payload)
         heard = self._to_bridge.hear()
@@ -102,7 +111,7 @@ class Crew:
 
     def update_map(self, output: VehicleOutput, heard: list[Received]) -> None:
         """The map takes own soundings and the team's samples, as gp_node does."""
-        self._to_map.add_soundings(output.soundings)
+        self._to_map.add_soundings(output.soundings[:, :4])
         for received in heard:
             if len(received.packet.samples):
                 self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
@@ -231,6 +240,9 @@ class Fleet:
         log.truth.append((now_s, truth.north_m, truth.east_m, truth.heading_rad))
         log.odometry.append((now_s, odometry.north_m, odometry.east_m, odometry.heading_rad))
         log.place_std.append((odometry.covariance[1][1] ** 0.5, odometry.covariance[2][2] ** 0.5))
+        raw = _as_message_has_it(output.dead_reckoning)
+        log.dead_reckoning.append((raw.stamp_s, raw.north_m, raw.east_m, raw.heading_rad, raw.depth_m))
+        log.fixes += [replace(fix, stamp_s=stamped(fix.stamp_s)) for fix in output.fixes]
         if len(output.soundings):
             log.soundings.append(output.soundings)
         for received in heard:
@@ -298,7 +310,10 @@ class Fleet:
                     vehicle=crew.vehicle,
                     truth=np.array(crew.log.truth).reshape(-1, 4),
                     odometry=np.array(crew.log.odometry).reshape(-1, 4),
-                    soundings=np.concatenate([np.empty((0, 4)), *crew.log.soundings]),
+                    soundings=(soundings := np.concatenate([np.empty((0, 6)), *crew.log.soundings]))[:, :4],
+                    raw_soundings_m=soundings[:, 4:],
+                    dead_reckoning=np.array(crew.log.dead_reckoning).reshape(-1, 5),
+                    fixes=crew.log.fixes,
                     received=np.concatenate([np.empty((0, 5)), *crew.log.received]),
                     decisions=crew.log.decisions,
                     place_std_m=np.array(crew.log.place_std).reshape(-1, 2),

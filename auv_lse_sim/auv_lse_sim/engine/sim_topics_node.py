@@ -7,9 +7,9 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.base_node import BaseNode, quality_of
-from auv_lse_common.ros_conversions import sounding_message
+from auv_lse_common.ros_conversions import dead_reckoning_message, fix_message, sounding_message
 from auv_lse_common.topics import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, reader_count
-from auv_lse_msgs.msg import MissionCommand, ModemRx, Sounding
+from auv_lse_msgs.msg import Fix, MissionCommand, ModemRx, Sounding
 from auv_lse_sim.engine.simulation import Simulation
 from auv_lse_sim.ros_conversions import (
     altitude_message,
@@ -36,6 +36,8 @@ class VehicleTopics:
         self._node = node
         self._soundings = self._of_vehicle(Sounding, "sounding")
         self._odometry = self._of_vehicle(Odometry, "odometry")
+        self._dead_reckoning = self._of_vehicle(Odometry, "dead_reckoning")
+        self._fixes = self._of_vehicle(Fix, "fix")
         self._altitude = self._of_vehicle(Range, "altitude")
         self._pressure = self._of_vehicle(FluidPressure, "pressure")
         self._commands = self._of_vehicle(MissionCommand, "mission/command")
@@ -66,6 +68,9 @@ class VehicleTopics:
         self._sim.deliver(k, output)
         if k not in links.autopilots:
             self._odometry.publish(odometry_message(output.odometry, output.pressure_depth_m, k))
+            self._dead_reckoning.publish(dead_reckoning_message(output.dead_reckoning, k))
+            for fix in output.fixes:
+                self._fixes.publish(fix_message(fix))
             self._altitude.publish(altitude_message(now_s, output.altitude_m, k))
             self._pressure.publish(pressure_message(now_s, output.pressure_depth_m, k))
         self._truth.publish(truth_message(output.truth, k))

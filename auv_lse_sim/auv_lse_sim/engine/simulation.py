@@ -50,6 +50,7 @@ class Simulation:
         arrivals: Packets received so far, per vehicle.
         commands: Commands given to the missions so far, per vehicle.
         runs: Where each vehicle's mission is, as far as is known.
+        fixes: Fixes taken under way so far, per vehicle; of one with an emulated autopilot 0, as its driver finds them.
         sent: Packets sent by all.
         received: Packets received by all.
         lost: Receptions that the channel lost.
@@ -75,7 +76,9 @@ class Simulation:
         self.message = "for the mission's nodes"
         self.tick = 0
         self.now_s = 0.0
-        self.steps, self.soundings, self.arrivals, self.commands = ([0] * len(self.vehicles) for _ in range(4))
+        self.steps, self.soundings, self.arrivals, self.commands, self.fixes = (
+            [0] * len(self.vehicles) for _ in range(5)
+        )
         self.runs = [RunState.RUNNING] * len(self.vehicles)
         self.steps_total = settings.mission.steps
         self.sent = self.received = self.lost = 0
@@ -180,6 +183,7 @@ class Simulation:
         i, steps = k - 1, self.steps_total
         self.soundings[i] += len(output.soundings)
         self.arrivals[i] += len(output.arrivals)
+        self.fixes[i] += len(output.fixes) if k not in self.links.autopilots else 0
         self.received += len(output.arrivals)
         if not self._lockstep:
             self._finished[i] = output.truth.step >= steps - 1 and output.truth.loitering

@@ -76,6 +76,12 @@ class CompassConfig:
     ideal: bool = parameter(False, help=_IDEAL)
     bias_deg: float = parameter(1.0, low=0.0, unit="deg", help="standard deviation of the heading bias from run to run")
     bias_walk_deg_rth: float = parameter(0.3, low=0.0, unit="deg/sqrt(h)", help="random walk of the heading bias")
+    harmonic_deg: float = parameter(
+        1.0,
+        low=0.0,
+        unit="deg",
+        help="the error depends on the heading h, a sin h + b cos h: standard deviation of a and of b from run to run",
+    )
     noise_deg: float = parameter(0.5, low=0.0, unit="deg", help="standard deviation of one reading")
     interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between readings")
 
@@ -140,13 +146,21 @@ class GpsConfig:
     """Position fixes, which exist at the surface only."""
 
     ideal: bool = parameter(False, help=_IDEAL)
-    noise_m: float = parameter(1.0, low=0.0, unit="m", help="standard deviation of a fix, each axis")
-    interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between fixes")
-    antenna_m: float = parameter(0.3, low=0.0, unit="m", help="fixes come when the vehicle is shallower than this")
-    surface_every_s: float = parameter(
-        0.0, low=0.0, unit="s", help="time under way, and after each surfacing, to the next climb for fixes; 0: never"
+    noise_m: float = parameter(1.0, low=0.0, unit="m", help="standard deviation of a reading, each axis")
+    correlation_s: float = parameter(
+        20.0, low=0.0, unit="s", help="correlation time of its error; 0: readings are independent"
     )
-    surface_s: float = parameter(30.0, above=0.0, unit="s", help="how long it then stays shallower than antenna_m")
+    interval_s: float = parameter(1.0, above=0.0, unit="s", help="time between readings")
+    antenna_m: float = parameter(0.3, low=0.0, unit="m", help="readings come when the vehicle is shallower than this")
+    surface_every_s: float = parameter(
+        0.0, low=0.0, unit="s", help="time under way, and after each surfacing, to the next one; 0: only planned ones"
+    )
+    surface_s: float = parameter(
+        30.0,
+        above=0.0,
+        unit="s",
+        help="how long it stays shallower than antenna_m; it stops from the climb to the dive",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,8 +8,14 @@ Ideal vehicles run on rails: they are exactly where the leg says. Others are ste
     vehicle          rate' = (wanted - rate) / yaw_time, speed' = (wanted - speed) / speed_time,
                      place' = speed (cos h, sin h) + current
 
+A vehicle that surfaces stops where it is, climbs, stays up for fixes, dives, and goes on along its leg; the current
+carries it meanwhile.
+
 (Fossen 2011, section 10.3: line-of-sight path following with a moving path reference; off = cross-track distance,
 positive to starboard.) Steering knows only the estimated state; the equations move the true one.
+
+Once a fix has come under way the filter runs twice, by the same instruments: with the fixes, which is what the vehicle
+steers by, and without any (the raw place). Until then both are the same, and one is reckoned.
 
 Written for numba like `navigation.py`: scalars and flat arrays; all random numbers are drawn beforehand.
 """
@@ -62,12 +68,34 @@ LEG_HEADING, LEG_NORTH, LEG_EAST, LEG_TURN, LEG_RADIUS, LEG_STRAIGHT = range(6)
     B_GYRO,  # true biases
     B_COMPASS,
     B_SCALE,
-    SURFACE_AGE,  # seconds since the last surfacing ended, the climb to the next one not counted
+    SURFACE_AGE,  # seconds since the last surfacing ended
     TRAVELLED,  # m over ground
-    UNDER_WAY,  # seconds since it set out
+    UNDER_WAY,  # seconds since it set out, or since it stopped or went on
     REFUSED,  # DVL pings that the filter refused in a row
-) = range(22)
-MEMORY = 22
+    REFUSED_RAW,  # the same of the filter without fixes
+    H_SIN,  # true harmonics of the compass
+    H_COS,
+    SURFACING,  # one of NOT_SURFACING, TO_SURFACE, TO_DEPTH
+    UP,  # seconds spent at the surface in this surfacing
+    DIVED,  # 1 once it has been below the depth of fixes under way: from then on a fix is one under way
+    PARTED,  # 1 once the raw place differs from the filter's
+    G_NORTH,  # error of the last GPS reading, m
+    G_EAST,
+    LAST_NORTH,  # that reading, m
+    LAST_EAST,
+    AT_NORTH,  # the filter's place when it had taken it, m
+    AT_EAST,
+    RAW_NORTH,  # the raw place then, m
+    RAW_EAST,
+    FIX_INFORMATION,  # of the mean of this surfacing's readings minus the raw place: inverse variance, 1/m^2 ...
+    FIX_NORTH,  # ... and weighted sums
+    FIX_EAST,
+    FIX_STEP,  # sub-step, from 1, in which a fix was complete; 0: in none
+) = range(41)
+MEMORY = 41
+
+# -- surfacing
+NOT_SURFACING, TO_SURFACE, TO_DEPTH = 0.0, 1.0, 2.0
 
 #: Under way for less than this many time constants of its speed, a vehicle's velocity changes fast.
 SETTING_OUT = 5.0
@@ -117,8 +145,9 @@ WAITING, ON_RAILS, STEERED = 0.0, 1.0, 2.0
     P_COMPASS_IDEAL,
     P_DVL_IDEAL,
     P_GPS_IDEAL,
-) = range(36)
-PARAMETERS = 36
+    P_GPS_TIME,  # correlation time of its error
+) = range(37)
+PARAMETERS = 37
 
 # -- columns of the chance drawn for a sub-step
 NORMALS = 11
@@ -139,7 +168,7 @@ UNIFORMS = 5
 U_DROPOUT, U_DROPOUT_LENGTH, U_LOSS, U_LOSS_LENGTH, U_OUTLIER = range(UNIFORMS)
 
 # -- columns of what a sub-step leaves
-OUT = 11
+OUT = 14
 (
     O_NORTH,
     O_EAST,
@@ -152,6 +181,9 @@ OUT = 11
     O_PING,  # 1 if the DVL is able to ping
     O_TRAVELLED,
     O_ALONG,
+    O_RAW_NORTH,
+    O_RAW_EAST,
+    O_RAW_HEADING,
 ) = range(OUT)
 
 
@@ -241,43 +273,138 @@ def _float(m: Array, current_north: float, current_east: float, dt: float) -> No
 
 
 @compiled
+def _hold(m: Array, params: Array, current_north: float, current_east: float) -> None:
+    """One sub-step of a vehicle that has stopped; one on rails stays where it is."""
+    if m[MODE] == ON_RAILS:
+        m[T_RATE], m[T_SPEED], m[T_SURGE], m[T_SWAY] = 0.0, 0.0, 0.0, 0.0
+        return
+    dt = params[P_DT]
+    if params[P_IDEAL_MOTION] > 0.0:
+        m[T_RATE], m[T_SPEED] = 0.0, 0.0
+    else:
+        m[T_RATE] *= math.exp(-dt / params[P_YAW_TIME])
+        m[T_SPEED] *= math.exp(-dt / params[P_SPEED_TIME])
+    _float(m, current_north, current_east, dt)
+
+
+@compiled
+def _surface(m: Array, keel: float, params: Array) -> float:
+    """The depth (m) wanted by a vehicle under way: its own, or none while it surfaces.
+
+    Args:
+        m: Its memory.
+        keel: Its depth without the error of depth keeping (m).
+        params: Parameters.
+    """
+    dt = params[P_DT]
+    if m[SURFACING] == NOT_SURFACING and params[P_SURFACE_EVERY] > 0.0:
+        m[SURFACE_AGE] += dt
+        if m[SURFACE_AGE] >= params[P_SURFACE_EVERY]:
+            m[SURFACING] = TO_SURFACE
+            m[UNDER_WAY] = 0.0
+    if m[SURFACING] == TO_SURFACE:
+        if m[T_DEPTH] <= params[P_GPS_DEPTH]:
+            m[UP] += dt
+        if m[UP] >= params[P_SURFACE_TIME] - 1e-9:
+            m[SURFACING] = TO_DEPTH
+    if m[SURFACING] == TO_DEPTH and keel >= params[P_DEPTH]:
+        m[SURFACING], m[SURFACE_AGE], m[UP], m[UNDER_WAY] = NOT_SURFACING, 0.0, 0.0, 0.0
+    return 0.0 if m[SURFACING] == TO_SURFACE else params[P_DEPTH]
+
+
+@compiled
 def _keep_depth(m: Array, params: Array, normal: float) -> None:
     """One sub-step of depth keeping: the vehicle dives when it moves, and surfaces when it is due."""
     dt = params[P_DT]
-    wanted = params[P_DEPTH] if m[MODE] != WAITING else 0.0
-    if params[P_SURFACE_EVERY] > 0.0 and m[MODE] != WAITING:
-        # Due but still below the depth of fixes, it climbs: the age waits, so that its time up is counted up there.
-        if m[SURFACE_AGE] < params[P_SURFACE_EVERY] or m[T_DEPTH] <= params[P_GPS_DEPTH]:
-            m[SURFACE_AGE] += dt
-        if m[SURFACE_AGE] >= params[P_SURFACE_EVERY]:
-            wanted = 0.0
-            if m[SURFACE_AGE] >= params[P_SURFACE_EVERY] + params[P_SURFACE_TIME]:
-                m[SURFACE_AGE] = 0.0
+    keel = m[T_DEPTH] - (m[WOBBLE] if m[T_DEPTH] > 0.0 else 0.0)
+    wanted = _surface(m, keel, params) if m[MODE] != WAITING else 0.0
     decay = math.exp(-dt / params[P_WOBBLE_TIME])
-    before = m[WOBBLE]
-    m[WOBBLE] = decay * before + math.sqrt(1.0 - decay * decay) * params[P_WOBBLE] * normal
-    keel = m[T_DEPTH] - (before if m[T_DEPTH] > 0.0 else 0.0)
+    m[WOBBLE] = decay * m[WOBBLE] + math.sqrt(1.0 - decay * decay) * params[P_WOBBLE] * normal
     step = params[P_CLIMB] * dt
-    keel = wanted if params[P_IDEAL_MOTION] > 0.0 else keel + min(max(wanted - keel, -step), step)
+    at_once = params[P_IDEAL_MOTION] > 0.0 and m[SURFACING] == NOT_SURFACING
+    keel = wanted if at_once else keel + min(max(wanted - keel, -step), step)
     m[T_DEPTH] = max(keel + m[WOBBLE], 0.0) if keel > 0.0 else 0.0
 
 
 @compiled
+def _velocity(x: Array, p: Array, surge: float, sway: float, variance: float, refused: float) -> float:
+    """The filter takes a DVL velocity. Returns how many it has refused in a row, `refused` before this one."""
+    gate = GATE
+    if refused >= PATIENCE:
+        # Outliers do not come in rows: the velocity has changed as the filter did not expect.
+        gate = 1e9
+        p[SURGE, SURGE] += 1.0
+        p[SWAY, SWAY] += 1.0
+    return 0.0 if update_dvl(x, p, surge, sway, variance, gate) == 2 else refused + 1.0
+
+
+@compiled
+def _fix(m: Array, x: Array, p: Array, xr: Array, pr: Array, params: Array, normals: Array) -> None:
+    """The filter takes a GPS reading.
+
+    Its error is a first-order Gauss-Markov process: e = f e_before + white, f = exp(-age / time). So it is whitened:
+    (z - f (z_before + way since then)) / (1 - f) measures the place with variance noise^2 (1 + f) / (1 - f), and errors
+    of these are independent.
+    """
+    ideal = params[P_GPS_IDEAL] > 0.0
+    f = 0.0 if ideal or params[P_GPS_TIME] == 0.0 else math.exp(-m[GPS_AGE] / params[P_GPS_TIME])
+    noise = 0.0 if ideal else params[P_GPS_NOISE]
+    white = noise * math.sqrt(1.0 - f * f)
+    m[G_NORTH] = f * m[G_NORTH] + white * normals[N_GPS_NORTH]
+    m[G_EAST] = f * m[G_EAST] + white * normals[N_GPS_EAST]
+    north, east = m[T_NORTH] + m[G_NORTH], m[T_EAST] + m[G_EAST]
+    variance = (1e-4 if ideal else noise * noise) * (1.0 + f) / (1.0 - f)
+    if m[DIVED] > 0.0:
+        if m[PARTED] == 0.0:
+            m[PARTED] = 1.0
+            xr[:] = x
+            pr[:] = p
+        first = m[FIX_INFORMATION] == 0.0
+        g = 0.0 if first else f
+        weight = 1.0 / (1e-4 if ideal else noise * noise) if first else 1.0 / variance
+        off_north = (north - xr[NORTH] - g * (m[LAST_NORTH] - m[RAW_NORTH])) / (1.0 - g)
+        off_east = (east - xr[EAST] - g * (m[LAST_EAST] - m[RAW_EAST])) / (1.0 - g)
+        m[FIX_INFORMATION] += weight
+        m[FIX_NORTH] += weight * off_north
+        m[FIX_EAST] += weight * off_east
+        m[RAW_NORTH], m[RAW_EAST] = xr[NORTH], xr[EAST]
+    white_north = (north - f * (m[LAST_NORTH] + x[NORTH] - m[AT_NORTH])) / (1.0 - f)
+    white_east = (east - f * (m[LAST_EAST] + x[EAST] - m[AT_EAST])) / (1.0 - f)
+    update_gps(x, p, white_north, white_east, variance)
+    m[LAST_NORTH], m[LAST_EAST], m[AT_NORTH], m[AT_EAST] = north, east, x[NORTH], x[EAST]
+    m[GPS_AGE] = 0.0
+
+
+@compiled
 def _navigate(
-    m: Array, x: Array, p: Array, params: Array, q: Array, normals: Array, uniforms: Array, ping: bool
+    m: Array,
+    x: Array,
+    p: Array,
+    xr: Array,
+    pr: Array,
+    params: Array,
+    q: Array,
+    normals: Array,
+    uniforms: Array,
+    ping: bool,
 ) -> bool:
     """One sub-step of the instruments and the filter. Returns whether the DVL pings."""
     dt = params[P_DT]
+    parted = m[PARTED] > 0.0
     gyro = m[T_RATE]
     if params[P_GYRO_IDEAL] == 0.0:
         m[B_GYRO] += params[P_GYRO_WALK] * math.sqrt(dt) * normals[N_GYRO_WALK]
         gyro += m[B_GYRO] + params[P_GYRO_NOISE] / math.sqrt(dt) * normals[N_GYRO]
     predict(x, p, gyro, dt, q)
+    if parted:
+        predict(xr, pr, gyro, dt, q)
     if m[MODE] != WAITING:
         m[UNDER_WAY] += dt
         if m[UNDER_WAY] < SETTING_OUT * params[P_SPEED_TIME]:
             p[SURGE, SURGE] += SETTING_OUT_RATE * dt
             p[SWAY, SWAY] += SETTING_OUT_RATE * dt
+            pr[SURGE, SURGE] += SETTING_OUT_RATE * dt
+            pr[SWAY, SWAY] += SETTING_OUT_RATE * dt
     m[COMPASS_AGE] += dt
     if params[P_COMPASS_IDEAL] == 0.0:
         m[B_COMPASS] += params[P_COMPASS_WALK] * math.sqrt(dt) * normals[N_COMPASS_WALK]
@@ -287,11 +414,17 @@ def _navigate(
         reading = m[T_HEADING]
         if params[P_COMPASS_IDEAL] == 0.0:
             reading += m[B_COMPASS] + noise * normals[N_COMPASS]
+            reading += m[H_SIN] * math.sin(m[T_HEADING]) + m[H_COS] * math.cos(m[T_HEADING])
         # An ideal compass is trusted to 0.01 deg, an ideal DVL to 0.1 mm/s, ideal GPS to 1 cm.
-        update_compass(x, p, reading, noise * noise if params[P_COMPASS_IDEAL] == 0.0 else 3e-8, GATE)
+        variance = noise * noise if params[P_COMPASS_IDEAL] == 0.0 else 3e-8
+        update_compass(x, p, reading, variance, GATE)
+        if parted:
+            update_compass(xr, pr, reading, variance, GATE)
     if params[P_DVL_IDEAL] > 0.0:
         ping = True
         update_dvl(x, p, m[T_SURGE], m[T_SWAY], 1e-8, 1e9)
+        if parted:
+            update_dvl(xr, pr, m[T_SURGE], m[T_SWAY], 1e-8, 1e9)
     elif ping:
         noise = params[P_DVL_NOISE]
         surge = (1.0 + m[B_SCALE]) * m[T_SURGE] + noise * normals[N_DVL_SURGE]
@@ -299,19 +432,14 @@ def _navigate(
         if uniforms[U_OUTLIER] < params[P_DVL_OUTLIER_SHARE]:
             surge += params[P_DVL_OUTLIER] * normals[N_OUT_A]
             sway += params[P_DVL_OUTLIER] * normals[N_OUT_B]
-        gate = GATE
-        if m[REFUSED] >= PATIENCE:
-            # Outliers do not come in rows: the velocity has changed as the filter did not expect.
-            gate = 1e9
-            p[SURGE, SURGE] += 1.0
-            p[SWAY, SWAY] += 1.0
-        m[REFUSED] = 0.0 if update_dvl(x, p, surge, sway, noise * noise, gate) == 2 else m[REFUSED] + 1.0
+        m[REFUSED] = _velocity(x, p, surge, sway, noise * noise, m[REFUSED])
+        if parted:
+            m[REFUSED_RAW] = _velocity(xr, pr, surge, sway, noise * noise, m[REFUSED_RAW])
     m[GPS_AGE] += dt
+    if m[MODE] != WAITING and m[T_DEPTH] > params[P_GPS_DEPTH]:
+        m[DIVED] = 1.0
     if m[T_DEPTH] <= params[P_GPS_DEPTH] and m[GPS_AGE] >= params[P_GPS_INTERVAL] - 1e-9:
-        m[GPS_AGE] = 0.0
-        noise = params[P_GPS_NOISE] if params[P_GPS_IDEAL] == 0.0 else 0.0
-        variance = noise * noise if params[P_GPS_IDEAL] == 0.0 else 1e-4
-        update_gps(x, p, m[T_NORTH] + noise * normals[N_GPS_NORTH], m[T_EAST] + noise * normals[N_GPS_EAST], variance)
+        _fix(m, x, p, xr, pr, params, normals)
     return ping
 
 
@@ -338,6 +466,8 @@ def advance(
     m: Array,
     x: Array,
     p: Array,
+    xr: Array,
+    pr: Array,
     leg: Array,
     params: Array,
     q: Array,
@@ -354,8 +484,10 @@ def advance(
 
     Args:
         m: The vehicle's memory (MEMORY,), changed in place.
-        x: Filter state (8,), changed in place.
-        p: Filter covariance (8, 8), changed in place.
+        x: Filter state (10,), changed in place.
+        p: Filter covariance (10, 10), changed in place.
+        xr: State (10,) of the filter that takes no fix under way, changed in place; used once the two differ.
+        pr: Its covariance (10, 10), likewise.
         leg: Its present leg (6,); not used while waiting.
         params: Parameters (PARAMETERS,).
         q: The filter's process noise (5,).
@@ -372,7 +504,9 @@ def advance(
         Number of the next sub-step.
     """
     for i in range(first, last):
-        if m[MODE] == ON_RAILS:
+        if m[SURFACING] != NOT_SURFACING:
+            _hold(m, params, currents[i, 0], currents[i, 1])
+        elif m[MODE] == ON_RAILS:
             _rails(m, leg, params, currents[i, 0], currents[i, 1])
         elif m[MODE] == STEERED:
             _steer(m, x, leg, params, currents[i, 0], currents[i, 1])
@@ -384,13 +518,17 @@ def advance(
             x[NORTH], x[EAST], x[HEADING] = m[T_NORTH], m[T_EAST], m[T_HEADING]
             x[SURGE], x[SWAY] = m[T_SURGE], m[T_SWAY]
         else:
-            ping = _navigate(m, x, p, params, q, normals[i], uniforms[i], ping)
+            ping = _navigate(m, x, p, xr, pr, params, q, normals[i], uniforms[i], ping)
+            if m[FIX_INFORMATION] > 0.0 and m[FIX_STEP] == 0.0 and m[T_DEPTH] > params[P_GPS_DEPTH]:
+                m[FIX_STEP] = i + 1.0
         row = out[i]
         row[O_NORTH], row[O_EAST], row[O_HEADING], row[O_DEPTH] = m[T_NORTH], m[T_EAST], m[T_HEADING], m[T_DEPTH]
         row[O_EST_NORTH], row[O_EST_EAST], row[O_EST_HEADING] = x[NORTH], x[EAST], x[HEADING]
         row[O_EST_SPEED] = math.hypot(x[SURGE], x[SWAY]) / (1.0 + x[DVL_SCALE])
         row[O_PING] = 1.0 if ping else 0.0
         row[O_TRAVELLED], row[O_ALONG] = m[TRAVELLED], m[ALONG]
+        raw = xr if m[PARTED] > 0.0 else x
+        row[O_RAW_NORTH], row[O_RAW_EAST], row[O_RAW_HEADING] = raw[NORTH], raw[EAST], raw[HEADING]
         if m[MODE] != WAITING and m[ALONG] >= limit - 1e-9:
             return i + 1
     return last

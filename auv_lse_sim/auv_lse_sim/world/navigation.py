@@ -1,15 +1,18 @@
 """Dead reckoning: an error-state Kalman filter over gyro, compass, DVL and (at the surface) GPS.
 
-State (8), in the local tangent plane and the vehicle's body frame:
+State (10), in the local tangent plane and the vehicle's body frame:
 
     NORTH, EAST (m), HEADING (rad), SURGE, SWAY (m/s, as the DVL sees them), GYRO_BIAS (rad/s), COMPASS_BIAS (rad),
-    DVL_SCALE
+    DVL_SCALE, COMPASS_SIN, COMPASS_COS (rad)
 
 Between measurements the heading turns by the gyro without its bias, the place moves by the velocity over ground,
 which is what the DVL sees without its scale error, and velocity, biases and scale are random walks:
 
     heading' = gyro - GYRO_BIAS
     north' = (SURGE cos h - SWAY sin h) / (1 + DVL_SCALE),  east' = (SURGE sin h + SWAY cos h) / (1 + DVL_SCALE)
+
+A compass reads HEADING + COMPASS_BIAS + COMPASS_SIN sin h + COMPASS_COS cos h: iron in the vehicle bends the field by
+an angle that depends on the heading. In turns the gyro shows these two, but not the bias.
 
 With the velocity over ground as a state instead, DVL measurements (1 + scale) * velocity would be products of two
 states: the filter would seem to learn the scale from them, which only fixes can provide, and would be overconfident.
@@ -33,8 +36,8 @@ from auv_lse_common.compiled import compiled
 
 Array = NDArray[np.float64]
 
-NORTH, EAST, HEADING, SURGE, SWAY, GYRO_BIAS, COMPASS_BIAS, DVL_SCALE = range(8)
-STATES = 8
+NORTH, EAST, HEADING, SURGE, SWAY, GYRO_BIAS, COMPASS_BIAS, DVL_SCALE, COMPASS_SIN, COMPASS_COS = range(10)
+STATES = 10
 GATE = 4.0  # standard deviations; a normal error is outside once in 16 000
 
 # Columns of the noise parameters handed to the filter (variances; rates per second).
@@ -52,8 +55,8 @@ def predict(x: Array, p: Array, gyro: float, dt: float, q: Array) -> None:
     """Advances state and covariance by `dt`, in place.
 
     Args:
-        x: State (8,).
-        p: Covariance (8, 8).
+        x: State (10,).
+        p: Covariance (10, 10).
         gyro: Measured yaw rate (rad/s, clockwise).
         dt: Time step (s).
         q: Process noise: variance per second of heading, velocity, gyro bias, compass bias, place (5,).
@@ -102,9 +105,9 @@ def update(x: Array, p: Array, h: Array, residual: float, variance: float, gate:
     """Updates state and covariance with one scalar measurement, in place.
 
     Args:
-        x: State (8,).
-        p: Covariance (8, 8).
-        h: Derivative of the measurement with respect to each state (8,).
+        x: State (10,).
+        p: Covariance (10, 10).
+        h: Derivative of the measurement with respect to each state (10,).
         residual: Measurement minus its value predicted from the state.
         variance: Variance of the measurement's noise.
         gate: Standard deviations beyond which the measurement is refused.
@@ -155,10 +158,15 @@ def update_dvl(x: Array, p: Array, surge: float, sway: float, variance: float, g
 
 @compiled
 def update_compass(x: Array, p: Array, heading: float, variance: float, gate: float) -> float:
-    """Takes a compass heading (rad): HEADING + COMPASS_BIAS. Returns the normalized innovation squared."""
+    """Takes a compass heading (rad). Returns the normalized innovation squared.
+
+    The harmonics are those of the reading: with the estimated heading in their place the measurement would be a product
+    of states, whose linearization seems to tell heading from bias (as with DVL_SCALE).
+    """
     h = np.zeros(STATES)
-    h[HEADING], h[COMPASS_BIAS] = 1.0, 1.0
-    nis: float = update(x, p, h, wrap(heading - x[HEADING] - x[COMPASS_BIAS]), variance, gate)
+    h[HEADING], h[COMPASS_BIAS], h[COMPASS_SIN], h[COMPASS_COS] = 1.0, 1.0, math.sin(heading), math.cos(heading)
+    expected = x[HEADING] + x[COMPASS_BIAS] + x[COMPASS_SIN] * h[COMPASS_SIN] + x[COMPASS_COS] * h[COMPASS_COS]
+    nis: float = update(x, p, h, wrap(heading - expected), variance, gate)
     return nis
 
 

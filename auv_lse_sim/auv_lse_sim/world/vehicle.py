@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.leg import Leg
 from auv_lse_common.mission_run import Action, Stop
 from auv_lse_common.pings import by_period, period_of, sounding_of
@@ -17,6 +18,8 @@ from auv_lse_sim.config import SimConfig
 from auv_lse_sim.world import motion_model as mm
 from auv_lse_sim.world.navigation import (
     COMPASS_BIAS,
+    COMPASS_COS,
+    COMPASS_SIN,
     DVL_SCALE,
     EAST,
     GYRO_BIAS,
@@ -122,6 +125,7 @@ def _parameters(vehicle: VehicleConfig, sim: SimConfig, speed_mps: float) -> Arr
     p[mm.P_LOSS_RATE] = v.lock_losses_per_h / hour
     p[mm.P_LOSS_MIN], p[mm.P_LOSS_MAX] = v.lock_loss_min_s, v.lock_loss_max_s
     p[mm.P_GPS_NOISE], p[mm.P_GPS_INTERVAL], p[mm.P_GPS_DEPTH] = s.noise_m, s.interval_s, s.antenna_m
+    p[mm.P_GPS_TIME] = s.correlation_s
     p[mm.P_SURFACE_EVERY], p[mm.P_SURFACE_TIME] = s.surface_every_s, s.surface_s
     p[mm.P_GYRO_IDEAL], p[mm.P_COMPASS_IDEAL] = float(g.ideal or sim.ideal), float(c.ideal or sim.ideal)
     p[mm.P_DVL_IDEAL], p[mm.P_GPS_IDEAL] = float(v.ideal or sim.ideal), float(s.ideal or sim.ideal)
@@ -180,6 +184,7 @@ class SimVehicle:
         self.config = config
         self._sim = sim
         self._rng = rng
+        more = rng.spawn(1)[0]  # its draws leave those of `rng` as they are
         self._clearance_m = clearance_m
         draws = rng.standard_normal(8)  # the same count whatever is ideal, so that other draws stay the same
         ideal = sim.ideal
@@ -189,6 +194,7 @@ class SimVehicle:
         self._rails = bool(self._params[mm.P_IDEAL_MOTION] and self._params[mm.P_IDEAL_NAVIGATION])
         gyro_bias = 0.0 if sim.gyro.ideal or ideal else sim.gyro.bias_deg_h * DEG / 3600.0
         compass_bias = 0.0 if sim.compass.ideal or ideal else sim.compass.bias_deg * DEG
+        harmonic = 0.0 if sim.compass.ideal or ideal else sim.compass.harmonic_deg * DEG
         scale = 0.0 if sim.dvl.ideal or ideal else sim.dvl.scale
         gps = 0.01 if sim.gps.ideal or ideal else sim.gps.noise_m
         self._pressure_bias = 0.0 if sim.pressure.ideal or ideal else sim.pressure.bias_m * float(draws[4])
@@ -197,12 +203,15 @@ class SimVehicle:
         m[mm.T_NORTH], m[mm.T_EAST] = config.start_north_m, config.start_east_m
         m[mm.T_HEADING] = wrap(config.start_heading_rad)
         m[mm.B_GYRO], m[mm.B_COMPASS], m[mm.B_SCALE] = np.array([gyro_bias, compass_bias, scale]) * draws[1:4]
+        m[mm.H_SIN : mm.H_COS + 1] = harmonic * more.standard_normal(2)
         m[mm.MODE] = mm.WAITING
         self._m = m
-        heading_std = max(compass_bias, 0.2 * DEG)
+        heading_std = max(math.hypot(compass_bias, harmonic), 0.2 * DEG)
         self._x = np.zeros(STATES)
         self._x[NORTH] = m[mm.T_NORTH] + gps * draws[5]
         self._x[EAST] = m[mm.T_EAST] + gps * draws[6]
+        m[mm.G_NORTH : mm.G_EAST + 1] = gps * draws[5:7]
+        m[mm.LAST_NORTH : mm.LAST_EAST + 1] = m[mm.AT_NORTH : mm.AT_EAST + 1] = self._x[[NORTH, EAST]]
         self._x[HEADING] = wrap(m[mm.T_HEADING] + heading_std * draws[7])
         self._p = np.zeros((STATES, STATES))
         for index, std in (
@@ -214,11 +223,14 @@ class SimVehicle:
             (GYRO_BIAS, gyro_bias),
             (COMPASS_BIAS, compass_bias),
             (DVL_SCALE, scale),
+            (COMPASS_SIN, harmonic),
+            (COMPASS_COS, harmonic),
         ):
             self._p[index, index] = std * std
         if self._params[mm.P_IDEAL_NAVIGATION]:
             self._x[:3] = m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING]
             self._p[:] = 0.0
+        self._x_raw, self._p_raw = self._x.copy(), self._p.copy()  # without fixes under way, from the first one on
         self._q = self._process_noise()
         self._leg = np.zeros(6)
         self._leg[mm.LEG_RADIUS] = 15.0
@@ -231,7 +243,9 @@ class SimVehicle:
         self._in_reach = True
         self._rows = np.empty((0, mm.OUT))
         self._stamps = np.empty(0)
-        self._pings = np.empty((0, 4))  # stamp, estimated north and east, depth: not yet a sounding
+        self._pings = np.empty((0, 6))  # stamp, estimated north, east, depth, raw north, east: not yet a sounding
+        #: Fixes completed in the last `move`.
+        self.fixes: list[Fix] = []
         self._water_m = math.nan
         self.altitude_m = math.nan
         self.pressure_depth_m = 0.0
@@ -258,26 +272,31 @@ class SimVehicle:
 
     @property
     def state(self) -> Array:
-        """The filter's state (8,), see `navigation`."""
+        """The filter's state (10,), see `navigation`."""
         return self._x.copy()
 
     @property
     def covariance(self) -> Array:
-        """The filter's covariance (8, 8)."""
+        """The filter's covariance (10, 10)."""
         return self._p.copy()
 
     @property
     def error(self) -> Array:
-        """Filter's state minus the truth (8,)."""
+        """Filter's state minus the truth (10,)."""
         m = self._m
         seen = 1.0 + m[mm.B_SCALE]
         truth = np.array(
             [m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING], seen * m[mm.T_SURGE], seen * m[mm.T_SWAY], m[mm.B_GYRO],
-             m[mm.B_COMPASS], m[mm.B_SCALE]]
+             m[mm.B_COMPASS], m[mm.B_SCALE], m[mm.H_SIN], m[mm.H_COS]]
         )  # fmt: skip
         error: Array = self._x - truth
         error[HEADING] = wrap(error[HEADING])
         return error
+
+    def forget_harmonics(self) -> None:
+        """Makes a filter that does not know that the compass's error depends on the heading: for comparison."""
+        self._p[COMPASS_SIN:, :] = 0.0
+        self._p[:, COMPASS_SIN:] = 0.0
 
     def command(self, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
         """Takes the next leg.
@@ -429,8 +448,8 @@ class SimVehicle:
             else:
                 limit = mm.leg_length(self._leg)
             i = mm.advance(
-                m, self._x, self._p, self._leg, self._params, self._q, normals, uniforms, currents, self._in_reach,
-                limit, rows, i, last,
+                m, self._x, self._p, self._x_raw, self._p_raw, self._leg, self._params, self._q, normals, uniforms,
+                currents, self._in_reach, limit, rows, i, last,
             )  # fmt: skip
             if m[mm.MODE] != mm.WAITING and m[mm.ALONG] >= limit - 1e-9:
                 over = max(float(m[mm.ALONG]) - limit, 0.0)
@@ -443,18 +462,37 @@ class SimVehicle:
                     self._end(over)
         self._rows = rows
         self._stamps = stamps_s
+        self.fixes = self._completed()
         return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
+
+    def _completed(self) -> list[Fix]:
+        """The fix that was complete in the last `move`, if one was; the next surfacing begins another."""
+        m = self._m
+        if m[mm.FIX_STEP] == 0.0:
+            return []
+        i, information = int(m[mm.FIX_STEP]) - 1, float(m[mm.FIX_INFORMATION])
+        raw_north_m, raw_east_m = (float(v) for v in self._rows[i, [mm.O_RAW_NORTH, mm.O_RAW_EAST]])
+        fix = Fix(
+            stamp_s=float(self._stamps[i]),
+            north_m=raw_north_m + float(m[mm.FIX_NORTH]) / information,
+            east_m=raw_east_m + float(m[mm.FIX_EAST]) / information,
+            raw_north_m=raw_north_m,
+            raw_east_m=raw_east_m,
+            std_m=information**-0.5,
+        )
+        m[[mm.FIX_INFORMATION, mm.FIX_NORTH, mm.FIX_EAST, mm.FIX_STEP]] = 0.0
+        return [fix]
 
     def sense(self, water_m: Array) -> Array:
         """Takes the true depth of water (n,) at the sub-steps of the last `move`; returns soundings.
 
         Returns:
-            Soundings (s, 4): stamp (s), estimated north and east (m), measured depth of water (m).
+            Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
         """
         rows, sim, n = self._rows, self._sim, len(self._rows)
         normals, uniforms = self._rng.standard_normal((n, 2)), self._rng.random((n, 3))
         if n == 0:
-            return np.empty((0, 4))
+            return np.empty((0, 6))
         depth = rows[:, mm.O_DEPTH]
         altitude = water_m - depth
         self._water_m = float(water_m[-1])
@@ -478,9 +516,10 @@ class SimVehicle:
         self._in_reach = bool(in_reach[-1])
         self.altitude_m = float(echo[-1])
         self.pressure_depth_m = float(own[-1])
-        pings = np.empty((n, 4))
+        pings = np.empty((n, 6))
         pings[:, 0], pings[:, 1], pings[:, 2] = self._stamps, rows[:, mm.O_EST_NORTH], rows[:, mm.O_EST_EAST]
         pings[:, 3] = own + echo
+        pings[:, 4], pings[:, 5] = rows[:, mm.O_RAW_NORTH], rows[:, mm.O_RAW_EAST]
         return self._soundings(pings[np.isfinite(echo)])
 
     def _soundings(self, pings: Array) -> Array:
@@ -497,7 +536,18 @@ class SimVehicle:
             soundings = [own[len(own) // 2] for own in periods]
         else:
             soundings = [sounding_of(own) for own in periods if len(own) >= self._sim.altimeter.least_pings]
-        return np.array(soundings).reshape(-1, 4)
+        return np.array(soundings).reshape(-1, 6)
+
+    def dead_reckoning(self, now_s: float) -> DeadReckoning:
+        """The raw place at the end of the last tick, with the measured depth."""
+        raw = self._x_raw if self._m[mm.PARTED] else self._x
+        return DeadReckoning(
+            stamp_s=now_s,
+            heading_rad=float(raw[HEADING]),
+            north_m=float(raw[NORTH]),
+            east_m=float(raw[EAST]),
+            depth_m=self.pressure_depth_m,
+        )
 
     def odometry(self, now_s: float) -> NavigationEstimate:
         """The filter's estimate at the end of the last tick."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.leg import Leg
 from auv_lse_common.mission_run import Stop
 from auv_lse_common.seeds import stream
@@ -29,8 +30,11 @@ class VehicleOutput:
     """What one tick brings for one vehicle.
 
     Attributes:
-        soundings: Stamp (s), estimated north and east (m), measured depth of water (m), shape (n, 4), by time.
+        soundings: Stamp (s), estimated north and east (m), measured depth of water (m), raw north and east (m), shape
+            (n, 6), by time.
         odometry: The vehicle's own estimate at the tick's end.
+        dead_reckoning: Its raw place then.
+        fixes: Fixes completed in this tick, by time.
         altitude_m: Measured altitude above the bottom at the tick's end, NaN without an echo.
         pressure_depth_m: Measured depth of the vehicle below the surface.
         arrivals: Packets that its modem has read in this tick, by time.
@@ -39,6 +43,8 @@ class VehicleOutput:
 
     soundings: Array
     odometry: NavigationEstimate
+    dead_reckoning: DeadReckoning
+    fixes: list[Fix]
     altitude_m: float
     pressure_depth_m: float
     arrivals: list[Arrival]
@@ -125,6 +131,8 @@ class World:
             output[number] = VehicleOutput(
                 soundings=soundings,
                 odometry=vehicle.odometry(now_s),
+                dead_reckoning=vehicle.dead_reckoning(now_s),
+                fixes=vehicle.fixes,
                 altitude_m=vehicle.altitude_m,
                 pressure_depth_m=vehicle.pressure_depth_m,
                 arrivals=[a for a in arrivals if a.ok and a.receiver == number],
