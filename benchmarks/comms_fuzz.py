@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from auv_lse_common.plan import NONE, Plan, Tour
+from auv_lse_comms.packet import navigation as nav
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
 from auv_lse_comms.packet.fields import (
     FIRST_TERMINAL,
@@ -54,12 +55,22 @@ def packet(rng: np.random.Generator) -> Packet:
         naive_path=int(rng.choice([0xF0, 0xF1, 0xF2, 0xF3, NONE])),
         tour=Tour(segment_legs=legs, bearings=tuple(bearings)) if rng.random() < 0.5 else None,
     )
-    n = int(rng.integers(0, room_for_samples(plan) + 1))
-    return Packet(plan, rng.uniform(low, high, (n, 3)))
+    told = _navigation(rng) if rng.random() < 0.5 else None
+    n = int(rng.integers(0, room_for_samples(plan, navigation=told) + 1))
+    return Packet(plan, rng.uniform(low, high, (n, 3)), navigation=told)
 
 
-def _samples_start(plan: Plan) -> int:
-    return samples_start(len(plan.actions), len(plan.tour_fields[1]))
+def _navigation(rng: np.random.Generator) -> nav.Navigation:
+    """A raw place, with a fix or without."""
+    raw, place, off = (tuple(rng.integers(-(2**bits), 2**bits, 2).tolist()) for bits in (23, 15, 11))
+    if rng.random() < 0.5:
+        return nav.Navigation(raw_cm=raw)
+    return nav.Navigation(raw_cm=raw, fix_raw_half_m=place, fix_off_dm=off)
+
+
+def _samples_start(sent: Packet) -> int:
+    told = 0 if sent.navigation is None else sent.navigation.size
+    return samples_start(len(sent.plan.actions), len(sent.plan.tour_fields[1]), told)
 
 
 def _random_length(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
@@ -100,8 +111,8 @@ def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple
 
 def _reserved(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     """A terminal byte that ends the path, after the actions or the tour, and is no naive path's."""
-    at = _samples_start(sent.plan) - 1
-    return good[:at] + bytes([int(rng.choice(RESERVED[:-2]))]) + good[at + 1 :], {"naive_path"}
+    at = _samples_start(sent) - 1
+    return good[:at] + bytes([int(rng.integers(RESERVED[0], nav.RAW))]) + good[at + 1 :], {"naive_path"}
 
 
 def _bad_tour(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
@@ -119,7 +130,7 @@ def _bad_tour(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[byte
 
 def _not_finite(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     places = [2, 6, 10]
-    start = _samples_start(sent.plan)
+    start = _samples_start(sent)
     places += [start + 4 * i for i in range(3 * len(sent.samples))]
     at = int(rng.choice(places))
     value = float(rng.choice([np.nan, np.inf, -np.inf]))
@@ -135,7 +146,7 @@ def _outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes
 def _sample_outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     if not len(sent.samples):
         return good, set()
-    at = _samples_start(sent.plan) + 4 * int(rng.integers(0, 3 * len(sent.samples)))
+    at = _samples_start(sent) + 4 * int(rng.integers(0, 3 * len(sent.samples)))
     value = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(3.0, 30.0))
     return good[:at] + struct.pack("<f", value) + good[at + 4 :], {"sample"}
 
@@ -143,12 +154,12 @@ def _sample_outside(rng: np.random.Generator, good: bytes, sent: Packet) -> tupl
 def _gap(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     if len(sent.samples) < 2:
         return good, set()
-    at = _samples_start(sent.plan) + SAMPLE_BYTES * int(rng.integers(0, len(sent.samples) - 1))
+    at = _samples_start(sent) + SAMPLE_BYTES * int(rng.integers(0, len(sent.samples) - 1))
     return good[:at] + b"\xff" * SAMPLE_BYTES + good[at + SAMPLE_BYTES :], {"gap"}
 
 
 def _spare(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
-    stop = _samples_start(sent.plan) + SAMPLE_BYTES * room_for_samples(sent.plan)
+    stop = _samples_start(sent) + SAMPLE_BYTES * room_for_samples(sent.plan, navigation=sent.navigation)
     if stop == PACKET_BYTES:
         return good, set()
     data = bytearray(good)

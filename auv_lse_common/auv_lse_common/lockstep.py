@@ -36,7 +36,10 @@ TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry", "altitude", "mission/comma
 #: "kernel_centers" counts revisions, "targets" what the driver has sent to the autopilot, for which it has taken as
 #: many waypoints as its "waypoint" says. "micromodem_lost" comes as often as a packet never reached the water.
 PHASES = {
-    "modem": Phase(waits_for=("sounding", "modem/rx"), announces=("team/plans", "team/samples")),
+    "modem": Phase(
+        waits_for=("sounding", "modem/rx", "dead_reckoning", "fix"),
+        announces=("team/plans", "team/samples", "team/navigation"),
+    ),
     "gp": Phase(waits_for=("sounding", "team/samples"), announces=("kernel_centers",)),
     "safety": Phase(
         waits_for=("odometry", "altitude", "mission/command"), announces=("mission/state",), ends_tick=True

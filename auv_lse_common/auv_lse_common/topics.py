@@ -36,8 +36,8 @@ _DONE = "auv_lse_msgs/msg/LockstepDone"
 VEHICLE_TOPICS = {
     "sounding": Topic(kind="auv_lse_msgs/msg/Sounding", readers=("gp_node", "modem_node")),
     "odometry": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node", "safety_node")),
-    "dead_reckoning": Topic(kind="nav_msgs/msg/Odometry"),
-    "fix": Topic(kind="auv_lse_msgs/msg/Fix"),
+    "dead_reckoning": Topic(kind="nav_msgs/msg/Odometry", readers=("modem_node",)),
+    "fix": Topic(kind="auv_lse_msgs/msg/Fix", readers=("modem_node",)),
     "altitude": Topic(kind="sensor_msgs/msg/Range", readers=("safety_node",)),
     "pressure": Topic(kind="sensor_msgs/msg/FluidPressure"),
     "autopilot": Topic(kind="auv_lse_msgs/msg/AutopilotStatus", readers=("safety_node",), latched=True),

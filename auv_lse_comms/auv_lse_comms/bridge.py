@@ -16,10 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.plan import NONE, Plan
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode, room_for_samples
+from auv_lse_comms.packet.navigation import Navigation
 from auv_lse_comms.packet.selection import Receivers, every_nth, most_useful
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_comms.tdma import Slot, Tdma
@@ -33,9 +35,32 @@ _REMEMBERED = 4
 #: Cycles before and after an arrival in which the slot of an old packet is looked for, to tell it from a forged one.
 _STALE_CYCLES = 100
 #: Kinds of the events that `ModemBridge.remember` is told.
-EVENTS = ("queued", "plan", "heard", "sent", "confirmed", "not_sent")
+EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent")
 #: Two times nearer than this are those of one packet: a message's stamp keeps nanoseconds, UTC in a float fewer.
 _SAME_TIME_S = 1e-3
+#: A raw place older than this is not that of the transmission (s).
+_FRESH_S = 2.0
+#: The navigation that takes most bytes.
+_FULL = Navigation(raw_cm=(0, 0), fix_raw_half_m=(0, 0), fix_off_dm=(0, 0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """When a packet was sent and arrived, as far as the modem knows; NaN where it does not.
+
+    Attributes:
+        sent_s: Start of transmission, by the sender's clock (s).
+        arrival_s: Start of reception, by the receiver's clock (s).
+        travel_s: One-way travel time (s), measured with both clocks.
+    """
+
+    sent_s: float = math.nan
+    arrival_s: float = math.nan
+    travel_s: float = math.nan
+
+
+#: Nothing is known.
+UNTIMED = Timing()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,11 +71,13 @@ class Received:
         source: Number of the sender.
         stamp_s: When it was received (s).
         packet: The sender's plan, and its samples, shape (n, 3).
+        navigation: What it tells of the sender's navigation, with the packet's travel time; None if it tells nothing.
     """
 
     source: int
     stamp_s: float
     packet: Packet
+    navigation: MateNavigation | None = None
 
 
 @dataclass(slots=True)
@@ -114,6 +141,8 @@ class ModemBridge:
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
         self._receivers = receivers
         self._plan: Plan | None = None
+        self._raw: DeadReckoning | None = None
+        self._fix: Fix | None = None
         # stamp_s, north_m, east_m, depth_m, gain when last computed, and the same before the last packet was made
         self._unsent = np.zeros((0, 6))
         self._queued: list[Array] = []  # soundings not yet among them
@@ -167,31 +196,54 @@ class ModemBridge:
         Raises:
             PacketError: (a ValueError) if no packet can hold it; the plan before it stays.
         """
-        encode(Packet(plan), self._limits, self._config.reserve)
+        navigation = _FULL if self._config.navigation else None
+        encode(Packet(plan, navigation=navigation), self._limits, self._config.reserve)
         self._plan = plan
         self.remember("plan", dataclasses.asdict(plan))
+
+    def moved(self, raw: DeadReckoning) -> None:
+        """The vehicle's raw place."""
+        self._raw = raw
+
+    def fixed(self, fix: Fix) -> None:
+        """The vehicle has taken a fix under way."""
+        self._fix = fix
+        self.remember("fix", dataclasses.asdict(fix))
 
     def add_soundings(self, soundings: ArrayLike) -> int:
         """Queues the vehicle's own soundings for sending.
 
         Some are dropped and counted: as "samples.bad" those with a number that is not finite; as "samples.outside"
         those outside the limits, with which every receiver would refuse the whole packet; as "samples.thinned" those
-        nearer to the last queued one than `min_spacing_m`.
+        nearer to the last queued one than `min_spacing_m`. With `packet.navigation` they are sent at their raw places,
+        and those without one are dropped as "samples.unplaced".
 
         Args:
-            soundings: Stamp (s), north, east (m), water depth (m, positive down), shape (n, 4), in time order.
+            soundings: Stamp (s), north, east (m), water depth (m, positive down), in time order, shape (n, 4), or
+                (n, 6) with raw north, east (m).
 
         Returns:
             How many were queued.
 
         Raises:
-            ValueError: if the shape is not (n, 4).
+            ValueError: if the shape is neither.
         """
         rows = np.asarray(soundings, dtype=float)
         if rows.size == 0:
             return 0
-        if rows.ndim != 2 or rows.shape[1] != 4:
-            raise ValueError(f"soundings of shape {rows.shape}: expected (n, 4), stamp, north, east, depth")
+        if rows.ndim != 2 or rows.shape[1] not in (4, 6):
+            raise ValueError(
+                f"soundings of shape {rows.shape}: expected (n, 4), stamp, north, east, depth, or (n, 6) with raw "
+                "north and east"
+            )
+        if self._config.navigation:
+            if rows.shape[1] == 4:
+                rows = np.column_stack([rows, np.full((len(rows), 2), np.nan)])
+            placed = np.isfinite(rows[:, 4:]).all(axis=1)
+            self.counts["samples.unplaced"] += int((~placed).sum())
+            rows = rows[placed][:, [0, 4, 5, 3]]
+        else:
+            rows = rows[:, :4]
         finite = np.isfinite(rows).all(axis=1)
         if not finite.all():
             self.counts["samples.bad"] += int((~finite).sum())
@@ -219,13 +271,14 @@ class ModemBridge:
         self.counts["samples.thinned"] += int((~keep).sum())
         return rows[keep]
 
-    def receive(self, now_s: float, source: int, payload: bytes) -> Received | None:
+    def receive(self, now_s: float, source: int, payload: bytes, timing: Timing = UNTIMED) -> Received | None:
         """Reads a payload that the modem received.
 
         Args:
             now_s: Time (s).
             source: Sender's number according to the modem.
             payload: Any bytes.
+            timing: When it was sent and arrived.
 
         Returns:
             The packet; None if it was refused, which is counted as "rejected.<reason>" (`packet.codec.REASONS`).
@@ -249,7 +302,8 @@ class ModemBridge:
         self._note_heard(source, packet.samples)
         slot_s = None if self._tagger is None else self._tagger.last_slot_s[source]
         self.remember("heard", source, slot_s, packet.samples.tolist())
-        return Received(source=source, stamp_s=now_s, packet=packet)
+        told = _told(now_s, source, packet.navigation, timing)
+        return Received(source=source, stamp_s=now_s, packet=packet, navigation=told)
 
     def _note_heard(self, source: int, samples: Array) -> None:
         self._heard = True
@@ -283,7 +337,7 @@ class ModemBridge:
         if self._plan is None:
             self._why = "plan"
             return None
-        payload, samples = self._compose(self._plan, slot.start_s)
+        payload, samples = self._compose(self._plan, slot.start_s, now_s)
         self._used = True
         self._note_sent(now_s, samples, (slot.index, slot.since_s))
         self.remember("sent", now_s, samples[:, :4].tolist(), [slot.index, slot.since_s], self.loss)
@@ -330,11 +384,14 @@ class ModemBridge:
         if asleep:
             self.counts["slots.missed.asleep"] += asleep
 
-    def _compose(self, plan: Plan, slot_s: float) -> tuple[bytes, Array]:
-        """The packet for the slot that starts at `slot_s`, and the rows of `_unsent` that went into it."""
+    def _compose(self, plan: Plan, slot_s: float, now_s: float) -> tuple[bytes, Array]:
+        """The packet sent at `now_s` in the slot that starts at `slot_s` (s), and the rows of `_unsent` in it."""
         if self.abort:  # it goes nowhere
             plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE)
-        room = room_for_samples(plan, self._config.reserve)
+        navigation = self._navigation(now_s)
+        room = room_for_samples(plan, self._config.reserve, navigation)
+        if self._config.navigation and navigation is None:
+            room = 0  # without the raw place, receivers would take raw samples for others
         unsent = self._in_time_order()
         if self._config.selection == "useful" and self._receivers is not None:
             unsent[:, 5] = unsent[:, 4]
@@ -342,12 +399,25 @@ class ModemBridge:
             self._receivers.send(self.loss)
         else:
             chosen = every_nth(len(unsent), room)
-        packet = Packet(plan, unsent[chosen, 1:4], self.abort)
+        packet = Packet(plan, unsent[chosen, 1:4], self.abort, navigation)
         payload = encode(packet, self._limits, self._config.reserve)
         if self._tagger is not None:
             payload = self._tagger.seal(payload, self.address, slot_s)
         self._unsent = np.delete(unsent, chosen, axis=0)
         return payload, unsent[chosen]
+
+    def _navigation(self, now_s: float) -> Navigation | None:
+        """What this vehicle tells of its navigation; a fix or raw place that does not fit is left out and counted."""
+        if not self._config.navigation or self._raw is None or now_s - self._raw.stamp_s > _FRESH_S:
+            return None
+        try:
+            return Navigation.of(self._raw, self._fix)
+        except ValueError:
+            self.counts["navigation.outside"] += 1
+        try:
+            return Navigation.of(self._raw, None)
+        except ValueError:
+            return None
 
     def not_sent(self, sent_s: float) -> None:
         """The modem did not send a packet: its samples are unsent again, and its slot counts as missed.
@@ -392,6 +462,8 @@ class ModemBridge:
                     self.counts["samples.queued"] += len(values[0])
                 case "plan":
                     self._plan = Plan.from_mapping(values[0])
+                case "fix":
+                    self._fix = Fix(**values[0])
                 case "heard":
                     source, slot_s, samples = values
                     self._note_heard(source, np.array(samples).reshape(-1, 3))
@@ -415,3 +487,23 @@ class ModemBridge:
             self._receivers.suppose(rows[:, 1:4])
             self._receivers.send(self.loss)
         self._note_sent(then_s, rows, slot)
+
+
+def _told(stamp_s: float, source: int, navigation: Navigation | None, timing: Timing) -> MateNavigation | None:
+    """What a packet that was received at `stamp_s` (s) tells of its sender's navigation."""
+    if navigation is None:
+        return None
+    (raw_north_m, raw_east_m), (fix_raw_north_m, fix_raw_east_m) = navigation.raw_m, navigation.fix_raw_m
+    fix_north_m, fix_east_m = navigation.fix_m
+    return MateNavigation(
+        stamp_s=stamp_s if math.isnan(timing.arrival_s) else timing.arrival_s,
+        source=source,
+        sent_s=timing.sent_s,
+        raw_north_m=raw_north_m,
+        raw_east_m=raw_east_m,
+        fix_raw_north_m=fix_raw_north_m,
+        fix_raw_east_m=fix_raw_east_m,
+        fix_north_m=fix_north_m,
+        fix_east_m=fix_east_m,
+        travel_s=timing.travel_s,
+    )

@@ -93,6 +93,12 @@ class PacketConfig:
         high=1000.0,
         help="a sounding closer than this to the last one queued is not queued for sending (0: all are)",
     )
+    navigation: bool | None = parameter(
+        None,
+        help="whether a packet tells its sender's raw place and last fix, with its samples in the raw frame, so that "
+        "receivers can correct their places; left out: yes, but not with the paper's methods (planner.method "
+        "augmented, exponential_quadratic, plain)",
+    )
     tag: bool = parameter(
         False, help="end each packet with a keyed BLAKE2s tag; forged, altered and replayed packets are refused"
     )

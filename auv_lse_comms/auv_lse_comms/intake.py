@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.plan import Plan
 from auv_lse_common.sounding_gate import SoundingGate
-from auv_lse_comms.bridge import ModemBridge, Received
+from auv_lse_comms.bridge import UNTIMED, ModemBridge, Received, Timing
 from auv_lse_comms.packet.codec import PacketError
 
 
@@ -25,31 +26,52 @@ class BridgeIntake:
         self.gate = SoundingGate()
         self.problems: list[str] = []
         self._soundings: list[Sequence[float]] = []
-        self._packets: list[tuple[float, int, bytes]] = []
+        self._packets: list[tuple[float, int, bytes, Timing]] = []
+        self._raw: DeadReckoning | None = None
+        self._fixes: list[Fix] = []
         self._plan: Plan | None = None
 
     def add_soundings(self, rows: Iterable[Sequence[float]]) -> None:
-        """Own soundings: stamp (s), north, east, depth (m) of each."""
+        """Own soundings: stamp (s), north, east, depth (m) of each, then raw north, east (m) where known."""
         self._soundings.extend(rows)
 
-    def add_packet(self, stamp_s: float, source: int, payload: bytes) -> None:
-        """What the modem received: end of reception (s), number of the sender, the bytes."""
-        self._packets.append((stamp_s, source, payload))
+    def set_dead_reckoning(self, raw: DeadReckoning) -> None:
+        """The vehicle's raw place; it replaces one that still waits."""
+        self._raw = raw
+
+    def add_fix(self, fix: Fix) -> None:
+        """A fix of the vehicle's own."""
+        self._fixes.append(fix)
+
+    def add_packet(self, stamp_s: float, source: int, payload: bytes, timing: Timing = UNTIMED) -> None:
+        """What the modem received: end of reception (s), number of the sender, the bytes, and when it was sent."""
+        self._packets.append((stamp_s, source, payload, timing))
 
     def set_plan(self, plan: Plan) -> None:
         """The vehicle's own plan; it replaces one that still waits."""
         self._plan = plan
 
     def hear(self) -> list[Received]:
-        """The bridge takes own soundings, then packets by stamp and source; returns those that it accepts."""
+        """The bridge takes own navigation and soundings, then packets by stamp and source; returns those it accepts."""
         self.problems = []
-        bad = self.bridge.counts["samples.bad"]
+        bad, unplaced = self.bridge.counts["samples.bad"], self.bridge.counts["samples.unplaced"]
+        if self._raw is not None:
+            self.bridge.moved(self._raw)
+            self._raw = None
+        for fix in sorted(self._fixes, key=lambda fix: fix.stamp_s):
+            self.bridge.fixed(fix)
+        self._fixes = []
         if self._soundings:
             self.bridge.add_soundings(self.gate.passed(sorted(self._soundings, key=lambda row: row[0])))
             self._soundings = []
         if self.bridge.counts["samples.bad"] > bad:
             self.problems.append(
                 f"soundings that are not finite: {self.bridge.counts['samples.bad']} so far, none is sent"
+            )
+        if self.bridge.counts["samples.unplaced"] > unplaced:
+            self.problems.append(
+                f"soundings without a raw place: {self.bridge.counts['samples.unplaced']} so far, none is sent; fix: a "
+                "driver that gives raw_north_m and raw_east_m, or packet.navigation: false for the whole team"
             )
         packets, self._packets = sorted(self._packets, key=lambda packet: packet[:2]), []
         heard = (self.bridge.receive(*packet) for packet in packets)

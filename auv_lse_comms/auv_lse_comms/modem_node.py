@@ -1,4 +1,4 @@
-"""The acoustic bridge of a vehicle: plan and soundings out in its own slots, the team's plans and samples in."""
+"""The acoustic bridge of a vehicle: plan, soundings, navigation out in its own slots; those of the team in."""
 
 from __future__ import annotations
 
@@ -6,26 +6,41 @@ from collections.abc import Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 
 from auv_lse_common.base_node import VehicleNode, run
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import (
+    dead_reckoning_from_message,
     diagnostics,
+    fix_from_message,
     header,
+    mate_navigation_message,
     plan_from_message,
     plan_message,
+    raw_sounding_row,
     seconds,
-    sounding_row,
 )
-from auv_lse_comms.bridge import EVENTS, Received
+from auv_lse_comms.bridge import EVENTS, Received, Timing
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ros_conversions import tdma_status, team_samples, transmission
 from auv_lse_comms.settings import bridge_of
-from auv_lse_msgs.msg import MissionCommand, MissionState, ModemRx, ModemTx, Plan, SampleArray, Sounding, TdmaStatus
+from auv_lse_msgs.msg import (
+    Fix,
+    MateNavigation,
+    MissionCommand,
+    MissionState,
+    ModemRx,
+    ModemTx,
+    Plan,
+    SampleArray,
+    Sounding,
+    TdmaStatus,
+)
 
 _STATUS_PERIOD_S = 10.0
 _TUNABLE = ("order", "slot_s", "guard_s", "epoch_s", "send_duration_s")
@@ -58,22 +73,29 @@ class ModemNode(VehicleNode):
             tunable=tuple(f"tdma.{name}" for name in _TUNABLE),
             apply=self._change_tdma,
         )
-        self._published = {"plans": 0, "samples": 0, "packets": 0}
+        self._published = {"plans": 0, "samples": 0, "navigation": 0, "packets": 0}
         self._status_s = -float("inf")
         self._problems = NewProblems()
         self._tx = self.publisher(ModemTx, "modem/tx")
         self._team_plans = self.publisher(Plan, "team/plans")
         self._team_samples = self.publisher(SampleArray, "team/samples")
         self._command = self.publisher(MissionCommand, "mission/command")
+        self._team_navigation = self.publisher(MateNavigation, "team/navigation")
         self._status = self.publisher(TdmaStatus, "tdma")
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
-        self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([sounding_row(m)]))
+        self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([raw_sounding_row(m)]))
+        self.listen(
+            Odometry, "dead_reckoning", lambda m: self._intake.set_dead_reckoning(dead_reckoning_from_message(m))
+        )
+        self.listen(Fix, "fix", lambda m: self._intake.add_fix(fix_from_message(m)))
         self.listen(ModemRx, "modem/rx", self._on_arrival)
         self.listen(Plan, "plan", lambda m: self._intake.set_plan(plan_from_message(m)))
         self.listen(ModemTx, "modem/sent", lambda m: self._bridge.confirm(seconds(m.header.stamp)))
         self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
         self.listen(ModemTx, "modem/failed", self._on_failed)
-        self.phase("modem", self.hear, lambda: (self._published["plans"], self._published["samples"]))
+        self.phase(
+            "modem", self.hear, lambda: tuple(self._published[name] for name in ("plans", "samples", "navigation"))
+        )
         self.phase("modem_sent", self.say, lambda: (self._published["packets"],))
         self.begin()
 
@@ -86,7 +108,8 @@ class ModemNode(VehicleNode):
         self.get_logger().info(f"TDMA settings change at {effective_s:.1f} s, the start of a cycle")
 
     def _on_arrival(self, message: ModemRx) -> None:
-        self._intake.add_packet(seconds(message.header.stamp), message.source, bytes(message.payload))
+        timing = Timing(sent_s=message.sent_s, arrival_s=message.arrival_s, travel_s=message.travel_s)
+        self._intake.add_packet(seconds(message.header.stamp), message.source, bytes(message.payload), timing)
 
     def _on_failed(self, message: ModemTx) -> None:
         """The modem could not send the packet with this stamp: its samples are unsent again."""
@@ -118,6 +141,9 @@ class ModemNode(VehicleNode):
             if len(received.packet.samples):
                 self._team_samples.publish(team_samples(received))
                 self._published["samples"] += 1
+            if received.navigation is not None:
+                self._team_navigation.publish(mate_navigation_message(received.navigation))
+                self._published["navigation"] += 1
         for problem in self._intake.problems:
             self.get_logger().warning(problem, throttle_duration_sec=_STATUS_PERIOD_S)
         if now_s - self._status_s >= _STATUS_PERIOD_S or now_s < self._status_s:

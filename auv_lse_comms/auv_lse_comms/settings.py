@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from auv_lse_common.papers_methods import unless_papers
 from auv_lse_common.params import ParameterError, section
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
@@ -121,6 +123,7 @@ def bridge_of(
     """
     tdma = section(TdmaConfig, parameters, "tdma", where)
     packet = section(PacketConfig, parameters, "packet", where)
+    packet = replace(packet, navigation=unless_papers(packet.navigation, parameters))
     vehicles = shared_number(parameters, "vehicles", where)
     limits = limits_of(parameters, packet, where)
     modem = section(ModemConfig, parameters, "modem", where)

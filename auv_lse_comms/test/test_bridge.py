@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.plan import Plan
-from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.bridge import ModemBridge, Timing
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 
@@ -47,6 +48,85 @@ def test_sends_plan_and_samples_once_in_each_own_slot() -> None:
     assert len(second.samples) == 0
     assert b.counts["slots.used"] == b.counts["sent"] == 2
     assert b.counts["samples.sent"] == 5
+
+
+RAW = DeadReckoning(stamp_s=0.0, heading_rad=0.0, north_m=100.0, east_m=-50.0, depth_m=3.0)
+FIX = Fix(stamp_s=20.0, north_m=61.0, east_m=-20.0, raw_north_m=60.0, raw_east_m=-22.0, std_m=0.8)
+
+
+def test_with_navigation_samples_are_sent_at_their_raw_places_with_the_senders_own() -> None:
+    sender, receiver = bridge(1, navigation=True), bridge(2, navigation=False)
+    sender.set_plan(PLAN)
+    sender.add_soundings(np.column_stack([rows(30), rows(30)[:, 1:3] + [3.0, -4.0]]))
+    sender.moved(dataclasses.replace(RAW, stamp_s=30.0))
+    payload = sender.poll(30.5)
+    assert payload is not None
+    timing = Timing(sent_s=30.5, arrival_s=30.75, travel_s=0.25)
+    received = receiver.receive(32.75, 1, payload, timing)
+    assert received is not None
+    sent = received.packet.samples
+    assert len(sent) == 18, "19 without"
+    assert np.allclose(sent[:, :2], np.stack([1.5 * sent[:, 2] + 3.0, -0.5 * sent[:, 2] - 4.0], axis=1))
+    told = received.navigation
+    assert told is not None
+    assert (told.source, told.stamp_s, told.sent_s, told.travel_s) == (1, 30.75, 30.5, 0.25)
+    assert (told.raw_north_m, told.raw_east_m, told.has_fix) == (100.0, -50.0, False)
+
+    sender.fixed(FIX)
+    sender.moved(dataclasses.replace(RAW, stamp_s=60.0))
+    payload = sender.poll(60.5)
+    assert payload is not None
+    received = receiver.receive(62.75, 1, payload)
+    assert received is not None
+    told = received.navigation
+    assert told is not None
+    assert (told.fix_raw_north_m, told.fix_raw_east_m) == (60.0, -22.0)
+    assert (told.fix_north_m, told.fix_east_m) == pytest.approx((61.0, -20.0))
+    assert told.stamp_s == 62.75, "an unknown start of reception is taken for its end"
+    assert math.isnan(told.travel_s)
+
+
+def test_without_a_fresh_raw_place_a_packet_holds_the_plan_alone() -> None:
+    b = bridge(navigation=True)
+    b.set_plan(PLAN)
+    assert b.add_soundings(rows(5)) == 0
+    assert b.counts["samples.unplaced"] == 5
+    assert b.add_soundings(np.column_stack([rows(5), rows(5)[:, 1:3]])) == 5
+    b.moved(RAW)
+    payload = b.poll(2.5)  # 2.5 s old
+    assert payload is not None
+    packet = decode(payload)
+    assert (packet.plan, len(packet.samples), packet.navigation) == (PLAN, 0, None)
+    assert b.unsent == 5
+
+
+def test_a_fix_that_no_packet_holds_is_left_out_and_counted() -> None:
+    b = bridge(navigation=True)
+    b.set_plan(PLAN)
+    b.moved(RAW)
+    b.fixed(dataclasses.replace(FIX, north_m=400.0))
+    payload = b.poll(0.5)
+    assert payload is not None
+    navigation = decode(payload).navigation
+    assert navigation is not None
+    assert navigation.fix_off_dm is None
+    assert b.counts["navigation.outside"] == 1
+
+
+def test_after_a_restart_the_last_fix_is_told_again() -> None:
+    told: list[tuple[object, ...]] = []
+    first = bridge(navigation=True)
+    first.remember = lambda kind, *values: told.append((kind, *values))
+    first.set_plan(PLAN)
+    first.fixed(FIX)
+    second = bridge(navigation=True)
+    second.recall(told)
+    second.moved(RAW)
+    payload = second.poll(0.5)
+    assert payload is not None
+    navigation = decode(payload).navigation
+    assert navigation is not None
+    assert navigation.fix_raw_m == (60.0, -22.0)
 
 
 def test_sends_the_latest_plan() -> None:

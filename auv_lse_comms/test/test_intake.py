@@ -45,6 +45,15 @@ def test_a_sounding_that_is_not_finite_is_reported_once() -> None:
     assert own.problems == []
 
 
+def test_a_sounding_without_a_raw_place_is_reported_where_packets_need_one() -> None:
+    own = BridgeIntake(ModemBridge(TdmaConfig(), PacketConfig(navigation=True), 1, 3))
+    own.add_soundings([(1.0, 0.0, 0.0, 12.0, 0.5, 0.5), (2.0, 0.0, 0.0, 12.0, math.nan, math.nan)])
+    own.hear()
+    (problem,) = own.problems
+    assert problem.startswith("soundings without a raw place: 1 so far, none is sent; fix: ")
+    assert own.bridge.unsent == 1
+
+
 def test_a_plan_that_no_packet_can_hold_is_reported_and_the_one_before_it_stays() -> None:
     own = intake()
     own.set_plan(plan(1))

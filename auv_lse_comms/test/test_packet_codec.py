@@ -15,9 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
+from auv_lse_comms.packet.navigation import MOST_BYTES, Navigation
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -120,6 +122,79 @@ def test_golden_packet_with_a_tour_packed_by_hand(layout: str) -> None:
     assert decode(data) == packet
 
 
+# raw place 123.45, -0.02 m: 12345 -> 003039, -2 -> FFFFFE; at the fix 100, -50.5 m: 200 -> 00C8, -101 -> FF9B;
+# GPS 2.5 m south and 1.2 m east of it: -25 dm -> FE7, 12 dm -> 00C, the first in the low bits: 00CFE7
+RAW = "393000" + "feffff"
+TOLD = Navigation(raw_cm=(12345, -2))
+FIXED = Navigation(raw_cm=(12345, -2), fix_raw_half_m=(200, -101), fix_off_dm=(-25, 12))
+GOLDEN_NAVIGATION = {
+    # 14 + 3 + 7 + 1 + 18 * 12 = 241, 11 spare
+    "no fix yet": (START + "00050a" + "ec" + RAW + "f2" + SAMPLE_A * 18 + "ff" * 11, None, TOLD, 18),
+    # 14 + 3 + 14 + 1 + 18 * 12 = 248, 4 spare
+    "a fix": (
+        START + "00050a" + "ed" + RAW + "c800" + "9bff" + "e7cf00" + "ff" + SAMPLE_A * 18 + "ff" * 4, None, FIXED, 18
+    ),
+    # 14 + 3 + 3 + 48 + 14 + 1 + 14 * 12 = 251, 1 spare
+    "a fix and a tour": (
+        START + "00050a" + "ef" + "02" + "30" + "40" * 48 + "ed" + RAW + "c800" + "9bff" + "e7cf00" + "f0"
+        + SAMPLE_A * 14 + "ff",
+        Tour(segment_legs=2, bearings=(64,) * 48),
+        FIXED,
+        14,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", GOLDEN_NAVIGATION)
+def test_golden_packet_with_navigation_packed_by_hand(layout: str) -> None:
+    text, tour, navigation, count = GOLDEN_NAVIGATION[layout]
+    data = bytes.fromhex(text)
+    assert len(data) == 252
+    naive_path = data[17 + (0 if tour is None else 51) + navigation.size]
+    plan = Plan(
+        step=42, heading_rad=0.5, north_m=100.0, east_m=-2.5, actions=(0, 5, 10), naive_path=naive_path, tour=tour
+    )
+    packet = Packet(plan, np.tile([1.0, -2.5, 15.0], (count, 1)), navigation=navigation)
+    assert room_for_samples(plan, navigation=navigation) == count
+    assert encode(packet) == data
+    assert decode(data) == packet
+
+
+def test_navigation_in_metres_and_back() -> None:
+    raw = DeadReckoning(stamp_s=9.0, heading_rad=0.0, north_m=123.449, east_m=-0.021, depth_m=3.0)
+    fix = Fix(stamp_s=5.0, north_m=97.6, east_m=-49.4, raw_north_m=100.1, raw_east_m=-50.6, std_m=1.0)
+    assert Navigation.of(raw, None) == TOLD
+    assert Navigation.of(raw, fix) == FIXED
+    assert FIXED.raw_m == pytest.approx((123.45, -0.02))
+    assert FIXED.fix_raw_m == (100.0, -50.5)
+    assert FIXED.fix_m == pytest.approx((97.5, -49.3)), "2.5 m south and 1.2 m east of the raw place"
+    assert np.isnan([TOLD.fix_raw_m, TOLD.fix_m]).all()
+    with pytest.raises(ValueError, match=r"raw place 90000.0, 0.0 m: expected at most 83886.1 m either way"):
+        Navigation.of(dataclasses.replace(raw, north_m=9e4, east_m=0.0), None)
+    with pytest.raises(ValueError, match=r"fix minus raw place 300.0, 1.2 m: expected at most 204.7 m"):
+        Navigation.of(raw, dataclasses.replace(fix, north_m=400.1))
+    with pytest.raises(ValueError, match=r"raw place nan, 0.0 m: expected finite"):
+        Navigation.of(dataclasses.replace(raw, north_m=math.nan, east_m=0.0), None)
+
+
+@pytest.mark.parametrize("navigation", [TOLD, FIXED])
+def test_navigation_that_is_cut_off_or_repeated_is_refused(navigation: Navigation) -> None:
+    told = navigation.to_bytes()
+    start = bytes.fromhex(START)
+
+    def reason(path: bytes) -> str:
+        with pytest.raises(PacketError) as caught:
+            decode((start + path).ljust(252, b"\xff"))
+        return caught.value.reason
+
+    assert reason(told + b"\xeb") == "naive_path"
+    assert reason(told + told + b"\xff") == "naive_path", "a second one"
+    assert reason(told + b"\xef") == "naive_path", "a tour after it"
+    assert reason(bytes(238 - len(told)) + told) == "terminal", "no byte is left for the terminal one"
+    with pytest.raises(PacketError, match=r"terminal: 237 actions: expected at most .* and [0-9]+ bytes of navigation"):
+        encode(Packet(dataclasses.replace(PLAIN.plan, actions=(0,) * 237), navigation=navigation))
+
+
 def test_a_full_tour_leaves_room_for_fifteen_samples() -> None:
     tour = Tour(segment_legs=2, bearings=(7,) * 50)
     for actions in range(5):
@@ -216,12 +291,30 @@ def tours() -> st.SearchStrategy[Tour]:
     return st.builds(lambda legs, b: Tour(segment_legs=legs, bearings=tuple(b)), st.integers(1, 255), bearings)
 
 
+def navigations() -> st.SearchStrategy[Navigation]:
+    """Navigation with a fix and without, of all numbers that fit."""
+
+    def pair(bits: int) -> st.SearchStrategy[tuple[int, int]]:
+        one = st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        return st.tuples(one, one)
+
+    fixed = st.builds(
+        lambda raw, place, off: Navigation(raw_cm=raw, fix_raw_half_m=place, fix_off_dm=off),
+        pair(24),
+        pair(16),
+        pair(12),
+    )
+    return fixed | st.builds(lambda raw: Navigation(raw_cm=raw), pair(24))
+
+
 @st.composite
 def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
     tour = draw(st.none() | tours())
     segments = 0 if tour is None else len(tour.bearings)
     n_actions = draw(st.integers(0, fields.PACKET_BYTES - reserve - fields.samples_start(0, segments)))
-    n = draw(st.integers(0, fields.capacity(n_actions, reserve, segments)))
+    left = fields.PACKET_BYTES - reserve - fields.samples_start(n_actions, segments)
+    told = draw(st.none() | navigations()) if left >= MOST_BYTES else None
+    n = draw(st.integers(0, fields.capacity(n_actions, reserve, segments, 0 if told is None else told.size)))
     rows = [[draw(single(f.low, f.high)) for f in fields.SAMPLE] for _ in range(n)]
     plan = Plan(
         step=draw(st.integers(0, 65535)),
@@ -232,7 +325,7 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
         naive_path=draw(st.integers(0xF0, 0xFF)),
         tour=tour,
     )
-    return Packet(plan, np.array(rows, dtype=float).reshape(n, 3))
+    return Packet(plan, np.array(rows, dtype=float).reshape(n, 3), navigation=told)
 
 
 @settings(max_examples=150, deadline=None)
@@ -405,7 +498,7 @@ def test_damage_has_its_reason() -> None:
     assert reason(good[:-1] + b"\x00") == "spare"
     assert reason(good[:14] + bytes(238)) == "terminal"
     assert decode(bytearray(good)) == decode(memoryview(good)) == decode(good)
-    for terminal in range(0xE5, 0xEE):  # reserved for what is still unknown
+    for terminal in range(0xE5, 0xEC):  # reserved for what is still unknown
         assert reason(good[:17] + bytes([terminal]) + good[18:]) == "naive_path"
 
 

@@ -18,6 +18,7 @@ from auv_lse_sim.world.config import (
     GyroConfig,
     LakeConfig,
     PressureConfig,
+    RangingConfig,
 )
 
 
@@ -58,6 +59,7 @@ class SimConfig:
     altimeter: AltimeterConfig = field(default_factory=AltimeterConfig)
     pressure: PressureConfig = field(default_factory=PressureConfig)
     gps: GpsConfig = field(default_factory=GpsConfig)
+    ranging: RangingConfig = field(default_factory=RangingConfig)
     channel: ChannelConfig = field(default_factory=ChannelConfig)
 
     def __post_init__(self) -> None:

@@ -25,8 +25,8 @@ def arrival_message(arrival: Arrival) -> ModemRx:
         destination=0,
         snr_db=float(arrival.snr_db),
         sent_s=arrival.sent_s,
-        arrival_s=arrival.start_s,
-        travel_s=arrival.start_s - arrival.sent_s,
+        arrival_s=arrival.heard_s,
+        travel_s=arrival.travel_s,
         payload=arrival.payload,
     )
 

@@ -25,11 +25,13 @@ from ros_bench import Bench, bench
 
 from auv_lse_common.base_node import LATCHED
 from auv_lse_common.plan import Plan as MatePlan
-from auv_lse_common.ros_conversions import header
+from auv_lse_common.ros_conversions import header, mate_navigation_from_message
 from auv_lse_comms.packet.codec import Packet, decode, encode
+from auv_lse_comms.packet.navigation import Navigation
 from auv_lse_msgs.msg import (
     Bound,
     KernelCenters,
+    MateNavigation,
     MissionState,
     ModemRx,
     ModemTx,
@@ -104,7 +106,9 @@ def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> No
 
 def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_path: Path) -> None:
     parameters = (
-        PARAMETERS + "    tdma: {order: [1, 2], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
+        PARAMETERS
+        + "    tdma: {order: [1, 2], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
+        + "    packet: {navigation: false}\n"  # the driver here gives no raw places
     )
     with bench(tmp_path) as b:
         b.start("auv_lse_comms", "modem_node", parameters)
@@ -114,6 +118,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         tx = b.collect(ModemTx, "/auv1/modem/tx")
         plans = b.collect(Plan, "/auv1/team/plans")
         samples = b.collect(SampleArray, "/auv1/team/samples")
+        navigation = b.collect(MateNavigation, "/auv1/team/navigation")
         for i in range(30):
             soundings.publish(sounding(float(i), 0.0, 12.0 + 0.01 * i))
         plan.publish(
@@ -138,10 +143,18 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         mate = Packet(
             MatePlan(step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), naive_path=0xFF),
             np.array([[1.0, 2.0, 14.0]]),
+            Navigation(raw_cm=(150, -250)),
         )
         for payload in (b"", bytes(252), b"\xff" * 252, encode(mate)[:-1], encode(mate)):
-            rx.publish(ModemRx(header=header(time.time()), source=2, payload=payload))
-        b.until(lambda: plans and samples, "the mate's plan and samples")
+            rx.publish(
+                ModemRx(
+                    header=header(time.time()), source=2, sent_s=9.0, arrival_s=9.25, travel_s=0.25, payload=payload
+                )
+            )
+        b.until(lambda: plans and samples and navigation, "the mate's plan, samples and navigation")
+        told = mate_navigation_from_message(navigation[0])
+        assert (told.source, told.stamp_s, told.sent_s, told.travel_s) == (2, 9.25, 9.0, 0.25)
+        assert (told.raw_north_m, told.raw_east_m, told.has_fix) == (1.5, -2.5, False)
         assert (plans[0].vehicle, plans[0].north_m, list(plans[0].actions)) == (2, 5.0, [1])
         assert list(samples[0].depth_m) == [14.0]
         status = b.collect(TdmaStatus, "/auv1/tdma")

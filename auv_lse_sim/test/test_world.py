@@ -107,6 +107,61 @@ def test_packets_arrive_later_and_elsewhere():
     assert travel[3] == pytest.approx(80.0 / 1500.0, rel=0.05)
 
 
+def test_travel_times_are_distances_with_clocks_and_echoes():
+    """Vehicles 40 m apart on parallel lines: what is measured beyond the true time is what the clocks say."""
+    quiet = {"noise_s": 0.0, "echo_share": 0.0, "sound_speed_error": 0.0}
+
+    def measured(**ranging) -> list[float]:
+        w, found = (
+            world(2, ranging=ranging, channel={"fading_db": 0.0}, gps={"ideal": True}, navigation={"ideal": True}),
+            [],
+        )
+        for t in range(1, 60):
+            outputs = w.tick(float(t))
+            found += [a.travel_s for a in outputs[2].arrivals]
+            if t % 10 == 1:
+                w.transmit(1, float(t), bytes(252))
+        return found
+
+    true_s = np.hypot(40.0, 1.0) / 1500.0
+    assert measured(ideal=True) == pytest.approx([true_s] * 6, abs=1e-4)
+    assert measured(**quiet, clock_offset_s=0.0, clock_drift_ppm=0.0) == pytest.approx([true_s] * 6, abs=1e-4)
+    offsets = np.array(measured(**quiet, clock_drift_ppm=0.0)) - true_s
+    assert np.ptp(offsets) < 1e-4 < abs(offsets).mean() < 5e-3, "one offset of two clocks"
+    drifts = np.diff(measured(**quiet, clock_offset_s=0.0, clock_drift_ppm=100.0))
+    assert drifts == pytest.approx(np.full(5, drifts.mean()), abs=1e-5)
+    assert 1e-5 < abs(drifts.mean()) < 5e-3
+    late = np.array(measured(echo_share=1.0, clock_offset_s=0.0, clock_drift_ppm=0.0, noise_s=0.0)) - true_s
+    assert (late > -1e-3).all()
+    assert late.max() > 5e-3
+    assert np.isnan(world_arrival_without_delay().travel_s)
+
+
+def world_arrival_without_delay():
+    w = world(2, channel={"delay": False, "fading_db": 0.0})
+    w.tick(1.0)
+    w.transmit(1, 1.0, bytes(252))
+    return next(a for t in (2.0, 3.0, 4.0) for a in w.tick(t)[2].arrivals)
+
+
+def test_the_distance_is_from_the_sender_then_to_the_receiver_when_it_hears():
+    """600 m apart and 0.4 s of travel: a receiver that comes with 1.5 m/s is 0.6 m nearer when it hears."""
+    w = world(2, ranging={"ideal": True}, channel={"fading_db": 0.0}, ideal=True)
+    w.vehicles[2]._m[1] = 600.0
+    w.command(
+        2,
+        Leg(step=0, heading_rad=-np.pi / 2, north_m=0.0, east_m=600.0, action_rad=0.0, radius_m=15.0, straight_m=60.0),
+    )
+    for t in range(1, 11):
+        w.tick(float(t))
+    place = w.positions()[2][1]
+    w.transmit(1, 10.0, bytes(252))
+    (arrival,) = [a for t in (11.0, 12.0, 13.0) for a in w.tick(t)[2].arrivals]
+    apart = np.hypot(place - 1.5 * arrival.travel_s, w.positions()[2][2] - w.positions()[1][2])
+    assert arrival.travel_s * 1500.0 == pytest.approx(apart, abs=0.01)
+    assert arrival.heard_s == 10.0 + arrival.travel_s
+
+
 def test_lost_packets_are_told_apart():
     w = world(2, channel={"packet_loss": 1.0})
     w.tick(1.0)

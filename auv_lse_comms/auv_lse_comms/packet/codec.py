@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.plan import NONE, Plan, Tour
+from auv_lse_comms.packet import navigation as nav
 from auv_lse_comms.packet.fields import (
     ABORT,
     ACTION,
@@ -33,6 +34,7 @@ from auv_lse_comms.packet.fields import (
     capacity,
     samples_start,
 )
+from auv_lse_comms.packet.navigation import Navigation
 
 Array = NDArray[np.float64]
 
@@ -62,9 +64,9 @@ REASONS = {
     "heading": "heading out of range",
     "position": "the path's start lies outside the area",
     "action": "an action that is not in the action set",
-    "terminal": "no terminal byte ends the actions, or too many actions",
+    "terminal": "no terminal byte ends the path, or too many actions",
     "tour": "a tour without segments, with more than 64, or longer than the mission",
-    "naive_path": "a terminal byte that is reserved (0xE5 to 0xED), or after a tour 0xEF or one below 0xE0",
+    "naive_path": "a terminal byte that is reserved (0xE5 to 0xEB), a second tour or navigation, or one below 0xE0",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
@@ -140,29 +142,37 @@ class Packet:
         plan: Where the sender's path begins, its actions, its tour, and the naive path that continues it.
         samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
         abort: Whether the sender calls the team to abort the mission; no naive path continues its plan then.
+        navigation: The sender's raw place and last fix, and its samples are in its raw frame; None: it tells neither,
+            and its samples are where its own navigation saw them.
     """
 
     plan: Plan
     samples: Array = field(default_factory=lambda: np.zeros((0, 3)))
-
     abort: bool = False
+    navigation: Navigation | None = None
 
     def __eq__(self, other: object) -> bool:
-        """Equal in plan, samples, and whether it calls to abort."""
+        """Equal in plan, samples, navigation, and whether it calls to abort."""
         if not isinstance(other, Packet):
             return NotImplemented
-        return self.plan == other.plan and self.abort == other.abort and np.array_equal(self.samples, other.samples)
+        same = self.plan == other.plan and self.abort == other.abort and self.navigation == other.navigation
+        return same and np.array_equal(self.samples, other.samples)
 
     __hash__ = None  # type: ignore[assignment]  # holds an array
 
 
-def room_for_samples(plan: Plan, reserve: int = 0) -> int:
-    """Samples that fit a packet with this plan; `reserve` bytes at the end are kept for a tag.
+def room_for_samples(plan: Plan, reserve: int = 0, navigation: Navigation | None = None) -> int:
+    """Samples that fit a packet with this plan and navigation; `reserve` bytes at the end are kept for a tag.
 
     Raises:
         ValueError: if the plan does not fit a packet.
     """
-    return capacity(len(plan.actions), reserve, 0 if plan.tour is None else len(plan.tour.bearings))
+    segments = 0 if plan.tour is None else len(plan.tour.bearings)
+    return capacity(len(plan.actions), reserve, segments, _size(navigation))
+
+
+def _size(navigation: Navigation | None) -> int:
+    return 0 if navigation is None else navigation.size
 
 
 def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> bytes:
@@ -188,14 +198,15 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
         raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
     _check_tour(plan.tour, limits)
     segments = 0 if plan.tour is None else len(plan.tour.bearings)
-    most = PACKET_BYTES - reserve - samples_start(0, segments)
+    most = PACKET_BYTES - reserve - samples_start(0, segments, _size(packet.navigation))
     if len(actions) > most:
         beside = f" beside a tour of {segments} segments" if segments else ""
+        beside += f" and {_size(packet.navigation)} bytes of navigation" if packet.navigation else ""
         raise PacketError("terminal", f"{len(actions)} actions: expected at most {most}{beside}")
     samples = np.asarray(packet.samples, dtype=float)
     if samples.ndim != 2 or samples.shape[1] != len(SAMPLE):
         raise PacketError("sample", f"samples of shape {samples.shape}: expected (n, {len(SAMPLE)})")
-    if len(samples) > (room := room_for_samples(plan, reserve)):
+    if len(samples) > (room := room_for_samples(plan, reserve, packet.navigation)):
         what = f"{len(actions)} actions" + (f" and a tour of {segments} segments" if segments else "")
         raise PacketError("sample", f"{len(samples)} samples: expected at most {room} with {what}")
     with np.errstate(over="ignore"):
@@ -204,7 +215,8 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     _check_start(step, *start, limits)
     _check_actions(actions, limits)
     _check_samples(small_samples, limits)
-    path = bytes(actions) + _tour_bytes(plan.tour) + bytes([ABORT if packet.abort else naive_path])
+    told = b"" if packet.navigation is None else packet.navigation.to_bytes()
+    path = bytes(actions) + _tour_bytes(plan.tour) + told + bytes([ABORT if packet.abort else naive_path])
     used = HEADER_STRUCT.pack(step, *start) + path + small_samples.tobytes()
     return used.ljust(PACKET_BYTES, bytes([FILL]))
 
@@ -236,11 +248,16 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     tour = _read_tour(data[end:last])
     _check_tour(tour, limits)
     segments = 0 if tour is None else len(tour.bearings)
-    start = samples_start(len(actions), segments)
+    told = samples_start(len(actions), segments) - 1  # where the terminal byte is, or navigation begins
+    size = nav.SIZES.get(data[told], 0)
+    start = told + size + 1
+    if start > last:
+        raise PacketError("terminal", "no byte ends the path after the navigation")
+    navigation = Navigation.from_bytes(data[told : told + size]) if size else None
     abort = data[start - 1] == ABORT
     naive_path = NONE if abort else data[start - 1]
     _check_terminal(naive_path)
-    places = capacity(len(actions), reserve, segments)
+    places = capacity(len(actions), reserve, segments, size)
     stop = start + places * SAMPLE_BYTES
     n = places
     while n and data[start + (n - 1) * SAMPLE_BYTES : start + n * SAMPLE_BYTES] == _UNUSED:
@@ -256,7 +273,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
             raise PacketError("gap", f"the sample at byte {place} is unused, a later one is not") from None
         raise
     plan = Plan.at(step, np.array([heading, north, east]), actions, naive_path, tour)
-    return Packet(plan, samples.astype(float), abort)
+    return Packet(plan, samples.astype(float), abort, navigation)
 
 
 def _check(reason: str, value: float, table: PacketField) -> None:
@@ -268,7 +285,7 @@ def _check(reason: str, value: float, table: PacketField) -> None:
 def _check_terminal(naive_path: int) -> None:
     _check("naive_path", naive_path, TERMINAL)
     if naive_path in RESERVED:
-        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{ABORT - 1} are reserved")
+        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{nav.RAW - 1} are reserved")
 
 
 def _check_start(step: int, heading: float, north: float, east: float, limits: Limits | None) -> None:

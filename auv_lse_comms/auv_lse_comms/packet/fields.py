@@ -18,7 +18,7 @@ FIRST_TERMINAL = MAX_ACTION_SET
 TOUR = 0xEF
 #: Ends the path of a vehicle that calls the team to abort the mission.
 ABORT = 0xEE
-#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR` and `ABORT`.
+#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR`, `ABORT` and navigation's.
 RESERVED = range(0xE5, 0xF0)
 #: Fills unused bytes.
 FILL = 0xFF
@@ -126,27 +126,29 @@ def path_bytes(n_actions: int, segments: int = 0) -> int:
     return n_actions * ACTION.size + tour + TERMINAL.size
 
 
-def samples_start(n_actions: int, segments: int = 0) -> int:
-    """First byte of the samples in a packet with so many actions and segments of a tour (0: no tour)."""
-    return HEADER_STRUCT.size + path_bytes(n_actions, segments)
+def samples_start(n_actions: int, segments: int = 0, navigation: int = 0) -> int:
+    """First byte of the samples in a packet with so many actions, segments of a tour, and bytes of navigation."""
+    return HEADER_STRUCT.size + path_bytes(n_actions, segments) + navigation
 
 
-def capacity(n_actions: int, reserve: int = 0, segments: int = 0) -> int:
+def capacity(n_actions: int, reserve: int = 0, segments: int = 0, navigation: int = 0) -> int:
     """Samples that fit a packet.
 
     Args:
         n_actions: Actions in the packet, 0 to `MAX_ACTIONS`.
         reserve: Bytes at the end kept for the tag, 0 if there is none.
         segments: Segments of the tour in the packet, 0 if there is none.
+        navigation: Bytes of navigation in the packet, 0 if there is none.
 
     Raises:
         ValueError: if the actions, the tour and the reserve do not fit the packet.
     """
-    room = PACKET_BYTES - reserve - samples_start(n_actions, segments)
+    room = PACKET_BYTES - reserve - samples_start(n_actions, segments, navigation)
     if n_actions < 0 or reserve < 0 or segments < 0 or room < 0:
         tour = f", a tour of {segments} segments" if segments else ""
+        tour += f", {navigation} bytes of navigation" if navigation else ""
         raise ValueError(
             f"{n_actions} actions{tour} and {reserve} bytes of tag do not fit a packet of {PACKET_BYTES} bytes; "
-            f"expected at most {PACKET_BYTES - reserve - samples_start(0, segments)} actions"
+            f"expected at most {PACKET_BYTES - reserve - samples_start(0, segments, navigation)} actions"
         )
     return room // SAMPLE_BYTES

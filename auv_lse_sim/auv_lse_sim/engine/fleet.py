@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.mission_run import Command, Stop
 from auv_lse_common.params import parameters_for
 from auv_lse_common.seeds import stream
 from auv_lse_common.stamps import stamped
-from auv_lse_comms.bridge import ModemBridge, Received
+from auv_lse_comms.bridge import ModemBridge, Received, Timing
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.area import OperatingArea
@@ -55,6 +55,7 @@ class _Log:
     place_std: list[tuple[float, float]] = field(default_factory=list)
     dead_reckoning: list[tuple[float, float, float, float, float]] = field(default_factory=list)
     fixes: list[Fix] = field(default_factory=list)
+    mates: list[MateNavigation] = field(default_factory=list)
     soundings: list[Array] = field(default_factory=list)
     received: list[Array] = field(default_factory=list)
     decisions: list[DecisionRecord] = field(default_factory=list)
@@ -69,6 +70,11 @@ def _as_message_has_it(raw: DeadReckoning) -> DeadReckoning:
     """A raw place with the rounding of its message: its stamp to nanoseconds, its heading to a quaternion and back."""
     heading_rad = heading_from_quaternion(*quaternion_from_heading(raw.heading_rad))
     return replace(raw, stamp_s=stamped(raw.stamp_s), heading_rad=heading_rad)
+
+
+def _fix_as_message_has_it(fix: Fix) -> Fix:
+    """A fix with its message's rounding of the stamp."""
+    return replace(fix, stamp_s=stamped(fix.stamp_s))
 
 
 class Crew:
@@ -100,9 +106,13 @@ class Crew:
 
     def hear(self, output: VehicleOutput) -> list[Received]:
         """The bridge takes own soundings and packets, as modem_node does; returns the packets that it accepts."""
-        self._to_bridge.add_soundings(output.soundings[:, :4])
+        self._to_bridge.set_dead_reckoning(_as_message_has_it(output.dead_reckoning))
+        for fix in output.fixes:
+            self._to_bridge.add_fix(_fix_as_message_has_it(fix))
+        self._to_bridge.add_soundings(output.soundings)
         for arrival in output.arrivals:
-            self._to_bridge.add_packet(stamped(arrival.arrival_s), arrival.source, arrival.payload)
+            timing = Timing(sent_s=arrival.sent_s, arrival_s=arrival.heard_s, travel_s=arrival.travel_s)
+            self._to_bridge.add_packet(stamped(arrival.arrival_s), arrival.source, arrival.payload, timing)
         heard = self._to_bridge.hear()
         for received in heard:
             if self.bridge.obeys(received):
@@ -242,7 +252,12 @@ class Fleet:
         log.place_std.append((odometry.covariance[1][1] ** 0.5, odometry.covariance[2][2] ** 0.5))
         raw = _as_message_has_it(output.dead_reckoning)
         log.dead_reckoning.append((raw.stamp_s, raw.north_m, raw.east_m, raw.heading_rad, raw.depth_m))
-        log.fixes += [replace(fix, stamp_s=stamped(fix.stamp_s)) for fix in output.fixes]
+        log.fixes += [_fix_as_message_has_it(fix) for fix in output.fixes]
+        log.mates += [
+            replace(received.navigation, stamp_s=stamped(received.navigation.stamp_s))
+            for received in heard
+            if received.navigation is not None
+        ]
         if len(output.soundings):
             log.soundings.append(output.soundings)
         for received in heard:
@@ -258,6 +273,9 @@ class Fleet:
                     source=arrival.source,
                     snr_db=arrival.snr_db,
                     payload=arrival.payload,
+                    sent_s=arrival.sent_s,
+                    arrival_s=arrival.heard_s,
+                    travel_s=arrival.travel_s,
                 )
             )
         if decided is not None:
@@ -314,6 +332,7 @@ class Fleet:
                     raw_soundings_m=soundings[:, 4:],
                     dead_reckoning=np.array(crew.log.dead_reckoning).reshape(-1, 5),
                     fixes=crew.log.fixes,
+                    mates=crew.log.mates,
                     received=np.concatenate([np.empty((0, 5)), *crew.log.received]),
                     decisions=crew.log.decisions,
                     place_std_m=np.array(crew.log.place_std).reshape(-1, 2),

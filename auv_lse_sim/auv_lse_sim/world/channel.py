@@ -73,6 +73,7 @@ class Arrival:
         range_m: Distance of the two when it was sent (m).
         ok: Whether the packet was read.
         why: Why it was not: "blackout", "land", "half_duplex", "interference", "noise", "random"; "" if it was.
+        travel_s: One-way travel time as the two modems measure it (`ranging.py`), NaN if they cannot.
     """
 
     receiver: int
@@ -85,6 +86,12 @@ class Arrival:
     range_m: float
     ok: bool
     why: str
+    travel_s: float = math.nan
+
+    @property
+    def heard_s(self) -> float:
+        """Start of reception by the receiver's clock, where the sender's clock shows `sent_s` when it sends (s)."""
+        return self.sent_s + self.travel_s
 
     @property
     def audible(self) -> bool:

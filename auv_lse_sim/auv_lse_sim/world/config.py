@@ -164,6 +164,23 @@ class GpsConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RangingConfig:
+    """Travel times of packets, as the modems' clocks measure them."""
+
+    ideal: bool = parameter(False, help=_IDEAL)
+    noise_s: float = parameter(0.5e-3, low=0.0, unit="s", help="standard deviation of one travel time")
+    echo_share: float = parameter(0.02, low=0.0, high=1.0, help="share of packets of which an echo is timed")
+    echo_s: float = parameter(0.02, low=0.0, unit="s", help="mean time by which an echo is late, exponential")
+    clock_offset_s: float = parameter(
+        1e-3, low=0.0, unit="s", help="standard deviation of a vehicle's clock at the start"
+    )
+    clock_drift_ppm: float = parameter(1.0, low=0.0, unit="ppm", help="standard deviation of a clock's rate")
+    sound_speed_error: float = parameter(
+        0.003, low=0.0, high=0.1, help="standard deviation of the true speed of sound about the channel's, relative"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BathymetryConfig:
     """Where the ground comes from, and how a file is read."""
 

@@ -298,6 +298,11 @@ class SimVehicle:
         self._p[COMPASS_SIN:, :] = 0.0
         self._p[:, COMPASS_SIN:] = 0.0
 
+    @property
+    def track(self) -> Array:
+        """True north, east, depth (m) of the sub-steps of the last `move`, shape (n, 3)."""
+        return self._rows[:, [mm.O_NORTH, mm.O_EAST, mm.O_DEPTH]]
+
     def command(self, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
         """Takes the next leg.
 

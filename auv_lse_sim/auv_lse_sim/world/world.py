@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,13 @@ from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.channel import Arrival, Channel, land_between
 from auv_lse_sim.world.current import Current
 from auv_lse_sim.world.ground import Ground
+from auv_lse_sim.world.ranging import Ranging
 from auv_lse_sim.world.vehicle import NavigationEstimate, SimVehicle, Truth
 
 Array = NDArray[np.float64]
+
+#: A packet is read at the latest so long (s) after it was sent: its duration and the way to the farthest receiver.
+LONGEST_TRAVEL_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,8 +60,8 @@ class World:
 
     One tick, ending at `now_s`: `tick(now_s)`, then the vehicles' `command` and `transmit` of that tick.
 
-    Random numbers come from named streams of `seed`: ("sensors", k), ("current",) and ("channel",). How many each of
-    them draws depends only on the times and the transmissions.
+    Random numbers come from named streams of `seed`: ("sensors", k), ("current",), ("channel",) and ("ranging",). How
+    many each of them draws depends only on the times and the transmissions.
 
     Args:
         sim: Section `sim`.
@@ -87,6 +91,10 @@ class World:
         }
         self._current = Current(sim.current, stream(seed, "current"), sim.ideal)
         self.channel = Channel(sim.channel, stream(seed, "channel"), land_between(ground.depth_m))
+        self._ranging = Ranging(
+            sim.ranging, len(vehicles), sim.channel.sound_speed_mps, stream(seed, "ranging"), sim.ideal
+        )
+        self._tracks: list[tuple[Array, dict[int, Array]]] = []  # of the last ticks: stamps, true tracks by vehicle
         self._now_s = 0.0
         self._substeps = 0
         self.lost: list[Arrival] = []
@@ -122,7 +130,9 @@ class World:
         places = [vehicle.move(stamps, currents) for vehicle in self.vehicles.values()]
         north, east = np.concatenate([p[0] for p in places]), np.concatenate([p[1] for p in places])
         water = self.ground.depth_m(north, east)
-        arrivals = self.channel.arrivals(now_s)
+        self._tracks.append((stamps, {number: vehicle.track for number, vehicle in self.vehicles.items()}))
+        self._tracks = [entry for entry in self._tracks if len(entry[0]) and entry[0][-1] > now_s - LONGEST_TRAVEL_S]
+        arrivals = [self._timed(arrival) for arrival in self.channel.arrivals(now_s)]
         self.lost = [a for a in arrivals if not a.ok]
         self._now_s = now_s
         output: dict[int, VehicleOutput] = {}
@@ -139,6 +149,20 @@ class World:
                 truth=vehicle.truth(now_s),
             )
         return output
+
+    def _timed(self, arrival: Arrival) -> Arrival:
+        """An arrival with its measured travel time; sound that is there at once has none."""
+        source, receiver = self._place(arrival.source, arrival.sent_s), self._place(arrival.receiver, arrival.start_s)
+        travel_s = self._ranging.travel_s(
+            arrival.source, arrival.receiver, arrival.sent_s, float(np.linalg.norm(source - receiver))
+        )
+        return replace(arrival, travel_s=travel_s if self.channel.config.delay else math.nan)
+
+    def _place(self, vehicle: int, now_s: float) -> Array:
+        """True north, east, depth (m) of a vehicle at a time of the last ticks, shape (3,)."""
+        stamps = np.concatenate([entry[0] for entry in self._tracks])
+        track = np.concatenate([entry[1][vehicle] for entry in self._tracks])
+        return np.array([np.interp(now_s, stamps, column) for column in track.T])
 
     def command(self, vehicle: int, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
         """Gives a vehicle its next leg, with the speed (None: its own) and what follows the mission's last leg."""

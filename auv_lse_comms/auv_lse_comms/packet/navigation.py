@@ -1,0 +1,124 @@
+"""What a packet tells of its sender's navigation: its raw place at transmission, and its last fix.
+
+Bytes, before the path's terminal byte; the first says what follows:
+
+    0xEC  raw place: north, east (int24, cm)                                                      7 bytes in all
+    0xED  the same; then of the last fix the raw place: north, east (int16, 0.5 m), and how far
+          GPS lies from it: north, east (int12, dm; one after the other in 3 bytes)             14 bytes in all
+
+Little-endian, two's complement. The samples of such a packet are in its sender's raw frame: dead-reckoned, like the raw
+place, from its start without any fix. The fix's own raw place says only where on the track it was, so half a metre
+does; what corrects the track is the distance to GPS.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
+
+#: First byte where the raw place follows, and where a fix follows it.
+RAW, RAW_AND_FIX = 0xEC, 0xED
+#: Bytes that they take, the first one included.
+SIZES = {RAW: 7, RAW_AND_FIX: 14}
+#: Most bytes that navigation takes.
+MOST_BYTES = SIZES[RAW_AND_FIX]
+
+_CM, _HALF_M, _DM = 0.01, 0.5, 0.1
+_BITS = {"raw place": 24, "raw place of the fix": 16, "fix minus raw place": 12}
+
+
+def _units(what: str, north_m: float, east_m: float, unit_m: float) -> tuple[int, int]:
+    """Two numbers (m) as whole units.
+
+    Raises:
+        ValueError: if one is not finite or does not fit its bits.
+    """
+    high = 2 ** (_BITS[what] - 1) - 1
+    if not (math.isfinite(north_m) and math.isfinite(east_m)):
+        raise ValueError(f"{what} {north_m}, {east_m} m: expected finite numbers")
+    north, east = round(north_m / unit_m), round(east_m / unit_m)
+    if max(abs(north), abs(east)) > high:
+        raise ValueError(f"{what} {north_m:.1f}, {east_m:.1f} m: expected at most {high * unit_m:.1f} m either way")
+    return north, east
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Navigation:
+    """A sender's raw place and its last fix, in the packet's units, so that it comes back as it was.
+
+    Attributes:
+        raw_cm: Raw place at transmission: north, east (cm).
+        fix_raw_half_m: Raw place at the last fix: north, east (0.5 m); None if there was no fix.
+        fix_off_dm: Place by GPS minus that raw place: north, east (dm); None likewise.
+    """
+
+    raw_cm: tuple[int, int]
+    fix_raw_half_m: tuple[int, int] | None = None
+    fix_off_dm: tuple[int, int] | None = None
+
+    @classmethod
+    def of(cls, raw: DeadReckoning, fix: Fix | None) -> Navigation:
+        """What is told of a raw place and the last fix, rounded to the packet's units.
+
+        Raises:
+            ValueError: naming what is not finite or does not fit.
+        """
+        raw_cm = _units("raw place", raw.north_m, raw.east_m, _CM)
+        if fix is None:
+            return cls(raw_cm=raw_cm)
+        off_m = fix.north_m - fix.raw_north_m, fix.east_m - fix.raw_east_m
+        return cls(
+            raw_cm=raw_cm,
+            fix_raw_half_m=_units("raw place of the fix", fix.raw_north_m, fix.raw_east_m, _HALF_M),
+            fix_off_dm=_units("fix minus raw place", *off_m, _DM),
+        )
+
+    @property
+    def raw_m(self) -> tuple[float, float]:
+        """Raw place at transmission: north, east (m)."""
+        return self.raw_cm[0] * _CM, self.raw_cm[1] * _CM
+
+    @property
+    def fix_raw_m(self) -> tuple[float, float]:
+        """Raw place at the last fix: north, east (m); NaN without a fix."""
+        if self.fix_raw_half_m is None:
+            return math.nan, math.nan
+        return self.fix_raw_half_m[0] * _HALF_M, self.fix_raw_half_m[1] * _HALF_M
+
+    @property
+    def fix_m(self) -> tuple[float, float]:
+        """The same place by GPS: north, east (m); NaN without a fix."""
+        if self.fix_off_dm is None:
+            return math.nan, math.nan
+        north_m, east_m = self.fix_raw_m
+        return north_m + self.fix_off_dm[0] * _DM, east_m + self.fix_off_dm[1] * _DM
+
+    @property
+    def size(self) -> int:
+        """Bytes on the wire."""
+        return SIZES[RAW if self.fix_off_dm is None else RAW_AND_FIX]
+
+    def to_bytes(self) -> bytes:
+        """Its bytes."""
+        raw = b"".join(value.to_bytes(3, "little", signed=True) for value in self.raw_cm)
+        if self.fix_raw_half_m is None or self.fix_off_dm is None:
+            return bytes([RAW]) + raw
+        place = b"".join(value.to_bytes(2, "little", signed=True) for value in self.fix_raw_half_m)
+        north, east = (value & 0xFFF for value in self.fix_off_dm)
+        return bytes([RAW_AND_FIX]) + raw + place + (north | east << 12).to_bytes(3, "little")
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Navigation:
+        """What bytes say that begin with one of the first bytes and are as many as it asks for."""
+        raw_cm = _signed(data[1:4]), _signed(data[4:7])
+        if data[0] == RAW:
+            return cls(raw_cm=raw_cm)
+        both = int.from_bytes(data[11:14], "little")
+        north, east = (value - 0x1000 if value & 0x800 else value for value in (both & 0xFFF, both >> 12))
+        return cls(raw_cm=raw_cm, fix_raw_half_m=(_signed(data[7:9]), _signed(data[9:11])), fix_off_dm=(north, east))
+
+
+def _signed(data: bytes) -> int:
+    return int.from_bytes(data, "little", signed=True)
