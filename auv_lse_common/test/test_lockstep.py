@@ -53,7 +53,7 @@ def test_a_gate_without_inputs_is_always_open() -> None:
 
 def planner_at_tick_1() -> Ticks:
     ticks = Ticks(("planner",))
-    ticks.begin(1, 2.5, {"sounding": 7, "modem/rx": 0, "odometry": 1})
+    ticks.begin(1, 2.5, {"sounding": 7, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     ticks.done("modem", 1, 1, 0)
     ticks.done("gp", 1, 4, 0)
     ticks.done("safety", 1, 0, 0)
@@ -77,7 +77,7 @@ def test_what_others_announce_may_come_before_the_tick() -> None:
     ticks.done("planner", 1, 0, 0)
     ticks.done("safety", 1, 0, 0)
     assert ticks.ready() is None, "the tick has no stamp yet"
-    ticks.begin(1, 1.0, {"sounding": 0, "modem/rx": 0, "odometry": 1})
+    ticks.begin(1, 1.0, {"sounding": 0, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     assert ticks.ready() == Ready(phase="modem", tick=1, now_s=1.0)
     ticks.handled("modem", 1)
     assert ticks.ready() == Ready(phase="modem_sent", tick=1, now_s=1.0)
@@ -86,7 +86,7 @@ def test_what_others_announce_may_come_before_the_tick() -> None:
 def test_a_phase_that_waits_for_nothing_waits_for_the_tick() -> None:
     ticks = Ticks(("micromodem",))
     assert ticks.ready() is None
-    ticks.begin(1, 1.0, {"sounding": 3, "modem/rx": 0, "odometry": 1})
+    ticks.begin(1, 1.0, {"sounding": 3, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     assert ticks.ready() == Ready(phase="micromodem", tick=1, now_s=1.0)
 
 

@@ -118,8 +118,9 @@ def test_twenty_vehicles():
     assert len({s.source for s in run.sent}) >= 4
 
 
-def test_mission_that_cannot_end_is_given_up():
-    f = fleet(**{"mission.vehicles": 1, "mission.steps": 20, "sim.current.north_mps": -3.0, "planner.iterations": 5})
+def test_mission_that_cannot_end_is_given_up(monkeypatch):
+    f = fleet(**{"mission.vehicles": 1, "mission.steps": 20, "planner.iterations": 5})
+    monkeypatch.setattr(f.crews[0].planner, "due", lambda now_s: False)
     run = f.run()
     assert run.sim_s >= f.settings.longest_s
     assert any("stopped at" in note and "auv1 had not finished" in note for note in run.notes)

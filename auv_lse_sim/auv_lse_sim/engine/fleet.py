@@ -121,7 +121,7 @@ class Crew:
 
     def update_map(self, output: VehicleOutput, heard: list[Received]) -> None:
         """The map takes own soundings and the team's samples, as gp_node does."""
-        self._to_map.add_soundings(output.soundings[:, :4])
+        self._to_map.add_soundings(output.soundings)
         for received in heard:
             if len(received.packet.samples):
                 self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
