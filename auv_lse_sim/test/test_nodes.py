@@ -143,7 +143,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         mate = Packet(
             MatePlan(step=1, heading_rad=0.0, north_m=5.0, east_m=6.0, actions=(1,), naive_path=0xFF),
             np.array([[1.0, 2.0, 14.0]]),
-            Navigation(raw_cm=(150, -250)),
+            navigation=Navigation(raw_cm=(150, -250)),
         )
         for payload in (b"", bytes(252), b"\xff" * 252, encode(mate)[:-1], encode(mate)):
             rx.publish(
