@@ -40,7 +40,10 @@ PHASES = {
         waits_for=("sounding", "modem/rx", "dead_reckoning", "fix"),
         announces=("team/plans", "team/samples", "team/navigation"),
     ),
-    "gp": Phase(waits_for=("sounding", "team/samples"), announces=("kernel_centers",)),
+    "gp": Phase(
+        waits_for=("sounding", "dead_reckoning", "fix", "team/samples", "team/navigation"),
+        announces=("kernel_centers",),
+    ),
     "safety": Phase(
         waits_for=("odometry", "altitude", "mission/command"), announces=("mission/state",), ends_tick=True
     ),

@@ -5,17 +5,26 @@ from __future__ import annotations
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import OccupancyGrid, Odometry
 from visualization_msgs.msg import Marker
 
 from auv_lse_common.base_node import VehicleNode, run
 from auv_lse_common.params import section
-from auv_lse_common.ros_conversions import diagnostics, seconds, sounding_row
+from auv_lse_common.ros_conversions import (
+    dead_reckoning_from_message,
+    diagnostics,
+    fix_from_message,
+    mate_navigation_from_message,
+    raw_sounding_row,
+    seconds,
+)
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.health import map_health
 from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.places.config import places_of
+from auv_lse_gp.places.placer import placer_of
 from auv_lse_gp.risk import LevelSet
 from auv_lse_gp.ros_conversions import (
     centers_message,
@@ -24,7 +33,7 @@ from auv_lse_gp.ros_conversions import (
     risk_map_message,
     sample_rows,
 )
-from auv_lse_msgs.msg import KernelCenters, LevelSetField, SampleArray, Sounding
+from auv_lse_msgs.msg import Fix, KernelCenters, LevelSetField, MateNavigation, SampleArray, Sounding
 
 
 class GpNode(VehicleNode):
@@ -37,9 +46,10 @@ class GpNode(VehicleNode):
         level_set = section(LevelSet, self.parameters, "level_set", self.where)
         area = section(AreaConfig, self.parameters, "area", self.where)
         self._map = DepthMap(config, level_set, OperatingArea(area))
-        self._intake = MapIntake(self._map)
+        places = places_of(self.parameters, self.where)
+        self._intake = MapIntake(self._map, placer_of(self.vehicle, places, self._map))
         self._period_s = config.publish_period_s
-        self.show_parameters({"gp": config, "level_set": level_set, "area": area})
+        self.show_parameters({"gp": config, "level_set": level_set, "area": area, "places": places})
         self._revisions = 0  # published: revisions count from 0
         self._published_s = -float("inf")
         self._update_s = 0.0
@@ -48,7 +58,14 @@ class GpNode(VehicleNode):
         self._risk = self.publisher(OccupancyGrid, "risk_map")
         self._isobath = self.publisher(Marker, "isobath")
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
-        self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([sounding_row(m)]))
+        self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([raw_sounding_row(m)]))
+        self.listen(
+            Odometry, "dead_reckoning", lambda m: self._intake.add_dead_reckoning(dead_reckoning_from_message(m))
+        )
+        self.listen(Fix, "fix", lambda m: self._intake.add_fix(fix_from_message(m)))
+        self.listen(
+            MateNavigation, "team/navigation", lambda m: self._intake.add_navigation(mate_navigation_from_message(m))
+        )
         self.listen(SampleArray, "team/samples", self._on_samples)
         self.phase("gp", self.step, lambda: (self._revisions,))
         for kind, *values in self.journal.records:
@@ -87,7 +104,8 @@ class GpNode(VehicleNode):
         self._risk.publish(risk_map_message(now_s, field, level_set.largest_risk))
         for marker in isobath_markers(now_s, self._map.isobath(), level_set.level_m):
             self._isobath.publish(marker)
-        health = map_health(self._map, self._update_s, time.perf_counter() - began, self._intake.gate.counts)
+        took_s, intake = time.perf_counter() - began, self._intake
+        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, intake.placer)
         self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
 
 

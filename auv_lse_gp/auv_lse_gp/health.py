@@ -6,9 +6,16 @@ from collections.abc import Mapping
 
 from auv_lse_common.health import Health, Level
 from auv_lse_gp.depth_map import DepthMap
+from auv_lse_gp.places.placer import Placer
 
 
-def map_health(depth_map: DepthMap, update_s: float, field_s: float, gated: Mapping[str, int] | None = None) -> Health:
+def map_health(
+    depth_map: DepthMap,
+    update_s: float,
+    field_s: float,
+    gated: Mapping[str, int] | None = None,
+    placer: Placer | None = None,
+) -> Health:
     """The state of a map.
 
     Args:
@@ -16,6 +23,7 @@ def map_health(depth_map: DepthMap, update_s: float, field_s: float, gated: Mapp
         update_s: Wall clock that its last update took (s).
         field_s: Wall clock that field and isobath took (s).
         gated: Own soundings that the gate has refused, by kind.
+        placer: What corrects the places of its soundings, if anything does.
     """
     counts = depth_map.counts
     values = {
@@ -30,6 +38,14 @@ def map_health(depth_map: DepthMap, update_s: float, field_s: float, gated: Mapp
         "update_ms": f"{1e3 * update_s:.2f}",
         "map_ms": f"{1e3 * field_s:.2f}",
     }
+    if placer is not None and placer.correction is not None:
+        values |= {
+            "places corrected at": f"{placer.correction.stamp_s:.0f} s",
+            "map made again": placer.rebooked,
+            "ranges": len(placer.smoother.ranges),
+            "ranges refused": placer.correction.refused,
+            "navigation refused": placer.smoother.refused,
+        }
     values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}
     values |= {f"soundings {kind}": number for kind, number in (gated or {}).items()}
     suspicious = [f"auv{k}" for k, m in sorted(depth_map.team.items()) if m.suspicious]

@@ -44,16 +44,19 @@ class MapIntake:
         self._samples.append((stamp_s, source, samples))
 
     def add_dead_reckoning(self, place: DeadReckoning) -> None:
-        """The vehicle's raw place."""
-        self._tracks.append(place)
+        """The vehicle's raw place; without a placer nothing is made of navigation."""
+        if self.placer is not None:
+            self._tracks.append(place)
 
     def add_fix(self, fix: Fix) -> None:
         """A fix of the vehicle's own."""
-        self._fixes.append(fix)
+        if self.placer is not None:
+            self._fixes.append(fix)
 
     def add_navigation(self, mate: MateNavigation) -> None:
         """What a packet told of its sender's navigation."""
-        self._mates.append(mate)
+        if self.placer is not None:
+            self._mates.append(mate)
 
     def waiting(self) -> dict[str, Any]:
         """What the next step will take, as values that JSON holds: for a journal; empty if nothing waits."""

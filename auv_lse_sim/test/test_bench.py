@@ -123,6 +123,33 @@ def test_methods_are_held_against_hindsight(capsys):
     assert out.count("100% |") == 1
 
 
+def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys):
+    from benchmarks import places_drift
+
+    monkeypatch.setattr(places_drift, "CONDITIONS", {"x3": (3.0, 0.0)})
+    wanted = ["--seeds", "7500", "1", "--steps", "6", "--out", str(tmp_path / "rows.jsonl")]
+    assert places_drift.main(wanted) == 0
+    first = capsys.readouterr().out
+    assert [line.split(" | ")[1] for line in first.splitlines()[2:]] == list(places_drift.WAYS)
+    monkeypatch.setattr(places_drift, "flown", None)  # what the file has is not flown again
+    assert places_drift.main(wanted) == 0
+    assert capsys.readouterr().out == first
+
+
+def test_settings_of_a_campaign_are_compared_with_their_first():
+    from benchmarks.places_table import table
+
+    names = ("isobath_error_m", "isobath_error_true_positions_m", "risk_after", "loss_after", "error_over_std")
+    rows = [
+        dict.fromkeys(names, value + seed) | {"group": group, "seed": seed, "status": "ok", "place_error_m": [3.0, 4.0]}
+        for group, value in (("x1, as before", 2.0), ("x1, corrected", 1.0))
+        for seed in (1, 2)
+    ]
+    lines = table(rows)
+    assert "| -1 |" in lines[3]
+    assert "3.536" in lines[2]
+
+
 def test_missions_below_their_bound_are_counted(tmp_path, capsys):
     bound = importlib.import_module("benchmarks.planner_bound")
     lines = tmp_path / "bound.jsonl"

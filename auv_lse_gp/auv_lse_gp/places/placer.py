@@ -24,6 +24,11 @@ from auv_lse_gp.places.terrain import Terrain
 Array = NDArray[np.float64]
 
 
+def placer_of(vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> Placer | None:
+    """What places a vehicle's soundings by a configuration in force; None where they stay where they are told."""
+    return Placer(vehicle, config, depth_map) if config.correct else None
+
+
 class Placer:
     """The places of one vehicle's map.
 

@@ -25,6 +25,7 @@ from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.places.placer import Placer, placer_of
 from auv_lse_gp.receivers_risk import ReceiversRisk
 from auv_lse_planner.decision import Decision
 from auv_lse_planner.intake import PlannerIntake
@@ -77,6 +78,11 @@ def _fix_as_message_has_it(fix: Fix) -> Fix:
     return replace(fix, stamp_s=stamped(fix.stamp_s))
 
 
+def _mate_as_message_has_it(mate: MateNavigation) -> MateNavigation:
+    """A mate's navigation with the rounding of its message: its stamp to nanoseconds."""
+    return replace(mate, stamp_s=stamped(mate.stamp_s))
+
+
 class Crew:
     """The cores of one vehicle, wired by direct calls where the nodes exchange messages.
 
@@ -90,19 +96,24 @@ class Crew:
     """
 
     def __init__(
-        self, vehicle: int, bridge: ModemBridge, depth_map: DepthMap, safety: Safety, planner: VehiclePlanner
+        self, vehicle: int, bridge: ModemBridge, to_map: MapIntake, safety: Safety, planner: VehiclePlanner
     ) -> None:
         """Nothing has come in yet."""
         self.vehicle = vehicle
         self.bridge = bridge
-        self.map = depth_map
+        self.map = to_map.map
         self.safety = safety
         self.planner = planner
         self.log = _Log()
         self._to_bridge = BridgeIntake(bridge)
-        self._to_map = MapIntake(depth_map)
+        self._to_map = to_map
         self._to_planner = PlannerIntake(planner)
         self._revision = -1
+
+    @property
+    def placer(self) -> Placer | None:
+        """What corrects the places of its map's soundings, if anything does."""
+        return self._to_map.placer
 
     def hear(self, output: VehicleOutput) -> list[Received]:
         """The bridge takes own soundings and packets, as modem_node does; returns the packets that it accepts."""
@@ -120,9 +131,14 @@ class Crew:
         return heard
 
     def update_map(self, output: VehicleOutput, heard: list[Received]) -> None:
-        """The map takes own soundings and the team's samples, as gp_node does."""
+        """The map takes navigation, own soundings and the team's samples, as gp_node does."""
         self._to_map.add_soundings(output.soundings)
+        self._to_map.add_dead_reckoning(_as_message_has_it(output.dead_reckoning))
+        for fix in output.fixes:
+            self._to_map.add_fix(replace(fix, stamp_s=stamped(fix.stamp_s)))
         for received in heard:
+            if received.navigation is not None:
+                self._to_map.add_navigation(_mate_as_message_has_it(received.navigation))
             if len(received.packet.samples):
                 self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
         self._to_map.step(output.odometry.stamp_s)
@@ -192,10 +208,11 @@ class Fleet:
     def _crew(self, number: int) -> Crew:
         parameters = parameters_for(self.settings.to_patterns(), f"/auv{number}/modem_node")
         own = self.settings.planner_settings(number)
+        depth_map = DepthMap(own.gp, self.settings.level_set, self.area)
         return Crew(
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
-            depth_map=DepthMap(own.gp, self.settings.level_set, self.area),
+            to_map=MapIntake(depth_map, placer_of(number, self.settings.places, depth_map)),
             safety=Safety.of(parameters, f"{self.settings.where} (auv{number})", number),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
         )
@@ -254,7 +271,7 @@ class Fleet:
         log.dead_reckoning.append((raw.stamp_s, raw.north_m, raw.east_m, raw.heading_rad, raw.depth_m))
         log.fixes += [_fix_as_message_has_it(fix) for fix in output.fixes]
         log.mates += [
-            replace(received.navigation, stamp_s=stamped(received.navigation.stamp_s))
+            _mate_as_message_has_it(received.navigation)
             for received in heard
             if received.navigation is not None
         ]

@@ -116,12 +116,13 @@ def _vehicle_table(e: Evaluation) -> str:
                 number(s.local_risk_error[i], 3),
                 number(s.local_f1[i] if s.local_f1 else None),
                 number(s.navigation_error_m[i] if s.navigation_error_m else None, 3),
+                number(s.place_error_m[i] if s.place_error_m else None, 3),
             ]
         )
     header = [
         "vehicle", "steps", "distance (m)", "soundings", "samples heard", "packets sent / heard",
         "risk, own soundings alone (cost/place)", "own map: risk (cost/place)",
-        "its error (cost/place)", "its F1", "navigation RMS (m)",
+        "its error (cost/place)", "its F1", "navigation RMS (m)", "soundings off, as mapped (m)",
     ]  # fmt: skip
     return table(header, rows, ["n"] * len(header))
 

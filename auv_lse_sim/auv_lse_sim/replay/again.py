@@ -67,7 +67,8 @@ def _computed(part: str, inputs: RecordedInputs, settings: Settings, tolerance: 
     for i, number in enumerate(with_planner):
         vehicle, show = inputs.vehicles[number], _progress(f"{part}, auv{number}", i, len(with_planner))
         if part == "gp":
-            rows += map_again(vehicle, settings.planner_settings(number), inputs.lockstep, tolerance, show)
+            own = settings.planner_settings(number)
+            rows += map_again(vehicle, own, settings.places, inputs.lockstep, tolerance, show)
         else:
             rows += decisions_again(vehicle, settings, inputs.lockstep, tolerance, show)
     if sys.stderr.isatty():

@@ -93,7 +93,7 @@ class _Again:
         self._parameters = parameters_for(settings.to_patterns(), f"/auv{number}/planner_node")
         self._inputs, self._lockstep, self._tolerance = inputs, lockstep, tolerance
         # A recording of the fleet engine has neither the map's centers nor the plans as the modem node passed them on.
-        self._map = None if inputs.centers else MapAgain(inputs, own, lockstep)
+        self._map = None if inputs.centers else MapAgain(inputs, own, settings.places, lockstep)
         self._plans = inputs.plans or _plans_heard(inputs, settings)
         self._revision = -1
         self._taken = {"odometry": 0, "plans": 0, "centers": 0, "tuned": 0}

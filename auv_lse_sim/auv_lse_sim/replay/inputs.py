@@ -7,6 +7,7 @@ from the times at which the recorder heard the messages.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.frames import heading_from_quaternion
 from auv_lse_common.params import parameters_for
 from auv_lse_common.plan import Plan
@@ -23,12 +25,13 @@ from auv_lse_common.recording import SOFTWARE, Recording, RecordingError, record
 from auv_lse_common.stamps import seconds
 from auv_lse_gp.centers import Centers
 from auv_lse_planner.intake import Taken
-from auv_lse_sim.record.bag import Patterns, flown_parameters, plan_of
+from auv_lse_sim.record.bag import FIX_FIELDS, MATE_FIELDS, Patterns, flown_parameters, plan_of
 
 Array = NDArray[np.float64]
 
 _TOPICS = re.compile(
-    r"/[^/]*?(\d+)/(sounding|odometry|kernel_centers|field|plan|waypoint|planner/bound|team/plans|team/samples|modem/rx)"
+    r"/[^/]*?(\d+)/(sounding|odometry|dead_reckoning|fix|kernel_centers|field|plan|waypoint|planner/bound|team/plans|"
+    r"team/samples|team/navigation|modem/rx)"
 )
 _EVENTS = "/parameter_events"
 
@@ -73,7 +76,8 @@ class VehicleInputs:
     Attributes:
         vehicle: Its number.
         odometry: Stamp (s), heading (rad), north, east (m).
-        soundings: Stamp (s), north, east, depth (m).
+        soundings: Stamp (s), north, east, depth, raw north, raw east (m); NaN where not known.
+        navigation: Raw places, fixes, and what mates told of theirs.
         samples: Stamp (s), source, north, east, depth (m) of each sample (n, 3).
         plans: Stamp (s), source, plan.
         packets: Stamp (s), source, payload.
@@ -85,7 +89,8 @@ class VehicleInputs:
 
     vehicle: int
     odometry: list[tuple[float, tuple[float, float, float, float]]] = field(default_factory=list)
-    soundings: list[tuple[float, tuple[float, float, float, float]]] = field(default_factory=list)
+    soundings: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    navigation: list[tuple[float, DeadReckoning | Fix | MateNavigation]] = field(default_factory=list)
     samples: list[tuple[float, tuple[float, int, Array]]] = field(default_factory=list)
     plans: list[tuple[float, tuple[float, int, Plan]]] = field(default_factory=list)
     packets: list[tuple[float, tuple[float, int, bytes]]] = field(default_factory=list)
@@ -167,7 +172,20 @@ class _Gathered:
         found = self._found
         match name:
             case "sounding":
-                found.soundings.append((there_s, (stamp_s, m.north_m, m.east_m, m.depth_m)))
+                raw = (getattr(m, "raw_north_m", math.nan), getattr(m, "raw_east_m", math.nan))  # not in older ones
+                found.soundings.append((there_s, (stamp_s, m.north_m, m.east_m, m.depth_m, *raw)))
+            case "dead_reckoning":
+                p, q = m.pose.pose.position, m.pose.pose.orientation
+                heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
+                place = DeadReckoning(stamp_s=stamp_s, heading_rad=heading, north_m=p.y, east_m=p.x, depth_m=-p.z)
+                found.navigation.append((there_s, place))
+            case "fix":
+                fix = Fix(stamp_s=stamp_s, **{key: getattr(m, key) for key in FIX_FIELDS})
+                found.navigation.append((there_s, fix))
+            case "team/navigation":
+                values = {key: getattr(m, key) for key in MATE_FIELDS}
+                told = MateNavigation(stamp_s=stamp_s, source=int(m.source), **values)
+                found.navigation.append((there_s, told))
             case "odometry":
                 p, q = m.pose.pose.position, m.pose.pose.orientation
                 heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
@@ -181,7 +199,9 @@ class _Gathered:
                 found.packets.append((there_s, (stamp_s, int(m.source), bytes(m.payload))))
             case "kernel_centers":
                 places = np.column_stack([m.north_m, m.east_m])
-                centers = Centers(places, np.asarray(m.depth_m), np.asarray(m.noise_std_m))
+                modes = getattr(m, "place_modes", 0)
+                effect = np.asarray(m.place_effect_m, dtype=float).reshape(-1, modes) if modes else None
+                centers = Centers(places, np.asarray(m.depth_m), np.asarray(m.noise_std_m), effect)
                 found.centers.append((stamp_s, (int(m.revision), centers)))
             case "field":
                 shape = (m.rows, m.columns)
@@ -194,9 +214,19 @@ class _Gathered:
             case "planner/bound":
                 self._bounds[stamp_s] = m
 
+    def _there(self, there_s: float, entry: DeadReckoning | Fix | MateNavigation) -> float:
+        """When an entry was there: what a mate told is stamped at the start of a reception, and is there at its end."""
+        if not isinstance(entry, MateNavigation) or there_s != entry.stamp_s:
+            return there_s
+        plans = self._found.plans
+        ends = [end_s for end_s, (_, source, _) in plans if source == entry.source and end_s >= there_s - 0.1]
+        return min(ends, default=there_s)
+
     def inputs(self) -> VehicleInputs:
         """What was gathered, each in order of time."""
         found = self._found
+        found.navigation = [(self._there(there_s, entry), entry) for there_s, entry in found.navigation]
+        found.navigation.sort(key=lambda entry: entry[0])
         for entries in (found.odometry, found.soundings, found.samples, found.plans, found.packets, found.centers):
             entries.sort(key=lambda entry: entry[0])
         for now_s in sorted(self._plans):

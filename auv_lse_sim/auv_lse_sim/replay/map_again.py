@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.places.config import PlacesConfig
+from auv_lse_gp.places.placer import placer_of
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.replay.inputs import RecordedMap, VehicleInputs, ticks_of
 
@@ -61,18 +64,21 @@ class MapStep:
 class MapAgain:
     """The map of one vehicle, brought forward in time."""
 
-    def __init__(self, inputs: VehicleInputs, settings: PlannerSettings, lockstep: bool) -> None:
+    def __init__(
+        self, inputs: VehicleInputs, settings: PlannerSettings, places: PlacesConfig, lockstep: bool
+    ) -> None:
         """Starts with the prior.
 
         Args:
             inputs: The recorded inputs.
             settings: Today's parameters.
+            places: Those of the correction of places.
             lockstep: Whether time waited for the nodes.
         """
         self.map = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area))
-        self._intake = MapIntake(self.map)
+        self._intake = MapIntake(self.map, placer_of(inputs.vehicle, places, self.map))
         self._inputs, self._lockstep = inputs, lockstep
-        self._soundings = self._samples = 0
+        self._soundings = self._samples = self._navigation = 0
 
     def advance(self, now_s: float, revision: int | None = None) -> None:
         """Takes what was there at `now_s` (s); without lockstep, until the map has the recorded `revision`."""
@@ -91,7 +97,10 @@ class MapAgain:
 
     def _take(self, until_s: float) -> None:
         """One step of the node, with everything that was there by `until_s` (s)."""
-        soundings, samples = self._inputs.soundings, self._inputs.samples
+        soundings, samples, navigation = self._inputs.soundings, self._inputs.samples, self._inputs.navigation
+        while self._navigation < len(navigation) and navigation[self._navigation][0] <= until_s + 1e-9:
+            self._add_navigation(navigation[self._navigation][1])
+            self._navigation += 1
         while self._soundings < len(soundings) and soundings[self._soundings][0] <= until_s + 1e-9:
             self._intake.add_soundings([soundings[self._soundings][1]])
             self._soundings += 1
@@ -100,20 +109,35 @@ class MapAgain:
             self._samples += 1
         self._intake.step(until_s)
 
+    def _add_navigation(self, entry: DeadReckoning | Fix | MateNavigation) -> None:
+        match entry:
+            case DeadReckoning():
+                self._intake.add_dead_reckoning(entry)
+            case Fix():
+                self._intake.add_fix(entry)
+            case MateNavigation():
+                self._intake.add_navigation(entry)
+
 
 def map_again(
-    inputs: VehicleInputs, settings: PlannerSettings, lockstep: bool, tolerance: float, show: Callable[[float], None]
+    inputs: VehicleInputs,
+    settings: PlannerSettings,
+    places: PlacesConfig,
+    lockstep: bool,
+    tolerance: float,
+    show: Callable[[float], None],
 ) -> list[MapStep]:
     """Compares every published map with the one computed again from the same inputs.
 
     Args:
         inputs: The recorded inputs and maps.
         settings: Today's parameters.
+        places: Those of the correction of places.
         lockstep: Whether time waited for the nodes.
         tolerance: Relative difference that counts as none, beside the rounding of the published float32.
         show: Called with the share that is done.
     """
-    again, rows = MapAgain(inputs, settings, lockstep), []
+    again, rows = MapAgain(inputs, settings, places, lockstep), []
     recorded: Centers | None = None
     note = ""
     events: list[tuple[float, int, object]] = [(s, 0, entry) for s, entry in inputs.centers]

@@ -1,0 +1,79 @@
+"""The table of docs/places.md: what corrected places are worth, from the rows of config/campaigns/places.yaml.
+
+    scripts/campaign config/campaigns/places.yaml
+    python -m benchmarks.places_table runs/campaigns/places
+
+Settings whose labels begin alike, up to the first comma, are compared seed by seed with the first of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pyarrow import parquet
+
+from auv_lse_sim.campaign.statistics import interval
+
+#: Columns: of a row, and heading.
+COLUMNS = (
+    ("isobath_error_m", "isobath error (m)"),
+    ("isobath_error_true_positions_m", "at true places (m)"),
+    ("place_error_m", "places off (m)"),
+    ("risk_after", "final risk"),
+    ("loss_after", "true loss"),
+    ("error_over_std", "(error/std)^2"),
+)
+
+Row = dict[str, Any]
+
+
+def value(row: Row, name: str) -> float:
+    """A figure of a row, NaN if it is not known; of one for each vehicle the root mean square."""
+    found = row[name]
+    return math.nan if found is None else float(np.sqrt(np.mean(np.square(found))))
+
+
+def table(rows: Sequence[Row]) -> list[str]:
+    """The table's lines, in Markdown."""
+    groups: dict[str, dict[int, Row]] = {}
+    for row in rows:
+        if row["status"] == "ok":
+            groups.setdefault(row["group"], {})[row["seed"]] = row
+    titles = " | ".join(title for _, title in COLUMNS)
+    lines = [f"| setting | missions | {titles} | isobath, paired (m) | risk, paired (%) |"]
+    lines.append("|---" * (len(COLUMNS) + 4) + "|")
+    for label, own in groups.items():
+        cells = [str(interval([value(r, name) for r in own.values()])) for name, _ in COLUMNS]
+        base = next(name for name in groups if name.split(",")[0] == label.split(",")[0])
+        both = sorted(set(own) & set(groups[base]))
+        paired = risk = ""
+        if base != label and both:
+            pairs = [(own[s], groups[base][s]) for s in both]
+            paired = str(interval([value(a, "isobath_error_m") - value(b, "isobath_error_m") for a, b in pairs]))
+            risk = str(interval([100.0 * (value(a, "risk_after") / value(b, "risk_after") - 1.0) for a, b in pairs]))
+        lines.append(f"| {label} | {len(own)} | " + " | ".join(cells) + f" | {paired} | {risk} |")
+    return lines
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Prints the table. Returns 0, or 2 if there are no rows."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.places_table", description=__doc__)
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="the campaign, or parts of it")
+    folders = parser.parse_args(arguments).folders
+    files = [path for folder in folders for path in sorted(folder.glob("rows/*.parquet"))]
+    rows = [row for path in files for row in parquet.read_table(path).to_pylist()]
+    if not rows:
+        print(f"error: {', '.join(map(str, folders))}: no rows; expected the folder of a campaign", file=sys.stderr)
+        return 2
+    print("\n".join(table(rows)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
