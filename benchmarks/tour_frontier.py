@@ -1,0 +1,113 @@
+"""What tours and mowing are expected to leave, before anything is measured: at a third of the mission, and at its end.
+
+    python -m benchmarks.tour_frontier [--weights 0 1 2 4] [--rounds 4]
+
+One vehicle in the small area, which it can just cover, with the default prior. Tours are optimized from several starts
+with each anytime weight, then steered along. Risk is the mean over the map, by 1, 2 and 4 places of each leg: fewer
+places count turning paths for less than they bring.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from auv_lse_common.plan import NONE, Plan
+from auv_lse_gp.area import OperatingArea
+from auv_lse_gp.kept import KeptColumns
+from auv_lse_planner.paths.naive_ids import FITTED, STRIPS
+from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.search.tour import TourSearch
+from auv_lse_planner.vehicle_planner import COARSE_M, VehiclePlanner
+from benchmarks.planner_loop import settings_for
+from benchmarks.planner_methods import area
+
+#: Places of each leg that risk is told by.
+PLACES = (1, 2, 4)
+#: Tours that are optimized for each weight, and iterations: of each, then in each round of the best.
+STARTS, ITERATIONS, MORE = 3, 25, 40
+#: Changes by chance in each round.
+CHANGES = 80
+
+
+class Frontier:
+    """Optimizes tours of one vehicle that knows nothing yet, and says what plans are expected to leave."""
+
+    def __init__(self, legs: int) -> None:
+        """Takes a mission of so many legs."""
+        settings = settings_for("tour", 1, area("small")[1], mission={"steps": legs})
+        planner = VehiclePlanner(1, settings, np.random.default_rng(1))
+        grounds = OperatingArea(settings.area)
+        spacing = settings.planner.map_spacing_m
+        self._legs, self._level_set, self._rollout = legs, settings.level_set, planner.rollout
+        self._kept, self._coarse = (
+            KeptColumns(planner.posterior, grounds.grid(m).places_m) for m in (spacing, max(COARSE_M, spacing))
+        )
+        self._search, self._rng = TourSearch(planner.space, 1), np.random.default_rng(5)
+        self._start = np.zeros(3)
+
+    def _reward(self, weight: float) -> AnytimeReward:
+        legs = self._legs
+        return AnytimeReward(self._kept, self._level_set, [], legs, 0, legs, weight, self._coarse)
+
+    def naive(self, naive_path: int) -> Plan:
+        """A naive path from the start."""
+        return Plan.at(0, self._start, (), naive_path)
+
+    def tour(self, weight: float, rounds: int) -> Plan:
+        """The tour of one anytime weight."""
+        reward, search, legs = self._reward(weight), self._search, self._legs
+        lanes = self._rollout.follow(self.naive(FITTED[0])).states[:, 1:]
+        starts = [search.resampled(lanes, legs), *search.starts(self._start[1:], legs, 1, 1)]
+        starts.sort(key=lambda w: -reward.coarse_value(search.places(w, legs)))
+        found = max((search.improve(w, legs, reward, ITERATIONS) for w in starts[:STARTS]), key=lambda f: f.value)
+        for _ in range(rounds):
+            varied = search.vary(found.waypoints_m, legs, reward, CHANGES, self._rng)
+            found = search.improve(varied.waypoints_m, legs, reward, MORE)
+        return Plan.at(0, self._start, (), NONE, search.tour(found.waypoints_m, legs))
+
+    def left(self, plan: Plan) -> list[tuple[float, float]]:
+        """Mean risk expected at a third and at the end, for each number of `PLACES`."""
+        path, reward = self._rollout.follow(plan), self._reward(0.0)
+        rows = []
+        for count in PLACES:
+            places = self._rollout.leg_places(path.states[:-1], path.actions, count)
+            drops = [reward.value(places[:legs]).end for legs in (self._legs // 3, self._legs)]
+            third, end = ((reward.risk_before - drop) / len(self._kept.places_m) for drop in drops)
+            rows.append((third, end))
+        return rows
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.tour_frontier",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--weights", type=float, nargs="+", default=[0.0, 1.0, 2.0, 4.0], help="anytime weights")
+    parser.add_argument("--rounds", type=int, default=4, help="rounds of changes and optimization (default: 4)")
+    parser.add_argument("--steps", type=int, default=100, help="legs of the mission (default: %(default)s)")
+    options = parser.parse_args(arguments)
+    frontier = Frontier(options.steps)
+    print("| path | " + " | ".join(f"1/3, {n} a leg | end, {n} a leg" for n in PLACES) + " |")
+    print("|---" * (1 + 2 * len(PLACES)) + "|")
+    plans = [("fitted lanes", frontier.naive(FITTED[0])), ("covering strip", frontier.naive(STRIPS[0]))]
+    for name, plan in plans:
+        print(_row(name, frontier.left(plan)), flush=True)
+    for weight in options.weights:
+        row = _row(f"tour, anytime weight {weight:g}", frontier.left(frontier.tour(weight, options.rounds)))
+        print(row, flush=True)
+
+
+def _row(name: str, left: list[tuple[float, float]]) -> str:
+    return "| " + " | ".join([name, *(f"{third:.2f} | {end:.3f}" for third, end in left)]) + " |"
+
+
+if __name__ == "__main__":
+    main()
