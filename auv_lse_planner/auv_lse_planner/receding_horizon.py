@@ -220,7 +220,8 @@ class RecedingHorizon:
         )
         self._account.measure(reward.risk_before)
         planned = np.concatenate([np.empty((0, 2)), *(places for _, places in mates)])
-        heads = [] if last is None else self._heads(step, state, planned, deadline)
+        due = last is not None and self._touring.due(self.planner, step, bool(void))
+        heads = self._heads(step, state, planned, deadline) if due else []
         choice = self._touring.decide(
             self.planner,
             step,

@@ -4,9 +4,8 @@ A decision values everything by the same reward (`reward/anytime.py`), with the 
 
 - The incumbent is the last plan, continued. It stays unless another is worth more.
 - Every `planner.tour_interval` legs, and where the incumbent is void, the waypoints of what is left are changed by
-  chance and then optimized (`search/tour.py`). At the mission's start they are optimized from several boustrophedons,
-  and the naive paths are candidates too.
-- With every later decision a tree search proposes heads: next legs that rejoin the waypoints.
+  chance and then optimized (`search/tour.py`), and a tree search proposes heads: next legs, which rejoin them. At the
+  mission's start waypoints are optimized from several boustrophedons, and the naive paths are candidates too.
 
 The own path is valued at two places of each leg at least. By one, at the leg's end, the risk that a turning path leaves
 is overestimated twice as much as that of straight lanes (docs/planner.md), and these are chosen wrongly.
@@ -137,6 +136,10 @@ class Touring:
         self._waypoints = None if values["waypoints"] is None else np.array(values["waypoints"])
         self._waypoints_step = values["waypoints_step"]
 
+    def due(self, planner: PlannerConfig, step: int, void: bool) -> bool:
+        """Whether a decision after the first looks for another tour: where the last one is void, and now and then."""
+        return void or bool(planner.tour_interval and step - self._optimized_at >= planner.tour_interval)
+
     def decide(
         self,
         planner: PlannerConfig,
@@ -173,8 +176,9 @@ class Touring:
         if last is None:
             candidates, floor, gradients, hit = self._first(step, state, reward, deadline)
             self._optimized_at = step
-        else:
-            candidates, gradients, hit = self._again(planner, step, state, reward, last[1], void, heads, rng, deadline)
+        elif self.due(planner, step, void):
+            candidates, gradients, hit = self._again(planner, step, state, reward, last[1], heads, rng, deadline)
+            self._optimized_at = step
         if incumbent is not None:
             floor = incumbent.value.end - self.balance
         every = candidates if incumbent is None else [incumbent, *candidates]
@@ -237,21 +241,18 @@ class Touring:
         state: Array,
         reward: AnytimeReward,
         path: PlannedPath,
-        void: bool,
         heads: Sequence[Actions],
         rng: np.random.Generator,
         deadline: Callable[[], bool] | None,
     ) -> tuple[list[Candidate], int, bool]:
-        """Candidates after the start: the last path's waypoints, moved now and then, and behind each of the heads."""
+        """Candidates after the start: the last path's waypoints moved, and behind each of the heads."""
         waypoints, gradients, hit = self._warm(step, state, path), 0, False
-        due = bool(planner.tour_interval) and (void or step - self._optimized_at >= planner.tour_interval)
-        if due:
+        if planner.tour_interval:
             varied = self._search.vary(waypoints, reward.legs, reward, VARIATIONS, rng, deadline)
             found = self._search.improve(varied.waypoints_m, reward.legs, reward, ITERATIONS, deadline)
             waypoints, hit = found.waypoints_m, found.deadline_hit
             gradients = varied.evaluations + found.evaluations
-            self._optimized_at = step
-        candidates = [self._candidate(step, state, waypoints, reward)] if due or void else []
+        candidates = [self._candidate(step, state, waypoints, reward)]
         for actions in heads:
             if deadline is not None and deadline():
                 return candidates, gradients, True
