@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
-from auv_lse_common.mission_run import Command, Stop
+from auv_lse_common.mission_run import Command, RunState, Stop
 from auv_lse_common.params import parameters_for
 from auv_lse_common.seeds import stream
 from auv_lse_common.stamps import stamped
@@ -219,8 +219,8 @@ class Fleet:
 
     @property
     def finished(self) -> bool:
-        """Whether every vehicle has travelled all its legs."""
-        return all(crew.planner.finished for crew in self.crews)
+        """Whether every vehicle has travelled all its legs, or has aborted its mission."""
+        return all(crew.planner.finished or crew.safety.run.standing.state is RunState.ABORTED for crew in self.crews)
 
     def tick(self) -> None:
         """One tick of the mission."""

@@ -22,6 +22,9 @@ from auv_lse_sim.world.world import VehicleOutput, World
 
 #: In lockstep, wall clock (s) after which a tick without an answer counts as failed.
 STALLED_S = 60.0
+#: Simulated time (s) in which no vehicle's mission goes that does not count against the mission's longest time.
+HELD_AT_MOST_S = 6.0 * 3600.0
+_HELD = (RunState.WAITING, RunState.HOLDING)
 
 
 class MissionState(enum.Enum):
@@ -110,8 +113,9 @@ class Simulation:
 
     @property
     def finished(self) -> bool:
-        """Whether every vehicle has travelled its last leg."""
-        return all(self._finished)
+        """Whether every vehicle has travelled its last leg, or has aborted its mission."""
+        aborted = (run is RunState.ABORTED for run in self.runs)
+        return all(done or gone for done, gone in zip(self._finished, aborted, strict=True))
 
     def begin(self) -> None:
         """The simulator's topics have their readers: the first tick may come."""
@@ -140,12 +144,16 @@ class Simulation:
             self._gate.handled(self.tick)
         self._transmit()
         if self.finished:
+            aborted = [f"auv{k}" for k in self.vehicles if self.runs[k - 1] is RunState.ABORTED]
             self.state, self.message = MissionState.FINISHED, "every vehicle has travelled its last leg"
+            if aborted:
+                self.message = f"aborted: {', '.join(aborted)}; the others have travelled their last leg"
             return {}
         self.tick += 1
         self.now_s = self.tick * self._settings.sim.tick_s
-        if not any(run is RunState.RUNNING for run in self.runs):
-            self._held_s += self._settings.sim.tick_s
+        holding = [f"auv{k} {run.name}" for k, run in enumerate(self.runs, 1) if run in _HELD]
+        if len(holding) == len(self.runs):
+            self._held_s = min(self._held_s + self._settings.sim.tick_s, HELD_AT_MOST_S)
         if self.now_s - self._held_s > self._settings.longest_s:
             slow = [k for k in self.vehicles if not self._finished[k - 1]]
             self.state, self.message = (
@@ -153,7 +161,7 @@ class Simulation:
                 f"vehicles {slow} have not finished by {self.now_s:.0f} s",
             )
             return {}
-        self.state, self.message = MissionState.RUNNING, ""
+        self.state, self.message = MissionState.RUNNING, ", ".join(holding)
         self.links.poll(self.now_s)
         outputs = self.world.tick(self.now_s)
         self.lost += len(self.world.lost)
