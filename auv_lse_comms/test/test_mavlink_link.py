@@ -770,3 +770,57 @@ def test_the_autopilot_tells_whether_it_obeys_its_charge_and_a_leak():
 )
 def test_the_modes_in_which_autopilots_obey(autopilot, kind, mission, modes):
     assert obeying_modes(autopilot, kind, mission) == modes
+
+
+# ------------------------------------------------------------------ signing
+
+KEY = bytes(range(32))
+
+
+class Signing(Autopilot):
+    """An autopilot that signs with pymavlink, as MAVProxy's `signing setup` makes it."""
+
+    def __init__(self, key=KEY, link_key=KEY):
+        super().__init__()
+        self.link = VehicleLink(LinkConfig(kind="mavlink"), 2, ORIGIN, key=link_key)
+        self.mav.signing.secret_key, self.mav.signing.sign_outgoing = key, key is not None
+        self.mav.signing.timestamp = round((NOW_S - 1_420_070_400.0) * 1e5)
+
+
+def test_signed_messages_pass_both_ways_and_no_others():
+    pilot = Signing().up()
+    pilot.reader.signing.secret_key = KEY  # pymavlink refuses what is not signed by it
+    pilot.link.command(pilot.now_s, A)
+    pilot.at(1.0, 0.0)
+    pilot.wait(1.0)
+    assert pilot.link.state is LinkState.UP
+    assert pilot.heard("SET_POSITION_TARGET_LOCAL_NED")
+    assert pilot.reader.signing.badsig_count == 0
+    for other in (Signing(key=None), Signing(key=bytes(32))):
+        other.beat()
+        assert other.link.state is LinkState.DOWN
+        assert other.link.wire["bad"] > 0
+
+
+def test_a_signed_message_is_believed_once_and_a_forged_one_does_not_silence_the_true_ones():
+    pilot = Signing().up()
+    kept = mavlink.MAVLink_heartbeat_message(12, 3, 0, 19, mavlink.MAV_STATE_ACTIVE, 3).pack(pilot.mav)
+    assert pilot.link.recognizes(kept)
+    pilot.link.receive(pilot.now_s, kept)
+    assert pilot.link.custom_mode == 19
+    pilot.beat()
+    assert pilot.link.custom_mode == 4
+    pilot.link.receive(pilot.now_s, kept)
+    assert pilot.link.custom_mode == 4, "it came before"
+    assert not pilot.link.recognizes(kept), "nor does it make its sender the peer"
+    forger = mavlink.MAVLink(None, srcSystem=2, srcComponent=1)
+    forger.signing.secret_key, forger.signing.sign_outgoing = bytes(32), True
+    forger.signing.timestamp = pilot.mav.signing.timestamp + 10**9  # hours ahead
+    pilot.link.receive(pilot.now_s, mavlink.MAVLink_heartbeat_message(12, 3, 0, 19, 4, 3).pack(forger))
+    pilot.say(mavlink.MAVLink_heartbeat_message(12, 3, 0, 2, mavlink.MAV_STATE_ACTIVE, 3))
+    assert pilot.link.custom_mode == 2
+
+
+def test_a_key_of_another_length_is_refused():
+    with pytest.raises(ValueError, match="a key of 16 bytes; expected 32"):
+        VehicleLink(LinkConfig(kind="mavlink"), 2, ORIGIN, key=bytes(16))

@@ -98,26 +98,26 @@ class AutopilotCheck:
         problems: What the link has reported.
     """
 
-    def __init__(self, config: LinkConfig, vehicle: int, mission: bool = False) -> None:
+    def __init__(self, config: LinkConfig, vehicle: int, mission: bool = False, key: bytes | None = None) -> None:
         """For the autopilot of vehicle number `vehicle`.
 
         Args:
             config: Section `link`; legs are flown by position targets.
             vehicle: Number of the vehicle.
             mission: Whether missions are to be uploaded to it later: another mode is expected then.
+            key: Key with which messages are signed; None: they are not.
         """
-        self.link = VehicleLink(config, vehicle, None)
+        self.link = VehicleLink(config, vehicle, None, key=key)
         self._mission = mission
         self.messages: Counter[str] = Counter()
         self.problems: list[str] = []
         self._config = config
         self._system = config.autopilot_system_id or vehicle
-        self._reader = MavlinkCodec(config.system_id, config.component_id)
+        self._reader = MavlinkCodec(config.system_id, config.component_id, key)
         self._others: Counter[int] = Counter()
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._origin = False
         self._values: dict[str, float] = {}
-        self._asked: list[bytes] = []
         self._since_s = math.nan
         self._now_s = math.nan
         self._place: AutopilotEstimate | None = None
@@ -139,6 +139,7 @@ class AutopilotCheck:
     def receive(self, now_s: float, data: bytes) -> None:
         """Takes bytes of the autopilot (none, too: time passes)."""
         self._now_s = now_s
+        self._reader.set_time(now_s)
         for message in self._reader.decode(data):
             if message.get_srcSystem() != self._system:
                 self._others[message.get_srcSystem()] += 1
@@ -152,8 +153,7 @@ class AutopilotCheck:
 
     def outgoing(self) -> list[bytes]:
         """The datagrams to send now."""
-        asked, self._asked = self._asked, []
-        return [*self.link.outgoing(), *asked]
+        return self.link.outgoing()
 
     def ask(self) -> None:
         """Asks for the parameters that are not known yet; several times, since datagrams get lost."""
@@ -162,7 +162,7 @@ class AutopilotCheck:
                 request = mavlink.MAVLink_param_request_read_message(
                     self._system, self._config.autopilot_component_id, parameter.name.encode(), -1
                 )
-                self._asked.append(self._reader.encode(request))
+                self.link.say(request)
 
     def fly(self, now_s: float) -> str:
         """Begins three legs: ahead, to starboard, and back to here.

@@ -6,10 +6,13 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_comms.mavlink.autopilot_check import AutopilotCheck, Finding
 from auv_lse_comms.mavlink.config import LinkConfig
+from auv_lse_comms.packet.key import KeyFileError, read_key
 from auv_lse_comms.transport import AddressError, Connection, open_transport, read_address
 
 _BAUD = 115200
@@ -39,6 +42,7 @@ def parser() -> argparse.ArgumentParser:
         default="position_target",
         help="as link.mode: what is expected",
     )
+    p.add_argument("--key", type=Path, metavar="FILE", help="as link.key_file: sign, and believe only signed messages")
     p.add_argument("--seconds", type=float, default=10.0, metavar="S", help="how long to listen (10)")
     p.add_argument(
         "--legs",
@@ -62,12 +66,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         config = from_mapping(LinkConfig, {"endpoint": options.endpoint}, "command line")
         address = read_address(options.endpoint, _BAUD)
+        key = read_key(options.key) if options.key else None
         if not 1 <= options.vehicle <= 255:
             raise ParameterError(f"--vehicle: got {options.vehicle}; expected 1 to 255")
-    except (ParameterError, AddressError) as error:
+    except (ParameterError, AddressError, KeyFileError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    check = AutopilotCheck(config, options.vehicle, options.mode == "mission")
+    check = AutopilotCheck(config, options.vehicle, options.mode == "mission", key)
     connection = Connection(lambda: open_transport(address, check.link.recognizes), 0.2, 1.0)
     try:
         return _print(_run(check, connection, options.seconds, options.legs))
@@ -86,7 +91,8 @@ def _run(check: AutopilotCheck, connection: Connection, listen_s: float, legs: b
     while True:
         steady_s = time.monotonic()
         connection.poll(steady_s)
-        check.receive(steady_s, connection.read(steady_s))
+        now_s = datetime.now(tz=UTC).timestamp()  # signatures count it
+        check.receive(now_s, connection.read(steady_s))
         if steady_s - asked_s >= _ASK_S:
             asked_s = steady_s
             check.ask()
@@ -101,7 +107,7 @@ def _run(check: AutopilotCheck, connection: Connection, listen_s: float, legs: b
             if legs and not asked_to_fly:
                 asked_to_fly = True
                 print("flying three legs", flush=True)
-                check.fly(steady_s)
+                check.fly(now_s)
             if not check.flying:
                 return check.findings()
         time.sleep(_STEP_S)

@@ -36,6 +36,10 @@ class LinkConfig:
         low=0,
         help="flight modes (the autopilot's numbers) in which the mission goes; empty: by its kind, docs/mavlink.md",
     )
+    key_file: str = parameter(
+        "",
+        help="sign messages, and believe only signed ones, with the key in this file (scripts/key); empty: no",
+    )
     set_origin: bool = parameter(
         True, help="send the mission's origin as SET_GPS_GLOBAL_ORIGIN when the autopilot has none"
     )

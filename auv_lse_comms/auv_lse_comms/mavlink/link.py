@@ -69,7 +69,12 @@ class VehicleLink:
     """
 
     def __init__(
-        self, config: LinkConfig, vehicle: int, origin: Origin | None, limits: TargetLimits | None = None
+        self,
+        config: LinkConfig,
+        vehicle: int,
+        origin: Origin | None,
+        limits: TargetLimits | None = None,
+        key: bytes | None = None,
     ) -> None:
         """For vehicle number `vehicle`, whose mission has `origin` (None: local places only, no missions).
 
@@ -78,9 +83,10 @@ class VehicleLink:
             vehicle: Number of the vehicle.
             origin: The mission's origin.
             limits: What no target may exceed; None: any passes.
+            key: Key with which messages are signed, both ways; None: they are not.
 
         Raises:
-            ValueError: if missions are to be uploaded and there is no origin.
+            ValueError: if missions are to be uploaded and there is no origin, or the key is none.
         """
         if config.mode == "mission" and origin is None:
             raise ValueError(
@@ -92,7 +98,7 @@ class VehicleLink:
         self.counts: Counter[str] = Counter()
         self._config = config
         self._autopilot = (config.autopilot_system_id or vehicle, config.autopilot_component_id)
-        self._codec = MavlinkCodec(config.system_id, config.component_id)
+        self._codec = MavlinkCodec(config.system_id, config.component_id, key)
         self._out: list[bytes] = []
         self._events: list[Event] = []
         self._clock = AutopilotClock()
@@ -139,6 +145,10 @@ class VehicleLink:
         self._targets.stop(stop)
         self._advance()
 
+    def say(self, message: Message) -> None:
+        """Sends the autopilot a message of the owner's."""
+        self._send(message)
+
     def poll(self, now_s: float) -> None:
         """Lets time pass: heartbeats, link loss, repeats. Call at least ten times a second, or once a tick."""
         self._tick(now_s)
@@ -167,7 +177,7 @@ class VehicleLink:
 
     def recognizes(self, datagram: bytes) -> bool:
         """Whether a datagram holds a whole message of this vehicle's autopilot; counts it if not."""
-        senders = {(m.get_srcSystem(), m.get_srcComponent()) for m in MavlinkCodec(0, 0).decode(datagram)}
+        senders = {(m.get_srcSystem(), m.get_srcComponent()) for m in self._codec.would_decode(datagram)}
         self.counts["strangers"] += self._autopilot not in senders
         return self._autopilot in senders
 
@@ -236,6 +246,7 @@ class VehicleLink:
             self._origin.host_stepped(now_s)
             self._clock.host_stepped()
         self._now_s = now_s
+        self._codec.set_time(now_s)
 
     def _forget_autopilot(self) -> None:
         """Drops what holds only until the autopilot reboots: its clock, its origin, where it said to be."""

@@ -34,7 +34,12 @@ class AutopilotPort:
     """
 
     def __init__(
-        self, config: LinkConfig, vehicle: int, origin: Origin | None, limits: TargetLimits | None = None
+        self,
+        config: LinkConfig,
+        vehicle: int,
+        origin: Origin | None,
+        limits: TargetLimits | None = None,
+        key: bytes | None = None,
     ) -> None:
         """For the autopilot of vehicle number `vehicle`; opens nothing yet.
 
@@ -43,12 +48,13 @@ class AutopilotPort:
             vehicle: Number of the vehicle.
             origin: The mission's origin.
             limits: What no target may exceed.
+            key: Key with which messages are signed.
 
         Raises:
             ValueError: if `link.endpoint` is no address, or missions are to be uploaded and there is no origin.
         """
         address = read_address(config.endpoint, _BAUD)
-        self.link = VehicleLink(config, vehicle, origin, limits)
+        self.link = VehicleLink(config, vehicle, origin, limits, key)
         self.connection = Connection(
             lambda: open_transport(address, self.link.recognizes), config.backoff_min_s, config.backoff_max_s
         )

@@ -22,6 +22,7 @@ from auv_lse_comms.mavlink.ros_conversions import (
     target_of_waypoint,
 )
 from auv_lse_comms.mavlink.targets import target_limits
+from auv_lse_comms.packet.key import read_key
 from auv_lse_msgs.msg import AutopilotStatus, MissionState, Sounding, Waypoint
 
 
@@ -37,7 +38,8 @@ class VehicleLinkNode(DriverNode):
         origin = origin_of(self.parameters, self.where)
         try:
             limits = target_limits(self.parameters, self.where)
-            self._autopilot = AutopilotPort(config, self.vehicle, origin, limits)
+            key = read_key(config.key_file) if config.key_file else None
+            self._autopilot = AutopilotPort(config, self.vehicle, origin, limits, key)
         except ValueError as error:
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
