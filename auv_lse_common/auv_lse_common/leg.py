@@ -44,6 +44,7 @@ class Leg:
         action_rad: Heading change (rad, positive clockwise).
         radius_m: Turning radius of the arc.
         straight_m: Length of the straight.
+        surface: Whether the vehicle, where the leg ends, stops, surfaces for a fix and dives before it goes on.
     """
 
     step: int
@@ -53,6 +54,7 @@ class Leg:
     action_rad: float
     radius_m: float
     straight_m: float
+    surface: bool = False
 
     @property
     def arc_m(self) -> float:

@@ -86,6 +86,20 @@ class VehicleConfig:
     )
     recovery_north_m: float | None = parameter(None, unit="m", help="north of the place where it is picked up")
     recovery_east_m: float | None = parameter(None, unit="m", help="east of the place where it is picked up")
+    surfacings: int | None = parameter(
+        None,
+        low=0,
+        high=10,
+        help="fixes for which it surfaces in a mission, far from its start; 0 for a vehicle that must not; left out: "
+        "1, but 0 with the paper's methods (planner.method augmented, exponential_quadratic, plain); none where a "
+        "mission is too short",
+    )
+    surfacing_s: float = parameter(
+        60.0,
+        unit="s",
+        above=0.0,
+        help="time that such a surfacing takes: stop, climb, fix, dive; the mission is so many legs shorter",
+    )
     min_water_m: float = parameter(
         3.0,
         unit="m",

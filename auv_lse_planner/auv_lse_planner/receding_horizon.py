@@ -198,6 +198,20 @@ class RecedingHorizon:
         """Goes on from another plan than the one just decided for mission step `step`; the account stays."""
         self._plan, self.path = plan, self._rollout.follow(plan).from_step(step)
 
+    def delay(self, legs: int) -> None:
+        """The vehicle stops for the time of so many legs: the plan goes on as many steps later, and ends as it must."""
+        if self._plan is None or self.path is None:
+            return
+        state = self.path.states[min(1, len(self.path))]
+        plan = dataclasses.replace(self._plan, step=self._plan.step + legs)
+        path = self._rollout.follow(plan).from_step(self.path.step + legs)
+        after = path.states[min(1, len(path))]
+        if not np.allclose(after, state, atol=1e-6):  # a naive path that is made for the legs left: it is another now
+            self._plan, self.path = None, None
+            return
+        self._plan, self.path = plan, path
+        self._touring.delay(legs)
+
     def _tour(
         self, now_s: float, step: int, state: Array, reanchored: bool, deadline: Callable[[], bool] | None
     ) -> Decision:

@@ -53,6 +53,7 @@ def waypoint_message(now_s: float, leg: Leg, speed_mps: float, depth_m: float, t
         then=action,
         then_north_m=north_m,
         then_east_m=east_m,
+        surface=leg.surface,
     )
 
 

@@ -140,6 +140,11 @@ class Touring:
         """Whether a decision after the first looks for another tour: where the last one is void, and now and then."""
         return void or bool(planner.tour_interval and step - self._optimized_at >= planner.tour_interval)
 
+    def delay(self, legs: int) -> None:
+        """The plan goes on so many steps later."""
+        self._optimized_at += legs
+        self._waypoints_step += legs
+
     def decide(
         self,
         planner: PlannerConfig,

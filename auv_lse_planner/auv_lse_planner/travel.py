@@ -52,9 +52,10 @@ class Travel:
         finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
     """
 
-    def __init__(self, vehicle: VehicleConfig, steps: int) -> None:
-        """Starts before the first of so many steps."""
-        self._vehicle, self._steps = vehicle, steps
+    def __init__(self, vehicle: VehicleConfig, steps: int, surfacing_legs: int = 0) -> None:
+        """Starts before the first of so many steps; a surfacing takes the time of `surfacing_legs` of them."""
+        self._vehicle, self._steps, self._surfacing_legs = vehicle, steps, surfacing_legs
+        self._held_up_s = 0.0  # how long the vehicle surfaces before it begins the present leg
         self.estimate: EstimatedState | None = None
         self.leg: Leg | None = None
         self.leg_started_s = math.nan
@@ -93,7 +94,7 @@ class Travel:
 
     def take(self, leg: Leg, now_s: float, at_once: bool) -> None:
         """Takes the leg decided: it begins `at_once` (as the first does), or when the present one ends."""
-        self.decided = leg.step + 1
+        self.decided = self._after(leg)
         if self.leg is None or at_once:
             self._begin(leg, now_s)
         else:
@@ -101,7 +102,7 @@ class Travel:
 
     def replace(self, leg: Leg) -> None:
         """Takes a leg in place of the one taken last."""
-        self.decided = leg.step + 1
+        self.decided = self._after(leg)
         if self._next_leg is None:
             self.leg = leg
         else:
@@ -111,18 +112,29 @@ class Travel:
         """Where the vehicle is on its legs, for a journal; where it is in the water comes with the next odometry."""
         legs = {"leg": self.leg, "next_leg": self._next_leg}
         values = {name: None if leg is None else dataclasses.asdict(leg) for name, leg in legs.items()}
-        return {**values, "leg_started_s": self.leg_started_s, "decided": self.decided, "finished": self.finished}
+        return {
+            **values,
+            "leg_started_s": self.leg_started_s,
+            "decided": self.decided,
+            "finished": self.finished,
+            "held_up_s": self._held_up_s,
+        }
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Goes on from what `snapshot` gave."""
         self.leg, self._next_leg = (
             None if values[name] is None else Leg(**values[name]) for name in ("leg", "next_leg")
         )
-        self.leg_started_s, self.decided, self.finished = (
-            values[name] for name in ("leg_started_s", "decided", "finished")
+        self.leg_started_s, self.decided, self.finished, self._held_up_s = (
+            values[name] for name in ("leg_started_s", "decided", "finished", "held_up_s")
         )
 
+    def _after(self, leg: Leg) -> int:
+        """The step that follows a leg's own."""
+        return leg.step + 1 + (self._surfacing_legs if leg.surface else 0)
+
     def _begin(self, leg: Leg, now_s: float) -> None:
+        self._held_up_s = self._vehicle.surfacing_s if self.leg is not None and self.leg.surface else 0.0
         self.leg, self.leg_started_s, self._next_leg = leg, now_s, None
 
     @staticmethod
@@ -134,7 +146,7 @@ class Travel:
         if self.leg is None or not self.running:
             return False
         expected_s = self.leg.length_m / self._vehicle.speed_mps
-        return now_s - self.leg_started_s > 4.0 * expected_s + 10.0
+        return now_s - self.leg_started_s > 4.0 * expected_s + 10.0 + self._held_up_s
 
     def due(self, now_s: float, planner: PlannerConfig) -> bool:
         """Whether a decision is due."""

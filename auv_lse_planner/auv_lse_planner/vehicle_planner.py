@@ -6,7 +6,8 @@ Theory of operation.
   gives the leg to step i + 1. The decision for step 0 is due with the first odometry after the start delay, the one
   for step i + 1 when what remains of leg i takes `replan_lead_s` or less. It starts from leg i's planned end, unless
   odometry shows the vehicle further than `reanchor_m` off its leg: then from where odometry leads in that time
-  (`travel.py`).
+  (`travel.py`). A surfacing takes the time of some legs (`surfacing.py`): their steps are passed over, and the plan
+  waits for as many.
 - Steps are counted only while the mission goes (`run`): while it waits or holds nothing is decided, and the leg under
   way takes no time.
 - A decision goes through the steps of `receding_horizon.py`.
@@ -15,6 +16,7 @@ Theory of operation.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -31,6 +33,7 @@ from auv_lse_planner import problems
 from auv_lse_planner.account import BoundRecord
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.decision import Decision
+from auv_lse_planner.methods import PAPERS_METHODS
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
@@ -38,6 +41,7 @@ from auv_lse_planner.paths.naive_ids import FITTED
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.receding_horizon import LOOK_AHEAD, RecedingHorizon
 from auv_lse_planner.search.dec_mcts import KEPT_PLANS
+from auv_lse_planner.surfacing import Surfacings
 from auv_lse_planner.team import Team
 from auv_lse_planner.travel import EstimatedState, Travel
 
@@ -98,7 +102,11 @@ class VehiclePlanner:
         )
         self.plans_refused = 0
         self.records: list[BoundRecord] = []
-        self._travel = Travel(settings.vehicle, mission.steps)
+        wanted = settings.vehicle.surfacings
+        if wanted is None:
+            wanted = 0 if planner.method in PAPERS_METHODS else 1
+        self._surfacings = Surfacings(settings.vehicle, wanted, mission.steps, self.motion.leg_length_m)
+        self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         self._horizon = RecedingHorizon(
             vehicle,
             settings,
@@ -237,6 +245,7 @@ class VehiclePlanner:
             "travel": self._travel.snapshot(),
             "horizon": self._horizon.snapshot(),
             "assumed": self.team.snapshot(),
+            "surfacings": self._surfacings.snapshot(),
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -244,6 +253,7 @@ class VehiclePlanner:
         self._travel.restore(values["travel"])
         self._horizon.restore(values["horizon"])
         self.team.restore(values["assumed"])
+        self._surfacings.restore(values["surfacings"])
 
     def adopt(self, plan: Plan, leg: Leg) -> None:
         """Follows another plan, with another next leg, than the one just decided: a replay goes on from what was flown.
@@ -254,8 +264,14 @@ class VehiclePlanner:
         """
         self._travel.replace(leg)
         self._horizon.adopt(plan, leg.step)
+        if leg.surface:
+            self._horizon.delay(self._surfacings.legs)
 
     def _taken(self, decision: Decision, now_s: float, reanchored: bool) -> Decision:
+        path = self._horizon.path
+        if path is not None and self._surfacings.due(path):
+            decision = dataclasses.replace(decision, leg=dataclasses.replace(decision.leg, surface=True))
+            self._horizon.delay(self._surfacings.legs)
         self._travel.take(decision.leg, now_s, at_once=reanchored)
         self.records.append(decision.bound)
         return decision

@@ -109,6 +109,7 @@ def leg_of_waypoint(message: Waypoint) -> Leg:
         action_rad=message.turn_rad,
         radius_m=message.turn_radius_m,
         straight_m=message.straight_m,
+        surface=message.surface,
     )
 
 

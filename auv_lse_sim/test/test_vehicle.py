@@ -1,6 +1,7 @@
 """A simulated vehicle: on its legs, against currents, waiting, pinging."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -570,3 +571,24 @@ def test_after_the_last_leg_a_vehicle_does_what_its_waypoint_says(then, depth_m,
     assert dive.vehicle.position[2] == pytest.approx(depth_m, abs=0.01)
     near = leg.end_state[1:] if place_m is None else place_m
     assert math.dist(dive.vehicle.position[:2], near) < 2.0 * 15.0 + 3.0
+
+
+def test_a_leg_that_ends_in_a_surfacing_is_stopped_at():
+    """It stops at the leg's end, comes back with a fix, and then travels the next leg from there."""
+    dive = Dive(sim_config(current=IDEAL), depth_m=3.0)
+    first = TABLE.leg(0, dive.state, STRAIGHT)
+    second = TABLE.leg(1, first.end_state, STRAIGHT)
+    dive.vehicle.command(replace(first, surface=True))
+    dive.tick()
+    dive.vehicle.command(second)
+    fixes = []
+    while not dive.vehicle.truth(0.0).loitering:
+        dive.tick()
+        fixes += dive.vehicle.fixes
+        assert dive.now_s < 200.0
+    (fix,) = fixes
+    rows = np.concatenate(dive.rows)
+    i = round(fix.stamp_s * 10.0) - 1
+    assert np.hypot(rows[i, mm.O_NORTH] - first.end_state[1], rows[i, mm.O_EAST]) < 8.0, "one stopping distance on"
+    legs_s = (first.length_m + second.length_m) / 1.5
+    assert dive.now_s == pytest.approx(legs_s + 50.0, abs=12.0)

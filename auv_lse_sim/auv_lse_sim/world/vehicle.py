@@ -240,6 +240,7 @@ class SimVehicle:
         self._stop: Stop | None = None
         self._way: _Way | None = None
         self._loitering = False
+        self._surface_after = False
         self._in_reach = True
         self._rows = np.empty((0, mm.OUT))
         self._stamps = np.empty(0)
@@ -385,6 +386,8 @@ class SimVehicle:
     def _begin(self, order: _Order, along_m: float) -> None:
         """Starts a leg, of which `along_m` are travelled already."""
         m, leg = self._m, order.leg
+        self._surface()
+        self._surface_after = leg.surface
         self._params[mm.P_SPEED] = order.speed_mps * self._speed_share
         self._then = order.then
         self._keep_depth()
@@ -397,9 +400,16 @@ class SimVehicle:
             on_rails = False
         m[mm.MODE] = mm.ON_RAILS if on_rails else mm.STEERED
 
+    def _surface(self) -> None:
+        """Begins to surface for a fix if the leg that ends, or is given up, asks for it."""
+        if self._surface_after and self._m[mm.SURFACING] == mm.NOT_SURFACING:
+            self._m[mm.SURFACING], self._m[mm.UNDER_WAY] = mm.TO_SURFACE, 0.0
+        self._surface_after = False
+
     def _end(self, along_m: float) -> None:
         """Does what follows the end of a leg that no other follows, of which `along_m` are travelled already."""
         then, self._then = self._then, None
+        self._surface()
         heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
         if then is not None and then.action is Action.GO_TO:
             self._lead(leg_to(heading, north, east, then.place_m, float(self._leg[mm.LEG_RADIUS])), along_m)
