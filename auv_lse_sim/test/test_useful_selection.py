@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 MISSION: dict[str, Any] = {
     "mission": {"vehicles": 2, "steps": 50},
     "area": {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 400.0, 0.0, 400.0]},
-    "packet": {"selection": "useful", "expected_loss": 0.0},
+    "packet": {"selection": "useful", "expected_loss": 0.0, "navigation": False},
 }
 PLAN = Plan(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(1, 1, 1), naive_path=NONE)
 OWN_SLOT_S, OTHER_SLOT_S, NEXT_OWN_SLOT_S = 1.0, 11.0, 21.0
