@@ -26,11 +26,12 @@ from rclpy.parameter import Parameter
 from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.params import ParameterError
 from auv_lse_common.ros_conversions import header
+from auv_lse_comms.mavlink.ros_conversions import ends_to_reach
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
 from auv_lse_comms.modem_node import ModemNode
 from auv_lse_comms.packet.codec import decode
-from auv_lse_msgs.msg import ModemTx, Plan, Sounding
+from auv_lse_msgs.msg import ModemTx, Plan, Sounding, Waypoint
 
 pytestmark = pytest.mark.ros
 
@@ -193,3 +194,15 @@ def test_modem_node_sends_useful_samples_and_takes_them_back(tmp_path: Path) -> 
         first, again = (decode(bytes(message.payload)).samples for message in sent)
         assert len(first) == 19
         assert (first == again).all(), "worth as much as before"
+
+
+@pytest.mark.parametrize(
+    ("place_m", "steps"),
+    [((10.0, 1.0), [7]), ((12.0, 9.0), [7]), ((-3.0, 2.0), [6, 7])],
+    ids=["on the leg", "inside of its turn", "before it"],
+)
+def test_a_link_started_again_turns_back_to_no_start_that_lies_behind(
+    place_m: tuple[float, float], steps: list[int]
+) -> None:
+    last = Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0, end_east_m=15.0)
+    assert [end.step for end in ends_to_reach(last, *place_m)] == steps

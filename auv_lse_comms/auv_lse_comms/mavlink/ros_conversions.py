@@ -8,6 +8,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.frames import quaternion_from_heading
+from auv_lse_common.leg import Leg
 from auv_lse_common.ros_conversions import header, stop_of
 from auv_lse_comms.mavlink.conversion import Target
 from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, AutopilotState, Pressure
@@ -73,12 +74,34 @@ def status_message(state: AutopilotState) -> AutopilotStatus:
     )
 
 
-def start_of_waypoint(message: Waypoint) -> Target:
-    """The start of a Waypoint's leg, which is the end of the one before."""
-    return Target(
+def ends_to_reach(message: Waypoint, north_m: float, east_m: float) -> list[Target]:
+    """What a link that was started again has to reach: the end of a Waypoint's leg, and its start if that is to come.
+
+    The leg may still be to come, and where it leads back, the short cut to its end would never pass the end of the leg
+    before. On the leg its start lies behind: the vehicle must not turn back to it.
+
+    Args:
+        message: The last waypoint before the start.
+        north_m: Where the vehicle is, north (m).
+        east_m: And east (m).
+    """
+    leg = Leg(
+        step=message.step,
+        heading_rad=message.start_heading_rad,
         north_m=message.start_north_m,
         east_m=message.start_east_m,
+        action_rad=message.turn_rad,
+        radius_m=message.turn_radius_m,
+        straight_m=message.straight_m,
+    )
+    end = target_of_waypoint(message)
+    if leg.progress_m(north_m, east_m) > 0.0:
+        return [end]
+    start = Target(
+        north_m=leg.north_m,
+        east_m=leg.east_m,
         depth_m=message.depth_m,
-        heading_rad=message.start_heading_rad,
+        heading_rad=leg.heading_rad,
         step=message.step - 1,
     )
+    return [start, end]

@@ -11,13 +11,14 @@ from auv_lse_common.ros_conversions import seconds, sounding_message, standing_o
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.mavlink import events, sounder
 from auv_lse_comms.mavlink.config import LinkConfig
+from auv_lse_comms.mavlink.conversion import Target
 from auv_lse_comms.mavlink.datum import origin_of
 from auv_lse_comms.mavlink.port import AutopilotPort, Event
 from auv_lse_comms.mavlink.ros_conversions import (
     altitude_message,
+    ends_to_reach,
     odometry_message,
     pressure_message,
-    start_of_waypoint,
     status_message,
     target_of_waypoint,
 )
@@ -46,6 +47,7 @@ class VehicleLinkNode(DriverNode):
         self._waypoints = 0
         self._status = self.publisher(AutopilotStatus, "autopilot")
         self._started_s = self.now_s()
+        self._late: Waypoint | None = None
         self._odometry = self.publisher(Odometry, "odometry")
         self._dead_reckoning = self.publisher(Odometry, "dead_reckoning")
         self._altitude = self.publisher(Range, "altitude")
@@ -57,15 +59,11 @@ class VehicleLinkNode(DriverNode):
         self.drive(self._autopilot)
 
     def _on_waypoint(self, message: Waypoint) -> None:
-        # One from before this node: it was started again under way. The leg may still be to come, and where it leads
-        # back, the short cut to its end would never pass the end of the leg before.
-        late = not self._waypoints and seconds(message.header.stamp) < self._started_s
-        ends = (start_of_waypoint(message), target_of_waypoint(message))
-        try:
-            for end in ends if late else ends[1:]:
-                self._autopilot.command(self.time_s(), end)
-        except ValueError as error:
-            self.get_logger().error(f"waypoint of step {message.step}: {error}")
+        if not self._waypoints and seconds(message.header.stamp) < self._started_s:
+            self._late = message  # this node was started again under way: where the vehicle is decides
+        else:
+            self._late = None
+            self._command(message.step, [target_of_waypoint(message)])
         self._waypoints += 1
         self.owe("vehicle_link")  # what was answered for this tick did not count the waypoint
 
@@ -74,6 +72,13 @@ class VehicleLinkNode(DriverNode):
             self._autopilot.stop(self.time_s(), standing_of(message).stop)
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
+
+    def _command(self, step: int, ends: list[Target]) -> None:
+        try:
+            for end in ends:
+                self._autopilot.command(self.time_s(), end)
+        except ValueError as error:
+            self.get_logger().error(f"waypoint of step {step}: {error}")
 
     def polls(self) -> bool:
         """Before the first tick time passes by the timer: the autopilot has to be found."""
@@ -89,6 +94,9 @@ class VehicleLinkNode(DriverNode):
         match event:
             case events.AutopilotEstimate():
                 self._odometry.publish(odometry_message(event, self.vehicle))
+                if self._late is not None:
+                    late, self._late = self._late, None
+                    self._command(late.step, ends_to_reach(late, event.north_m, event.east_m))
                 self._dead_reckoning.publish(odometry_message(event, self.vehicle))
                 self.arrived("odometry")
             case events.AutopilotState():
