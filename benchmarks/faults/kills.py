@@ -153,7 +153,7 @@ def fly(
             os.kill(process.nodes[node], signal.SIGKILL)
             flight.kills.append(kill)
             say(f"kill {len(flight.kills)}: auv{vehicle} {node}")
-        processes[0].wait(steps * 60.0 + 200.0)
+        _await_end(processes[0].process, folder, steps * 60.0 + 200.0)
         for process in processes[1:]:
             process.process.send_signal(signal.SIGTERM)
         for process in processes[1:]:
@@ -167,6 +167,22 @@ def fly(
         flight.recordings[k] = recording_in(folder / f"auv{k}")
         _read(flight, k, folder / f"auv{k}" / "logs")
     return flight
+
+
+def _await_end(simulator: subprocess.Popen[str], folder: Path, seconds: float) -> None:
+    """Waits until the simulator ends. It may not see that a vehicle has ended whose link was killed: then ends it."""
+    logs = [folder / f"auv{k}" / "logs" / f"auv{k}.safety_node.log" for k in (1, 2)]
+    until, ended_s = time.monotonic() + seconds, math.inf
+    while simulator.poll() is None:
+        if time.monotonic() > until:
+            raise TimeoutError(f"the mission has not ended within {seconds:.0f} s")
+        if math.isinf(ended_s) and all("mission ENDED" in log.read_text() for log in logs):
+            ended_s = time.monotonic()
+        if time.monotonic() > ended_s + 20.0:
+            simulator.send_signal(signal.SIGINT)
+            simulator.wait(60.0)
+            simulator.returncode = 0
+        time.sleep(0.5)
 
 
 def _runs(pid: int) -> bool:
