@@ -173,7 +173,7 @@ def test_modem_node_sends_useful_samples_and_takes_them_back(tmp_path: Path) -> 
         "mission: {vehicles: 2, steps: 50}\n"
         "area: {polygon_m: [0.0, 0.0, 300.0, 0.0, 300.0, 400.0, 0.0, 400.0]}\n"
         "tdma: {order: [2, 1], slot_s: 2.0, guard_s: 0.1, send_duration_s: 0.5, max_range_m: 500.0}\n"
-        "packet: {selection: useful}"
+        "packet: {selection: useful, navigation: false}"
     )
     with spun(ModemNode, tmp_path / "p.yaml", parameters) as s:
         sent = s.collect(ModemTx, "/auv2/modem/tx")
