@@ -65,7 +65,7 @@ class BaseNode(Node):
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.where = f"parameters of {self.get_fully_qualified_name()}"
         flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
-        own = {key: list(v) if isinstance(v, array.array) else v for key, v in flat.items()}
+        own = {key: _plain(v) for key, v in flat.items()}
         self.parameters = nest({k: v for k, v in own.items() if k.split(".")[0] not in _ROS_OWN})
         check_sections(self.parameters, self.where)
         self._tunable: tuple[str, ...] = ()
@@ -154,7 +154,7 @@ class BaseNode(Node):
         self.add_on_set_parameters_callback(self._on_set)
 
     def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
-        changed = {p.name: p.value for p in changes if p.name.split(".")[0] not in _ROS_OWN}
+        changed = {p.name: _plain(p.value) for p in changes if p.name.split(".")[0] not in _ROS_OWN}
         for name in changed:
             if name not in self._tunable:
                 reason = (
@@ -192,6 +192,11 @@ def _descriptors(config: type, section: str, tunable: tuple[str, ...]) -> dict[s
         )
         for key, _, unit, allowed, help in describe(config, f"{section}.")
     }
+
+
+def _plain(value: Any) -> Any:
+    """A parameter's value as a mission file would have it: numbers come from messages as arrays."""
+    return list(value) if isinstance(value, array.array) else value
 
 
 def _flatten(nested: Mapping[str, Any], prefix: str) -> dict[str, Any]:

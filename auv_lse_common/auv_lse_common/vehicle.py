@@ -161,8 +161,9 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/vehicle."""
     p = argparse.ArgumentParser(
         prog="scripts/vehicle",
-        description="Runs the nodes of one vehicle: gp, planner, modem and, as the file says, micromodem, vehicle link "
-        "and recorder. A node that dies is started again. SIGTERM or Ctrl-C ends them all, the recorder last.",
+        description="Runs the nodes of one vehicle: gp, safety, planner, modem and, as the file says, micromodem, "
+        "vehicle link and recorder. A node that dies is started again. SIGTERM or Ctrl-C ends them all, the recorder "
+        "last.",
         epilog="Exit codes: 0 ended by SIGTERM, or with the simulated mission; 1 a simulated mission lost; 2 the "
         "request cannot be met; 130 Ctrl-C.",
     )

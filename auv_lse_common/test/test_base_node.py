@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -77,6 +78,15 @@ def test_a_tunable_parameter_that_has_no_value_yet_can_be_set(make: Callable[[st
         assert reason in result.reason
     assert now.iterations == 4000
     assert change(node, "planner.iterations", 50).successful, "the refusals left it as it was"
+
+
+def test_a_list_set_from_outside_is_one_that_a_journal_can_hold(make: Callable[[str], BaseNode]) -> None:
+    node, noted = make("planner: {deadline_s: 1.5}"), []
+    node.note_tuned = noted.append  # type: ignore[method-assign]
+    node.show_parameters({"planner": section(Config, node.parameters, "planner", "test")}, TUNABLE, lambda _: None)
+    message = Parameter("planner.naive_paths", value=[0xF4, 0xF5]).to_parameter_msg()
+    assert node.set_parameters([Parameter.from_parameter_msg(message)])[0].successful  # as `ros2 param set` does
+    assert json.loads(json.dumps(noted)) == [{"planner.naive_paths": [0xF4, 0xF5]}]
 
 
 def test_every_parameter_tells_what_it_means(make: Callable[[str], BaseNode]) -> None:

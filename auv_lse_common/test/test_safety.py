@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 
 import pytest
@@ -142,6 +143,31 @@ def test_a_vehicle_that_comes_from_outside_is_not_fenced_in_before_it_has_arrive
     vehicle.wait(5.0)
     outside(vehicle)
     assert set(vehicle.wait(5.0).run.limits) == {"fence"}
+
+
+def test_after_a_reset_a_vehicle_outside_of_the_fence_may_come_back() -> None:
+    vehicle = Vehicle()
+    vehicle.wait(5.0)
+    outside(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"fence"}
+    vehicle.run.command(Command.RESET, "test")
+    assert vehicle.run.command(Command.GO, "test") == ""
+    assert vehicle.wait(60.0).run.standing.state is RunState.RUNNING
+    vehicle.place = (50.0, 50.0, 4.0)
+    vehicle.wait(5.0)
+    outside(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"fence"}, "it is back, and fenced in again"
+
+
+def test_a_watch_that_is_started_again_goes_on_with_its_time_and_fence() -> None:
+    first, second = Vehicle(), Vehicle()
+    first.wait(400.0)
+    second.watch.restore(json.loads(json.dumps(first.watch.snapshot())))
+    outside(second)
+    assert set(second.wait(5.0).run.limits) == {"fence"}
+    second.run.command(Command.RESET, "test")
+    second.run.command(Command.GO, "test")
+    assert set(second.wait(110.0).run.limits) == {"mission time"}
 
 
 def test_odometry_that_no_vehicle_can_have_counts_as_none() -> None:

@@ -168,11 +168,16 @@ class ModemBridge:
         """
         if not received.packet.abort:
             return False
-        if self._tagger is not None or self._config.abort_without_tag:
+        if self.abort_counts:
             self.counts[f"aborts.{received.source}"] += 1
             return True
         self.counts[f"aborts_refused.{received.source}"] += 1
         return False
+
+    @property
+    def abort_counts(self) -> bool:
+        """Whether a call to abort is obeyed in this team: it has a tag, or need not have one."""
+        return self._tagger is not None or self._config.abort_without_tag
 
     @property
     def unsent(self) -> int:
@@ -334,10 +339,11 @@ class ModemBridge:
             self._used = (slot.index, slot.since_s) == self._last_slot  # a clock set back sends no slot twice
         if self._used or not self.tdma.may_send(now_s):
             return None
-        if self._plan is None:
+        plan = self._nowhere() if self._plan is None and self.abort else self._plan
+        if plan is None:
             self._why = "plan"
             return None
-        payload, samples = self._compose(self._plan, slot.start_s, now_s)
+        payload, samples = self._compose(plan, slot.start_s, now_s)
         self._used = True
         self._note_sent(now_s, samples, (slot.index, slot.since_s))
         self.remember("sent", now_s, samples[:, :4].tolist(), [slot.index, slot.since_s], self.loss)
@@ -405,6 +411,11 @@ class ModemBridge:
             payload = self._tagger.seal(payload, self.address, slot_s)
         self._unsent = np.delete(unsent, chosen, axis=0)
         return payload, unsent[chosen]
+
+    def _nowhere(self) -> Plan:
+        """The plan of a call to abort before the first decision: in the middle of what every receiver accepts."""
+        limits = self._limits or Limits()
+        return Plan.at(0, np.array([0.0, *np.mean([limits.north_m, limits.east_m], axis=1)]), (), NONE)
 
     def _navigation(self, now_s: float) -> Navigation | None:
         """What this vehicle tells of its navigation; a fix or raw place that does not fit is left out and counted."""

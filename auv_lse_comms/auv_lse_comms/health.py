@@ -16,6 +16,11 @@ def bridge_problems(bridge: ModemBridge, now_s: float) -> dict[str, str]:
             f"modem: it has not confirmed the last {bridge.unconfirmed} packets, whose samples wait again: is "
             "micromodem_node running?"
         )
+    if bridge.abort and not bridge.abort_counts:
+        found["abort"] = (
+            "team: mates do not obey its call to abort, which has no tag; fix: packet.tag, or "
+            "packet.abort_without_tag, for the whole team"
+        )
     return found
 
 

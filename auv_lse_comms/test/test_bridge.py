@@ -14,6 +14,7 @@ from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.plan import Plan
 from auv_lse_comms.bridge import ModemBridge, Timing
 from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.health import bridge_problems
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 
 Array = NDArray[np.float64]
@@ -392,6 +393,24 @@ def test_a_call_to_abort_is_obeyed_if_it_has_a_tag_or_need_not_have_one() -> Non
     trusting = bridge(1, abort_without_tag=True)
     assert trusting.obeys(trusting.receive(13.0, 2, call))
     assert trusting.counts["aborts.2"] == 1
+
+
+def test_a_vehicle_without_a_plan_calls_to_abort_all_the_same() -> None:
+    listener, waiting = bridge(1, abort_without_tag=True), bridge(2)
+    assert waiting.poll(11.0) is None
+    waiting.abort = True
+    received = listener.receive(43.0, 2, waiting.poll(41.0))
+    assert received is not None
+    assert listener.obeys(received)
+    assert received.packet.plan.actions == ()
+
+
+def test_a_call_to_abort_that_nobody_obeys_is_told() -> None:
+    plain, trusting = bridge(1), bridge(1, abort_without_tag=True)
+    assert bridge_problems(plain, 0.0) == {}
+    plain.abort = trusting.abort = True
+    assert "packet.tag" in bridge_problems(plain, 0.0)["abort"]
+    assert bridge_problems(trusting, 0.0) == {}
 
 
 @pytest.mark.parametrize("apart_s", [-7.0, -2.0, 2.0, 7.0])

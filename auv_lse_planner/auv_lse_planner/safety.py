@@ -56,6 +56,15 @@ class Safety:
             watch=SafetyWatch(safety, fence, safety.deepest_m(own.depth_m), has_autopilot),
         )
 
+    def snapshot(self) -> dict[str, Any]:
+        """How it stands, for a journal."""
+        return {"run": self.run.snapshot(), "watch": self.watch.snapshot()}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self.run.restore(values["run"])
+        self.watch.restore(values["watch"])
+
     def problems(self) -> dict[str, str]:
         """Limits that are exceeded or have tripped: a text for each, by its key."""
         found = {f"tripped {name}": f"{name}: {why} (latched until RESET)" for name, why in self.run.limits.items()}

@@ -32,7 +32,7 @@ class SafetyNode(VehicleNode):
         self._safety = Safety.of(self.parameters, self.where, self.vehicle)
         for kind, *values in self.journal.records:
             if kind == "standing":
-                self._safety.run.restore(values[0])
+                self._safety.restore(values[0])
         self.show_parameters(
             {
                 "safety": section(SafetyConfig, self.parameters, "safety", self.where),
@@ -89,7 +89,7 @@ class SafetyNode(VehicleNode):
         if (standing, *warnings) != self._said:  # the numbers in warnings change all the time
             self._said = (standing, *warnings)
             self._published += 1
-            self.journal.write("standing", self._safety.run.snapshot())
+            self.journal.write("standing", self._safety.snapshot())
             texts = [f"{name}: {reason}" for name, reason in warnings.items()]
             self._state.publish(mission_state(now_s, self._published, standing, texts))
             self.get_logger().info(f"mission {standing.state.name}: {standing.reason or 'travels'}")
@@ -102,6 +102,7 @@ class SafetyNode(VehicleNode):
             self.get_logger().warning(problem)
         if new or now_s - self._diagnosed_s >= _DIAGNOSTICS_PERIOD_S or now_s < self._diagnosed_s:
             self._diagnosed_s = now_s
+            self.journal.write("standing", self._safety.snapshot())  # for how long it has run
             name = self.get_fully_qualified_name()
             self._diagnostics.publish(diagnostics(now_s, name, self.with_journal(self._safety.health())))
 

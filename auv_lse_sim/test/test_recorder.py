@@ -202,19 +202,32 @@ def test_a_nearly_full_disk_ends_the_recording_and_leaves_it_whole(tmp_path: Pat
 
 
 class FullDisk:
-    """A writer on a disk without room."""
+    """A writer on a disk without room; rosbag2's own raises RuntimeError."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+    def add_topic(self, topic: str, kind: str, latched: bool) -> None:
+        raise self.error
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        raise OSError(28, "No space left on device")
+        raise self.error
 
     def close(self) -> None:
-        self.write("", 0, b"")
+        raise self.error
 
 
-def test_a_full_disk_ends_the_recording_and_raises_nothing(tmp_path: Path) -> None:
-    guarded = GuardedWriter(FullDisk(), tmp_path, 0.0)
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), RuntimeError("No space left on device")])
+def test_a_full_disk_ends_the_recording_and_raises_nothing(tmp_path: Path, error: Exception) -> None:
+    guarded = GuardedWriter(FullDisk(error), tmp_path, 0.0)
     guarded.write("/clock", 1, b"")
     assert "No space left on device" in guarded.problem
     guarded.write("/clock", 2, b"")
     guarded.close()
     assert guarded.dropped == 1
+
+
+def test_a_disk_that_fills_with_a_new_topic_ends_the_recording(tmp_path: Path) -> None:
+    guarded = GuardedWriter(FullDisk(OSError(28, "No space left on device")), tmp_path, 0.0)
+    guarded.add_topic("/late", "std_msgs/msg/String")
+    assert "No space left on device" in guarded.problem

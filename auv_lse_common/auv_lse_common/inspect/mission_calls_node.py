@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from auv_lse_common.inspect.graph_node import Graph
@@ -35,7 +35,11 @@ def tell(graph: Graph, vehicle: str, command: Command, source: str, team: bool) 
 def states(graph: Graph, vehicles: Sequence[str], seconds: float) -> dict[str, Any]:
     """The last MissionState of each vehicle that says one within `seconds`."""
     heard: dict[str, Any] = {}
+
+    def keep(name: str) -> Callable[[Any], None]:
+        return lambda message: heard.update({name: message})
+
     for name in vehicles:
-        graph.listen(f"/{name}/mission/state", MissionState, lambda m, name=name: heard.update({name: m}))
+        graph.listen(f"/{name}/mission/state", MissionState, keep(name))
     graph.spin(seconds)
     return heard

@@ -5,6 +5,7 @@ Theory of operation
 `odometry`, `altitude` and `autopilot` take what has come in since the last step; `step` looks at every limit. A limit
 that is exceeded is warned of at once. When it has been exceeded for `patience_s` without a break and its response is
 not "warn", it trips: `MissionRun.trip`, which latches it until RESET. Before the mission has started nothing trips.
+After a RESET outside of the fence the vehicle may come back: the fence holds again once it is inside.
 
 Ages count from the step at which something came in, by the step's clock: a clock that is set, back or forward, shifts
 them and makes nothing old.
@@ -13,7 +14,9 @@ them and makes nothing old.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from auv_lse_common.frames import is_possible
 from auv_lse_common.mission_run import STOPS, MissionRun, RunState, Stop
@@ -93,6 +96,7 @@ class SafetyWatch:
         self._link_known = False  # the autopilot has been heard once
         self._new_odometry = False
         self._was_inside = False
+        self._fenced = False  # the fence had tripped at the last step
         self._now_s = math.nan
         self._odometry_s = math.nan  # when it came; at first when the watch began
         self._link_s = math.nan
@@ -128,6 +132,14 @@ class SafetyWatch:
         """The autopilot has been heard, or there is none."""
         return self._autopilot is None or self._link_known
 
+    def snapshot(self) -> dict[str, Any]:
+        """What the limits go by that the vehicle does not tell anew, for a journal."""
+        return {"ran_s": self._ran_s, "was_inside": self._was_inside}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self._ran_s, self._was_inside = values["ran_s"], values["was_inside"]
+
     def step(self, now_s: float, run: MissionRun) -> None:
         """Looks at every limit; those that trip are told to `run`, and whether the autopilot is ready.
 
@@ -140,6 +152,8 @@ class SafetyWatch:
         state = run.standing.state
         if state is RunState.RUNNING:
             self._ran_s += passed_s
+        if self._fenced and "fence" not in run.limits:
+            self._was_inside = False
         exceeded = self._exceeded()
         self._since_s = {name: self._since_s.get(name, now_s) for name in exceeded}
         for name, reason in exceeded.items():
@@ -149,6 +163,7 @@ class SafetyWatch:
             if now_s - self._since_s[name] >= self._config.patience_s:
                 run.trip(name, None if response == "abort" else Stop(action=STOPS[response]), reason)
         self.warnings = {name: reason for name, reason in exceeded.items() if name not in run.limits}
+        self._fenced = "fence" in run.limits
 
     def _pass_time(self, now_s: float) -> float:
         """Takes the step's time; returns how long (s) it is since the last step."""

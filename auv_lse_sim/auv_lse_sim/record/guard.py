@@ -57,7 +57,10 @@ class GuardedWriter:
     def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:
         """Announces a topic; as `BagWriter.add_topic`."""
         if not self.problem:
-            self._writer.add_topic(topic, kind, latched)
+            try:
+                self._writer.add_topic(topic, kind, latched)
+            except OSError as error:
+                self._end(f"{self._folder}: {error}")
 
     def learn(self, folders: list[Path]) -> None:
         """As `BagWriter.learn`."""
@@ -70,7 +73,7 @@ class GuardedWriter:
             return
         try:
             self._writer.write(topic, stamp_ns, data)
-        except OSError as error:
+        except (OSError, RuntimeError) as error:  # rosbag2's own writer raises the latter
             self._end(f"{self._folder}: {error}")
 
     def close(self) -> None:
@@ -80,5 +83,5 @@ class GuardedWriter:
 
     def _end(self, problem: str) -> None:
         self.problem = f"the recording has ended, the mission goes on: {problem}"
-        with suppress(OSError, ValueError):  # a disk that is full may not even take the index
+        with suppress(OSError, ValueError, RuntimeError):  # a disk that is full may not even take the index
             self._writer.close()
