@@ -43,7 +43,7 @@ def map_health(
             "places corrected at": f"{placer.correction.stamp_s:.0f} s",
             "map made again": placer.rebooked,
             "ranges": len(placer.smoother.ranges),
-            "ranges refused": placer.correction.refused,
+            "ranges and fixes refused": placer.correction.refused,
             "navigation refused": placer.smoother.refused,
         }
     values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}

@@ -147,7 +147,7 @@ class OnlineGp:
 
     def clear(self) -> None:
         """Forgets all soundings, to take them in again at other places."""
-        self.counts = Counts(refused=self.counts.refused)
+        self.counts = Counts()
         self._table = CenterTable()
         self._behind = True
         self._index = SpacingIndex(self.config.min_spacing_m)

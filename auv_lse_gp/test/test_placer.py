@@ -195,6 +195,14 @@ def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():
     assert np.array_equal(effect, effect.astype(np.float32))
 
 
+def test_a_sounding_that_was_refused_counts_once_however_often_the_map_is_made_again():
+    placer = Placer(1, CONFIG, DepthMap(GP, LevelSet(), AREA))
+    placer.add_soundings(np.array([[1.0, 0.0, 0.0, 15.0, 0.0, 0.0], [2.0, 9.0, 0.0, np.nan, 9.0, 0.0]]))
+    for _ in range(2):
+        placer.placed.lay_out(placer.book.booked_m.copy())
+    assert (placer.placed.map.counts.kept, placer.placed.map.counts.refused) == (1, 1)
+
+
 def test_without_raw_places_the_map_is_as_without_a_placer():
     depth_map, plain = DepthMap(GP, LevelSet(), AREA), DepthMap(GP, LevelSet(), AREA)
     placed, other = MapIntake(depth_map, Placer(1, CONFIG, depth_map)), MapIntake(plain)

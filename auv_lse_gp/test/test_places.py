@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -235,6 +236,57 @@ def test_wrong_ranges_are_refused():
         refused += smoother.smooth().refused
     assert refused >= 5
     assert np.mean(dirty) < 1.5 * np.mean(clean) + 0.5
+
+
+@pytest.mark.parametrize("heard_of", [1, 2])
+def test_one_echo_alone_moves_nothing(heard_of: int):
+    """Too few ranges for a median: 600 m too long is more than dead reckoning can be wrong by."""
+    team = team_of(3, vehicles=2)
+    heard = [
+        (dataclasses.replace(mate, travel_s=mate.travel_s + 0.4), samples)
+        for mate, samples in messages(np.random.default_rng(1), team, 0)[:heard_of]
+    ]
+    correction = smoother_of(CONFIG, team, 0, heard).smooth()
+    assert correction.refused == heard_of
+    assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw, abs=0.1)
+
+
+def test_a_fix_of_a_broken_receiver_moves_nothing():
+    team = team_of(3, vehicles=1)
+    raw_north, raw_east = (float(value) for value in team[0].raw[500])
+    fix = Fix(
+        stamp_s=500.0, north_m=raw_north + 2000.0, east_m=raw_east, raw_north_m=raw_north, raw_east_m=raw_east,
+        std_m=1.0,
+    )  # fmt: skip
+    smoother = smoother_of(CONFIG, team, 0, [])
+    smoother.fixed(fix)
+    correction = smoother.smooth()
+    assert correction.refused == 1
+    assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw, abs=0.1)
+    believed = smoother_of(CONFIG, team, 0, [])
+    believed.fixed(dataclasses.replace(fix, north_m=raw_north + 40.0))
+    assert believed.smooth().refused == 0
+
+
+def test_places_do_not_depend_on_when_time_began():
+    """A vehicle's stamps are UTC, those of a simulation begin at 0: clocks are apart since the start, not since 1970."""
+    team = team_of(3, vehicles=2)
+    surface(np.random.default_rng(2), team[1], 600)
+    heard = messages(np.random.default_rng(1), team, 0)
+    utc = 1.7e9
+    later = [
+        dataclasses.replace(
+            sailed,
+            times=sailed.times + utc,
+            fixes=[dataclasses.replace(fix, stamp_s=fix.stamp_s + utc) for fix in sailed.fixes],
+        )
+        for sailed in team
+    ]
+    then = [(dataclasses.replace(m, stamp_s=m.stamp_s + utc, sent_s=m.sent_s + utc), s) for m, s in heard]
+    correction, shifted = smoother_of(CONFIG, team, 0, heard).smooth(), smoother_of(CONFIG, later, 0, then).smooth()
+    at, raw = team[0].times[::50], team[0].raw[::50]
+    assert shifted.places(1, at + utc, raw) == pytest.approx(correction.places(1, at, raw), abs=1e-3)
+    assert shifted.place_std_m(1, at + utc, raw) == pytest.approx(correction.place_std_m(1, at, raw), rel=1e-3)
 
 
 def test_packets_may_be_lost_and_no_clock_may_be_right():

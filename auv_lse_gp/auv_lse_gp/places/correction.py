@@ -17,7 +17,7 @@ class Correction:
         stamp_s: That time.
         covariance: Covariance of the unknowns (unknowns, unknowns), see `model.py`.
         theta: The unknowns (unknowns,).
-        refused: How many ranges were refused as wrong.
+        refused: How many ranges and fixes were refused as wrong.
     """
 
     def __init__(self, model: TeamModel, theta: Array, covariance: Array, stamp_s: float, refused: int = 0) -> None:
@@ -28,7 +28,7 @@ class Correction:
             theta: The unknowns (unknowns,).
             covariance: Their covariance.
             stamp_s: Time of the last measurement.
-            refused: How many ranges were refused.
+            refused: How many ranges and fixes were refused.
         """
         self._model = model
         self.theta, self.covariance, self.stamp_s, self.refused = theta, covariance, stamp_s, refused

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ GATE = 4.0
 _MAD_TO_STD = 1.4826
 #: ... but never where they are off by less than this many of their standard deviations.
 _LEAST_GATE = 2.0
+#: With one range or two that says nothing. So what is farther off than so many standard deviations of what is known
+#: before is refused as well: ranges, which echoes make longer, and fixes, which are off by this for a broken receiver.
+RANGE_SIGMAS, FIX_SIGMAS = 8.0, 30.0
 #: A shorter range (m) is not used: its direction is that of the error, and how much deeper one vehicle is matters.
 NEAREST_M = 20.0
 
@@ -68,6 +72,7 @@ class Fixes:
     def __init__(self, model: TeamModel, rows: Sequence[FixRow]) -> None:
         """Looks up what each fix needs of its vehicle's track."""
         self._model = model
+        self._rows = sorted(rows, key=lambda row: row.vehicle)
         self._groups: list[tuple[slice, Sums, Array, Array]] = []
         for number in sorted({row.vehicle for row in rows}):
             own = [row for row in rows if row.vehicle == number]
@@ -76,6 +81,17 @@ class Fixes:
             places, std = np.array([row.place_m for row in own]), np.array([row.std_m for row in own])
             sums = vehicle.sums(vehicle.track.at(stamps, raw))
             self._groups.append((vehicle.block, sums, places, np.repeat(std, 2)))
+
+    def __len__(self) -> int:
+        """Number of fixes."""
+        return len(self._rows)
+
+    def believable(self) -> Fixes:
+        """Those that the errors that are known before can explain."""
+        zero = np.zeros(self._model.size)
+        sigmas = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)).reshape(-1, 2)
+        kept = (sigmas <= FIX_SIGMAS).all(axis=1)
+        return self if kept.all() else Fixes(self._model, list(compress(self._rows, kept)))
 
     def residuals(self, theta: Array) -> Array:
         """What was measured less what is expected, over its standard deviation (m,)."""
@@ -98,6 +114,7 @@ class Ranges:
     def __init__(self, model: TeamModel, rows: Sequence[RangeRow]) -> None:
         """Looks up where each range begins and ends on the vehicles' tracks."""
         self._model = model
+        self._rows = sorted(rows, key=lambda row: (row.sender, row.receiver))
         self._std_m = model.config.range_std_m
         self._groups: list[tuple[tuple[int, int], Sums, Sums, Array, Array]] = []
         for pair in sorted({(row.sender, row.receiver) for row in rows}):
@@ -110,7 +127,13 @@ class Ranges:
 
     def __len__(self) -> int:
         """Number of ranges."""
-        return sum(len(group[3]) for group in self._groups)
+        return len(self._rows)
+
+    def believable(self) -> Ranges:
+        """Those that the errors that are known before can explain."""
+        zero = np.zeros(self._model.size)
+        kept = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)) <= RANGE_SIGMAS
+        return self if kept.all() else Ranges(self._model, list(compress(self._rows, kept)))
 
     def residuals(self, theta: Array) -> Array:
         """As `Fixes.residuals`, in the order of pairs."""
@@ -143,10 +166,20 @@ class Ranges:
         return np.concatenate(rows)
 
     def _clocks(self, sender: int, receiver: int, sent: Sums, arrived: Sums) -> list[tuple[int, float, int, Array]]:
-        """The two clocks of a pair but for the reference: vehicle, sign, first unknown, thousands of seconds (m,)."""
+        """The two clocks of a pair but for the reference: vehicle, sign, first unknown, thousands of s since its start."""
         ends = ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s))
-        clocks = [(number, sign, self._model.clock(number), stamps * 1e-3) for number, sign, stamps in ends]
+        vehicles = self._model.vehicles
+        clocks = [
+            (number, sign, self._model.clock(number), (at - vehicles[number].track.start_s) * 1e-3)
+            for number, sign, at in ends
+        ]
         return [(number, sign, clock, late) for number, sign, clock, late in clocks if clock is not None]
+
+
+def _sigmas(model: TeamModel, residuals: Array, derivatives: Array) -> Array:
+    """How far whitened residuals (m,) are from 0 before any measurement, in their standard deviations then, (m,)."""
+    known = derivatives * model.prior_std()
+    return np.asarray(np.abs(residuals) / np.sqrt(1.0 + np.einsum("mu,mu->m", known, known)))
 
 
 def _distance(apart: Array, deeper: Array) -> Array:

@@ -228,8 +228,10 @@ def smooth_team(
     model = TeamModel(config, tracks, references, before_m)
     start = model.carried(last[1], last[0]) if last is not None else np.zeros(model.size)
     term = TerrainTerm(model, terrain) if terrain is not None and config.terrain else None
-    solution = solve(model, Fixes(model, fixes), Ranges(model, ranges), term, start, terrain_steps)
-    return Correction(model, solution.theta, solution.covariance, stamp_s, solution.refused)
+    believed_fixes, believed = Fixes(model, fixes).believable(), Ranges(model, ranges).believable()
+    solution = solve(model, believed_fixes, believed, term, start, terrain_steps)
+    refused = len(fixes) - len(believed_fixes) + len(ranges) - len(believed) + solution.refused
+    return Correction(model, solution.theta, solution.covariance, stamp_s, refused)
 
 
 def _plausible(mate: MateNavigation, sent_s: float, before: Array | None) -> bool:

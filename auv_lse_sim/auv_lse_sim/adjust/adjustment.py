@@ -76,7 +76,7 @@ class Adjustment:
         runs: The runs, with soundings, samples and their places' standard deviations replaced; odometry is as flown.
         moved: What became of each vehicle's soundings.
         ranges: Ranges measured, in all.
-        refused: How many of them were refused as wrong.
+        refused: How many of them, and of the fixes, were refused as wrong.
         correction: The places found.
     """
 

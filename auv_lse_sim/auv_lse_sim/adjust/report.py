@@ -35,7 +35,7 @@ def lines(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str
         "|---|---|---|---|---|---|---|---|---|",
     ]
     text += [_moved_row(m, adjustment, before, names[m.run]) for m in adjustment.moved]
-    text += ["", f"{adjustment.ranges} ranges, {adjustment.refused} of them refused as wrong."]
+    text += ["", f"{adjustment.ranges} ranges; {adjustment.refused} ranges and fixes refused as wrong."]
     if not any(m.fixes for m in adjustment.moved):
         text += [
             "",
