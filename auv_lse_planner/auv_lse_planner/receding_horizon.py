@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import Plan
+from auv_lse_common.plan import NONE, Plan
 from auv_lse_gp.area import Grid
 from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
@@ -199,16 +199,20 @@ class RecedingHorizon:
         self._plan, self.path = plan, self._rollout.follow(plan).from_step(step)
 
     def delay(self, legs: int) -> None:
-        """The vehicle stops for the time of so many legs: the plan goes on as many steps later, and ends as it must."""
+        """The vehicle stops for the time of so many legs: its path goes on as many steps later, and ends as it must.
+
+        A naive path may be made for the legs that are left, and lead elsewhere with fewer. Then the plan goes on by
+        the actions of the path: to choose anew would begin the lanes and the account again.
+        """
         if self._plan is None or self.path is None:
             return
-        state = self.path.states[min(1, len(self.path))]
+        rest = self.path.from_step(self.path.step + 1)
         plan = dataclasses.replace(self._plan, step=self._plan.step + legs)
         path = self._rollout.follow(plan).from_step(self.path.step + legs)
-        after = path.states[min(1, len(path))]
-        if not np.allclose(after, state, atol=1e-6):  # a naive path that is made for the legs left: it is another now
-            self._plan, self.path = None, None
-            return
+        if not np.allclose(path.states[min(1, len(path))], rest.states[0], atol=1e-6):
+            actions = tuple(int(action) for action in rest.actions[: max(len(rest) - legs, 0)])
+            plan = Plan.at(rest.step + legs, rest.states[0], actions, NONE)
+            path = self._rollout.follow(plan)
         self._plan, self.path = plan, path
         self._touring.delay(legs)
 

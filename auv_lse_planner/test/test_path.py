@@ -151,3 +151,23 @@ def test_the_paths_own_reward_does_not_telescope():
         here = posterior.columns(np.array([[(i + 1) * 10.0, 0.0]]))
         stepwise += PathReward(posterior, level).value(here)
     assert stepwise < 0.95 * whole
+
+
+@pytest.mark.parametrize("length", [5, 30])
+def test_no_path_is_paid_for_the_floor_of_uncertain_places(length):
+    """What a path leaves is what the posterior has once it is planned: with the places' variance, before and after."""
+    rng = np.random.default_rng(4)
+    known = centers(rng, 40)
+    effect = 0.5 * rng.standard_normal((40, 3))
+    posterior = Posterior(GpConfig())
+    posterior.follow(Centers(known.places_m, known.depths_m, known.noise_std_m, effect))
+    path = rng.uniform(-100.0, 100.0, (length, 2))
+    reward = PathReward(posterior, LevelSet())
+    columns = posterior.columns(path)
+    left = reward.var_after_m2(columns)
+    two = reward.values_of_equal(posterior.columns(np.concatenate([path, path])), length)
+    assert two == pytest.approx([reward.value(columns)] * 2)
+    posterior.plan(path)
+    planned = posterior.columns(path).planned_var_m2
+    assert planned.min() > 0.0
+    assert left == pytest.approx(planned, rel=1e-6, abs=1e-9)

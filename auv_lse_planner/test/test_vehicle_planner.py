@@ -68,6 +68,21 @@ def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
         planner.decide(1e6)
 
 
+def test_a_lawnmower_goes_on_along_its_lanes_after_a_surfacing():
+    """Lanes are fitted to the legs that are left: with fewer of them they would begin anew."""
+    s = settings({"method": "lawnmower"}, steps=80)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    decisions = _fly(planner, ticks=3000)
+    without = settings({"method": "lawnmower"}, steps=80, vehicle={"surfacings": 0})
+    through = _fly(VehiclePlanner(1, without, np.random.default_rng(1)), ticks=3000)
+    surfaced = [decision.leg.step for decision in decisions if decision.leg.surface]
+    assert len(surfaced) == 1
+    assert planner.finished
+    assert len(decisions) == 76
+    places = [[(d.leg.north_m, d.leg.east_m) for d in flown] for flown in (decisions, through)]
+    assert np.array(places[0]) == pytest.approx(np.array(places[1][:76]), abs=1e-2)
+
+
 @pytest.mark.parametrize("method", ["augmented", "tour"])
 def test_the_same_seed_decides_the_same(method):
     s = settings({"method": method, "iterations": 100}, steps=5)

@@ -5,7 +5,8 @@ That is `credit="whole"`. With `credit="beyond"` the first term is E r(p | S u O
 what the team mates' plans would bring anyway (a vehicle is then not paid for going where another goes).
 
 With M = cov(V, V | S u O) + sigma^2 I, the variance that is left at the path's places is
-sigma^2 - sigma^4 diag(M^-1).
+sigma^2 - sigma^4 diag(M^-1), and what the uncertain places of the data add (`Posterior.place_variance`), before and
+after.
 """
 
 from __future__ import annotations
@@ -75,8 +76,18 @@ class PathReward:
 
     def var_after_m2(self, columns: Columns) -> Array:
         """Variance (P,) of the depth at the path's places once all of them are measured."""
-        inverse_diagonal = inverse_diagonal_of(self.posterior.measured_covariance(columns))
+        matrix = self.posterior.measured_covariance(columns)
+        floor = self._floor(columns, np.diagonal(matrix))
+        return self._left(inverse_diagonal_of(matrix)) + floor
+
+    def _left(self, inverse_diagonal: Array) -> Array:
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
+
+    def _floor(self, columns: Columns, measured_var_m2: Array) -> Array | float:
+        """What uncertain places add to each variance (P,): the planned variance less that without it, plus noise."""
+        if not self.posterior.places_uncertain:
+            return 0.0
+        return np.maximum(columns.planned_var_m2 - (measured_var_m2 - self._noise), 0.0)
 
     def values_of_equal(self, columns: Columns, length: int) -> Array:
         """J of several paths of equal length, all at once.
@@ -91,13 +102,14 @@ class PathReward:
         batch = len(columns) // length
         if length <= SMALL:
             matrices = self.posterior.measured_covariances(columns, batch)
+            floor = self._floor(columns, np.einsum("bii->bi", matrices).ravel())
             diagonal = np.empty((batch, length))
             if not small_inverse_diagonals(matrices, diagonal):
                 raise ValueError(not_positive_definite(length))
+            after = self._left(diagonal.ravel()) + floor
         else:
             parts = [columns.slice(i * length, (i + 1) * length) for i in range(batch)]
-            diagonal = np.array([inverse_diagonal_of(self.posterior.measured_covariance(part)) for part in parts])
-        after = np.maximum(self._noise - self._noise**2 * diagonal.ravel(), 0.0)
+            after = np.concatenate([self.var_after_m2(part) for part in parts])
         return np.asarray(self._gains(columns, after).reshape(batch, length).sum(axis=1))
 
 
