@@ -269,7 +269,7 @@ def test_a_fix_of_a_broken_receiver_moves_nothing():
 
 
 def test_places_do_not_depend_on_when_time_began():
-    """A vehicle's stamps are UTC, those of a simulation begin at 0: clocks are apart since the start, not since 1970."""
+    """A vehicle's stamps are UTC, those of a simulation begin at 0: clocks part at the start, not in 1970."""
     team = team_of(3, vehicles=2)
     surface(np.random.default_rng(2), team[1], 600)
     heard = messages(np.random.default_rng(1), team, 0)

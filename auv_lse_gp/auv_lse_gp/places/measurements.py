@@ -90,8 +90,8 @@ class Fixes:
         """Those that the errors that are known before can explain."""
         zero = np.zeros(self._model.size)
         sigmas = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)).reshape(-1, 2)
-        kept = (sigmas <= FIX_SIGMAS).all(axis=1)
-        return self if kept.all() else Fixes(self._model, list(compress(self._rows, kept)))
+        kept = np.asarray(sigmas.max(axis=1) <= FIX_SIGMAS)
+        return self if kept.all() else Fixes(self._model, list(compress(self._rows, kept.tolist())))
 
     def residuals(self, theta: Array) -> Array:
         """What was measured less what is expected, over its standard deviation (m,)."""
@@ -133,7 +133,7 @@ class Ranges:
         """Those that the errors that are known before can explain."""
         zero = np.zeros(self._model.size)
         kept = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)) <= RANGE_SIGMAS
-        return self if kept.all() else Ranges(self._model, list(compress(self._rows, kept)))
+        return self if kept.all() else Ranges(self._model, list(compress(self._rows, kept.tolist())))
 
     def residuals(self, theta: Array) -> Array:
         """As `Fixes.residuals`, in the order of pairs."""
@@ -166,7 +166,7 @@ class Ranges:
         return np.concatenate(rows)
 
     def _clocks(self, sender: int, receiver: int, sent: Sums, arrived: Sums) -> list[tuple[int, float, int, Array]]:
-        """The two clocks of a pair but for the reference: vehicle, sign, first unknown, thousands of s since its start."""
+        """The two clocks of a pair but the reference: vehicle, sign, first unknown, thousands of s since its start."""
         ends = ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s))
         vehicles = self._model.vehicles
         clocks = [
