@@ -265,8 +265,8 @@ def table(flight: Flight, steps: int) -> tuple[list[str], bool]:
     for vehicle, decided in flight.steps.items():
         whole = decided == list(range(steps))
         lines.append(
-            f"auv{vehicle}: steps decided {decided[0]} to {decided[-1]}, "
-            f"{'each once' if whole else 'not each once: ' + str(decided)}; {flight.heard[vehicle]} plans heard"
+            f"auv{vehicle}: steps decided: {f'0 to {steps - 1}, each once' if whole else decided}; "
+            f"{flight.heard[vehicle]} plans heard"
         )
         good = good and whole
     return lines, good

@@ -271,9 +271,7 @@ class Fleet:
         log.dead_reckoning.append((raw.stamp_s, raw.north_m, raw.east_m, raw.heading_rad, raw.depth_m))
         log.fixes += [_fix_as_message_has_it(fix) for fix in output.fixes]
         log.mates += [
-            _mate_as_message_has_it(received.navigation)
-            for received in heard
-            if received.navigation is not None
+            _mate_as_message_has_it(received.navigation) for received in heard if received.navigation is not None
         ]
         if len(output.soundings):
             log.soundings.append(output.soundings)

@@ -64,9 +64,7 @@ class MapStep:
 class MapAgain:
     """The map of one vehicle, brought forward in time."""
 
-    def __init__(
-        self, inputs: VehicleInputs, settings: PlannerSettings, places: PlacesConfig, lockstep: bool
-    ) -> None:
+    def __init__(self, inputs: VehicleInputs, settings: PlannerSettings, places: PlacesConfig, lockstep: bool) -> None:
         """Starts with the prior.
 
         Args:
