@@ -24,8 +24,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from auv_lse_common.base_node import EVERY, LATCHED
+from auv_lse_common.mission_run import Action, RunState, Standing, Stop
 from auv_lse_common.params import ParameterError
-from auv_lse_common.ros_conversions import header
+from auv_lse_common.ros_conversions import header, mission_state
+from auv_lse_comms.mavlink.events import AutopilotEstimate
 from auv_lse_comms.mavlink.ros_conversions import ends_to_reach
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
@@ -194,6 +196,21 @@ def test_modem_node_sends_useful_samples_and_takes_them_back(tmp_path: Path) -> 
         first, again = (decode(bytes(message.payload)).samples for message in sent)
         assert len(first) == 19
         assert (first == again).all(), "worth as much as before"
+
+
+def test_a_link_started_again_sends_the_vehicle_nowhere_before_it_knows_how_the_mission_stands(tmp_path: Path) -> None:
+    here = AutopilotEstimate(
+        stamp_s=1.0, heading_rad=0.0, north_m=10.0, east_m=1.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0
+    )
+    held = Standing(state=RunState.HOLDING, stop=Stop(action=Action.HOLD))
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
+        link = s.node._autopilot.link
+        s.node._on_waypoint(Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0))  # an old one
+        s.node.on_event(here)
+        assert link.targets == (), "the mission may be held, or aborted"
+        s.node._on_state(mission_state(1.0, 1, held, []))
+        s.node.on_event(here)
+        assert [target.step for target in link.targets] == [7], "for when it goes on"
 
 
 @pytest.mark.parametrize(

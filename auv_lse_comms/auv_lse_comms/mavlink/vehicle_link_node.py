@@ -48,6 +48,7 @@ class VehicleLinkNode(DriverNode):
         self._status = self.publisher(AutopilotStatus, "autopilot")
         self._started_s = self.now_s()
         self._late: Waypoint | None = None
+        self._told = False  # how it stands with the mission
         self._odometry = self.publisher(Odometry, "odometry")
         self._dead_reckoning = self.publisher(Odometry, "dead_reckoning")
         self._altitude = self.publisher(Range, "altitude")
@@ -60,7 +61,7 @@ class VehicleLinkNode(DriverNode):
 
     def _on_waypoint(self, message: Waypoint) -> None:
         if not self._waypoints and seconds(message.header.stamp) < self._started_s:
-            self._late = message  # this node was started again under way: where the vehicle is decides
+            self._late = message  # this node was started again under way: place and mission's state decide
         else:
             self._late = None
             self._command(message.step, [target_of_waypoint(message)])
@@ -70,6 +71,7 @@ class VehicleLinkNode(DriverNode):
     def _on_state(self, message: MissionState) -> None:
         try:
             self._autopilot.stop(self.time_s(), standing_of(message).stop)
+            self._told = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
 
@@ -94,7 +96,7 @@ class VehicleLinkNode(DriverNode):
         match event:
             case events.AutopilotEstimate():
                 self._odometry.publish(odometry_message(event, self.vehicle))
-                if self._late is not None:
+                if self._late is not None and self._told:
                     late, self._late = self._late, None
                     self._command(late.step, ends_to_reach(late, event.north_m, event.east_m))
                 self._dead_reckoning.publish(odometry_message(event, self.vehicle))
