@@ -1,5 +1,8 @@
 """The campaign file: what is flown, and what is refused."""
 
+import dataclasses
+from pathlib import Path
+
 import pytest
 from sim_helpers import TINY, spec_of
 
@@ -86,3 +89,10 @@ def test_another_survey_under_the_same_name_is_another_mission(tmp_path):
     assert before == ids()
     survey.write_text("east_m,north_m,depth_m\n0,0,11\n")
     assert before != ids()
+
+
+@pytest.mark.parametrize("path", sorted(Path(__file__).parents[2].glob("config/campaigns/*.yaml")), ids=lambda p: p.stem)
+def test_the_campaigns_of_the_project_can_be_flown(path):
+    """Their missions have no method or parameter that is gone."""
+    spec = CampaignSpec.load(path)
+    assert len(dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()) > 1
