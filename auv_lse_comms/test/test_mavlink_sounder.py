@@ -58,12 +58,20 @@ def test_the_usual_rates_of_autopilots_give_soundings(odometry_s: float, ping_s:
 
 def test_the_median_rejects_an_outlier_and_few_pings_give_none() -> None:
     sounder = Sounder(1.0, 3)
-    sounder.odometry(0.0, 0.0, 0.0, 2.0)
+    sounder.odometry(0.0, 0.0, 0.0, 2.0, (1.0, -1.0))
     for t, altitude in ((0.2, 10.0), (0.4, 3.0), (0.6, 10.2), (0.8, 10.4), (1.2, 10.0), (1.4, 10.0)):
         sounder.altitude(t, altitude)
-    sounder.odometry(1.0, 0.0, 0.0, 2.0)
-    soundings = sounder.odometry(2.0, 0.0, 0.0, 2.0)
-    assert soundings == [Sounding(stamp_s=pytest.approx(0.5), north_m=0.0, east_m=0.0, depth_m=pytest.approx(12.1))]
+    sounder.odometry(1.0, 0.0, 0.0, 2.0, (1.0, -1.0))
+    soundings = sounder.odometry(2.0, 0.0, 0.0, 2.0, (1.0, -1.0))
+    expected = Sounding(
+        stamp_s=pytest.approx(0.5),
+        north_m=0.0,
+        east_m=0.0,
+        depth_m=pytest.approx(12.1),
+        raw_north_m=1.0,
+        raw_east_m=-1.0,
+    )
+    assert soundings == [expected]
     assert sounder.odometry(2.3, 0.0, 0.0, 2.0) == []
     assert sounder.counts["periods_short"] == 1
 

@@ -91,8 +91,8 @@ class VehicleConfig:
         low=0,
         high=10,
         help="fixes for which it surfaces in a mission, far from its start; 0 for a vehicle that must not; left out: "
-        "1, but 0 with the paper's methods (planner.method augmented, exponential_quadratic, plain); none where a "
-        "mission is too short",
+        "1, but 0 with the paper's methods (planner.method augmented, exponential_quadratic, plain) and with an "
+        "autopilot (link.kind mavlink), whose link does not surface; none where a mission is too short",
     )
     surfacing_s: float = parameter(
         60.0,
@@ -114,6 +114,10 @@ class VehicleConfig:
             ParameterError: if it is to go to a place that is not given.
         """
         self.stop("vehicle.at_end", self.at_end)
+
+    def with_autopilot(self) -> VehicleConfig:
+        """These parameters for a vehicle that is led by an autopilot: no surfacing unless one is asked for."""
+        return self if self.surfacings is not None else replace(self, surfacings=0)
 
     @property
     def stop_at_end(self) -> Stop:
@@ -322,6 +326,8 @@ class PlannerSettings:
         mission = section(MissionConfig, parameters, "mission", where)
         planner = section(PlannerConfig, parameters, "planner", where)
         check_path_length(mission, planner, where)
+        own = section(VehicleConfig, parameters, "vehicle", where)
+        led = dict(parameters.get("link", {})).get("kind") == "mavlink"
         return cls(
             mission=mission,
             level_set=section(LevelSet, parameters, "level_set", where),
@@ -329,5 +335,5 @@ class PlannerSettings:
             gp=section(GpConfig, parameters, "gp", where),
             motion=section(MotionConfig, parameters, "motion", where),
             planner=planner,
-            vehicle=section(VehicleConfig, parameters, "vehicle", where),
+            vehicle=own.with_autopilot() if led else own,
         )

@@ -185,7 +185,7 @@ class Settings:
             gp=own.gp,
             motion=self.motion,
             planner=own.planner,
-            vehicle=own.vehicle,
+            vehicle=own.vehicle.with_autopilot() if own.link.kind == "mavlink" else own.vehicle,
         )
 
     @property

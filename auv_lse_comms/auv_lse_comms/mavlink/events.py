@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from auv_lse_common.dead_reckoning import Fix
 from auv_lse_common.safety.watch import AutopilotSays
 from auv_lse_comms.mavlink.conversion import Target
 
@@ -20,6 +22,8 @@ class AutopilotEstimate:
         depth_m: Below the surface, positive down.
         speed_mps: Over ground, horizontal.
         yaw_rate_radps: Positive to starboard.
+        raw_north_m: North of the raw place: without what fixes did to the estimate.
+        raw_east_m: East of it.
     """
 
     stamp_s: float
@@ -29,6 +33,8 @@ class AutopilotEstimate:
     depth_m: float
     speed_mps: float
     yaw_rate_radps: float
+    raw_north_m: float = math.nan
+    raw_east_m: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,4 +99,4 @@ class Problem:
     text: str
 
 
-Event = AutopilotEstimate | Altitude | Pressure | AutopilotState | LinkUp | LinkLost | TargetSent | Problem
+Event = AutopilotEstimate | Fix | Altitude | Pressure | AutopilotState | LinkUp | LinkLost | TargetSent | Problem

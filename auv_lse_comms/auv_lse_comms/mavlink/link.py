@@ -47,6 +47,7 @@ from auv_lse_comms.mavlink.events import (
 )
 from auv_lse_comms.mavlink.modes import obeying_modes
 from auv_lse_comms.mavlink.origin import ORIGIN_TOLERANCE_M, OriginExchange
+from auv_lse_comms.mavlink.raw_track import RawTrack
 from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
 from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
 
@@ -114,6 +115,7 @@ class VehicleLink:
         self._attitude: Message | None = None
         self._attitude_s = -math.inf
         self._place: AutopilotEstimate | None = None
+        self._raw, self._raw_in = RawTrack(), self.datum
 
     # ------------------------------------------------------------------ calls of the owner
 
@@ -253,6 +255,7 @@ class VehicleLink:
         self._clock.forget()
         self._origin.forget()
         self._attitude, self._place = None, None
+        self._raw.interrupt()
         self._targets.resend()
 
     def _watch_boot(self, boot_ms: int) -> None:
@@ -318,17 +321,33 @@ class VehicleLink:
             self.counts["stale_attitude"] += 1
             return
         north_m, east_m = self.datum.from_local_ned(message.x, message.y)
+        stamp_s = self._clock.stamp_s(self._now_s, message.time_boot_ms)
+        if self.datum != self._raw_in:  # places have shifted with the origin
+            self._raw_in = self.datum
+            self._raw.interrupt()
+        fix = self._raw.move(stamp_s, north_m, east_m, float(message.z), float(message.vx), float(message.vy))
+        if self._raw.jumps > self.counts["jumps_undone"]:
+            self.counts["jumps_undone"] = self._raw.jumps
         self._place = AutopilotEstimate(
-            stamp_s=self._clock.stamp_s(self._now_s, message.time_boot_ms),
+            stamp_s=stamp_s,
             heading_rad=float(self._attitude.yaw),
             north_m=north_m,
             east_m=east_m,
             depth_m=float(message.z),
             speed_mps=math.hypot(message.vx, message.vy),
             yaw_rate_radps=float(self._attitude.yawspeed),
+            raw_north_m=self._raw.north_m,
+            raw_east_m=self._raw.east_m,
         )
         self.counts["odometries"] += 1
+        if fix is not None:
+            self.counts["fixes"] += 1
+            self._events.append(fix)
         self._events.append(self._place)
+
+    def _on_gps(self, message: Message) -> None:
+        if message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX:
+            self._raw.gps(message.h_acc / 1000.0)
 
     def _on_global_position(self, message: Message) -> None:
         """A second opinion on the datum: the two positions must agree."""
@@ -394,6 +413,7 @@ HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "ATTITUDE": VehicleLink._on_attitude,
     "LOCAL_POSITION_NED": VehicleLink._on_local_position,
     "GLOBAL_POSITION_INT": VehicleLink._on_global_position,
+    "GPS_RAW_INT": VehicleLink._on_gps,
     "GPS_GLOBAL_ORIGIN": VehicleLink._on_origin,
     "DISTANCE_SENSOR": VehicleLink._on_distance,
     "SCALED_PRESSURE2": VehicleLink._on_pressure,

@@ -30,12 +30,14 @@ MAX_KEPT = 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sounding:
-    """Depth of water (m, positive down) at north, east (m), mean time of its pings (s)."""
+    """Depth of water (m, positive down) at north, east (m) and the raw place, mean time of its pings (s)."""
 
     stamp_s: float
     north_m: float
     east_m: float
     depth_m: float
+    raw_north_m: float = math.nan
+    raw_east_m: float = math.nan
 
 
 class Sounder:
@@ -52,7 +54,8 @@ class Sounder:
         self.counts: Counter[str] = Counter()
         self._every_s = every_s
         self._least_pings = least_pings
-        self._odometry: deque[tuple[float, float, float, float]] = deque(maxlen=MAX_KEPT)  # stamp, north, east, depth
+        # stamp, north, east, depth, raw north, raw east
+        self._odometry: deque[tuple[float, float, float, float, float, float]] = deque(maxlen=MAX_KEPT)
         self._pings: list[tuple[float, float]] = []  # stamp, altitude, of periods that are not over
         self._over = -math.inf  # number of the last period that is over
 
@@ -73,15 +76,26 @@ class Sounder:
         else:
             bisect.insort(self._pings, (stamp_s, altitude_m))
 
-    def odometry(self, stamp_s: float, north_m: float, east_m: float, depth_m: float) -> list[Sounding]:
-        """Takes where the vehicle is (m; depth positive down); gives the soundings of periods that are over now."""
+    def odometry(
+        self,
+        stamp_s: float,
+        north_m: float,
+        east_m: float,
+        depth_m: float,
+        raw_m: tuple[float, float] = (math.nan, math.nan),
+    ) -> list[Sounding]:
+        """Takes where the vehicle is (m; depth positive down), and its raw place: north, east (m), NaN if unknown.
+
+        Returns:
+            The soundings of periods that are over now.
+        """
         if not all(map(math.isfinite, (stamp_s / self._every_s, north_m, east_m, depth_m))):
             self.counts["bad_odometry"] += 1
             return []
         if self._odometry and stamp_s < self._odometry[-1][0]:
             self.counts["clock_steps"] += 1
             self.reset()
-        self._odometry.append((stamp_s, north_m, east_m, depth_m))
+        self._odometry.append((stamp_s, north_m, east_m, depth_m, *raw_m))
         over = self._period(stamp_s - LATE_S) - 1
         if over <= self._over:
             return []
@@ -94,14 +108,14 @@ class Sounder:
         # the odometry before the end of the last period that is over is the first that is still needed
         while len(self._odometry) > 1 and self._odometry[1][0] <= over * self._every_s:
             self._odometry.popleft()
-        periods = by_period(np.array(placed).reshape(-1, 4), self._every_s)
+        periods = by_period(np.array(placed).reshape(-1, 6), self._every_s)
         return [sounding for period in periods if (sounding := self._sounding(period)) is not None]
 
     def _period(self, stamp_s: float) -> int:
         return int(period_of(stamp_s, self._every_s))
 
-    def _placed(self, stamp_s: float, altitude_m: float) -> tuple[float, float, float, float] | None:
-        """Stamp, north, east, water depth of a ping; None without odometry close before and after it."""
+    def _placed(self, stamp_s: float, altitude_m: float) -> tuple[float, ...] | None:
+        """Stamp, north, east, water depth, raw north, east of a ping; None without odometry close before and after."""
         after = bisect.bisect_left(self._odometry, stamp_s, key=lambda row: row[0])
         if after == len(self._odometry):
             return None
@@ -110,13 +124,20 @@ class Sounder:
         if a[0] > stamp_s or b[0] - a[0] > MAX_GAP_S:
             return None
         part = (stamp_s - a[0]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
-        north, east, depth = (x + part * (y - x) for x, y in zip(a[1:], b[1:], strict=True))
-        return stamp_s, north, east, depth + altitude_m
+        north, east, depth, *raw = (x + part * (y - x) for x, y in zip(a[1:], b[1:], strict=True))
+        return stamp_s, north, east, depth + altitude_m, *raw
 
     def _sounding(self, pings: Array) -> Sounding | None:
         if len(pings) < self._least_pings:
             self.counts["periods_short"] += 1
             return None
         self.counts["soundings"] += 1
-        stamp_s, north_m, east_m, depth_m = sounding_of(pings).tolist()
-        return Sounding(stamp_s=stamp_s, north_m=north_m, east_m=east_m, depth_m=depth_m)
+        stamp_s, north_m, east_m, depth_m, raw_north_m, raw_east_m = sounding_of(pings).tolist()
+        return Sounding(
+            stamp_s=stamp_s,
+            north_m=north_m,
+            east_m=east_m,
+            depth_m=depth_m,
+            raw_north_m=raw_north_m,
+            raw_east_m=raw_east_m,
+        )

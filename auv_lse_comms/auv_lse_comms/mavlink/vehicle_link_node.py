@@ -6,8 +6,15 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import FluidPressure, Range
 
 from auv_lse_common.base_node import run
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import seconds, sounding_message, standing_of
+from auv_lse_common.ros_conversions import (
+    dead_reckoning_message,
+    fix_message,
+    seconds,
+    sounding_message,
+    standing_of,
+)
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.mavlink import events, sounder
 from auv_lse_comms.mavlink.config import LinkConfig
@@ -25,6 +32,7 @@ from auv_lse_comms.mavlink.ros_conversions import (
 from auv_lse_comms.mavlink.targets import target_limits
 from auv_lse_comms.packet.key import read_key
 from auv_lse_msgs.msg import AutopilotStatus, MissionState, Sounding, Waypoint
+from auv_lse_msgs.msg import Fix as FixMessage
 
 
 class VehicleLinkNode(DriverNode):
@@ -50,6 +58,7 @@ class VehicleLinkNode(DriverNode):
         self._late: Waypoint | None = None
         self._told = False  # how it stands with the mission
         self._odometry = self.publisher(Odometry, "odometry")
+        self._fix = self.publisher(FixMessage, "fix")
         self._dead_reckoning = self.publisher(Odometry, "dead_reckoning")
         self._altitude = self.publisher(Range, "altitude")
         self._pressure = self.publisher(FluidPressure, "pressure")
@@ -96,19 +105,35 @@ class VehicleLinkNode(DriverNode):
         match event:
             case events.AutopilotEstimate():
                 self._odometry.publish(odometry_message(event, self.vehicle))
+                raw = DeadReckoning(
+                    stamp_s=event.stamp_s,
+                    heading_rad=event.heading_rad,
+                    north_m=event.raw_north_m,
+                    east_m=event.raw_east_m,
+                    depth_m=event.depth_m,
+                )
+                self._dead_reckoning.publish(dead_reckoning_message(raw, self.vehicle))
                 if self._late is not None and self._told:
                     late, self._late = self._late, None
                     self._command(late.step, ends_to_reach(late, event.north_m, event.east_m))
-                self._dead_reckoning.publish(odometry_message(event, self.vehicle))
                 self.arrived("odometry")
             case events.AutopilotState():
                 self._status.publish(status_message(event))
+            case Fix():
+                self._fix.publish(fix_message(event))
             case events.Altitude():
                 self._altitude.publish(altitude_message(event, self.vehicle))
             case events.Pressure():
                 self._pressure.publish(pressure_message(event, self.vehicle))
             case sounder.Sounding():
-                row = (event.stamp_s, event.north_m, event.east_m, event.depth_m)
+                row = (
+                    event.stamp_s,
+                    event.north_m,
+                    event.east_m,
+                    event.depth_m,
+                    event.raw_north_m,
+                    event.raw_east_m,
+                )
                 self._sounding.publish(sounding_message(row))
             case events.LinkUp():
                 log.info(f"autopilot heard: MAV_AUTOPILOT {event.autopilot}, MAV_TYPE {event.vehicle_type}")
