@@ -29,6 +29,7 @@ def run(smoke: bool = False) -> list[Row]:
         "mission.steps": steps,
         "planner.method": "lawnmower",
         "sim.gps.surface_every_s": 60.0 if smoke else 1200.0,
+        "vehicle.surfacings": 0,
     }
     settings = Settings.load(None, overrides)
     ground = ground_of(settings)

@@ -63,6 +63,7 @@ def settings_of(seed: int, drift: float, harmonic_deg: float, steps: int = 100) 
             "sim.gyro.noise_deg_rth": 0.15 * drift,
             "sim.dvl.scale": 0.003 * drift,
             "sim.gps.surface_every_s": 12.0 * steps,
+            "vehicle.surfacings": 0,  # by the clock alone
         },
     )
 

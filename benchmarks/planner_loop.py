@@ -68,10 +68,11 @@ def settings_for(
     planner: dict[str, Any] | None = None,
     **sections: Any,
 ) -> PlannerSettings:
-    """Mission settings of a method."""
+    """Mission settings of a method. Nobody surfaces: places are known here, and all methods fly as many legs."""
     return PlannerSettings.from_parameters(
         {
             "area": area or {},
+            "vehicle": {"surfacings": 0, **sections.pop("vehicle", {})},
             "mission": {"vehicles": vehicles, **sections.pop("mission", {})},
             "planner": {"method": method, **(planner or {})},
             **sections,

@@ -96,3 +96,12 @@ def test_the_campaigns_of_the_project_can_be_flown(path):
     """Their missions have no method or parameter that is gone."""
     spec = CampaignSpec.load(path)
     assert len(dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()) > 1
+
+
+def test_vehicles_of_the_campaign_of_places_surface_by_the_clock_alone():
+    """Its settings differ in that: a surfacing that the planner adds would be one too many in each."""
+    path = Path(__file__).parents[2] / "config/campaigns/places.yaml"
+    spec = CampaignSpec.load(path)
+    jobs = dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()
+    surfacings = [own.vehicle.surfacings for job in jobs for own in Settings.from_patterns(job.patterns, "").vehicles]
+    assert set(surfacings) == {0}
