@@ -28,14 +28,14 @@ class Vehicle:
         self.now_s = 1000.0
         self.place = (50.0, 50.0, 4.0)
         self.blind = self.frozen = False
-        self.heading_rad = 0.3
+        self.heading_rad, self.speed_mps = 0.3, 1.0
 
     def wait(self, seconds: float, step_s: float = 0.1) -> Vehicle:
         for _ in range(round(seconds / step_s)):
             self.now_s += step_s
             if not self.blind:
                 self.heading_rad = -self.heading_rad + 1e-9  # an estimate never stands still
-                self.watch.odometry(0.3 if self.frozen else self.heading_rad, *self.place)
+                self.watch.odometry(0.3 if self.frozen else self.heading_rad, *self.place, self.speed_mps)
             self.watch.step(self.now_s, self.run)
         return self
 
@@ -183,6 +183,14 @@ def test_odometry_that_hangs_counts_as_none_once_the_vehicle_has_moved() -> None
     assert vehicle.wait(60.0).run.limits == {}, "it waits at its start"
     vehicle.place = (55.0, 50.0, 4.0)
     assert set(vehicle.wait(60.0).run.limits) == {"odometry"}
+
+
+def test_odometry_that_says_it_stands_still_may_stand_still() -> None:
+    vehicle = Vehicle()
+    vehicle.frozen, vehicle.speed_mps = True, 0.0
+    vehicle.wait(5.0)
+    vehicle.place = (55.0, 50.0, 4.0)
+    assert vehicle.wait(60.0).run.limits == {}, "an ideal vehicle waits at the surface for its fix"
 
 
 @pytest.mark.parametrize("step_s", [-3600.0, 3600.0])

@@ -58,7 +58,8 @@ class SafetyNode(VehicleNode):
         return self._safety.watch.autopilot_known
 
     def _on_odometry(self, message: Odometry) -> None:
-        self._safety.watch.odometry(*navigation(message), -message.pose.pose.position.z)
+        depth_m, speed_mps = -message.pose.pose.position.z, message.twist.twist.linear.x
+        self._safety.watch.odometry(*navigation(message), depth_m, speed_mps)
 
     def _on_command(self, message: MissionCommand) -> None:
         refused = self._command(message)

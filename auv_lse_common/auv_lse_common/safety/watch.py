@@ -27,6 +27,8 @@ from auv_lse_common.safety.fence import Fence
 LONGEST_STEP_S = 10.0
 #: A vehicle that is told to be this far (m) from where it began has moved: before, its estimate may stand still.
 MOVED_M = 1.0
+#: Slower than this (m/s) a vehicle may stand still.
+STANDING_MPS = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,17 +105,18 @@ class SafetyWatch:
         self._since_s: dict[str, float] = {}  # since when each limit has been exceeded
         self._ran_s = 0.0
 
-    def odometry(self, heading_rad: float, north_m: float, east_m: float, depth_m: float) -> None:
+    def odometry(self, heading_rad: float, north_m: float, east_m: float, depth_m: float, speed_mps: float) -> None:
         """Takes the vehicle's estimate of where it is; one that no vehicle can have counts as none.
 
-        So does one that is the last to the last digit, once the vehicle has moved: its estimator hangs.
+        So does one that is the last to the last digit and tells of motion, once the vehicle has moved: its estimator
+        hangs.
         """
         if not is_possible(heading_rad, north_m, east_m) or not math.isfinite(depth_m):
             return
         state = (heading_rad, north_m, east_m)
         self._first = self._first or state
         self._has_moved = self._has_moved or math.dist(state[1:], self._first[1:]) > MOVED_M
-        if self._has_moved and state == self._state:
+        if self._has_moved and state == self._state and abs(speed_mps) > STANDING_MPS:
             return
         self._state, self._place = state, (north_m, east_m, depth_m)
         self._new_odometry = True

@@ -147,7 +147,7 @@ class Crew:
         """The watch looks at odometry and altitude, as safety_node does; returns what stops the vehicle."""
         o, safety = output.odometry, self.safety
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
-        safety.watch.odometry(heading, o.north_m, o.east_m, output.pressure_depth_m)
+        safety.watch.odometry(heading, o.north_m, o.east_m, output.pressure_depth_m, o.speed_mps)
         safety.watch.altitude(float(np.float32(output.altitude_m)))  # as a Range has it
         if self.planner.finished:
             safety.run.command(Command.END, "planner_node")
