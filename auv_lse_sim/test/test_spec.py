@@ -91,7 +91,9 @@ def test_another_survey_under_the_same_name_is_another_mission(tmp_path):
     assert before != ids()
 
 
-@pytest.mark.parametrize("path", sorted(Path(__file__).parents[2].glob("config/campaigns/*.yaml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path", sorted(Path(__file__).parents[2].glob("config/campaigns/*.yaml")), ids=lambda p: p.stem
+)
 def test_the_campaigns_of_the_project_can_be_flown(path):
     """Their missions have no method or parameter that is gone."""
     spec = CampaignSpec.load(path)
