@@ -57,3 +57,14 @@ def test_a_jump_at_depth_and_a_new_frame_are_undone() -> None:
     track.move(21.0, 500.0, 500.0, 3.0, 1.5, 0.0)
     track.move(22.0, 501.5, 500.0, 3.0, 1.5, 0.0)
     assert (track.north_m, track.east_m) == pytest.approx((30.0, 0.0))
+
+
+def test_what_the_vehicle_went_in_a_gap_of_the_link_counts() -> None:
+    """20 s without estimates at depth, in which it has turned to the east: the autopilot has reckoned on."""
+    track = RawTrack()
+    for t in range(10):
+        track.move(float(t), 1.5 * t, 0.0, 3.0, 1.5, 0.0)
+    track.move(29.0, 13.5, 30.0, 3.0, 0.0, 1.5)
+    assert (track.north_m, track.east_m, track.jumps) == (pytest.approx(13.5), pytest.approx(30.0), 0)
+    track.move(49.0, 113.5, 60.0, 3.0, 0.0, 1.5)
+    assert (track.north_m, track.east_m, track.jumps) == (pytest.approx(13.5), pytest.approx(60.0), 1), "too far"

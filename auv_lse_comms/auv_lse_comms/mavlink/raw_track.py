@@ -19,8 +19,9 @@ JUMP_SHARE = 0.2
 SURFACE_M = 0.5
 #: Deeper than this (m) the vehicle has dived.
 DIVED_M = 1.0
-#: After a gap like this (s) velocity says too little: the raw place stays where it was.
+#: After a gap like this (s) velocity says too little: the vehicle may have turned back, which is off by twice its way.
 GAP_S = 5.0
+TURNED_BACK_SHARE = 2.0
 #: Standard deviation of a fix that GPS says nothing about (m).
 FIX_STD_M = 2.5
 
@@ -59,10 +60,11 @@ class RawTrack:
         elif self._last is not None:
             then_s, north_0, east_0, north_mps_0, east_mps_0 = self._last
             step = (north_m - north_0, east_m - east_0)
-            took_s = min(max(stamp_s - then_s, 0.0), GAP_S)
+            took_s = max(stamp_s - then_s, 0.0)
             expected = 0.5 * (north_mps_0 + north_mps) * took_s, 0.5 * (east_mps_0 + east_mps) * took_s
             off_m = math.hypot(step[0] - expected[0], step[1] - expected[1])
-            jump = off_m > JUMP_M + JUMP_SHARE * math.hypot(*expected)
+            share = JUMP_SHARE if took_s <= GAP_S else TURNED_BACK_SHARE
+            jump = off_m > JUMP_M + share * math.hypot(*expected)
             self.jumps += jump
             if jump or (self._dived and depth_m < SURFACE_M):
                 step = expected
