@@ -35,7 +35,9 @@ def parser() -> argparse.ArgumentParser:
     play.add_argument("--loop", action="store_true", help="begin again at the end")
     play.add_argument("--paused", action="store_true", help="begin with a pause: time to start a viewer")
     play.add_argument(
-        "--commands", action="store_true", help="play waypoints and modem/tx too, on which vehicles and modems act"
+        "--commands",
+        action="store_true",
+        help="play waypoints, mission/command, mission/state and modem/tx too, on which vehicles and modems act"
     )
     play.add_argument(
         "--domain",
