@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-#: Values of `planner.method` that are the paper's.
+#: Values of `planner.method` that are the paper's. They maximize its reward; of others that and its bound say little.
 PAPERS_METHODS = ("augmented", "exponential_quadratic", "plain")
 
 

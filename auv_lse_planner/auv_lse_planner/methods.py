@@ -46,9 +46,6 @@ METHODS: dict[str, dict[str, Any]] = {
     "straddle": {**_PLAIN, "proposals": "straddle", "horizon": 1},
 }
 
-#: The methods that maximize the paper's own reward. Of others that reward and its bound say little.
-PAPERS_METHODS = ("augmented", "plain", "exponential_quadratic")
-
 #: How the expected risk is computed, where a method does not leave that to `level_set.method`.
 RISK_METHODS = {"exponential_quadratic": "exponential_quadratic"}
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.leg import Leg
+from auv_lse_common.papers_methods import PAPERS_METHODS
 from auv_lse_common.plan import Plan
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.centers import Centers
@@ -33,7 +34,6 @@ from auv_lse_planner import problems
 from auv_lse_planner.account import BoundRecord
 from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.decision import Decision
-from auv_lse_planner.methods import PAPERS_METHODS
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths

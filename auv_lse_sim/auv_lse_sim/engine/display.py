@@ -12,8 +12,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common.papers_methods import PAPERS_METHODS
 from auv_lse_planner.config import PlannerConfig
-from auv_lse_planner.methods import PAPERS_METHODS
 
 _LINE_PERIOD_S = 5.0
 

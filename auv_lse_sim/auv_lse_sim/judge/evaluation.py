@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.papers_methods import PAPERS_METHODS
 from auv_lse_common.params import parameters_for
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.depth_map import DepthField, DepthMap
@@ -22,7 +23,6 @@ from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.gate import SoundingError
 from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import PlannerSettings
-from auv_lse_planner.methods import PAPERS_METHODS
 from auv_lse_sim.judge import certainty, isobath
 from auv_lse_sim.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN, Piece
 from auv_lse_sim.judge.reliability import Reliability

@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from auv_lse_planner.methods import PAPERS_METHODS
+from auv_lse_common.papers_methods import PAPERS_METHODS
 from auv_lse_sim.judge.evaluation import Evaluation
 from auv_lse_sim.judge.figures import STYLE, WIDTH_IN, new_figure
 

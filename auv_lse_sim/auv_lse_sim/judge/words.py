@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from auv_lse_planner.methods import PAPERS_METHODS
+from auv_lse_common.papers_methods import PAPERS_METHODS
 from auv_lse_sim.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_sim.judge.evaluation import SURE, Evaluation
 from auv_lse_sim.judge.page_parts import number
