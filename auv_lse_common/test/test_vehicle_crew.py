@@ -39,7 +39,7 @@ def test_the_file_says_which_nodes_run(tmp_path: Path) -> None:
     assert not found.simulated
     assert not found.lockstep
     bare = crew(write(tmp_path, own={"modem": {"kind": "direct"}, "link": {"kind": "direct"}}, record={"folder": ""}))
-    assert [p.executable for p in bare.processes] == names[:3], "this vehicle's own sections count"
+    assert [p.executable for p in bare.processes] == names[:4], "this vehicle's own sections count"
     assert bare.recording is None
     assert crew(write(tmp_path), record=False).recording is None
 
