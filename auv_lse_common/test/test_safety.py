@@ -126,13 +126,23 @@ def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
     assert vehicle.run.limits == {}
 
 
-def test_before_the_mission_nothing_trips() -> None:
-    vehicle = Vehicle(at_once=False)
+def test_before_the_mission_nothing_trips_while_the_vehicle_is_afloat() -> None:
+    vehicle = Vehicle(has_autopilot=True, at_once=False)
+    vehicle.place = (50.0, 50.0, 0.2)
     too_low(vehicle)
-    too_deep(vehicle)
+    leaking(vehicle)
     vehicle.wait(60.0)
     assert vehicle.run.standing.state is RunState.WAITING
-    assert set(vehicle.watch.warnings) == {"altitude", "depth"}
+    assert set(vehicle.watch.warnings) == {"altitude", "leak"}
+
+
+def test_a_vehicle_that_is_found_submerged_before_its_mission_is_watched() -> None:
+    """Its computer has started again under water, on call: nobody is there to say GO."""
+    vehicle = Vehicle(has_autopilot=True, at_once=False)
+    leaking(vehicle)
+    vehicle.wait(60.0)
+    assert vehicle.run.standing.state is RunState.ABORTED
+    assert set(vehicle.run.limits) == {"leak"}
 
 
 def test_a_vehicle_that_comes_from_outside_is_not_fenced_in_before_it_has_arrived() -> None:

@@ -4,7 +4,8 @@ Theory of operation
 -------------------
 `odometry`, `altitude` and `autopilot` take what has come in since the last step; `step` looks at every limit. A limit
 that is exceeded is warned of at once. When it has been exceeded for `patience_s` without a break and its response is
-not "warn", it trips: `MissionRun.trip`, which latches it until RESET. Before the mission has started nothing trips.
+not "warn", it trips: `MissionRun.trip`, which latches it until RESET. Before the mission has started nothing
+trips while the vehicle is afloat; one that is found submerged, after its computer has started again, is watched.
 After a RESET outside of the fence the vehicle may come back: the fence holds again once it is inside.
 
 Ages count from the step at which something came in, by the step's clock: a clock that is set, back or forward, shifts
@@ -27,6 +28,8 @@ from auv_lse_common.safety.fence import Fence
 LONGEST_STEP_S = 10.0
 #: A vehicle that is told to be this far (m) from where it began has moved: before, its estimate may stand still.
 MOVED_M = 1.0
+#: A vehicle is afloat, or on deck, as long as it is no deeper than this (m).
+AFLOAT_M = 2.0
 #: Slower than this (m/s) a vehicle may stand still.
 STANDING_MPS = 0.05
 
@@ -161,12 +164,17 @@ class SafetyWatch:
         self._since_s = {name: self._since_s.get(name, now_s) for name in exceeded}
         for name, reason in exceeded.items():
             response = self._responses[name]
-            if response == "warn" or state is RunState.WAITING:
+            if response == "warn" or (state is RunState.WAITING and self._afloat):
                 continue
             if now_s - self._since_s[name] >= self._config.patience_s:
                 run.trip(name, None if response == "abort" else Stop(action=STOPS[response]), reason)
         self.warnings = {name: reason for name, reason in exceeded.items() if name not in run.limits}
         self._fenced = "fence" in run.limits
+
+    @property
+    def _afloat(self) -> bool:
+        """Whether the vehicle is at the surface, as far as is known."""
+        return self._place is None or self._place[2] <= AFLOAT_M
 
     def _pass_time(self, now_s: float) -> float:
         """Takes the step's time; returns how long (s) it is since the last step."""
