@@ -18,6 +18,9 @@ from auv_lse_planner.odometry_gate import OdometryGate
 
 Array = NDArray[np.float64]
 
+#: A vehicle this near to a leg's end (m) has travelled it: what rounding leaves of one that is exactly there.
+AT_END_M = 1e-9
+
 
 @dataclass(frozen=True, slots=True)
 class EstimatedState:
@@ -87,10 +90,10 @@ class Travel:
         if not self.running:
             return
         leg, following = self.leg, self._next_leg
-        if leg is not None and following is not None and self._remaining_m(leg, estimate) <= 1e-9:
+        if leg is not None and following is not None and self._remaining_m(leg, estimate) <= AT_END_M:
             self._begin(following, estimate.now_s)
         if self.leg is not None and self._next_leg is None and self.decided >= self._steps:
-            self.finished = self.finished or self._remaining_m(self.leg, estimate) <= 0.0
+            self.finished = self.finished or self._remaining_m(self.leg, estimate) <= AT_END_M
 
     def take(self, leg: Leg, now_s: float, at_once: bool) -> None:
         """Takes the leg decided: it begins `at_once` (as the first does), or when the present one ends."""
