@@ -25,7 +25,7 @@ from auv_lse_common.ros_conversions import header
 from auv_lse_comms.mavlink.datum import Origin
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.log import read_entries, replay_log
-from auv_lse_msgs.msg import ModemRx, ModemTx, Waypoint
+from auv_lse_msgs.msg import MissionState, ModemRx, ModemTx, Waypoint
 from auv_lse_sim.emulated.host_ports import PtyPort
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
@@ -142,6 +142,8 @@ def test_vehicle_link_node_gives_odometry_in_enu_and_hands_on_waypoints(tmp_path
         altitude = b.collect(Range, "/auv2/altitude")
         pressure = b.collect(FluidPressure, "/auv2/pressure")
         waypoint = b.publisher(Waypoint, "/auv2/waypoint", LATCHED)
+        state = b.publisher(MissionState, "/auv2/mission/state", LATCHED)
+        state.publish(MissionState(header=header(time.time()), revision=1, state=MissionState.RUNNING))
         report_until(b, dock, report, lambda: odometry and altitude and pressure, "no odometry")
         pose = odometry[-1].pose.pose
         assert (pose.position.x, pose.position.y, pose.position.z) == pytest.approx((-40.0, 30.0, -4.0), abs=1e-4)

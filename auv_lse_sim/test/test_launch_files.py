@@ -64,6 +64,9 @@ def launch(monkeypatch: pytest.MonkeyPatch) -> Any:
     return load
 
 
+VEHICLE_NODES = ("gp_node", "safety_node", "planner_node", "modem_node")
+
+
 def names(nodes: list[Action]) -> list[str]:
     return [f"{n.kwargs.get('namespace', '/').rstrip('/')}/{n.kwargs['executable']}" for n in nodes]
 
@@ -74,13 +77,13 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     arguments, start = launch("auv_lse_sim/launch/mission.launch.py", **given)
     assert Path(arguments["params_file"]).is_file()
     nodes = start()
-    of_vehicles = [f"/auv{k}/{name}" for k in (1, 2) for name in ("gp_node", "planner_node", "modem_node")]
+    of_vehicles = [f"/auv{k}/{name}" for k in (1, 2) for name in VEHICLE_NODES]
     assert names(nodes) == ["/recorder_node", *of_vehicles, "/sim_node"]
     settings = Settings.load(out / "mission.yaml")
     assert (settings.mission.vehicles, settings.mission.steps, settings.mission.seed) == (2, 7, 3)
     assert (settings.sim.real_time_factor, settings.sim.lockstep) == (5.0, False)
     assert settings.record.folder == str(out / "bag")
-    assert [n.kwargs["parameters"][1]["use_sim_time"] for n in nodes] == [*[True] * 7, False]
+    assert [n.kwargs["parameters"][1]["use_sim_time"] for n in nodes] == [*[True] * 9, False]
     with pytest.raises(ValueError, match="exists and is not empty"):
         start()
 
@@ -101,7 +104,7 @@ def test_a_vehicle(launch: Any, tmp_path: Path) -> None:
     path = "auv_lse_common/launch/vehicle.launch.py"
     _, start = launch(path, name="auv2", params_file=str(file), out=str(tmp_path / "dive"))
     nodes = start()
-    of_vehicle = [f"/auv2/{name}" for name in ("gp_node", "planner_node", "modem_node", "micromodem_node")]
+    of_vehicle = [f"/auv2/{name}" for name in (*VEHICLE_NODES, "micromodem_node")]
     assert names(nodes) == ["/recorder_node", *of_vehicle]
     assert nodes[0].kwargs["parameters"][1] == {"record.folder": str(tmp_path / "dive" / "bag")}
     assert all(node.kwargs["respawn"] for node in nodes[1:])
