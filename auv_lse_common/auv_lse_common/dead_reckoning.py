@@ -12,6 +12,14 @@ import math
 from dataclasses import dataclass
 
 
+def raw_place(north_m: float, east_m: float) -> tuple[float, float]:
+    """The raw place (m) that a message tells; NaN, NaN if it tells none.
+
+    A driver that knows no raw place may leave the message's fields as they are made: both exactly 0.
+    """
+    return (math.nan, math.nan) if north_m == 0.0 and east_m == 0.0 else (north_m, east_m)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeadReckoning:
     """Where a vehicle is by dead reckoning from its start, without any fix under way: its raw place.

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation, raw_place
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.health import Health
 from auv_lse_common.mission_run import Action, RunState, Standing, Stop
@@ -68,7 +68,7 @@ def sounding_row(message: Sounding) -> tuple[float, float, float, float]:
 
 def raw_sounding_row(message: Sounding) -> tuple[float, float, float, float, float, float]:
     """Stamp (s), north, east, depth, raw north, raw east (m) of a Sounding; the raw place is NaN if unknown."""
-    return (*sounding_row(message), message.raw_north_m, message.raw_east_m)
+    return (*sounding_row(message), *raw_place(message.raw_north_m, message.raw_east_m))
 
 
 def sounding_message(row: Sequence[float]) -> Sounding:

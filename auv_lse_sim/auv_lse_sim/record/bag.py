@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from auv_lse_common.dead_reckoning import Fix, MateNavigation
+from auv_lse_common.dead_reckoning import Fix, MateNavigation, raw_place
 from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.params import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.plan import Plan, Tour
@@ -180,7 +180,7 @@ class _VehicleLog:
     def take(self, name: str, stamp_s: float, message: Any) -> None:
         """Takes a message of the vehicle's topic `name`; other topics are ignored."""
         if name == "sounding":
-            raw = (getattr(message, "raw_north_m", math.nan), getattr(message, "raw_east_m", math.nan))
+            raw = raw_place(getattr(message, "raw_north_m", math.nan), getattr(message, "raw_east_m", math.nan))
             self.soundings.append((stamp_s, message.north_m, message.east_m, message.depth_m, *raw))
         elif name in ("odometry", "truth/odometry", "dead_reckoning"):
             position, q = message.pose.pose.position, message.pose.pose.orientation

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation, raw_place
 from auv_lse_common.frames import heading_from_quaternion
 from auv_lse_common.params import parameters_for
 from auv_lse_common.plan import Plan
@@ -172,7 +172,7 @@ class _Gathered:
         found = self._found
         match name:
             case "sounding":
-                raw = (getattr(m, "raw_north_m", math.nan), getattr(m, "raw_east_m", math.nan))  # not in older ones
+                raw = raw_place(getattr(m, "raw_north_m", math.nan), getattr(m, "raw_east_m", math.nan))  # not in older
                 found.soundings.append((there_s, (stamp_s, m.north_m, m.east_m, m.depth_m, *raw)))
             case "dead_reckoning":
                 p, q = m.pose.pose.position, m.pose.pose.orientation

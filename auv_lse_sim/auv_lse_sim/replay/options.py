@@ -37,7 +37,7 @@ def parser() -> argparse.ArgumentParser:
     play.add_argument(
         "--commands",
         action="store_true",
-        help="play waypoints, mission/command, mission/state and modem/tx too, on which vehicles and modems act"
+        help="play waypoints, mission/command, mission/state and modem/tx too, on which vehicles and modems act",
     )
     play.add_argument(
         "--domain",
