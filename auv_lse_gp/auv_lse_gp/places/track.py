@@ -7,6 +7,7 @@ J = [[0, -1], [1, 0]]. Both sums are kept along the track, so that a place costs
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import math
 
@@ -40,16 +41,16 @@ class Along:
     cos_m: Array
 
 
-class Track:
+class Track(abc.ABC):
     """Raw places of one vehicle by time, and the sums along its way.
 
     A track has nodes: time, raw north and east, both sums (north, east each), distance gone; shape (n, 8).
     """
 
     @property
+    @abc.abstractmethod
     def nodes(self) -> Array:
         """Its nodes (n, 8); to be read only."""
-        raise NotImplementedError
 
     def __len__(self) -> int:
         """Number of nodes."""

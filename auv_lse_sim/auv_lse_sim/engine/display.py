@@ -37,8 +37,8 @@ class MissionProgress:
         speed: Simulated seconds per second of wall clock.
         rewards: Reward so far, as each planner counts it, {vehicle: value}.
         expected: Reward that each planner expects by the mission's end, {vehicle: value}.
-        bounds: Its bound, of each planner whose method has one, {vehicle: value}: of the map's reward what mowing the
-            lawn was expected to bring, of the paths' the largest lower bound so far.
+        bounds: Largest lower bound so far, of each planner that counts its path, {vehicle: value}. The map's bound
+            holds for the map of all soundings, which nobody has under way: the report tells how it ended.
         reward: Whose reward that is: `OF_THE_MAP`, which every vehicle counts over the whole map for the whole team;
             `OF_THE_PATH`, the paper's, which adds up over vehicles; "" for a method that maximizes neither.
     """
@@ -68,8 +68,8 @@ class MissionProgress:
     def _columns(self) -> tuple[tuple[str, dict[int, float]], ...]:
         if not self.reward:
             return ()
-        bound = "mowing" if self.reward == OF_THE_MAP else "bound"
-        return (("so far", self.rewards), ("expected", self.expected), (bound, self.bounds))
+        counted = (("so far", self.rewards), ("expected", self.expected))
+        return counted if self.reward == OF_THE_MAP else (*counted, ("bound", self.bounds))
 
     def _of_team(self, values: dict[int, float]) -> float:
         """The team's value: the vehicles' mean, where each counts the whole map; else their sum."""

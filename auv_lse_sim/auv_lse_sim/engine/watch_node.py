@@ -12,7 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.ros_conversions import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
-from auv_lse_sim.engine.display import OF_THE_MAP, MissionProgress
+from auv_lse_sim.engine.display import MissionProgress
 
 _STATES = {
     SimStatus.WAITING: "waiting",
@@ -70,7 +70,4 @@ class MissionWatch:
         p.rewards[vehicle] = message.reward_so_far
         p.expected[vehicle] = message.reward_so_far + message.jbar
         if message.lower_bound > message.reward_so_far:  # only a method with a bound promises more than it has
-            if p.reward == OF_THE_MAP:
-                p.bounds.setdefault(vehicle, message.lower_bound)
-            else:
-                p.bounds[vehicle] = message.lower_bound_max
+            p.bounds[vehicle] = message.lower_bound_max
