@@ -35,7 +35,7 @@ _REMEMBERED = 4
 #: Cycles before and after an arrival in which the slot of an old packet is looked for, to tell it from a forged one.
 _STALE_CYCLES = 100
 #: Kinds of the events that `ModemBridge.remember` is told.
-EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent")
+EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed")
 #: Two times nearer than this are those of one packet: a message's stamp keeps nanoseconds, UTC in a float fewer.
 _SAME_TIME_S = 1e-3
 #: A raw place older than this is not that of the transmission (s).
@@ -95,7 +95,6 @@ class ModemBridge:
     Attributes:
         remember: Told each event that a bridge needs after a restart (`recall`): a kind, and values that JSON holds.
         unconfirmed: Packets in a row that the modem has neither sent nor refused.
-        abort: Whether its packets call the team to abort the mission.
     """
 
     def __init__(
@@ -135,7 +134,9 @@ class ModemBridge:
         self.address = address
         self.vehicles = vehicles
         self.counts: Counter[str] = Counter()
-        self.abort = False
+        self._abort = False
+        self._calling: set[int] = set()  # mates whose last packet called to abort
+        self._obeyed: set[int] = set()  # those of them whose call this vehicle has aborted for
         self._config = packet
         self._limits = limits
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
@@ -160,19 +161,44 @@ class ModemBridge:
         #: Estimated chance that a packet is lost: the share of the others' recent slots in which nothing was received.
         self.loss = packet.expected_loss
 
+    @property
+    def abort(self) -> bool:
+        """Whether its packets call the team to abort the mission."""
+        return self._abort
+
+    @abort.setter
+    def abort(self, call: bool) -> None:
+        self._abort = call
+        if call:
+            self._set_obeyed(self._obeyed | self._calling)
+
     def obeys(self, received: Received) -> bool:
         """Whether a packet calls to abort, and may: with a tag, or by `packet.abort_without_tag`; counts it.
+
+        A mate calls until its own RESET. Its call is obeyed until this vehicle has aborted, and not again after a RESET
+        here: only a packet without the call makes the next one a new call.
 
         Args:
             received: A packet that `receive` has given.
         """
+        source = received.source
         if not received.packet.abort:
+            self._calling.discard(source)
+            self._set_obeyed(self._obeyed - {source})
             return False
-        if self.abort_counts:
-            self.counts[f"aborts.{received.source}"] += 1
-            return True
-        self.counts[f"aborts_refused.{received.source}"] += 1
-        return False
+        if not self.abort_counts:
+            self.counts[f"aborts_refused.{source}"] += 1
+            return False
+        self.counts[f"aborts.{source}"] += 1
+        self._calling.add(source)
+        if self._abort:
+            self._set_obeyed(self._obeyed | {source})
+        return source not in self._obeyed
+
+    def _set_obeyed(self, mates: set[int]) -> None:
+        if mates != self._obeyed:
+            self._obeyed = mates
+            self.remember("obeyed", sorted(mates))
 
     @property
     def abort_counts(self) -> bool:
@@ -487,6 +513,8 @@ class ModemBridge:
                     self.confirm(values[0])
                 case "not_sent":
                     self.not_sent(values[0])
+                case "obeyed":
+                    self._obeyed = set(values[0])
         self.remember = remember
 
     def _recall_sent(self, then_s: float, samples: Array, slot: tuple[int, float]) -> None:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from auv_lse_common.params import parameter
 from auv_lse_comms.packet.fields import SAMPLE
 
+#: Nodes look for their slot ten times a second: the time in which a transmission may start lasts at least two looks.
+WINDOW_S = 0.2
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TdmaConfig:
@@ -55,11 +58,11 @@ class TdmaConfig:
         Raises:
             ValueError: if it does not, with the length that would do.
         """
-        if self.slot_s < self.needed_s:
+        if self.slot_s < self.needed_s + WINDOW_S:
             raise ValueError(
-                f"slot_s = {self.slot_s:g} s: expected at least {self.needed_s:.3f} s, which is 2 x guard_s "
+                f"slot_s = {self.slot_s:g} s: expected at least {self.needed_s + WINDOW_S:.3f} s, which is 2 x guard_s "
                 f"({self.guard_s:g}) + send_duration_s ({self.send_duration_s:g}) + travel over max_range_m "
-                f"({self.max_range_m:g} m at {self.sound_speed_mps:g} m/s)"
+                f"({self.max_range_m:g} m at {self.sound_speed_mps:g} m/s) + {WINDOW_S:g} s to begin in"
             )
 
     @property
@@ -69,7 +72,7 @@ class TdmaConfig:
 
     @property
     def needed_s(self) -> float:
-        """Shortest slot (s) in which one transmission fits."""
+        """What one transmission takes of a slot (s)."""
         return 2.0 * self.guard_s + self.send_duration_s + self.travel_s
 
 

@@ -4,7 +4,8 @@ A packet sent at the beginning of its sender's slot arrives, by a clock that agr
 `guard_s` after the slot's start and `guard_s + send_duration_s + travel_s` after it, or little more: hosts look for
 their slots once a second. Packets that keep coming earlier or later show that clocks are apart; so do packets that
 arrive in slots of others. A sender that is heard more often than it has slots is two vehicles with one number, or a
-babbling transmitter: what is too much is refused, so that it cannot fill the map.
+babbling transmitter: what is too much is refused, so that it cannot fill the map. What comes outside of a sender's
+slots is counted apart: without a tag anybody can send in a mate's name, and must not use up its slots.
 """
 
 from __future__ import annotations
@@ -47,7 +48,8 @@ class LinkQuality:
         self._address = address
         self._own_number_s = -math.inf
         self._late_s: dict[int, deque[float]] = {}
-        self._allowed: dict[int, tuple[float, float]] = {}  # by sender: packets it may send, as of when (s)
+        # by sender, and whether in its slots or in all: packets it may send, as of when (s)
+        self._allowed: dict[tuple[int, bool], tuple[float, float]] = {}
         self._heard_s: dict[int, float] = {}  # when a sender was last heard
         self._excess_s: dict[int, float] = {}  # when a sender last sent too many
         self._refused_s: dict[tuple[str, int], float] = {}  # when a packet was last refused for a reason, by sender
@@ -72,7 +74,7 @@ class LinkQuality:
             if owner:
                 self.counts[f"in_slot_of.{owner}.from.{source}"] += 1
             self._foreign_s.setdefault(source, deque(maxlen=RECENT)).append(stamp_s)
-        if self._may_send(stamp_s, source):
+        if self._may_send(stamp_s, source, late_s == 0.0):
             return True
         self.counts[f"excess.{source}"] += 1
         self._excess_s[source] = stamp_s
@@ -131,11 +133,16 @@ class LinkQuality:
                 best = min(best, off_s, key=abs)
         return 0.0 if math.isinf(best) else best
 
-    def _may_send(self, stamp_s: float, source: int) -> bool:
+    def _may_send(self, stamp_s: float, source: int, in_time: bool) -> bool:
+        """Takes one from what a sender may send: in its slots, and in all, which alone holds for what comes outside."""
+        in_slots, in_all = (self._allowance(stamp_s, source, kind) for kind in (True, False))
+        take = (in_slots if in_time else in_all) >= 1.0
+        self._allowed[source, True] = (in_slots - (take and in_time), stamp_s)
+        self._allowed[source, False] = (max(in_all - take, -AHEAD), stamp_s)
+        return take
+
+    def _allowance(self, stamp_s: float, source: int, in_time: bool) -> float:
         tdma = self._tdma.settings(stamp_s)
         a_second = tdma.order.count(source) / (tdma.slot_s * len(tdma.order))
-        allowed, since_s = self._allowed.get(source, (AHEAD, stamp_s))
-        allowed = min(AHEAD, allowed + a_second * max(0.0, stamp_s - since_s))
-        take = allowed >= 1.0
-        self._allowed[source] = (allowed - take, stamp_s)
-        return take
+        allowed, since_s = self._allowed.get((source, in_time), (AHEAD, stamp_s))
+        return min(AHEAD, allowed + a_second * max(0.0, stamp_s - since_s))

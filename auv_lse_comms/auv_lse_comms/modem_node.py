@@ -120,12 +120,14 @@ class ModemNode(VehicleNode):
     def _on_state(self, message: MissionState) -> None:
         self._bridge.abort = message.team_abort
 
-    def _abort(self, received: Received) -> None:
-        """A team mate calls to abort the mission."""
+    def _heed(self, received: Received) -> None:
+        """Passes on a team mate's call to abort the mission."""
         if not self._bridge.obeys(received):
-            self.get_logger().warning(
-                f"vehicle {received.source} calls to abort: not obeyed without packet.tag (or packet.abort_without_tag)"
-            )
+            if received.packet.abort and not self._bridge.abort_counts:
+                self.get_logger().warning(
+                    f"vehicle {received.source} calls to abort: not obeyed without packet.tag (or "
+                    "packet.abort_without_tag)"
+                )
             return
         command = MissionCommand(header=header(received.stamp_s), command=MissionCommand.ABORT, team=True)
         command.source = f"vehicle {received.source}, by acoustic packet"
@@ -136,8 +138,7 @@ class ModemNode(VehicleNode):
         for received in self._intake.hear():
             self._team_plans.publish(plan_message(received.stamp_s, received.source, received.packet.plan))
             self._published["plans"] += 1
-            if received.packet.abort:
-                self._abort(received)
+            self._heed(received)
             if len(received.packet.samples):
                 self._team_samples.publish(team_samples(received))
                 self._published["samples"] += 1

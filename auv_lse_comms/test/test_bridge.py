@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections import Counter
 
@@ -393,6 +394,31 @@ def test_a_call_to_abort_is_obeyed_if_it_has_a_tag_or_need_not_have_one() -> Non
     trusting = bridge(1, abort_without_tag=True)
     assert trusting.obeys(trusting.receive(13.0, 2, call))
     assert trusting.counts["aborts.2"] == 1
+
+
+def test_a_call_to_abort_is_obeyed_once_and_not_again_after_a_reset_here() -> None:
+    own, mate = bridge(1, abort_without_tag=True), bridge(2)
+    mate.set_plan(PLAN)
+    remembered: list[tuple[object, ...]] = []
+    own.remember = lambda *event: remembered.append(json.loads(json.dumps(event)))
+
+    def hears(start_s: float, listener: ModemBridge) -> bool:
+        return listener.obeys(listener.receive(start_s + 2.0, 2, mate.poll(start_s)))
+
+    mate.abort = True
+    assert hears(11.0, own)
+    assert hears(41.0, own), "as long as safety_node has not said that it is done"
+    own.abort = True
+    assert not hears(71.0, own)
+    own.abort = False  # RESET here; the mate still calls
+    assert not hears(101.0, own)
+    again = bridge(1, abort_without_tag=True)
+    again.recall(remembered)
+    assert not hears(131.0, again), "nor after a restart"
+    mate.abort = False
+    assert not hears(161.0, own)
+    mate.abort = True
+    assert hears(191.0, own), "a new call"
 
 
 def test_a_vehicle_without_a_plan_calls_to_abort_all_the_same() -> None:

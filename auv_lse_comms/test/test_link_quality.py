@@ -55,7 +55,7 @@ def test_a_babbling_transmitter_is_cut_to_its_slots_and_named() -> None:
         bridge.receive(float(second), 2, PAYLOAD)
         if second % 30 == 23:
             bridge.receive(float(second), 3, PAYLOAD)
-    assert bridge.counts["received.2"] <= 300 / 30 + 3
+    assert bridge.counts["received.2"] <= 300 / 30 + 2 * 3, "and some ahead, in its slots and outside"
     assert bridge.counts["received.3"] == 10
     assert bridge.counts["rejected.excess"] == 300 - bridge.counts["received.2"]
     assert "packets of vehicle 2 beyond its slots are refused" in bridge.quality.problems(300.0)["excess of 2"]
@@ -98,3 +98,16 @@ def test_packets_that_the_tag_refuses_are_named(late_s: float, key: str, session
     bridge.receive(13.0 + late_s, 2, payload)
     assert key in bridge.quality.problems(20.0 + late_s)
     assert bridge.quality.problems(500.0 + late_s) == {}
+
+
+def test_packets_in_a_mates_name_outside_of_its_slots_do_not_use_up_its_slots() -> None:
+    bridge = listener()
+    taken = 0
+    for cycle in range(10):
+        for second in range(30):  # a forger that keeps out of the slot of vehicle 2, which begins at 10 s
+            if not 10 <= second < 20:
+                bridge.receive(30.0 * cycle + second, 2, PAYLOAD)
+            if second == 13:
+                taken += bridge.receive(30.0 * cycle + 13.0, 2, PAYLOAD) is not None
+    assert taken == 10
+    assert bridge.counts["rejected.excess"] > 150, "the forger is held to as many"

@@ -381,6 +381,32 @@ def test_the_origin_is_asked_for_and_set_if_there_is_none():
     assert pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN") == []
 
 
+def test_after_a_slow_link_the_origin_is_asked_for_and_not_set_again():
+    pilot = Autopilot(own_origin=None, lost_after_s=5.0)
+    pilot.beat()
+    pilot.wait(2.5)
+    pilot.own_origin = ORIGIN
+    pilot.say_origin()
+    pilot.wait(6.0, beat=False)
+    assert not pilot.link.placed
+    pilot.heard()
+    pilot.wait(8.0)  # its answer takes so long
+    assert pilot.heard("SET_GPS_GLOBAL_ORIGIN") == []
+    pilot.say_origin()
+    assert pilot.link.placed
+    pilot.at(0.0, 0.0)
+    pilot.wait(6.0, beat=False)
+    pilot.beat()
+    pilot.say(mavlink.MAVLink_attitude_message(2000, 0, 0, 0.0, 0, 0, 0.0))  # it has rebooted meanwhile
+    pilot.wait(2.5)
+    assert len(pilot.heard("SET_GPS_GLOBAL_ORIGIN")) == 1
+    pilot.say_origin()
+    pilot.wait(6.0, beat=False)
+    pilot.heard()
+    pilot.wait(35.0)
+    assert pilot.heard("SET_GPS_GLOBAL_ORIGIN"), "an autopilot that never answers gets it in the end"
+
+
 def test_the_autopilots_warnings_are_reported():
     pilot = Autopilot().up()
     pilot.say(mavlink.MAVLink_statustext_message(4, b"Leak detected"))
@@ -754,6 +780,10 @@ def test_the_autopilot_tells_whether_it_obeys_its_charge_and_a_leak():
     pilot.beat(armed=False)
     state = pilot.of(events.AutopilotState)[-1]
     assert (state.says.armed, state.says.battery, state.battery_v, state.says.leak) == (False, 0.64, 14.8, 1)
+    pilot.wait(30.0)
+    assert pilot.link.says.leak == 1, "it tells of a leak every 20 s"
+    pilot.wait(25.0)
+    assert pilot.link.says.leak == -1, "after a RESET the limit does not trip again of itself"
     pilot.wait(6.0, beat=False)
     assert not pilot.of(events.AutopilotState)[-1].says.heard
 

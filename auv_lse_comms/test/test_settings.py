@@ -40,7 +40,7 @@ def test_limits_come_from_the_mission() -> None:
 def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
     for parameters, message in (
         ({"tdma": {"order": [1, 4]}}, r"m.yaml: tdma order \(1, 4\): \[4\] are not among the vehicles 1..3"),
-        ({"tdma": {"slot_s": 1.0}}, r"m.yaml: tdma: slot_s = 1 s: expected at least 4.200 s"),
+        ({"tdma": {"slot_s": 1.0}}, r"m.yaml: tdma: slot_s = 1 s: expected at least 4.400 s"),
         ({"packet": {"tag": True}}, r"m.yaml: packet: tag = true: expected key_file"),
         ({"packet": {"tag": True, "key_file": "key"}}, r"m.yaml: packet: tag = true, session = '': expected the name"),
         (

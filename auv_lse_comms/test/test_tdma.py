@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_comms.config import TdmaConfig
+from auv_lse_comms.config import WINDOW_S, TdmaConfig
 from auv_lse_comms.tdma import Tdma
 
 #: 10 s slots, of which 0.5 to 6.3 s is for starting: 10 - 0.5 - 2.2 - 1500 / 1500
@@ -42,7 +42,7 @@ def test_slots_come_from_time_alone() -> None:
 
 @settings(max_examples=300, deadline=None)
 @given(
-    st.floats(0.05, 60.0),
+    st.floats(0.25, 60.0),
     st.floats(-1e9, 2e9),
     st.integers(-(10**6), 10**6),
     st.lists(st.integers(0, 5), min_size=1, max_size=7),
@@ -90,9 +90,11 @@ def test_strangers_are_refused() -> None:
 
 
 def test_slot_too_short_for_a_transmission_is_refused() -> None:
-    with pytest.raises(ParameterError, match=r"tdma: slot_s = 4 s: expected at least 4.200 s"):
+    with pytest.raises(ParameterError, match=r"tdma: slot_s = 4 s: expected at least 4.400 s"):
         from_mapping(TdmaConfig, {"slot_s": 4.0}, "mission.yaml: tdma")
-    assert TdmaConfig(slot_s=4.2 + 1e-9)
+    with pytest.raises(ValueError, match=r"0\.2 s to begin in"):
+        TdmaConfig(slot_s=4.2 + 1e-9)  # a window of no length, which no node that looks now and then would meet
+    assert TdmaConfig(slot_s=4.4 + 1e-9)
 
 
 def test_a_change_takes_effect_at_the_start_of_a_cycle() -> None:
@@ -182,7 +184,7 @@ def teams(rng: np.random.Generator) -> tuple[TdmaConfig, int]:
     order = tuple(rng.integers(0, vehicles + 1, int(rng.integers(1, 10))).tolist()) if rng.random() < 0.5 else ()
     return TdmaConfig(
         order=order,
-        slot_s=needed * float(rng.uniform(1.0, 2.0)) + 1e-6,
+        slot_s=needed * float(rng.uniform(1.0, 2.0)) + WINDOW_S + 1e-6,
         guard_s=guard,
         epoch_s=float(rng.uniform(-1e6, 1e6)),
         send_duration_s=duration,
@@ -224,6 +226,6 @@ def test_overlap_beyond_the_guard_is_seen() -> None:
     bad = 0
     for _ in range(100):
         config, vehicles = teams(rng)
-        config = dataclasses.replace(config, order=(), slot_s=config.needed_s + 1e-6)
+        config = dataclasses.replace(config, order=(), slot_s=config.needed_s + WINDOW_S + 1e-6)
         bad += sounds_of_a_team(rng, config, vehicles, 3.0 * config.guard_s)[1]
     assert bad > 50

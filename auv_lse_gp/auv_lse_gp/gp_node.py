@@ -9,6 +9,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from visualization_msgs.msg import Marker
 
 from auv_lse_common.base_node import VehicleNode, run
+from auv_lse_common.health import Recent
 from auv_lse_common.params import section
 from auv_lse_common.ros_conversions import (
     dead_reckoning_from_message,
@@ -21,7 +22,7 @@ from auv_lse_common.ros_conversions import (
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap
-from auv_lse_gp.health import map_health
+from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.places.config import places_of
 from auv_lse_gp.places.placer import placer_of
@@ -53,6 +54,7 @@ class GpNode(VehicleNode):
         self._revisions = 0  # published: revisions count from 0
         self._published_s = -float("inf")
         self._update_s = 0.0
+        self._recent = Recent()
         self._centers = self.publisher(KernelCenters, "kernel_centers")
         self._field = self.publisher(LevelSetField, "field")
         self._risk = self.publisher(OccupancyGrid, "risk_map")
@@ -105,7 +107,8 @@ class GpNode(VehicleNode):
         for marker in isobath_markers(now_s, self._map.isobath(), level_set.level_m):
             self._isobath.publish(marker)
         took_s, intake = time.perf_counter() - began, self._intake
-        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, intake.placer)
+        recent = self._recent.of(now_s, map_totals(self._map, intake.gate.counts))
+        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, recent, intake.placer)
         self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
 
 

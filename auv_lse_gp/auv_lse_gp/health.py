@@ -9,20 +9,38 @@ from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.places.placer import Placer
 
 
+def map_totals(depth_map: DepthMap, gated: Mapping[str, int]) -> dict[str, int]:
+    """What counts against a map so far: soundings refused and given up, samples that do not fit, by name.
+
+    Args:
+        depth_map: The map.
+        gated: Own soundings that the gate has refused, by kind.
+    """
+    counts = depth_map.counts
+    return {
+        "refused": counts.refused,
+        "full": counts.full,
+        **{f"soundings {kind}": number for kind, number in gated.items()},
+        **{f"outliers of auv{k}": mate.outliers for k, mate in sorted(depth_map.team.items())},
+    }
+
+
 def map_health(
     depth_map: DepthMap,
     update_s: float,
     field_s: float,
-    gated: Mapping[str, int] | None = None,
+    gated: Mapping[str, int],
+    recent: Mapping[str, int],
     placer: Placer | None = None,
 ) -> Health:
-    """The state of a map.
+    """The state of a map: it warns of what was counted lately, and tells what was counted in all.
 
     Args:
         depth_map: The map.
         update_s: Wall clock that its last update took (s).
         field_s: Wall clock that field and isobath took (s).
         gated: Own soundings that the gate has refused, by kind.
+        recent: By how much `map_totals` have grown lately (`Recent`).
         placer: What corrects the places of its soundings, if anything does.
     """
     counts = depth_map.counts
@@ -47,17 +65,27 @@ def map_health(
             "navigation refused": placer.smoother.refused,
         }
     values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}
-    values |= {f"soundings {kind}": number for kind, number in (gated or {}).items()}
-    suspicious = [f"auv{k}" for k, m in sorted(depth_map.team.items()) if m.suspicious]
+    values |= {f"soundings {kind}": number for kind, number in gated.items()}
+    level, text = _verdict(depth_map, gated, recent)
+    return Health(level=level, text=text, values=values)
+
+
+def _verdict(depth_map: DepthMap, gated: Mapping[str, int], recent: Mapping[str, int]) -> tuple[Level, str]:
+    team = sorted(depth_map.team.items())
+    suspicious = [f"auv{k}" for k, mate in team if mate.suspicious and recent.get(f"outliers of auv{k}")]
     if suspicious:
-        text = f"samples of {', '.join(suspicious)} do not fit the own map: its place, its sensor, or a forger?"
-        return Health(level=Level.WARN, text=text, values=values)
-    if counts.full:
-        text = f"{counts.full} soundings given up: the map has gp.max_centers = {depth_map.gp.config.max_centers}"
-        return Health(level=Level.WARN, text=text, values=values)
-    if counts.refused:
-        return Health(level=Level.WARN, text=f"{counts.refused} soundings refused", values=values)
-    if gated:
-        kinds = ", ".join(f"{number} {kind}" for kind, number in sorted(gated.items()))
-        return Health(level=Level.WARN, text=f"own soundings refused: {kinds}", values=values)
-    return Health(level=Level.OK, text="ok", values=values)
+        who = ", ".join(suspicious)
+        return Level.WARN, f"samples of {who} do not fit the own map: its place, its sensor, or a forger?"
+    counts, most = depth_map.counts, depth_map.gp.config.max_centers
+    if recent.get("full"):
+        return Level.WARN, f"{counts.full} soundings given up: the map has gp.max_centers = {most}"
+    if new := recent.get("refused"):
+        return Level.WARN, f"{new} soundings refused lately, {counts.refused} in all: {depth_map.last_problem}"
+    kinds = [
+        f"{new} {kind} ({total} in all)"
+        for kind, total in sorted(gated.items())
+        if (new := recent.get(f"soundings {kind}"))
+    ]
+    if kinds:
+        return Level.WARN, f"own soundings refused lately: {', '.join(kinds)}"
+    return Level.OK, "ok"

@@ -10,7 +10,7 @@ from auv_lse_common import compiled
 from auv_lse_common.health import Level
 from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
 from auv_lse_gp.config import KERNELS
-from auv_lse_gp.health import map_health
+from auv_lse_gp.health import map_health, map_totals
 
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
 
@@ -92,6 +92,11 @@ def test_refused_soundings_are_counted_and_the_rest_is_taken():
     assert np.isfinite(depth_map.field().mean_m[depth_map.grid.inside]).all()
 
 
+def told_of(depth_map):
+    """What diagnostics say when all that was counted is recent."""
+    return map_health(depth_map, 0.0, 0.0, {}, map_totals(depth_map, {}))
+
+
 def surveyed(**values):
     """A map with own soundings on a grid of the true depth, and places between them."""
     depth_map = DepthMap(GpConfig(length_scale_m=60.0, **values), LevelSet(level_m=15.0), AREA)
@@ -113,7 +118,7 @@ def test_forged_samples_do_not_turn_the_map_over():
     assert (outcomes[~forged] != Outcome.OUTLIER).mean() > 0.98
     inside = depth_map.grid.inside
     assert (((depth_map.field().p_safe > 0.5) != (before > 0.5))[inside]).mean() < 0.03
-    health = map_health(depth_map, 0.0, 0.0)
+    health = told_of(depth_map)
     assert health.level is Level.WARN
     assert "samples of auv3 do not fit the own map" in health.text
     assert health.values["samples of auv3 that do not fit"] == f"{forged.sum()} of 200"
@@ -124,7 +129,7 @@ def test_samples_with_a_mates_place_error_fit_and_are_not_told_of():
     off = places + rng.normal(0.0, 3.0, places.shape)  # what drift leaves in a mate's places
     depth_map.add_samples(np.column_stack([places, depth(*off.T) + rng.normal(0, 0.3, len(places))]), 2)
     assert not depth_map.team[2].suspicious
-    assert map_health(depth_map, 0.0, 0.0).level is Level.OK
+    assert told_of(depth_map).level is Level.OK
 
 
 def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
@@ -134,7 +139,7 @@ def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
     told = [depth_map.add_samples([[*place, depth(*place)]], 2)[0] for place in places]
     assert len(depth_map.centers) == min(150, own + 75)
     assert told[-1] is Outcome.FULL
-    assert "soundings given up: the map has gp.max_centers = 150" in map_health(depth_map, 0.0, 0.0).text
+    assert "soundings given up: the map has gp.max_centers = 150" in told_of(depth_map).text
 
 
 def test_beyond_that_half_samples_are_still_merged_into_the_centers_there_are():

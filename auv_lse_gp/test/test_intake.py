@@ -7,11 +7,11 @@ import json
 import numpy as np
 
 from auv_lse_common.dead_reckoning import Fix
-from auv_lse_common.health import Level
+from auv_lse_common.health import Health, Level, Recent
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap
-from auv_lse_gp.health import map_health
+from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.risk import LevelSet
 
@@ -35,13 +35,25 @@ def test_own_soundings_come_first_then_samples_by_stamp_and_source() -> None:
 
 def test_diagnostics_warn_of_soundings_that_were_refused() -> None:
     own = intake()
-    assert map_health(own.map, 0.001, 0.002).text == "ok"
+    recent = Recent()
+
+    def health(now_s: float) -> Health:
+        gated = own.gate.counts
+        return map_health(own.map, 0.0015, 0.002, gated, recent.of(now_s, map_totals(own.map, gated)))
+
+    assert health(0.0).text == "ok"
     own.add_soundings([(1.0, 0.0, 0.0, float("nan"))])
     own.step(1.0)
-    health = map_health(own.map, 0.0015, 0.002)
-    assert (health.level, health.text) == (Level.WARN, "1 soundings refused")
-    assert health.values["update_ms"] == "1.50"
-    assert health.values["last_refused"]
+    found = health(1.0)
+    assert found.level is Level.WARN
+    assert found.text.startswith("1 soundings refused lately, 1 in all: sounding north_m=0.0")
+    assert found.values["update_ms"] == "1.50"
+    assert found.values["last_refused"]
+    own.add_soundings([(100.0, 0.0, 0.0, 10.0), (101.0, 1.0, 0.0, 30.0)])
+    own.step(101.0)
+    assert health(200.0).text == "own soundings refused lately: 1 jump (1 in all)"
+    assert health(400.0).text == "ok", "one spike is not told for the whole dive"
+    assert health(401.0).values["soundings jump"] == 1
 
 
 def test_what_waits_goes_through_a_journal_to_the_last_bit() -> None:

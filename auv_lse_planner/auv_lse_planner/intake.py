@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from auv_lse_common.mission_run import Standing
+from auv_lse_common.mission_run import RunState, Standing
 from auv_lse_common.plan import Plan
 from auv_lse_gp.centers import Centers
 from auv_lse_planner.vehicle_planner import VehiclePlanner
@@ -41,6 +41,12 @@ class PlannerIntake:
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
         self._standing: Standing | None = None
+        self._state: RunState | None = None  # of the mission, as last told
+
+    @property
+    def end_is_news(self) -> bool:
+        """The last leg is travelled, and the mission's state does not say so yet: a word may have been lost."""
+        return self.planner.finished and self._state in (None, RunState.WAITING, RunState.RUNNING)
 
     def set_centers(self, centers: Centers, revision: int) -> None:
         """The map's kernel centers and their revision; they replace those that still wait."""
@@ -67,6 +73,7 @@ class PlannerIntake:
         revision, plans, odometry_s = self.taken.map_revision, self.taken.plans, self.taken.odometry_s
         if self._standing is not None:
             self.planner.run(now_s, self._standing.hindrance)
+            self._state = self._standing.state
             self._standing = None
         if self._centers is not None:
             centers, revision = self._centers

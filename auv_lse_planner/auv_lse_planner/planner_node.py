@@ -22,10 +22,13 @@ from auv_lse_planner.config import PlannerConfig, PlannerSettings
 from auv_lse_planner.decision import Decision
 from auv_lse_planner.health import planner_health, warnings_of
 from auv_lse_planner.intake import PlannerIntake
+from auv_lse_planner.problems import of_state
 from auv_lse_planner.ros_conversions import bound_message, navigation, path_message, waypoint_message
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
+#: The end is said again after this time (s), until the mission's state says so.
+_END_PERIOD_S = 1.0
 _TUNABLE = (
     "method",
     "iterations",
@@ -60,7 +63,8 @@ class PlannerNode(VehicleNode):
         self._published = 0
         self._diagnosed_s = -float("inf")
         self._planning_s = 0.0
-        self._ended = False
+        self._end_said_s = -float("inf")
+        self._state_s = self.now_s()  # when the mission's state was told last
         self._new_problems = NewProblems()
         self._plan = self.publisher(Plan, "plan")
         self._path = self.publisher(Path, "path")
@@ -118,6 +122,7 @@ class PlannerNode(VehicleNode):
     def _on_state(self, message: MissionState) -> None:
         try:
             self._intake.set_standing(standing_of(message))
+            self._state_s = self.now_s()
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
 
@@ -138,8 +143,8 @@ class PlannerNode(VehicleNode):
             self._publish(now_s, decision)
             if self.journal.kept:
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
-        if self._planner.finished and not self._ended:
-            self._ended = True
+        if self._intake.end_is_news and not 0.0 <= now_s - self._end_said_s < _END_PERIOD_S:
+            self._end_said_s = now_s
             command = MissionCommand(header=header(now_s), command=MissionCommand.END, source=self.get_name())
             self._command.publish(command)
         self._diagnose(now_s)
@@ -159,6 +164,8 @@ class PlannerNode(VehicleNode):
 
     def _diagnose(self, now_s: float) -> None:
         problems = self._planner.problems(now_s)
+        if not self.lockstep:
+            problems |= of_state(now_s - self._state_s)
         new = self._new_problems.of(problems)
         for problem in new:
             self.get_logger().warning(problem)

@@ -6,6 +6,8 @@ where it is about one) and stays the same while the problem lasts; its text may 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.paths.free_space import HOLD_BEYOND_M, FreeSpace
 from auv_lse_planner.team import Team
@@ -13,6 +15,8 @@ from auv_lse_planner.travel import Travel
 
 #: A mate that has been silent for this share of the time for which its plan counts is named.
 SILENT_SHARE = 0.25
+#: After this time (s) without a word of safety_node it is missed: it has had time to start again.
+STATE_SILENT_S = 15.0
 
 
 def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: bool) -> dict[str, str]:
@@ -28,15 +32,34 @@ def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: b
     }
 
 
+def of_state(silent_s: float) -> dict[str, str]:
+    """safety_node says every second how it stands with the mission; it has been silent for so long (s)."""
+    if silent_s <= STATE_SILENT_S:
+        return {}
+    return {
+        "state old": f"mission/state: last {silent_s:.0f} s ago; expected one a second: limits may be unwatched, is "
+        "safety_node running?"
+    }
+
+
+def of_counts(totals: Mapping[str, int], recent: Mapping[str, int]) -> dict[str, str]:
+    """What was ignored lately: odometry that no vehicle can have, plans that cannot be followed.
+
+    Args:
+        totals: How many were ignored in all: "odometry absurd", "odometry jumps", "plans refused".
+        recent: How many of them lately (`Recent`).
+    """
+    texts = {
+        "odometry absurd": "odometry: {} messages ignored: not finite, or more than 1000 km from the origin",
+        "odometry jumps": "odometry: {} places refused that the vehicle cannot have reached",
+        "plans refused": "team: {} received plans could not be rebuilt and were ignored",
+    }
+    return {key: text.format(f"{recent[key]} (of {totals[key]})") for key, text in texts.items() if recent.get(key)}
+
+
 def of_place(travel: Travel, space: FreeSpace) -> dict[str, str]:
-    """Odometry that no vehicle can have, and a place outside of the area."""
-    found = {}
-    if travel.absurd:
-        found["odometry absurd"] = (
-            f"odometry: {travel.absurd} odometry messages ignored: not finite, or more than 1000 km from the origin"
-        )
-    if travel.gate.jumps:
-        found["odometry jumps"] = f"odometry: {travel.gate.jumps} places refused that the vehicle cannot have reached"
+    """A place outside of the area."""
+    found: dict[str, str] = {}
     if travel.estimate is None:
         return found
     outside_m = -space.clearance_m(travel.estimate.north_m, travel.estimate.east_m)

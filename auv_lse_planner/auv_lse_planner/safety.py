@@ -50,6 +50,13 @@ class Safety:
         except ParameterError as error:
             raise ParameterError(f"{where}: {error}") from error
         fence = Fence(area.polygon_m, safety.fence_margin_m)
+        for key, stop in (("vehicle.at_end", own.stop_at_end), ("safety.abort", on_abort)):
+            if stop.action is Action.GO_TO and (outside_m := fence.outside_m(*stop.place_m)) > fence.margin_m:
+                raise ParameterError(
+                    f"{where}: vehicle.recovery_north_m, recovery_east_m = {stop.place_m[0]:g}, {stop.place_m[1]:g} m, "
+                    f"where {key} leads: {outside_m:.0f} m outside of area.polygon_m; expected at most "
+                    f"safety.fence_margin_m = {fence.margin_m:g} m, or the fence trips there"
+                )
         has_autopilot = isinstance(link, Mapping) and link.get("kind") == "mavlink"
         return cls(
             run=MissionRun(own.start == "at_once", on_abort),

@@ -21,6 +21,8 @@ from auv_lse_planner.ros_conversions import altitude_m, autopilot_says, navigati
 from auv_lse_planner.safety import Safety
 
 _DIAGNOSTICS_PERIOD_S = 10.0
+#: Without lockstep the state is said again after this time (s): a reader may have missed it, or come late.
+_HEARTBEAT_S = 1.0
 
 
 class SafetyNode(VehicleNode):
@@ -41,6 +43,8 @@ class SafetyNode(VehicleNode):
         )
         self._published = 0
         self._said: tuple[object, ...] = ()
+        self._message: MissionState | None = None  # as it was said last
+        self._said_s = -float("inf")
         self._diagnosed_s = -float("inf")
         self._new_problems = NewProblems()
         self._state = self.publisher(MissionState, "mission/state")
@@ -84,7 +88,7 @@ class SafetyNode(VehicleNode):
         return refused
 
     def step(self, now_s: float) -> None:
-        """Looks at the limits; publishes how it stands if that has changed."""
+        """Looks at the limits; publishes how it stands if that has changed, and without lockstep every second."""
         self._safety.watch.step(now_s, self._safety.run)
         standing, warnings = self._safety.run.standing, self._safety.watch.warnings
         if (standing, *warnings) != self._said:  # the numbers in warnings change all the time
@@ -92,9 +96,16 @@ class SafetyNode(VehicleNode):
             self._published += 1
             self.journal.write("standing", self._safety.snapshot())
             texts = [f"{name}: {reason}" for name, reason in warnings.items()]
-            self._state.publish(mission_state(now_s, self._published, standing, texts))
+            self._message = mission_state(now_s, self._published, standing, texts)
+            self._say(now_s)
             self.get_logger().info(f"mission {standing.state.name}: {standing.reason or 'travels'}")
+        elif not self.lockstep and not 0.0 <= now_s - self._said_s < _HEARTBEAT_S:
+            self._say(now_s)
         self._diagnose(now_s)
+
+    def _say(self, now_s: float) -> None:
+        self._said_s = now_s
+        self._state.publish(self._message)
 
     def _diagnose(self, now_s: float) -> None:
         problems = self._safety.problems()

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.health import Recent
 from auv_lse_common.leg import Leg
 from auv_lse_common.papers_methods import PAPERS_METHODS
 from auv_lse_common.plan import Plan
@@ -123,6 +124,7 @@ class VehiclePlanner:
         self._map_s: float | None = None
         self._map_refused = ""
         self._held = ""
+        self._recent = Recent()
 
     @property
     def planner(self) -> PlannerConfig:
@@ -202,9 +204,12 @@ class VehiclePlanner:
         found |= problems.of_leg(now_s, self._travel)
         if self._held:
             found["held"] = f"no steps are counted: {self._held}"
-        if self.plans_refused:
-            found["plans refused"] = f"team: {self.plans_refused} received plans could not be rebuilt and were ignored"
-        return found
+        totals = {
+            "odometry absurd": self._travel.absurd,
+            "odometry jumps": self._travel.gate.jumps,
+            "plans refused": self.plans_refused,
+        }
+        return found | problems.of_counts(totals, self._recent.of(now_s, totals))
 
     # ------------------------------------------------------------------ the decision
 

@@ -1,14 +1,19 @@
 """What planner_node's diagnostics and log say."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 from planner_helpers import settings
 
 from auv_lse_common.health import Level, NewProblems
+from auv_lse_common.mission_run import RunState, Standing
+from auv_lse_common.params import ParameterError
 from auv_lse_planner.health import planner_health, warnings_of
 from auv_lse_planner.intake import PlannerIntake
+from auv_lse_planner.problems import of_state
+from auv_lse_planner.safety import Safety
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 
@@ -41,3 +46,49 @@ def test_health_tells_the_last_decision_and_the_problems():
     late = dataclasses.replace(decision, bound=dataclasses.replace(decision.bound, deadline_hit=True))
     (warning,) = warnings_of(late, 2.0)
     assert warning.startswith("step 0: the deadline of 2 s ended the search after ")
+
+
+def test_the_end_is_said_until_the_missions_state_says_so():
+    own = planner()
+    intake = PlannerIntake(own)
+    assert not intake.end_is_news, "the last leg is not travelled"
+    own._travel.finished = True
+    assert intake.end_is_news
+    for state, news in ((RunState.RUNNING, True), (RunState.HOLDING, False), (RunState.ENDED, False)):
+        intake.set_standing(Standing(state=state, stop=None))
+        intake.take(1.0)
+        assert intake.end_is_news is news, state
+
+
+def test_odometry_that_jumped_once_is_not_told_for_the_whole_dive():
+    own = planner()
+    own.odometry(1.0, 0.0, 10.0, 10.0)
+    own.odometry(2.0, 0.0, 900.0, 10.0)
+    own.odometry(3.0, math.nan, 10.0, 10.0)
+    found = own.problems(3.0)
+    assert found["odometry jumps"].startswith("odometry: 1 (of 1) places refused")
+    assert found["odometry absurd"].startswith("odometry: 1 (of 1) messages ignored")
+    own.odometry(4.0, math.nan, 10.0, 10.0)
+    assert own.problems(100.0)["odometry absurd"].startswith("odometry: 2 (of 2)")
+    later = own.problems(300.0)
+    assert "odometry jumps" not in later
+    assert "odometry absurd" not in later
+
+
+def test_a_safety_node_that_is_silent_is_missed():
+    assert of_state(3.0) == {}
+    assert "mission/state: last 20 s ago" in of_state(20.0)["state old"]
+
+
+@pytest.mark.parametrize("key", ["vehicle.at_end", "safety.abort"])
+def test_a_recovery_place_beyond_the_fence_is_refused(key):
+    section, name = key.split(".")
+    parameters = {
+        "area": {"polygon_m": [0.0, 0.0, 300.0, 0.0, 300.0, 300.0, 0.0, 300.0]},
+        "vehicle": {"recovery_north_m": -140.0, "recovery_east_m": 150.0},
+    }
+    parameters.setdefault(section, {})[name] = "go_to"
+    assert Safety.of(parameters, "m.yaml", 1)
+    parameters["vehicle"]["recovery_north_m"] = -160.0
+    with pytest.raises(ParameterError, match=rf"recovery_north_m, .* = -160, 150 m, where {key} leads: 160 m outside"):
+        Safety.of(parameters, "m.yaml", 1)

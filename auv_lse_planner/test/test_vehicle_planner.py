@@ -273,7 +273,7 @@ def test_absurd_odometry_is_ignored_and_counted(value, field):
     bad = [1.0, *good[1:]]
     bad[field] = value
     planner.odometry(*bad)
-    assert "1 odometry" in planner.problems(1.0)["odometry absurd"]
+    assert "1 (of 1) messages" in planner.problems(1.0)["odometry absurd"]
     assert np.isfinite(planner.decide(1.0).leg.end_state).all()
 
 
@@ -318,7 +318,7 @@ def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
     two.hear(0.0, 1, dataclasses.replace(plan, actions=(77,)))
     two.hear(0.0, 1, dataclasses.replace(plan, north_m=math.nan))
     two.hear(0.0, 1, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older
-    assert any("4 received plans" in p for p in two.problems(0.0).values())
+    assert any("4 (of 4) received plans" in p for p in two.problems(0.0).values())
     two.hear(0.0, 1, plan)
     decision = two.decide(0.0)
     assert decision.statistics.team_places == 10

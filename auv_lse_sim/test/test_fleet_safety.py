@@ -76,6 +76,25 @@ def test_an_abort_is_heard_through_the_water_and_ends_the_mission() -> None:
     assert deaf.crews[1].bridge.counts["aborts_refused.1"] > 0
 
 
+def test_after_a_team_abort_one_reset_is_enough_while_the_mates_still_call() -> None:
+    team = fleet(**{"packet.abort_without_tag": True, "mission.steps": 60})
+    until(team, 60.0)
+    first, second = (crew.safety.run for crew in team.crews)
+    first.command(Command.ABORT, "test", team=True)
+    until(team, 120.0)
+    assert second.standing.state is RunState.ABORTED
+    first.command(Command.RESET, "test")
+    first.command(Command.GO, "test")
+    until(team, 200.0)
+    assert first.standing.state is RunState.RUNNING, "its mate calls until it is reset itself"
+    assert second.standing.team_abort
+    second.command(Command.RESET, "test")
+    until(team, 240.0)
+    second.command(Command.ABORT, "test", team=True)
+    until(team, 300.0)
+    assert first.standing.state is RunState.ABORTED, "a new call is obeyed"
+
+
 def test_at_the_end_a_vehicle_comes_up_if_it_is_told_to() -> None:
     team = fleet(**{"auv1.vehicle.at_end": "surface", "mission.steps": 4})
     team.run()

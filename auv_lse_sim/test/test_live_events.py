@@ -134,6 +134,21 @@ def test_what_says_nothing_new_makes_no_event(settings):
     assert events.take("/elsewhere", plan) == []
 
 
+def test_how_it_stands_with_a_mission_is_told_when_it_changes(settings):
+    events = MissionEvents(settings)
+
+    def state(revision, number, reason, *limits):
+        fields = {"revision": revision, "state": number, "reason": reason, "limits": list(limits), "warnings": []}
+        return ns(header=header(float(revision)), **fields)
+
+    (first,) = events.take("/auv1/mission/state", state(1, 1, "GO by test"))
+    assert (first["kind"], first["vehicle"], first["state"], first["t"]) == ("run", 1, "running", 1.0)
+    assert events.take("/auv1/mission/state", state(1, 1, "GO by test")) == [], "safety_node repeats it"
+    (later,) = events.take("/auv1/mission/state", state(2, 2, "leak", "leak: the autopilot reports a leak"))
+    assert (later["state"], later["limits"]) == ("holding", ["leak: the autopilot reports a leak"])
+    assert "/auv2/mission/state" in topics_of(2)
+
+
 def test_numbers_that_json_lacks_become_null(settings):
     bound = ns(
         header=header(1.0),

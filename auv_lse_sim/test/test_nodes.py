@@ -73,6 +73,7 @@ def set_parameter(b: Bench, node: str, name: str, value: object) -> object:
 def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> None:
     with bench(tmp_path) as b:
         b.start("auv_lse_gp", "gp_node", PARAMETERS)
+        b.start("auv_lse_planner", "safety_node", PARAMETERS)
         soundings = b.publisher(Sounding, "/auv1/sounding")
         samples = b.publisher(SampleArray, "/auv1/team/samples")
         for i in range(5):
@@ -85,8 +86,15 @@ def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> No
             SampleArray(header=header(time.time()), source=2, north_m=[0.0, 1.0], east_m=[50.0], depth_m=[12.0])
         )
         diagnostics = b.collect(DiagnosticArray, "/auv1/diagnostics")
-        b.until(lambda: diagnostics and value_of(diagnostics[-1], "centers") == "6", "a map of 6 centers")
-        assert value_of(diagnostics[-1], "refused") == "1"
+
+        def of_gp() -> list[DiagnosticArray]:
+            return [d for d in diagnostics if d.status[0].name.endswith("gp_node")]
+
+        b.until(lambda: of_gp() and value_of(of_gp()[-1], "centers") == "6", "a map of 6 centers")
+        assert value_of(of_gp()[-1], "refused") == "1"
+        states = b.collect(MissionState, "/auv1/mission/state")  # not latched: what was said before it does not get
+        b.until(lambda: len(states) > 1, "the mission's state again and again")
+        assert [(s.revision, s.state) for s in states[:2]] == [(1, MissionState.RUNNING)] * 2
         late = b.collect(KernelCenters, "/auv1/kernel_centers", LATCHED)
         b.until(lambda: late, "the latched centers")
         assert sorted(zip(late[0].north_m, late[0].east_m, strict=True)) == [

@@ -17,9 +17,8 @@ class AutopilotClock:
         self._boot_ms = 0  # the latest time since boot
 
     def forget(self) -> None:
-        """The autopilot may have another clock now."""
+        """The autopilot may have another clock now; its time since boot will tell whether it has rebooted."""
         self._offset_s = None
-        self._boot_ms = 0
 
     def host_stepped(self) -> None:
         """The host's own clock was set."""

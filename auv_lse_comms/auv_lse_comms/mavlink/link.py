@@ -51,6 +51,10 @@ from auv_lse_comms.mavlink.raw_track import RawTrack
 from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
 from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
 
+#: ArduSub tells of a leak by text alone, every 20 s while it lasts: after this time (s) without one it is over. The
+#: safety watch keeps the limit tripped all the same, until RESET.
+LEAK_TOLD_S = 50.0
+
 
 class LinkState(enum.Enum):
     """Whether the autopilot is heard."""
@@ -108,7 +112,8 @@ class VehicleLink:
             config, self._autopilot, limits or TargetLimits(), self._send, self._events_of_targets, self.counts
         )
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
-        self._battery, self._battery_v, self._leak = math.nan, math.nan, -1
+        self._battery, self._battery_v = math.nan, math.nan
+        self._leak_s = -math.inf  # when the autopilot last told of a leak
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._now_s = -math.inf
@@ -171,7 +176,7 @@ class VehicleLink:
             self.counts["lost"] += 1
             self._events.append(LinkLost(silent_s=now_s - self._heard_s))
             self._events.append(self._autopilot_state())
-            self._forget_autopilot()
+            self._forget_autopilot(rebooted=False)
         if self.state is LinkState.UP:
             self._origin.poll(now_s)
             self._targets.poll(now_s)
@@ -228,7 +233,7 @@ class VehicleLink:
             mode=self.custom_mode,
             mode_obeys=not modes or self.custom_mode in modes,
             battery=self._battery,
-            leak=self._leak,
+            leak=1 if self._now_s - self._leak_s < LEAK_TOLD_S else -1,
         )
 
     @property
@@ -244,16 +249,17 @@ class VehicleLink:
             self._heard_s = min(self._heard_s, now_s)
             self._beat_s = min(self._beat_s, now_s)
             self._attitude_s = min(self._attitude_s, now_s)
+            self._leak_s = min(self._leak_s, now_s)
             self._targets.host_stepped(now_s)
             self._origin.host_stepped(now_s)
             self._clock.host_stepped()
         self._now_s = now_s
         self._codec.set_time(now_s)
 
-    def _forget_autopilot(self) -> None:
+    def _forget_autopilot(self, rebooted: bool) -> None:
         """Drops what holds only until the autopilot reboots: its clock, its origin, where it said to be."""
         self._clock.forget()
-        self._origin.forget()
+        self._origin.forget(rebooted)
         self._attitude, self._place = None, None
         self._raw.interrupt()
         self._targets.resend()
@@ -263,8 +269,7 @@ class VehicleLink:
         if self._clock.rebooted(boot_ms):
             self.counts["reboots"] += 1
             self._report(f"the autopilot has rebooted: its time since boot went back to {boot_ms / 1000.0:.1f} s")
-            self._forget_autopilot()
-            self._clock.rebooted(boot_ms)
+            self._forget_autopilot(rebooted=True)
 
     def _send(self, message: Message) -> None:
         self._out.append(self._codec.encode(message))
@@ -402,7 +407,7 @@ class VehicleLink:
         if message.severity <= mavlink.MAV_SEVERITY_WARNING:
             self._report(f"autopilot: {message.text}")
         if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
-            self._leak = 1  # ArduSub says so by text alone, and never that it is over
+            self._leak_s = self._now_s
 
 
 #: What is done with each message of the autopilot; others are ignored.

@@ -11,6 +11,8 @@ from auv_lse_comms.mavlink.wire import Message, mavlink
 
 #: The autopilot's origin is asked for this often until it is known (s).
 ORIGIN_PERIOD_S = 2.0
+#: An autopilot that had an origin before the link was lost is asked for so long (s) before one is set again.
+ASK_AGAIN_S = 30.0
 #: The autopilot's origin may lie this far from the mission's before it is reported (m).
 ORIGIN_TOLERANCE_M = 1.0
 #: An origin of the autopilot's farther than this from the mission's is refused (m): garbage, or another place.
@@ -47,6 +49,8 @@ class OriginExchange:
         self._autopilot, self._set_origin = autopilot, set_origin
         self._send, self._report, self._counts = send, report, counts
         self._asked_s = -math.inf
+        self._had = False  # the autopilot had an origin before the link was lost
+        self._asking_s = -math.inf  # since when it is asked, after that
         self._refused: Origin | None = None  # the last one refused
 
     @property
@@ -54,8 +58,10 @@ class OriginExchange:
         """Places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
         return self.datum.mission is None or self.datum.autopilot is not None
 
-    def forget(self) -> None:
-        """The autopilot may have another origin now."""
+    def forget(self, rebooted: bool) -> None:
+        """The autopilot may have another origin now, and if it has rebooted none."""
+        self._had = not rebooted and (self._had or self.datum.autopilot is not None)
+        self._asking_s = -math.inf
         self.datum = Datum(self.datum.mission)
         self._refused = None
         self._asked_s = -math.inf
@@ -63,6 +69,7 @@ class OriginExchange:
     def host_stepped(self, now_s: float) -> None:
         """The host's clock was set back to `now_s`."""
         self._asked_s = min(self._asked_s, now_s)
+        self._asking_s = min(self._asking_s, now_s)
 
     def ask_at_once(self, now_s: float) -> None:
         """Asks now, if the origin is not known: the autopilot has just been found."""
@@ -75,8 +82,11 @@ class OriginExchange:
             return
         first = math.isinf(self._asked_s)
         self._asked_s = now_s
+        if math.isinf(self._asking_s):
+            self._asking_s = now_s
         mission = self.datum.mission
-        if not first and self._set_origin and mission is not None and self._refused is None:
+        answers_late = self._had and now_s - self._asking_s < ASK_AGAIN_S
+        if not first and self._set_origin and mission is not None and self._refused is None and not answers_late:
             self._set(mission)
         self._send(
             mavlink.MAVLink_command_long_message(

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
-from auv_lse_common.params import ParameterError
+from auv_lse_common.params import ParameterError, parameters_for
 from auv_lse_gp.area import OperatingArea
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.safety import Safety
 from auv_lse_sim.check.findings import Findings
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import GroundError
@@ -29,6 +30,7 @@ def check_geometry(settings: Settings, findings: Findings) -> None:
         findings.error(f"{settings.where}: {error}")
         return
     _check_starts(settings, area, motion, findings)
+    _check_recovery(settings, findings)
     _check_lanes(settings, area, motion, findings)
     _check_depths(settings, findings)
     for text in expectations(settings):
@@ -56,6 +58,15 @@ def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable, 
                 "farther inside, or "
                 "another vehicle.start_heading_rad"
             )
+
+
+def _check_recovery(settings: Settings, findings: Findings) -> None:
+    for number in range(1, settings.mission.vehicles + 1):
+        name = f"/auv{number}/safety_node"
+        try:
+            Safety.of(parameters_for(settings.to_patterns(), name), f"{settings.where} (auv{number})", number)
+        except ParameterError as error:
+            findings.error(str(error))
 
 
 def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, findings: Findings) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common import stamps
 from auv_lse_common.frames import heading_from_quaternion
+from auv_lse_common.mission_run import RunState
 from auv_lse_common.plan import Plan
 from auv_lse_comms.packet.codec import PacketError, decode
 from auv_lse_gp.area import Grid, OperatingArea
@@ -41,6 +42,7 @@ VEHICLE_TOPICS = (
     "modem/rx",
     "team/samples",
     "tdma",
+    "mission/state",
     "diagnostics",
 )
 
@@ -81,6 +83,7 @@ class MissionEvents:
         self._plans: dict[int, Plan] = {}
         self._health: dict[str, tuple[str, str, float]] = {}
         self._told_s: dict[str, float] = {}
+        self._runs: dict[int, Event] = {}
         self._state = ""
         self.last_s: dict[str, float] = {}
         self._takers: dict[str, Callable[[int, float, Any], list[Event]]] = {
@@ -93,6 +96,7 @@ class MissionEvents:
             "modem/rx": self._received,
             "team/samples": self._samples,
             "tdma": self._slots,
+            "mission/state": self._run,
             "diagnostics": self._diagnostics,
         }
 
@@ -291,6 +295,22 @@ class MissionEvents:
             event = {"kind": "health", "vehicle": vehicle, "t": stamp_s, "node": node, "level": name, "text": text}
             events.append({**event, "values": values})
         return events
+
+    def _run(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        """How it stands with a vehicle's mission; safety_node says it again every second."""
+        event: Event = {
+            "kind": "run",
+            "vehicle": vehicle,
+            "t": stamp_s,
+            "state": RunState(int(message.state)).name.lower(),
+            "reason": str(message.reason),
+            "limits": [str(text) for text in message.limits],
+            "warnings": [str(text) for text in message.warnings],
+        }
+        if {**event, "t": 0.0} == {**self._runs.get(vehicle, {}), "t": 0.0}:
+            return []
+        self._runs[vehicle] = event
+        return [event]
 
     def _status(self, message: Any) -> list[Event]:
         stamp_s, state = seconds(message.header.stamp), _STATES[int(message.state)]

@@ -6,8 +6,8 @@ import { element, number, say } from "./format.js";
 const WORST = ["ok", "warning", "error", "stale"];
 const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… not heard" };
 const SILENT_S = 30;
-const FIELDS = ["step", "north, east", "place ±", "depth", "speed", "decision", "packets"];
-const SHORT = ["step", "packets"]; // what the cards of a large team show, but for the chosen one
+const FIELDS = ["mission", "step", "north, east", "place ±", "depth", "speed", "decision", "packets"];
+const SHORT = ["mission", "step", "packets"]; // what the cards of a large team show, but for the chosen one
 const LARGE_TEAM = 4;
 
 export class VehicleCards {
@@ -49,6 +49,7 @@ export class VehicleCards {
     const { store } = this, at = (kind) => store.at(kind, vehicle, t);
     const pose = at("pose"), bound = at("bound"), slots = at("slots"), facts = store.facts;
     const { level, notes } = this.health(vehicle, t, pose);
+    for (const limit of at("run")?.limits ?? []) notes.push(`tripped: ${limit}`);
     if (slots?.missed) notes.push(`${slots.missed} slots missed`);
     const steps = store.at("status", "", t)?.steps?.[vehicle - 1] ?? bound?.step ?? 0;
     if (health.dataset.level !== level) health.dataset.level = level;
@@ -57,6 +58,8 @@ export class VehicleCards {
     note.hidden = !notes.length;
     const width = `${(100 * Math.min(1, steps / facts.steps)).toFixed(1)}%`;
     if (meter.style.width !== width) meter.style.width = width;
+    const run = at("run");
+    say(fields.mission, run ? run.state + (run.state !== "running" && run.reason ? `: ${run.reason}` : "") : "–");
     say(fields.step, `${steps} of ${facts.steps}`);
     say(fields["north, east"], pose ? `${number(pose.north)}, ${number(pose.east)} m` : "–");
     say(fields["place ±"], pose ? `${number(pose.std, 1)} m` : "–");
