@@ -7,6 +7,7 @@ import dataclasses
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -450,7 +451,7 @@ class VehicleNode(BaseNode):
         """Says once in the log that the node is at work: what it took to start, or to start again, ends here."""
         if not self._at_work:
             self._at_work = True
-            self.get_logger().info("at work")
+            self.get_logger().info(f"at work after {time.process_time():.2f} s of processor time")
 
     def _handle_all(self) -> None:
         self.note_at_work()

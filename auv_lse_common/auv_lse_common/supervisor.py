@@ -2,18 +2,19 @@
 
 Theory of operation: `Supervisor.tick` is called a few times a second. Each process is running or due at a time. One
 that has ended is due after a wait that doubles with each death, up to `LONGEST_WAIT_S`; a process that has run for
-`STEADY_S` has earned its first wait back. Every start and every death is said once.
+`STEADY_S` has earned its first wait back. Every start and every death is said once. Nodes are forked by a fork server,
+so that one that was killed is back at once; should the server die, its nodes die with it, and all are started again.
 """
 
 from __future__ import annotations
 
 import signal
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from auv_lse_common.processes import end, last_lines, start
+from auv_lse_common.fork_server import ForkServer, can_fork
+from auv_lse_common.processes import LaunchError, Process, Running, end, last_lines, start
 
 #: First wait (s) before a process that died is started again, and the longest.
 FIRST_WAIT_S = 0.5
@@ -33,11 +34,13 @@ class Task:
         name: For people and the log file, "auv2.gp_node".
         command: Its command line at its n-th start, from 0: a recorder must not write into its last folder.
         last: Whether it is ended only after the others, as the recorder is.
+        node: The node that it is, which a fork server may start; None: any other program.
     """
 
     name: str
     command: Callable[[int], Sequence[str]]
     last: bool = False
+    node: Process | None = None
 
 
 @dataclass(slots=True)
@@ -45,7 +48,7 @@ class _State:
     """How it stands with a task."""
 
     task: Task
-    process: subprocess.Popen[bytes] | None = None
+    process: Running | None = None
     starts: int = 0
     started_s: float = 0.0
     due_s: float = 0.0
@@ -68,6 +71,8 @@ class Supervisor:
         """
         self._states = [_State(task) for task in tasks]
         self._logs, self._environment, self._say = logs, dict(environment), say
+        self._forked = [task.node for task in tasks if task.node is not None and can_fork(task.node)]
+        self._server: ForkServer | None = None
 
     @property
     def running(self) -> dict[str, int]:
@@ -118,20 +123,32 @@ class Supervisor:
     def _start(self, state: _State, now_s: float) -> None:
         name, command = state.task.name, [str(part) for part in state.task.command(state.starts)]
         try:
-            state.process = start(command, self.log(name), self._environment, append=True)
-        except OSError as error:
+            process = self._launch(state.task, command)
+            pid = process.pid
+        except (OSError, LaunchError) as error:
             state.due_s = now_s + state.wait_s
             self._say(f"{name} cannot be started ({command[0]}): {error}; the next try in {state.wait_s:g} s")
             state.wait_s = min(2.0 * state.wait_s, LONGEST_WAIT_S)
             return
+        state.process = process
         state.starts += 1
         state.started_s = now_s
         again = f" again (start {state.starts})" if state.starts > 1 else ""
-        self._say(f"{name} started{again}, process {state.process.pid}")
+        self._say(f"{name} started{again}, process {pid}")
+
+    def _launch(self, task: Task, command: list[str]) -> Running:
+        log = self.log(task.name)
+        if task.node not in self._forked or task.node is None:
+            return start(command, log, self._environment, append=True)
+        if self._server is None or not self._server.running:
+            self._server = ForkServer(self._forked, self._logs / "fork_server.log", self._environment)
+        return self._server.start(task.node, command, log, append=True)
 
     def stop(self) -> None:
         """Ends every task, those marked `last` after the others."""
         for last in (False, True):
             end(s.process for s in self._states if s.process is not None and s.task.last is last)
+        if self._server is not None:
+            self._server.close()
         for state in self._states:
             state.process = None

@@ -56,7 +56,7 @@ class Crew:
         Raises:
             LaunchError: if one is not installed.
         """
-        tasks = [Task(name=p.name, command=self._command(p, executable_path(p))) for p in self.processes]
+        tasks = [Task(name=p.name, command=self._command(p, executable_path(p)), node=p) for p in self.processes]
         if self.recording is not None:
             recorder = Process(package="auv_lse_sim", executable="recorder_node", namespace="/")
             command = self._recorder_command(executable_path(recorder), self.recording)

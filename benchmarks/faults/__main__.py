@@ -23,6 +23,12 @@ def _soak(options: argparse.Namespace, folder: Path, say: Callable[[str], None])
     return soak.run(options.minutes, options.vehicles, options.seed, say)
 
 
+def _nodes(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
+    from benchmarks.faults import nodes
+
+    return nodes.run(folder, options.minutes, options.vehicles, options.real_time_factor, options.seed, say)
+
+
 def _water(options: argparse.Namespace, folder: Path, say: Callable[[str], None]) -> tuple[list[str], bool]:
     from benchmarks.faults import water
 
@@ -49,7 +55,14 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
     one.add_argument("--vehicles", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)")
     one.set_defaults(run=_soak)
-    one = kinds.add_parser("water", parents=[common], help="packets lost, doubled, late, damaged; with --out a picture")
+    one = kinds.add_parser("nodes", parents=[common], help="a paced mission of real nodes under load: memory of each")
+    one.add_argument("--minutes", type=float, default=30.0, metavar="N", help="mission time (default: %(default)s)")
+    one.add_argument("--vehicles", type=int, default=2, metavar="N", help="vehicles (default: %(default)s)")
+    one.add_argument("--real-time-factor", type=float, default=2.5, metavar="X", help="speed (default: %(default)s)")
+    one.set_defaults(run=_nodes)
+    one = kinds.add_parser(
+        "water", parents=[common], help="packets lost, doubled, late, damaged; a clock off; with --out a picture"
+    )
     one.add_argument("--seeds", type=int, default=4, metavar="N", help="missions of each kind (default: %(default)s)")
     one.add_argument("--steps", type=int, default=60, metavar="N", help="steps of each (default: %(default)s)")
     one.set_defaults(run=_water)

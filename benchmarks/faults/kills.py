@@ -31,7 +31,7 @@ from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 BACK_S = 5.0
 #: The nodes that are killed.
 NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
-_AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: at work$", re.MULTILINE)
+_AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: at work after (\d+\.\d+) s of processor time$", re.MULTILINE)
 _STARTED = re.compile(r"auv(\d+)\.(\w+) started.*, process (\d+)")
 #: What says how far DDS reaches: left out, so that the defaults are flown.
 _RANGE = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE")
@@ -47,6 +47,7 @@ class Kill:
         node: Its name.
         when_s: When (s since 1970).
         back_s: Time (s) until it was at work again; NaN if it never was.
+        cpu_s: Processor time (s) that it took for that.
         lost: What it no longer knew, or "".
     """
 
@@ -54,6 +55,7 @@ class Kill:
     node: str
     when_s: float
     back_s: float = math.nan
+    cpu_s: float = math.nan
     lost: str = ""
 
 
@@ -80,10 +82,17 @@ class Flight:
     sockets: list[OpenSocket] = field(default_factory=list)
 
 
-class _Process:
-    """A process whose output is read as it comes; knows the nodes that it has started."""
+class Program:
+    """A process whose output is read as it comes.
+
+    Attributes:
+        process: The process.
+        text: What it has printed, by line.
+        nodes: Process id of each node that it has said to have started.
+    """
 
     def __init__(self, module: str, *arguments: str) -> None:
+        """Starts a Python module with arguments."""
         self.text: list[str] = []
         self.nodes: dict[str, int] = {}
         self.process = subprocess.Popen(
@@ -104,6 +113,7 @@ class _Process:
                 self.nodes[match[2]] = int(match[3])
 
     def wait(self, seconds: float) -> None:
+        """Waits for its end; raises subprocess.TimeoutExpired if it still runs after so many seconds."""
         self.process.wait(seconds)
         self._reader.join(10.0)
 
@@ -129,13 +139,13 @@ def fly(
     run = folder / "run"
     sets = [f"--set={name}={value}" for name, value in more.items()]
     team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
-    processes = [_Process("auv_lse_sim.engine.sim", *team, "--domain", str(domains[0]))]
+    processes = [Program("auv_lse_sim.engine.sim", *team, "--domain", str(domains[0]))]
     flight = Flight()
     try:
         _until(lambda: (run / "vehicles.yaml").is_file(), 90.0, "the simulator has not written vehicles.yaml")
         for k in (1, 2):
             own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
-            processes.append(_Process("auv_lse_common.vehicle", *own, "--domain", str(domains[k])))
+            processes.append(Program("auv_lse_common.vehicle", *own, "--domain", str(domains[k])))
         _until(
             lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 60.0, "the vehicles' nodes did not start"
         )
@@ -218,11 +228,13 @@ def _read(flight: Flight, vehicle: int, logs: Path) -> None:
                     seen[node].append((stamp_ns * 1e-9, message))
     flight.steps[vehicle], flight.heard[vehicle] = steps, heard
     at_work = {
-        node: [float(s) for s in _AT_WORK.findall((logs / f"auv{vehicle}.{node}.log").read_text())] for node in NODES
+        node: [(float(s), float(cpu)) for s, cpu in _AT_WORK.findall((logs / f"auv{vehicle}.{node}.log").read_text())]
+        for node in NODES
     }
     for kill in flight.kills:
         if kill.vehicle == vehicle:
-            kill.back_s = min((s - kill.when_s for s in at_work[kill.node] if s > kill.when_s), default=math.nan)
+            later = [(s - kill.when_s, cpu_s) for s, cpu_s in at_work[kill.node] if s > kill.when_s]
+            kill.back_s, kill.cpu_s = min(later, default=(math.nan, math.nan))
             before = [m for t, m in seen[kill.node] if t < kill.when_s]
             # what a dying process had still sent arrives within 0.2 s
             after = [m for t, m in seen[kill.node] if t > kill.when_s + 0.2]
@@ -251,15 +263,20 @@ def at_random(number: int, seed: int) -> Callable[[float], list[tuple[float, int
 
 def table(flight: Flight, steps: int) -> tuple[list[str], bool]:
     """The table of a flight, and whether nothing was lost."""
-    lines = ["| node | kills | back after (median, worst) | lost |", "|---|---|---|---|"]
+    lines = [
+        "| node | kills | back after (median, worst) | processor time for it (median, worst) | lost |",
+        "|---|---|---|---|---|",
+    ]
     good = all(code == 0 for code in flight.codes)
     for node in NODES:
         mine = [kill for kill in flight.kills if kill.node == node]
         back = [kill.back_s for kill in mine if not math.isnan(kill.back_s)]
+        cpu = [kill.cpu_s for kill in mine if not math.isnan(kill.back_s)]
         lost = [kill.lost for kill in mine if kill.lost] + ["never back"] * (len(mine) - len(back))
         if back:
             times = f"{statistics.median(back):.1f} s, {max(back):.1f} s"
-            lines.append(f"| `{node}` | {len(mine)} | {times} | {'; '.join(lost) or 'nothing'} |")
+            work = f"{statistics.median(cpu):.2f} s, {max(cpu):.2f} s"
+            lines.append(f"| `{node}` | {len(mine)} | {times} | {work} | {'; '.join(lost) or 'nothing'} |")
             good = good and max(back) <= BACK_S
         good = good and not lost
     for vehicle, decided in flight.steps.items():

@@ -1,7 +1,8 @@
-"""Bad water: packets lost, in bursts, for ten minutes, doubled, late, out of order, damaged. What the team still does.
+"""Bad water and bad clocks: packets lost, doubled, late, damaged; a vehicle whose clock is off. What the team does.
 
-Missions of three vehicles in one process (the fleet engine). Each fault acts on what the modems have read, so that the
-rest of the water stays as it is.
+Missions of three vehicles in one process (the fleet engine). Each fault of the water acts on what the modems have read,
+so that the rest stays as it is. A vehicle whose clock is off lives by it altogether: it stamps what it measures, looks
+for its slots, plans, and times arrivals by it, so that travel times that it measures are off, too.
 """
 
 from __future__ import annotations
@@ -14,12 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_common.mission_run import Stop
+from auv_lse_comms.bridge import Received
+from auv_lse_planner.decision import Decision
+from auv_lse_sim.engine.fleet import Crew, Fleet
 from auv_lse_sim.judge.evaluation import evaluate
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.channel import Arrival
 from auv_lse_sim.world.ground_source import ground_of
+from auv_lse_sim.world.world import VehicleOutput
 
+#: How far a clock is ahead (s) of the true time (s).
+Clock = Callable[[float], float]
 #: What a fault makes of the packets that one vehicle has read in a tick: (packets, time (s), random stream) -> packets.
 Distort = Callable[[list[Arrival], float, np.random.Generator], list[Arrival]]
 
@@ -32,11 +39,13 @@ class Fault:
         name: For the table.
         parameters: What it sets.
         make: Makes what distorts one vehicle's arrivals; None: nothing does.
+        clock: The clock of vehicle 2; None: it is right.
     """
 
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
     make: Callable[[], Distort] | None = None
+    clock: Clock | None = None
 
 
 def _bursts() -> Distort:
@@ -98,19 +107,85 @@ FAULTS = (
     Fault(name="each packet twice", make=_doubled),
     Fault(name="up to 90 s late, out of order", make=_reordered),
     Fault(name="a third damaged", make=_damaged),
+    Fault(name="a clock 2 s ahead", clock=lambda now_s: 2.0),
+    Fault(name="a clock 7 s behind", clock=lambda now_s: -7.0),
+    Fault(name="a clock that gains 10 s in 15 min", clock=lambda now_s: now_s / 90.0),
+    Fault(name="a clock set back by 34 s at 5 min", clock=lambda now_s: -34.0 if now_s >= 300.0 else 0.0),
 )
+#: The vehicle whose clock is off.
+_OFF = 2
+
+
+class _OffClock(Crew):
+    """A vehicle's cores that live by a clock that is off; what comes from the world has its stamps already."""
+
+    def __init__(self, crew: Crew, clock: Clock) -> None:
+        super().__init__(crew.vehicle, crew.bridge, crew._to_map, crew.safety, crew.planner)
+        self._clock = clock
+
+    def watch(self, now_s: float, output: VehicleOutput) -> Stop | None:
+        return super().watch(now_s + self._clock(now_s), output)
+
+    def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
+        return super().decide(now_s + self._clock(now_s), output, heard)
+
+    def say(self, now_s: float, decision: Decision | None) -> bytes | None:
+        return super().say(now_s + self._clock(now_s), decision)
+
+
+def _restamped(output: VehicleOutput, mine: Clock, senders: Callable[[int], Clock]) -> VehicleOutput:
+    """A tick's output as a vehicle with the clock `mine` stamps it; packets tell when they were sent by their own."""
+
+    def at(then_s: float) -> float:
+        return then_s + mine(then_s)
+
+    soundings = output.soundings.copy()
+    soundings[:, 0] = [at(then_s) for then_s in soundings[:, 0]]
+    arrivals = []
+    for a in output.arrivals:
+        ahead_s = senders(a.source)(a.sent_s)
+        travel_s = a.travel_s + mine(a.start_s) - ahead_s
+        arrivals.append(
+            dataclasses.replace(
+                a, sent_s=a.sent_s + ahead_s, start_s=at(a.start_s), arrival_s=at(a.arrival_s), travel_s=travel_s
+            )
+        )
+    return dataclasses.replace(
+        output,
+        soundings=soundings,
+        arrivals=arrivals,
+        odometry=dataclasses.replace(output.odometry, stamp_s=at(output.odometry.stamp_s)),
+        dead_reckoning=dataclasses.replace(output.dead_reckoning, stamp_s=at(output.dead_reckoning.stamp_s)),
+        fixes=[dataclasses.replace(fix, stamp_s=at(fix.stamp_s)) for fix in output.fixes],
+    )
 
 
 class RoughWater(Fleet):
-    """A fleet whose arrivals are distorted."""
+    """A fleet whose arrivals are distorted, or of which one clock is off."""
 
     def __init__(self, settings: Settings, fault: Fault, seed: int) -> None:
         """Makes the fleet, and a random stream for the fault."""
         super().__init__(settings, ground_of(settings))
-        if fault.make is None:
-            return
-        tick, rng = self.world.tick, np.random.default_rng([seed, 17])
-        distort = {crew.vehicle: fault.make() for crew in self.crews}
+        if fault.clock is not None:
+            self._set_clock(fault.clock)
+        if fault.make is not None:
+            self._spoil(fault.make, np.random.default_rng([seed, 17]))
+
+    def _set_clock(self, clock: Clock) -> None:
+        tick = self.world.tick
+
+        def clock_of(number: int) -> Clock:
+            return clock if number == _OFF else lambda now_s: 0.0
+
+        def restamped(now_s: float) -> dict[int, Any]:
+            return {k: _restamped(output, clock_of(k), clock_of) for k, output in tick(now_s).items()}
+
+        self.world.tick = restamped  # type: ignore[method-assign]  # the water, by each vehicle's clock
+        self.crews[_OFF - 1] = _OffClock(self.crews[_OFF - 1], clock)
+
+    def _spoil(self, make: Callable[[], Distort], rng: np.random.Generator) -> None:
+        tick = self.world.tick
+        distort = {crew.vehicle: make() for crew in self.crews}
 
         def distorted(now_s: float) -> dict[int, Any]:
             return {

@@ -7,8 +7,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from auv_lse_common.fork_server import ForkedProcess, ForkServer
 from auv_lse_common.processes import Process, end, executable_path, last_lines
-from auv_lse_sim.engine.fork_server import ForkedProcess, ForkServer
 
 
 class ProcessGroup:

@@ -1,9 +1,10 @@
 """One process that has imported what a mission's nodes need, and forks each of them: they start at once.
 
-A node imports for one to two seconds of processor time before it does anything, and a mission is eleven processes, or
-sixty. The fork server imports once. Each node is still a process of its own, with its own log, its own process group
-and the command line that `ros2 run` would give it. The server has no ROS context and starts no thread. Importing rclpy
-starts two, which only wait (most likely the listeners of its LTTng tracing); a forked node does without them.
+A node imports for half a second to a second of processor time before it does anything, a mission is eleven processes,
+or sixty, and a node that was killed has to be back soon. The fork server imports once. Each node is still a process of
+its own, with its own log, its own process group and the command line that `ros2 run` would give it. The server has no
+ROS context and starts no thread. Importing rclpy starts two, which only wait (most likely the listeners of its LTTng
+tracing); a forked node does without them.
 
 Requests go to the server's standard input, a JSON line each; it answers on its standard output with the process id of
 each node and, when that has ended, its exit code. It ends when its input does; Linux ends its nodes with it.
@@ -119,10 +120,16 @@ class ForkServer:
                 preexec_fn=die_with_parent,
             )
 
-    def start(self, process: Process, command: Sequence[str], log: Path) -> ForkedProcess:
-        """Asks for a process; its output goes to the file `log`."""
+    def start(self, process: Process, command: Sequence[str], log: Path, *, append: bool = False) -> ForkedProcess:
+        """Asks for a process; its output goes to the file `log`, after what is in it if `append`."""
         number, entry = len(self._started), _entry_of(process)
-        request = {"number": number, "entry": entry.value, "command": list(command), "log": str(log)}
+        request = {
+            "number": number,
+            "entry": entry.value,
+            "command": list(command),
+            "log": str(log),
+            "append": append,
+        }
         forked = ForkedProcess(self, process.name)
         self._started.append(forked)
         log.touch()
@@ -131,6 +138,11 @@ class ForkServer:
             self._server.stdin.write(json.dumps(request).encode() + b"\n")
             self._server.stdin.flush()
         return forked
+
+    @property
+    def running(self) -> bool:
+        """Whether the server lives: when it has ended, so have its processes."""
+        return self._server.poll() is None
 
     def read(self, timeout_s: float) -> None:
         """Takes the server's answers; waits up to `timeout_s` for one."""
@@ -167,6 +179,15 @@ class ForkServer:
         end([self._server])
         self.read(1.0)
         self._server.stdout.close()
+
+
+def can_fork(process: Process) -> bool:
+    """Whether a fork server finds what is behind a process's executable: it is a Python package's entry point."""
+    try:
+        _entry_of(process)
+    except LaunchError:
+        return False
+    return True
 
 
 def _entry_of(process: Process) -> EntryPoint:
@@ -243,7 +264,7 @@ def _run(request: Mapping[str, Any]) -> None:
         die_with_parent()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         nothing = os.open(os.devnull, os.O_RDONLY)
-        log = os.open(request["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        log = os.open(request["log"], os.O_WRONLY | os.O_CREAT | (os.O_APPEND if request["append"] else os.O_TRUNC))
         for target, source in enumerate((nothing, log, log)):
             os.dup2(source, target)
         show_command(request["command"])

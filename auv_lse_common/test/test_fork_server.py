@@ -14,8 +14,9 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs the built workspace (scripts/test sets it up)", allow_module_level=True)
 
+from auv_lse_common.fork_server import ForkServer
 from auv_lse_common.processes import LaunchError, Process, end
-from auv_lse_sim.engine.fork_server import ForkServer
+from auv_lse_common.supervisor import Supervisor, Task
 
 pytestmark = pytest.mark.ros
 
@@ -59,3 +60,28 @@ def test_a_process_that_is_not_installed_is_named(tmp_path: Path) -> None:
     ghost = Process(package="auv_lse_gp", executable="sonar_node", namespace="/")
     with pytest.raises(LaunchError, match="auv_lse_gp has no executable sonar_node"):
         ForkServer([ghost], tmp_path / "server.log", dict(os.environ))
+
+
+def test_a_supervisor_starts_everything_again_when_the_fork_server_dies(tmp_path: Path) -> None:
+    command = ["modem_node", "--ros-args", "-r", "__ns:=/auv7"]
+    task = Task(name="auv7.modem_node", command=lambda starts: command, node=MODEM)
+    supervisor = Supervisor([task], tmp_path, {**os.environ, "ROS_DOMAIN_ID": "103"}, lambda text: None)
+    now_s = 0.0
+    try:
+        supervisor.tick(now_s)
+        first = supervisor.running["auv7.modem_node"]
+        server = int(Path(f"/proc/{first}/stat").read_text().rpartition(")")[2].split()[1])
+        assert server != os.getpid()
+        os.kill(server, signal.SIGKILL)
+        until = time.monotonic() + 10.0
+        while supervisor.starts["auv7.modem_node"] == 1:
+            assert time.monotonic() < until
+            now_s += 0.5
+            supervisor.tick(now_s)
+            time.sleep(0.02)
+        again = supervisor.running["auv7.modem_node"]
+        assert again != first
+    finally:
+        supervisor.stop()
+    assert supervisor.running == {}
+    assert not Path(f"/proc/{again}").exists()
