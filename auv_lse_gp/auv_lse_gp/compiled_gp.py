@@ -1,4 +1,4 @@
-"""Covariances and triangular solves compiled with numba. Formulas: see `kernels.py` and `factor.py`."""
+"""Covariances, triangular solves and spacing compiled with numba: see `kernels.py`, `factor.py`, `spacing.py`."""
 
 from __future__ import annotations
 
@@ -259,3 +259,22 @@ def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyp
         else:
             _wendland_c4_slope(variance, bx, by, x, y, slopes)
         _weighted_apart(weights[i], slopes, bx, by, x, y, out[i])
+
+
+@njit("void(f8[:, ::1], i8, f8, f8[:, :], i8, i8[::1])", cache=True)
+def take_spaced(kept, size, spacing, places, most_new, near):  # type: ignore[no-untyped-def]  # numba's types
+    """`spacing.take_spaced_numpy`, whose arguments it takes."""
+    full = size + most_new
+    for i in range(len(places)):
+        x, y = places[i, 0], places[i, 1]
+        nearest, best = -1, math.inf
+        for j in range(size):
+            dx, dy = kept[j, 0] - x, kept[j, 1] - y
+            square = dx * dx + dy * dy
+            if square < best:
+                nearest, best = j, square
+        near[i] = nearest if math.sqrt(best) < spacing else -1
+        if near[i] < 0 and size < full:
+            kept[size, 0], kept[size, 1] = x, y
+            near[i] = size
+            size += 1

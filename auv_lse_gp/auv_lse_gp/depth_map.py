@@ -15,8 +15,6 @@ from scipy.special import ndtri
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.factor import IllConditionedError
-from auv_lse_gp.gate import SoundingError
 from auv_lse_gp.kept import KeptMoments
 from auv_lse_gp.merging import MERGE_WINDOW
 from auv_lse_gp.online import Counts, OnlineGp, Outcome
@@ -103,7 +101,6 @@ class DepthMap:
         self.level_set = level_set
         self.area = area
         self.grid = area.grid(gp_config.map_resolution_m)
-        self.last_problem = ""
         self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
         self._moments = KeptMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
@@ -114,6 +111,11 @@ class DepthMap:
     def counts(self) -> Counts:
         """What became of the soundings and samples."""
         return self.gp.counts
+
+    @property
+    def last_problem(self) -> str:
+        """Why the last sounding was refused that was; "" before any was."""
+        return self.gp.last_problem
 
     @property
     def centers(self) -> Centers:
@@ -135,10 +137,8 @@ class DepthMap:
             What became of each, in the order given; None for one that was refused (counted, see `last_problem`).
         """
         rows = _rows("soundings", soundings, 4)
-        outcomes: list[Outcome | None] = [None] * len(rows)
-        for i in np.argsort(rows[:, 0], kind="stable"):
-            outcomes[i] = self._add(*rows[i, 1:])
-        return outcomes
+        order = np.argsort(rows[:, 0], kind="stable")
+        return _in_order_given(order, self.gp.add_all(rows[order, 1:]))
 
     def add_samples(self, samples: ArrayLike, source: int) -> list[Outcome | None]:
         """Takes the samples of a packet, in the order given.
@@ -161,18 +161,13 @@ class DepthMap:
         finite = np.isfinite(rows).all(axis=1)
         if sigmas > 0.0 and len(self.gp) and finite.any():
             fit[finite] = self.gp.fits(rows[finite, :2], rows[finite, 2], sigmas)
-        return [self._add_sample(row, ok, told) for row, ok in zip(rows, fit, strict=True)]
-
-    def _add_sample(self, row: Array, fits: bool, told: TeamSamples) -> Outcome | None:
-        if not fits:
-            told.outliers += 1
-            self.gp.counts.outliers += 1
-            return Outcome.OUTLIER
-        kept = sum(mate.kept for mate in self.team.values())
-        north_m, east_m, depth_m = row
-        outcome = self._add(north_m, east_m, depth_m, grow=kept < self.gp.config.max_centers // 2)
-        told.kept += outcome is Outcome.KEPT
-        return outcome
+        told.outliers += int((~fit).sum())
+        self.gp.counts.outliers += int((~fit).sum())
+        room = self.gp.config.max_centers // 2 - sum(mate.kept for mate in self.team.values())
+        taken = self.gp.add_all(rows[fit], max(room, 0))
+        told.kept += taken.count(Outcome.KEPT)
+        outliers: list[Outcome | None] = [Outcome.OUTLIER] * int((~fit).sum())
+        return _in_order_given(np.concatenate([np.flatnonzero(fit), np.flatnonzero(~fit)]), taken + outliers)
 
     def clear(self) -> None:
         """Forgets all soundings and samples, to take them in again at other places."""
@@ -210,16 +205,6 @@ class DepthMap:
         mean, variance = self._moments.update()
         return mean, np.sqrt(variance + self.gp.posterior.place_variance(self._scaled))
 
-    def _add(self, north_m: float, east_m: float, depth_m: float, grow: bool = True) -> Outcome | None:
-        try:
-            return self.gp.add(float(north_m), float(east_m), float(depth_m), grow)
-        except SoundingError as error:
-            self.last_problem = str(error)
-        except IllConditionedError as error:
-            self.gp.counts.refused += 1
-            self.last_problem = str(error)
-        return None
-
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:
     """Contour lines, each (n, 2): north, east (m), of values (ny, nx) at `level`; closed ones repeat their start."""
@@ -238,3 +223,11 @@ def _rows(name: str, values: ArrayLike, width: int) -> Array:
     if rows.ndim != 2 or rows.shape[1] != width:
         raise ValueError(f"{name}: got shape {rows.shape}; expected (n, {width})")
     return rows
+
+
+def _in_order_given(order: NDArray[np.int64], outcomes: list[Outcome | None]) -> list[Outcome | None]:
+    """Outcomes (n) of soundings that were taken in an order (n,), as the soundings were given."""
+    given: list[Outcome | None] = [None] * len(outcomes)
+    for i, outcome in zip(order.tolist(), outcomes, strict=True):
+        given[i] = outcome
+    return given

@@ -39,6 +39,14 @@ def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: flo
         )
 
 
+def can_be_soundings(config: GpConfig, rows: Array) -> Mask:
+    """Which rows (n, 3) of north, east, depth (m) `check_sounding` does not refuse, shape (n,)."""
+    with np.errstate(invalid="ignore"):
+        deep = (config.min_depth_m <= rows[:, 2]) & (rows[:, 2] <= config.max_depth_m)
+        near = (np.abs(rows[:, :2]) <= FARTHEST_M).all(axis=1)
+    return np.asarray(np.isfinite(rows).all(axis=1) & deep & near)
+
+
 def within_gate(config: GpConfig, depths_m: Array, mean_m: Array, variance_m2: Array, sigmas: float) -> Mask:
     """Which soundings are no farther off their prediction than `sigmas` standard deviations, noise included.
 

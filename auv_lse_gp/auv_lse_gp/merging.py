@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,34 +23,38 @@ class MergedCenter:
     """A center and the soundings merged into it: together a measurement of the depth at their centroid.
 
     Their mean depth is the depth at the centroid, for a plane bottom exactly; for a curved one its error has the
-    variance that the kernel gives to mean(f(p_i)) - f(centroid), which is added to the noise of the mean.
+    variance that the kernel gives to mean(f(p_i)) - f(centroid), which is added to the noise of the mean. It is worked
+    out when it is asked for, for all that were merged since then at once.
     """
 
-    def __init__(self, kernel: Kernel, place_m: Array, depth_m: float, noise_std_m: float) -> None:
+    def __init__(self, kernel: Kernel, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
         """Starts with one sounding at `place_m` (2,)."""
         self._kernel = kernel
-        self._places_m = [place_m]
+        self._places_m = [(float(place_m[0]), float(place_m[1]))]
         self._depth_sum_m = depth_m
         self._noise_m2 = noise_std_m**2
-        self._pair_sum = kernel.signal_variance_m2  # sum over all pairs of k(p_i, p_j)
+        self._pair_sum = kernel.signal_variance_m2  # sum over all pairs of k(p_i, p_j) of the first `_paired` places
+        self._paired = 1
 
     @property
     def full(self) -> bool:
         """Whether it takes no more: beyond, a sounding adds next to nothing."""
         return len(self._places_m) >= MERGED_AT_MOST
 
-    def add(self, place_m: Array, depth_m: float) -> None:
+    def add(self, place_m: Sequence[float], depth_m: float) -> None:
         """Merges a sounding at `place_m` (2,) into it."""
-        with_others = self._kernel(place_m[None], np.array(self._places_m)).sum()
-        self._pair_sum += 2.0 * float(with_others) + self._kernel.signal_variance_m2
-        self._places_m.append(place_m)
+        self._places_m.append((float(place_m[0]), float(place_m[1])))
         self._depth_sum_m += depth_m
 
     def summary(self) -> tuple[Array, float, float]:
         """Place (2,), depth and noise variance of the center."""
-        n = len(self._places_m)
+        n, variance = len(self._places_m), self._kernel.signal_variance_m2
         places = np.array(self._places_m)
+        with_others = self._kernel(places[self._paired :], places)
+        for number, row in enumerate(with_others, self._paired):
+            self._pair_sum += 2.0 * float(row[:number].sum()) + variance
+        self._paired = n
         centroid = places.sum(axis=0) / n
         to_centroid = float(self._kernel(centroid[None], places).sum()) / n
-        curvature = self._pair_sum / n**2 - 2.0 * to_centroid + self._kernel.signal_variance_m2
+        curvature = self._pair_sum / n**2 - 2.0 * to_centroid + variance
         return centroid, self._depth_sum_m / n, self._noise_m2 / n + max(curvature, 0.0)

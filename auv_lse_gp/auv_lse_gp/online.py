@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from auv_lse_gp.centers import Centers, CenterTable
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.factor import IllConditionedError
-from auv_lse_gp.gate import SoundingError, check_sounding, within_gate
+from auv_lse_gp.gate import SoundingError, can_be_soundings, check_sounding, within_gate
 from auv_lse_gp.kernels import LOCAL_RATIO
 from auv_lse_gp.local_subset import predict_locally
 from auv_lse_gp.merging import MERGE_WINDOW, MERGED_AT_MOST, MergedCenter
@@ -63,6 +63,7 @@ class OnlineGp:
         counts: What became of the soundings.
         revision: Changes whenever the posterior does.
         problems: What the user should know of: a support below the default, merges that were undone.
+        last_problem: Why `add_all` refused the last sounding that it refused.
     """
 
     def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
@@ -76,6 +77,7 @@ class OnlineGp:
         self.counts = Counts()
         self.revision = 0
         self.problems: list[str] = []
+        self.last_problem = ""
         self._posterior = Posterior(config, mean)
         self.kernel, self.prior_mean = self._posterior.kernel, self._posterior.prior_mean
         self._warn_of_short_support()
@@ -113,31 +115,77 @@ class OnlineGp:
         except SoundingError:
             self.counts.refused += 1
             raise
-        place = np.array([[north_m, east_m]])
+        row = np.array([[north_m, east_m, depth_m]], dtype=float)
         if self.config.outlier_sigmas > 0.0 and len(self):
-            mean, variance = self._posterior.moments(place)  # as it stands, without merges that wait
-            if not within_gate(self.config, np.array([depth_m]), mean, variance, self.config.outlier_sigmas)[0]:
+            mean, variance = self._posterior.moments(row[:, :2])  # as it stands, without merges that wait
+            if not within_gate(self.config, row[:, 2], mean, variance, self.config.outlier_sigmas)[0]:
                 self.counts.outliers += 1
                 return Outcome.OUTLIER
-        near = self._index.too_close(north_m, east_m)
-        if near is None:
-            if not grow or len(self) >= self.config.max_centers:
+        return self._take(row, int(grow))[0]
+
+    def add_all(self, soundings: Array, most_new: int | None = None) -> list[Outcome | None]:
+        """Takes soundings, one after another, as `add`, and goes on after one that it refuses.
+
+        Args:
+            soundings: North, east, depth (m) of each, shape (n, 3).
+            most_new: So many of them may become centers; None: all.
+
+        Returns:
+            What became of each; None for one that was refused, see `last_problem`.
+        """
+        room = len(soundings) if most_new is None else most_new
+        outcomes: list[Outcome | None] = [None] * len(soundings)
+        together = can_be_soundings(self.config, soundings) & self._certain(len(self) + len(soundings))
+        taken = self._take(soundings[together], room) if together.any() else []
+        for i, outcome in zip(np.flatnonzero(together).tolist(), taken, strict=True):
+            outcomes[i] = outcome
+        for i in np.flatnonzero(~together).tolist():
+            north_m, east_m, depth_m = soundings[i].tolist()
+            try:
+                outcomes[i] = self.add(north_m, east_m, depth_m, grow=room > 0)
+                room -= outcomes[i] is Outcome.KEPT
+            except SoundingError as error:
+                self.last_problem = str(error)
+            except IllConditionedError as error:
+                self.counts.refused += 1
+                self.last_problem = str(error)
+        return outcomes
+
+    def _take(self, rows: Array, most_new: int) -> list[Outcome]:
+        """Takes soundings (n, 3) that passed the gates; of more than one it must be `_certain` that they can be kept.
+
+        Raises:
+            IllConditionedError: as `add`.
+        """
+        size, noise_std_m = len(self), self.config.noise_std_m
+        near, new = self._index.take(rows[:, :2], max(min(most_new, self.config.max_centers - size), 0))
+        kept = rows[new]
+        try:
+            self._append(Centers(kept[:, :2], kept[:, 2], np.full(len(kept), noise_std_m)))
+        except IllConditionedError:
+            self._index.truncate(size)
+            raise
+        outcomes = []
+        for number, is_new, (north_m, east_m, depth_m) in zip(near.tolist(), new.tolist(), rows.tolist(), strict=True):
+            if is_new:
+                size += 1
+                if self.config.merge:
+                    self._merged.append(MergedCenter(self.kernel, (north_m, east_m), depth_m, noise_std_m))
+                self.counts.kept += 1
+                outcomes.append(Outcome.KEPT)
+            elif number < 0:
                 self.counts.full += 1
-                return Outcome.FULL
-            self._append(Centers(place, np.array([depth_m]), np.array([self.config.noise_std_m])))
-            self._index.add(north_m, east_m)
-            if self.config.merge:
-                self._merged.append(MergedCenter(self.kernel, place[0], depth_m, self.config.noise_std_m))
-            self.counts.kept += 1
-            return Outcome.KEPT
-        if not self._may_merge(near):
-            self.counts.too_close += 1
-            return Outcome.TOO_CLOSE
-        self._merged[near].add(place[0], depth_m)
-        self._moved.add(near)
-        self.revision += 1
-        self.counts.merged += 1
-        return Outcome.MERGED
+                outcomes.append(Outcome.FULL)
+            elif self.config.merge and number >= size - MERGE_WINDOW and not self._merged[number].full:
+                self._merged[number].add((north_m, east_m), depth_m)
+                self._moved.add(number)
+                self.revision += 1
+                self.counts.merged += 1
+                outcomes.append(Outcome.MERGED)
+            else:
+                self.counts.too_close += 1
+                outcomes.append(Outcome.TOO_CLOSE)
+        return outcomes
 
     def fits(self, places_m: ArrayLike, depths_m: ArrayLike, sigmas: float) -> NDArray[np.bool_]:
         """Whether soundings (P,) at places (P, 2) lie within `sigmas` standard deviations of the map, shape (P,)."""
@@ -179,9 +227,6 @@ class OnlineGp:
         padded = np.zeros((len(held), effect.shape[1]))
         padded[: len(effect)] = effect[: len(held)]
         return Centers(held.places_m, held.depths_m, held.noise_std_m, padded)
-
-    def _may_merge(self, number: int) -> bool:
-        return self.config.merge and number >= len(self) - MERGE_WINDOW and not self._merged[number].full
 
     # ---------------------------------------------------------------- posterior out
 
@@ -238,13 +283,15 @@ class OnlineGp:
         rounding = 4.0 * (size + 1) ** 2 * float(np.finfo(float).eps) * largest
         return self.config.outlier_sigmas == 0.0 and least_noise_m2 > rounding
 
-    def _append(self, center: Centers) -> None:
-        """Appends a center; a refusal changes nothing."""
+    def _append(self, centers: Centers) -> None:
+        """Appends centers; a refusal changes nothing."""
+        if not len(centers):
+            return
         n = len(self)
-        certain = self._certain(n + 1)
+        certain = self._certain(n + len(centers))
         if not certain:
             self._sync()
-        self._table.append(center)
+        self._table.append(centers)
         self._behind = True
         if not certain:
             try:
@@ -252,7 +299,7 @@ class OnlineGp:
             except IllConditionedError:
                 self._table.truncate(n)
                 raise
-        self.revision += 1
+        self.revision += len(centers)
 
     def _settle(self) -> None:
         """Moves the centers that soundings were merged into."""

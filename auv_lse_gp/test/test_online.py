@@ -329,3 +329,28 @@ def test_factor_appends_truncates_and_solves():
         assert_allclose(factor.solve_transposed(right[:size]), wanted, rtol=1e-9, atol=1e-12)
     with pytest.raises(ValueError, match="expected C-ordered float64"):
         factor.solve_in_place(np.asfortranarray(right))
+
+
+@pytest.mark.parametrize("outlier_sigmas", [0.0, 5.0])
+@pytest.mark.parametrize("most_new", [None, 20])
+def test_many_soundings_at_once_are_one_after_another(outlier_sigmas, most_new):
+    places, depths = soundings(200)
+    rows = np.column_stack([places, depths])
+    rows[7, 2], rows[9, 0] = -5.0, math.nan  # refused
+    config = GpConfig(outlier_sigmas=outlier_sigmas)
+    one, many = OnlineGp(config), OnlineGp(config)
+    wanted, room = [], len(rows) if most_new is None else most_new
+    for north, east, depth in rows.tolist():
+        try:
+            wanted.append(one.add(north, east, depth, grow=room > 0))
+        except SoundingError:
+            wanted.append(None)
+        room -= wanted[-1] is Outcome.KEPT
+    got = many.add_all(rows[:120], most_new)
+    left = None if most_new is None else most_new - got.count(Outcome.KEPT)
+    assert got + many.add_all(rows[120:], left) == wanted
+    assert many.counts == one.counts
+    assert many.revision == one.revision
+    assert "expected finite numbers" in many.last_problem
+    for mine, theirs in zip(dataclasses.astuple(many.centers)[:3], dataclasses.astuple(one.centers)[:3], strict=True):
+        assert mine == pytest.approx(theirs, rel=1e-12)  # rounding of the sums over merged soundings

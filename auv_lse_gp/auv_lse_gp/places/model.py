@@ -119,11 +119,17 @@ class VehicleModel:
 
 
 class Sums:
-    """Places of one vehicle (n), whose dependence on the unknowns is ready."""
+    """Places of one vehicle (n), whose dependence on the unknowns is ready.
+
+    What was worked out for the last values of the unknowns is kept: a search asks for places and derivatives in turn.
+    """
 
     def __init__(self, model: VehicleModel, along: Along, walk_m: Array, ramps: Array, start_m: Array) -> None:
         """Takes what `VehicleModel.sums` has looked up."""
         self._model, self._along, self._walk_m, self._ramps, self._start_m = model, along, walk_m, ramps, start_m
+        self._raw_way_m = along.raw_m - start_m
+        self._asked = b""
+        self._turn, self._way, self._places = np.zeros((2, 2)), np.zeros((0, 2)), np.zeros((0, 2))
 
     def __len__(self) -> int:
         """Number of places."""
@@ -134,38 +140,42 @@ class Sums:
         """Times (n,)."""
         return self._along.stamps_s
 
-    def _split(self, theta: Array) -> tuple[Array, Array, Array]:
-        own = theta[self._model.block]
-        n = self._model.knots
-        return own[:STATIC], own[STATIC : STATIC + n], own[STATIC + n :].reshape(n, 2)
+    def _find(self, theta: Array) -> Array:
+        """Finds the places for `theta`, if they are not those at hand; returns the vehicle's unknowns.
 
-    def _turned(self, static: Array, headings: Array) -> tuple[Array, Array]:
-        """R(-b0) / (1 + s), and the way from the start after it, (2, 2) and (n, 2)."""
-        c, s = math.cos(static[2]), math.sin(static[2])
-        turn = np.array([[c, s], [-s, c]]) / (1.0 + static[5])  # R(-b0)
-        a = self._along
-        way = a.raw_m - self._start_m - static[3] * a.sin_m - static[4] * a.cos_m
-        if len(headings):
-            way = way - headings @ self._walk_m
-        return turn, way @ turn.T
+        With them comes R(-b0) / (1 + s), and the way from the start after it, (2, 2) and (n, 2).
+        """
+        own = theta[self._model.block]
+        asked = own.tobytes()
+        if asked != self._asked:
+            n, a = self._model.knots, self._along
+            static, headings, walk = own[:STATIC], own[STATIC : STATIC + n], own[STATIC + n :].reshape(n, 2)
+            c, s = math.cos(static[2]), math.sin(static[2])
+            way = self._raw_way_m - static[3] * a.sin_m - static[4] * a.cos_m
+            if n:
+                way = way - headings @ self._walk_m
+            self._turn = np.array([[c, s], [-s, c]]) / (1.0 + static[5])  # R(-b0)
+            self._way = way @ self._turn.T
+            self._places = self._start_m - static[:2] + self._way + self._ramps @ walk
+            self._asked = asked
+        return own
 
     def places(self, theta: Array) -> Array:
-        """Places (n, 2) where the unknowns of the team are `theta`."""
-        static, headings, walk = self._split(theta)
-        _, way = self._turned(static, headings)
-        return np.asarray(self._start_m - static[:2] + way + self._ramps @ walk)
+        """Places (n, 2) where the unknowns of the team are `theta`; not to be written to."""
+        self._find(theta)
+        return self._places
 
     def jacobian(self, theta: Array) -> Array:
         """Derivatives (n, 2, block) of the places with respect to the vehicle's own unknowns."""
-        static, headings, _ = self._split(theta)
-        turn, way = self._turned(static, headings)
+        scale = 1.0 + self._find(theta)[5]
+        turn, way = self._turn, self._way
         n, knots = len(self), self._model.knots
         out = np.zeros((n, 2, STATIC + 3 * knots))
         out[:, 0, 0] = out[:, 1, 1] = -1.0
         out[:, :, 2] = -way @ _J.T
         out[:, :, 3] = -self._along.sin_m @ turn.T
         out[:, :, 4] = -self._along.cos_m @ turn.T
-        out[:, :, 5] = -way / (1.0 + static[5])
+        out[:, :, 5] = -way / scale
         if knots:
             out[:, :, STATIC : STATIC + knots] = -(self._walk_m @ turn.T).transpose(0, 2, 1)
             out[:, 0, STATIC + knots :: 2] = self._ramps

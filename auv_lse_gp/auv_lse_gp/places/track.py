@@ -83,9 +83,16 @@ class Track(abc.ABC):
         if not len(nodes):
             raw = np.zeros((len(times), 2)) if raw_m is None else raw_m
             return Along(times, raw, np.zeros((len(times), 2)), np.zeros((len(times), 2)))
-        columns = [np.interp(times, nodes[:, _TIME], nodes[:, c]) for c in range(1, 7)]
-        raw = np.column_stack(columns[:2]) if raw_m is None else np.asarray(raw_m, dtype=float)
-        return Along(times, raw, np.column_stack(columns[2:4]), np.column_stack(columns[4:6]))
+        known = nodes[:, _TIME]
+        right = np.minimum(np.searchsorted(known, times, side="right"), len(nodes) - 1)
+        left = np.maximum(right - 1, 0)
+        a, b = nodes[left], nodes[right]
+        spans = np.where(right > left, b[:, _TIME] - a[:, _TIME], 1.0)
+        late = np.clip(times, known[0], known[-1]) - a[:, _TIME]
+        rows = (b - a) / spans[:, None] * late[:, None] + a
+        rows = np.where((times >= known[-1])[:, None], nodes[-1], rows)
+        raw = rows[:, _RAW] if raw_m is None else np.asarray(raw_m, dtype=float)
+        return Along(times, raw, rows[:, _SIN], rows[:, _COS])
 
 
 class OwnTrack(Track):
@@ -96,13 +103,16 @@ class OwnTrack(Track):
         self._nodes = np.zeros((64, 8))
         self._size = 0
         self._tip: Array | None = None  # the last place, if it is not a node
+        self._with_tip = self._nodes[:0]  # nodes and tip, once they were asked for
 
     @property
     def nodes(self) -> Array:
         """As `Track.nodes`."""
         if self._tip is None:
             return self._nodes[: self._size]
-        return np.concatenate([self._nodes[: self._size], self._tip[None]])
+        if not len(self._with_tip):
+            self._with_tip = np.concatenate([self._nodes[: self._size], self._tip[None]])
+        return self._with_tip
 
     def __len__(self) -> int:
         """As `Track.__len__`."""
@@ -136,7 +146,7 @@ class OwnTrack(Track):
         tip = np.array([stamp_s, north_m, east_m, -east * s, north * s, -east * c, north * c, gone])
         tip[3:] += last[3:]
         node = self._nodes[self._size - 1]
-        self._tip = tip
+        self._tip, self._with_tip = tip, self._nodes[:0]
         if tip[_GONE] - node[_GONE] >= NODE_M or stamp_s - node[_TIME] >= NODE_S:
             self._keep(tip)
         return True

@@ -162,9 +162,6 @@ class Crew:
         Returns:
             The decision and the wall clock that it took (s), if one is due.
         """
-        if self.map.revision != self._revision:
-            self._revision = self.map.revision
-            self._to_planner.set_centers(self.map.centers, self.map.revision)
         for received in heard:
             self._to_planner.add_plan(received.stamp_s, received.source, received.packet.plan)
         o = output.odometry
@@ -172,6 +169,9 @@ class Crew:
         self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m)
         if not self._to_planner.take(now_s):
             return None
+        if self.map.revision != self._revision:  # not before: to be read, merged centers must be settled
+            self._revision = self.map.revision
+            self.planner.set_centers(self.map.centers, now_s)
         began = time.perf_counter()
         decision = self.planner.decide(now_s)
         return decision, time.perf_counter() - began

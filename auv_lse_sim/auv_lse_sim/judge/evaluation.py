@@ -7,7 +7,6 @@ depth is known (over all cells inside, where there is no truth).
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,8 +18,6 @@ from auv_lse_common.papers_methods import PAPERS_METHODS
 from auv_lse_common.params import parameters_for
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.depth_map import DepthField, DepthMap
-from auv_lse_gp.factor import IllConditionedError
-from auv_lse_gp.gate import SoundingError
 from auv_lse_gp.online import OnlineGp
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.judge import certainty, isobath
@@ -165,9 +162,7 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
 def _risk_alone(vehicle: VehicleRun, settings: PlannerSettings, map_m: Array) -> float:
     """Mean risk at places (P, 2) given a vehicle's own soundings and nobody else's."""
     gp = OnlineGp(settings.gp)
-    for _, north, east, depth in vehicle.soundings:
-        with contextlib.suppress(SoundingError, IllConditionedError):  # refused by the vehicle's own map, too
-            gp.add(float(north), float(east), float(depth))
+    gp.add_all(vehicle.soundings[:, 1:4])  # its own map refuses the same ones
     return float(settings.level_set.risk(*gp.predict(map_m)).mean())
 
 

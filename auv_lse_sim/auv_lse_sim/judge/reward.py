@@ -29,8 +29,6 @@ from numpy.typing import NDArray
 
 from auv_lse_common.plan import NONE, Plan
 from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.factor import IllConditionedError
-from auv_lse_gp.gate import SoundingError
 from auv_lse_gp.online import OnlineGp
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerSettings
@@ -191,7 +189,7 @@ def reward_curves(
         here = np.concatenate(places)
         before_leg = _risk(gp, level_set, here)
         for own in soundings:
-            _add(gp, own[step])
+            gp.add_all(own[step][:, 1:4])  # a vehicle's own map refuses the same ones, and counts them
         drop = before_leg - _risk(gp, level_set, here)
         per_vehicle[:, step] = np.bincount(owner, drop, minlength=len(places))
         stepwise[step + 1] = stepwise[step] + drop.sum()
@@ -288,14 +286,6 @@ def _by_leg(vehicle: VehicleRun, path: PlannedPaths, steps: int) -> list[Array]:
     for number, decision in enumerate(vehicle.decisions):
         legs[decision.step] = np.concatenate([legs[decision.step], vehicle.soundings[index == number]])
     return legs
-
-
-def _add(gp: OnlineGp, soundings: Array) -> None:
-    for _, north, east, depth in soundings:
-        try:
-            gp.add(float(north), float(east), float(depth))
-        except (SoundingError, IllConditionedError):
-            continue  # a vehicle's own map refuses the same ones, and counts them
 
 
 def _risk(gp: OnlineGp, level_set: LevelSet, places: Array) -> Array:
