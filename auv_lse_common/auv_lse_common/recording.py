@@ -59,7 +59,11 @@ def recording_in(path: Path) -> Path:
     Raises:
         RecordingError: if there is none.
     """
-    if not path.exists():
+    try:
+        there = path.exists()
+    except OSError as error:  # a name that is too long
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not there:
         raise RecordingError(
             f"{path}: does not exist; expected a run folder, a rosbag2 directory, or its .mcap or .db3"
         )

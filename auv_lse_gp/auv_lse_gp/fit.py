@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.recording import read_messages
+from auv_lse_common.whole_files import write_whole
 from auv_lse_gp.config import KERNELS
 from auv_lse_gp.likelihood import Fit, fit
 from auv_lse_gp.soundings import read_soundings_anywhere
@@ -177,7 +178,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(report(result))
     if options.out is not None:
         try:
-            options.out.write_text(parameter_file(result, options.source.name, where))
+            write_whole(options.out, parameter_file(result, options.source.name, where))
         except OSError as error:
             print(f"fit: {options.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
             return 1

@@ -24,9 +24,13 @@ from auv_lse_gp.fit import main as fit
 from auv_lse_sim.campaign.__main__ import main as campaign
 from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.check.__main__ import main as check
+from auv_lse_sim.engine.mission import main as mission
+from auv_lse_sim.engine.sim import main as sim
 from auv_lse_sim.export.__main__ import main as export
+from auv_lse_sim.live.command import main as live
 from auv_lse_sim.record.bag import read_run, write_run
 from auv_lse_sim.record.run_data import RunData
+from auv_lse_sim.replay.__main__ import main as replay
 from auv_lse_sim.world.config import BathymetryConfig
 from auv_lse_sim.world.ground import GroundError
 from auv_lse_sim.world.ground_files import load_ground
@@ -228,6 +232,34 @@ def recorded(synthetic_run: Callable[..., RunData], tmp_path_factory: pytest.Tem
     return folder
 
 
+def test_commands_take_mutated_recordings_or_refuse_them(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, out = tmp_path / "run", tmp_path / "out of é"
+    shutil.copytree(recorded, run)
+    messages = next(file for file in (run / "bag").iterdir() if file.suffix in STORAGES)
+    commands = (
+        lambda: replay([str(run), "--recompute", "planner", "--csv", str(out)]),
+        lambda: replay([str(run), "--report", "--out", str(out)]),
+        lambda: live([str(run), "--write", str(out)]),
+    )
+    refused = 0
+    for file in (messages, run / "bag" / "metadata.yaml", run / "mission.yaml"):
+        whole = file.read_bytes()
+        for number, mutated in enumerate(mutations(whole, 6, seed=3)):
+            file.write_bytes(mutated)
+            code = commands[number % 3]()
+            said = capsys.readouterr()
+            assert code in (0, 1, 2), said
+            assert "Traceback" not in said.err + said.out
+            assert code != 2 or (said.err.startswith("error: ") and not out.exists()), said
+            refused += code == 2
+            if out.exists():
+                shutil.rmtree(out) if out.is_dir() else out.unlink()
+        file.write_bytes(whole)
+    assert refused > 6
+
+
 def test_mutated_recordings_are_read_or_refused(recorded: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(recorded, run)
@@ -292,11 +324,45 @@ def test_a_full_disk_is_told(recorded: Path, tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     "command",
     [
+        lambda place: replay([str(place / "run"), "--recompute", "planner", "--csv", str(place / "to")]),
+        lambda place: replay([str(place / "run"), "--report", "--out", str(place / "to")]),
+        lambda place: live([str(place / "run"), "--write", str(place / "to")]),
+        lambda place: mission(["--steps", "2", "--out", str(place / "to")]),
+        lambda place: mission(["--set", "modem.port=/dev/ttyUSB0", "--for-vehicles", str(place / "to")]),
+        lambda place: sim(["--steps", "2", "--apart", "--domain", "77", "--out", str(place / "to")]),
+    ],
+    ids=["replay --csv", "replay --report", "live --write", "mission --out", "mission --for-vehicles", "sim --out"],
+)
+def test_on_a_full_disk_nothing_half_written_stays(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: Callable[[Path], int]
+) -> None:
+    shutil.copytree(recorded, tmp_path / "run")
+    with a_disk_that_takes(100):
+        code = command(tmp_path)
+    said = capsys.readouterr()
+    assert code == 2, said
+    assert "Traceback" not in said.err + said.out
+    assert str(tmp_path / "to") in (said.err + said.out).replace("\n", ""), said
+    assert "File too large" in said.err + said.out
+    assert [path.name for path in tmp_path.iterdir() if not path.is_dir() or any(path.iterdir())] == ["run"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
         lambda place: campaign([str(place / "c.yaml"), "--out", str(place / "file" / "out")]),
         lambda place: export([str(place / "run"), "--to", str(place / "file" / "to")]),
         lambda place: check([str(place / "file" / "m.yaml")]),
+        lambda place: mission(["--out", str(place / "file" / "run")]),
+        lambda place: mission(["--out", str(place / "file" / ("x" * 300))]),
+        lambda place: mission(["--set", "modem.port=x", "--for-vehicles", str(place / "file" / "v.yaml")]),
+        lambda place: replay([str(place / "run"), "--report", "--out", str(place / "file")]),
+        lambda place: replay([str(place / "run"), "--recompute", "planner", "--csv", str(place / "file" / "x.csv")]),
+        lambda place: replay([str(place / "file"), "--report"]),
+        lambda place: live([str(place / "run"), "--write", str(place / "file" / "x.html")]),
+        lambda place: live([str(place / "file" / ("x" * 300)), "--write", str(place / "x.html")]),
+        lambda place: live([str(place / "file")]),
     ],
-    ids=["campaign", "export", "check"],
 )
 def test_a_place_that_cannot_be_written_is_told(
     recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: Callable[[Path], int]

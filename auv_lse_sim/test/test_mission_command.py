@@ -24,6 +24,13 @@ pytestmark = pytest.mark.ros
 PORT = ("--set", "modem.port=/dev/ttyUSB0")
 
 
+def test_a_link_that_is_down_for_a_while_finds_its_port_free() -> None:
+    wanted = hardware_of("direct", "mavlink", 3, Path("/nowhere"))
+    ports = [int(wanted[f"auv{k}.link.endpoint"].rsplit(":", 1)[1]) for k in (1, 2, 3)]
+    assert len(set(ports)) == 3
+    assert min(ports) > 60999, "no socket of another process gets it by chance while the node is started again"
+
+
 def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:
     """The mission.yaml that a simulated run leaves."""
     settings = Settings.load(None, {"mission.steps": 40, "auv2.vehicle.depth_m": 6.5, "gp.noise_std_m": 0.25})

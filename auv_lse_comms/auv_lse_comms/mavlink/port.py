@@ -9,7 +9,7 @@ from auv_lse_common.mission_run import Stop
 from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.mavlink.conversion import Target
 from auv_lse_comms.mavlink.datum import Origin
-from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate
+from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, Problem
 from auv_lse_comms.mavlink.events import Event as LinkEvent
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.mavlink.sounder import Sounder, Sounding
@@ -18,6 +18,9 @@ from auv_lse_comms.transport import Connection, Transport, open_transport, read_
 
 #: Speed of a serial endpoint that names none.
 _BAUD = 115200
+
+#: Why the endpoint is closed at the end.
+CLOSING = "shutting down"
 
 Event = LinkEvent | Sounding
 
@@ -60,6 +63,7 @@ class AutopilotPort:
         )
         self._sounder = Sounder(config.sounding_every_s, config.sounding_least_pings) if config.soundings else None
         self._sounded_from = self.link.datum
+        self._told = self.connection.problem
         self._sent = "uploads" if config.mode == "mission" else "target_messages"
 
     @property
@@ -103,7 +107,7 @@ class AutopilotPort:
 
     def close(self, now_s: float, steady_s: float) -> list[Event]:
         """Closes the endpoint for good; `now_s` is not used."""
-        self.connection.close(steady_s, "shutting down")
+        self.connection.close(steady_s, CLOSING)
         return list(self._events())
 
     def health(self) -> Health:
@@ -122,6 +126,10 @@ class AutopilotPort:
         return Health(level=Level.OK if up and link.placed else Level.ERROR, text=text, values=values)
 
     def _events(self) -> Iterator[Event]:
+        if self.connection.problem != self._told:
+            self._told = self.connection.problem
+            if self._told and self._told != CLOSING:
+                yield Problem(text=f"link.endpoint: {self._told}; it is tried again")
         for event in self.link.events():
             yield event
             if self._sounder is not None and isinstance(event, Altitude):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
+import os
 import socket
 from pathlib import Path
 from typing import Any
+
+#: Beyond the ports that Linux gives out by itself (up to 60999), and those of DDS (domains to 213).
+PORTS = range(61000, 65536)
 
 
 def hardware_of(modem: str, vehicle_link: str, vehicles: int, folder: Path) -> dict[str, Any]:
@@ -24,13 +27,30 @@ def hardware_of(modem: str, vehicle_link: str, vehicles: int, folder: Path) -> d
             wanted[f"auv{k}.modem.port"] = str(folder / "modems" / f"auv{k}")
             wanted[f"auv{k}.modem.log_file"] = str(folder / "logs" / f"auv{k}.modem_lines.log")
     if vehicle_link == "mavlink":
-        with (
-            contextlib.ExitStack() as stack
-        ):  # all sockets stay open until every port is known, so that no port comes twice
-            for k in range(1, vehicles + 1):
-                probe = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-                probe.bind(("127.0.0.1", 0))
-                wanted[f"auv{k}.link.kind"] = "mavlink"
-                wanted[f"auv{k}.link.soundings"] = False  # sim_node gives them
-                wanted[f"auv{k}.link.endpoint"] = f"udpin://127.0.0.1:{probe.getsockname()[1]}"
+        for k, port in enumerate(_free_ports(vehicles), 1):
+            wanted[f"auv{k}.link.kind"] = "mavlink"
+            wanted[f"auv{k}.link.soundings"] = False  # sim_node gives them
+            wanted[f"auv{k}.link.endpoint"] = f"udpin://127.0.0.1:{port}"
     return wanted
+
+
+def _free_ports(number: int) -> list[int]:
+    """So many free UDP ports of `PORTS`, which no system gives to a socket by itself.
+
+    A vehicle's driver that was killed finds its port free when it is started again.
+
+    Raises:
+        OSError: if there are not so many.
+    """
+    found: list[int] = []
+    first = os.getpid() * 8 % len(PORTS)  # runs that begin at the same time look in different places
+    for port in (*PORTS[first:], *PORTS[:first]):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+        found.append(port)
+        if len(found) == number:
+            return found
+    raise OSError(f"UDP ports {PORTS[0]} to {PORTS[-1]} of 127.0.0.1: {len(found)} are free; expected {number}")

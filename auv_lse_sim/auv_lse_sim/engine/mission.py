@@ -28,7 +28,7 @@ from auv_lse_sim.engine.conductor import Interrupt, MissionError, conduct
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.options import overrides_of, parser
 from auv_lse_sim.engine.processes import mission_processes
-from auv_lse_sim.engine.run_folder import run_folder
+from auv_lse_sim.engine.run_folder import begun, run_folder
 from auv_lse_sim.engine.vehicle_file import write_vehicle_file
 from auv_lse_sim.live.process import LiveProcess
 from auv_lse_sim.settings import SECTION_CLASSES, Settings
@@ -60,6 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             write_vehicle_file(settings, options.for_vehicles)
         else:
             folder = run_folder(options.out, root)
+            with begun(folder):
+                settings = write_mission(settings, folder, options)
     except ValueError as error:
         _complain(console, error)
         return 2
@@ -69,7 +71,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/operations.md)")
         return 0
     _say(console, f"run folder: {folder}")
-    settings = write_mission(settings, folder, options)
     processes = mission_processes(settings.mission.vehicles, options.modem, options.vehicle_link)
     with ExitStack() as beside:
         live = beside if options.live else None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import shutil
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -23,12 +26,26 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
         while folder.exists():
             again += 1
             folder = base.with_name(f"{base.name}-{again}")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise RunFolderError(
-            f"--out {folder}: exists and is not empty; expected a new or empty folder (nothing was changed)"
-        )
     try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise RunFolderError(
+                f"--out {folder}: exists and is not empty; expected a new or empty folder (nothing was changed)"
+            )
         (folder / "logs").mkdir(parents=True)
     except OSError as error:
         raise RunFolderError(f"--out {folder}: cannot be made: {error.strerror or error}") from error
     return folder.resolve()
+
+
+@contextlib.contextmanager
+def begun(folder: Path) -> Iterator[None]:
+    """A context that writes the first files of a run into its new folder; if it cannot, the folder is gone again.
+
+    Raises:
+        RunFolderError: if a file cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise RunFolderError(f"--out {folder}: cannot be written: {error.strerror or error}") from error

@@ -18,7 +18,7 @@ from auv_lse_common.processes import Process
 from auv_lse_common.project_folder import project_folder
 from auv_lse_sim.engine.mission import fly, prepare, write_mission
 from auv_lse_sim.engine.options import add_mission_options
-from auv_lse_sim.engine.run_folder import run_folder
+from auv_lse_sim.engine.run_folder import begun, run_folder
 from auv_lse_sim.engine.vehicle_file import send_duration_s
 from auv_lse_sim.settings import Settings
 
@@ -77,14 +77,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         domain = wanted_domain(options.domain)
         settings, notes = prepare(options, root)
         folder = run_folder(options.out, root)
+        if options.apart:
+            options.modem, options.vehicle_link = "emulated", "mavlink"
+        with begun(folder):
+            settings = write_mission(settings, folder, options, record=not options.no_record)
+            if options.apart:
+                settings = _apart(settings, folder)
     except (ValueError, DomainError) as error:
         say(f"error: {error}")
         return 2
-    if options.apart:
-        options.modem, options.vehicle_link = "emulated", "mavlink"
-    settings = write_mission(settings, folder, options, record=not options.no_record)
-    if options.apart:
-        settings = _apart(settings, folder)
     for note in notes:
         say(note)
     say(f"run folder: {folder}")

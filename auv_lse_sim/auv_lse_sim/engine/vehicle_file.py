@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from auv_lse_common.params import ParameterError
+from auv_lse_common.whole_files import write_whole
 from auv_lse_sim.settings import Settings
 
 #: Where a vehicle's recorder writes, relative to the folder it is started in.
@@ -67,9 +68,8 @@ def write_vehicle_file(settings: Settings, path: Path) -> None:
     """
     text = vehicle_file(settings)
     try:
-        with path.open("x") as file:
-            file.write(text)
-    except FileExistsError:
-        raise ParameterError(f"--for-vehicles {path}: exists; expected a new file (nothing was changed)") from None
+        if path.exists():
+            raise ParameterError(f"--for-vehicles {path}: exists; expected a new file (nothing was changed)")
+        write_whole(path, text)
     except OSError as error:
         raise ParameterError(f"--for-vehicles {path}: cannot be written: {error.strerror or error}") from error

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.whole_files import written_whole
 from auv_lse_sim.judge import report_figures, summary, words
 from auv_lse_sim.judge.evaluation import Evaluation, evaluate
 from auv_lse_sim.judge.page_parts import embedded, facts, head, number, table
@@ -27,19 +28,22 @@ def write_report(run: RunData, folder: Path) -> Summary:
 
     Returns:
         The figures of merit.
+
+    Raises:
+        OSError: if it cannot be written; nothing of it is there then.
     """
     return write_outputs(evaluate(run), folder)
 
 
 def write_outputs(evaluation: Evaluation, folder: Path) -> Summary:
     """As `write_report`, for a mission that is judged already."""
-    folder.mkdir(parents=True, exist_ok=True)
-    if not (folder / "mission.yaml").exists():
-        write_mission_file(folder / "mission.yaml", evaluation.run.parameters)
-    evaluation.summary.write(folder / "summary.json")
-    write_isobath(evaluation.team_map, folder / "isobath.geojson", evaluation.run.origin, evaluation.truth)
-    drawn = report_figures.draw_all(evaluation, folder)
-    (folder / "report.html").write_text(page(evaluation, folder, drawn))
+    with written_whole(folder) as part:
+        if not (folder / "mission.yaml").exists():
+            write_mission_file(part / "mission.yaml", evaluation.run.parameters)
+        evaluation.summary.write(part / "summary.json")
+        write_isobath(evaluation.team_map, part / "isobath.geojson", evaluation.run.origin, evaluation.truth)
+        drawn = report_figures.draw_all(evaluation, part)
+        (part / "report.html").write_text(page(evaluation, part, drawn))
     return evaluation.summary
 
 

@@ -19,6 +19,7 @@ from auv_lse_common.domain import DomainError, domain_number, local_environment,
 from auv_lse_common.params import ParameterError
 from auv_lse_common.project_folder import project_folder
 from auv_lse_common.recording import RecordingError, recording_in
+from auv_lse_common.whole_files import write_whole
 from auv_lse_sim.live.feed import Feed, Playback, Viewer
 from auv_lse_sim.live.follow import RecordingFollower
 from auv_lse_sim.live.foxglove_viewer import DEFAULT_PORT as FOXGLOVE_PORT
@@ -181,7 +182,7 @@ def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> i
     _, _, events = timeline.since("", 0, sys.maxsize)
     took_s = time.process_time() - began_s
     try:
-        path.write_text(live_page(events))
+        write_whole(path, live_page(events))
     except OSError as error:
         raise LiveError(f"--write {path}: cannot be written: {error.strerror or error}") from error
     print(f"{len(events)} events in {took_s:.1f} s of processor time")

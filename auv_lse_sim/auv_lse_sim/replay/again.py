@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from auv_lse_common.params import nest
 from auv_lse_common.recording import RecordingError
+from auv_lse_common.whole_files import write_whole
 from auv_lse_sim.engine.options import settings_given
 from auv_lse_sim.record.software import version
 from auv_lse_sim.replay.decisions_again import DecisionStep, decisions_again
@@ -98,16 +101,17 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines]
 
 
-def _write(path: object, rows: Sequence[Row]) -> None:
+def _write(path: Path, rows: Sequence[Row]) -> None:
     """Writes every row, the planner's after the map's, each kind under its titles."""
-    with open(str(path), "w", newline="") as file:
-        writer = csv.writer(file)
-        titles: tuple[str, ...] = ()
-        for row in rows:
-            if titles != row.TITLES:
-                titles = row.TITLES
-                writer.writerow([*titles, "differs"])
-            writer.writerow([*row.cells, row.differs])
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    titles: tuple[str, ...] = ()
+    for row in rows:
+        if titles != row.TITLES:
+            titles = row.TITLES
+            writer.writerow([*titles, "differs"])
+        writer.writerow([*row.cells, row.differs])
+    write_whole(path, text.getvalue())
 
 
 def _values(settings: Settings, name: str) -> str:
