@@ -62,19 +62,22 @@ class Fix:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MateNavigation:
-    """What a packet tells of its sender's navigation, and how long its sound travelled.
+    """What a packet tells of its sender's navigation, and how long its sound travelled; or a range by a ping alone.
+
+    A ping that a mate's modem answers tells of no place: the raw place and `sent_s` are NaN, and its travel time is by
+    the receiver's clock alone.
 
     Attributes:
-        stamp_s: Start of reception, by the receiver's clock (s).
+        stamp_s: Start of reception, by the receiver's clock (s); of a ping the time for which the range holds.
         source: Number of the sender.
         sent_s: Start of transmission, by the sender's clock (s); NaN if unknown.
-        raw_north_m: North of the sender's raw place at transmission.
-        raw_east_m: East of it.
+        raw_north_m: North of the sender's raw place at transmission; NaN of a ping.
+        raw_east_m: East of it; likewise.
         fix_raw_north_m: North of the sender's raw place at its last fix under way; NaN if it has taken none.
         fix_raw_east_m: East of it; likewise.
         fix_north_m: North of the same place by GPS; likewise.
         fix_east_m: East of it; likewise.
-        travel_s: One-way travel time (s), measured with both clocks; NaN if unknown.
+        travel_s: One-way travel time (s), measured with both clocks, or by a ping; NaN if unknown.
     """
 
     stamp_s: float
@@ -87,6 +90,11 @@ class MateNavigation:
     fix_north_m: float = math.nan
     fix_east_m: float = math.nan
     travel_s: float = math.nan
+
+    @property
+    def by_ping(self) -> bool:
+        """Whether it is a range by a ping alone."""
+        return math.isnan(self.raw_north_m) and math.isnan(self.sent_s) and math.isfinite(self.travel_s)
 
     @property
     def has_fix(self) -> bool:

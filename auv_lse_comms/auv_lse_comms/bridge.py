@@ -108,6 +108,8 @@ class ModemBridge:
         key: bytes | None = None,
         receivers: Receivers | None = None,
         confirm_s: float = math.inf,
+        second_lead_s: float | None = None,
+        pings: bool = False,
     ) -> None:
         """Starts without a plan and without soundings.
 
@@ -121,6 +123,9 @@ class ModemBridge:
             receivers: What the receivers are supposed to know, needed if `packet.selection` is "useful".
             confirm_s: A packet that is not confirmed (`confirm`) within this time (s) counts as not sent. Infinite: a
                 packet given out counts as sent.
+            second_lead_s: Transmissions of the whole team start on a second, this long (s) or more after their packets
+                are given out, and of travel times modems know only what is beyond whole seconds. None: neither is so.
+            pings: Whether mates are to be pinged (`ping`).
 
         Raises:
             ValueError: if the key or `receivers` is missing, or the address is not a vehicle.
@@ -142,7 +147,11 @@ class ModemBridge:
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
         self._receivers = receivers
         self._plan: Plan | None = None
+        self._second_lead_s = second_lead_s
+        self._pings, self._pinged = pings, 0  # the mate pinged last
+        self._pinged_slot: tuple[int, float] | None = None
         self._raw: DeadReckoning | None = None
+        self._raw_before: DeadReckoning | None = None
         self._fix: Fix | None = None
         # stamp_s, north_m, east_m, depth_m, gain when last computed, and the same before the last packet was made
         self._unsent = np.zeros((0, 6))
@@ -234,7 +243,7 @@ class ModemBridge:
 
     def moved(self, raw: DeadReckoning) -> None:
         """The vehicle's raw place."""
-        self._raw = raw
+        self._raw_before, self._raw = self._raw, raw
 
     def fixed(self, fix: Fix) -> None:
         """The vehicle has taken a fix under way."""
@@ -333,8 +342,19 @@ class ModemBridge:
         self._note_heard(source, packet.samples)
         slot_s = None if self._tagger is None else self._tagger.last_slot_s[source]
         self.remember("heard", source, slot_s, packet.samples.tolist())
-        told = _told(now_s, source, packet.navigation, timing)
+        told = _told(now_s, source, packet.navigation, self._whole(timing, packet.navigation))
         return Received(source=source, stamp_s=now_s, packet=packet, navigation=told)
+
+    def _whole(self, timing: Timing, navigation: Navigation | None) -> Timing:
+        """When a packet was sent, with the whole seconds that its modem cannot tell.
+
+        They follow from the raw places of both, which are wrong by far less than what sound travels in a second.
+        """
+        if self._second_lead_s is None or navigation is None or self._raw is None or math.isnan(timing.travel_s):
+            return timing
+        apart_m = math.dist(navigation.raw_m, (self._raw.north_m, self._raw.east_m))
+        more_s = round(apart_m / self.tdma.settings(timing.arrival_s).sound_speed_mps - timing.travel_s)
+        return dataclasses.replace(timing, sent_s=timing.sent_s - more_s, travel_s=timing.travel_s + more_s)
 
     def _note_heard(self, source: int, samples: Array) -> None:
         self._heard = True
@@ -374,6 +394,43 @@ class ModemBridge:
         self._note_sent(now_s, samples, (slot.index, slot.since_s))
         self.remember("sent", now_s, samples[:, :4].tolist(), [slot.index, slot.since_s], self.loss)
         return payload
+
+    def ping(self, now_s: float) -> int | None:
+        """The mate to ping now: one in turn in what is left of each own slot when its packet is out; mostly None."""
+        slot = self.tdma.slot(now_s)
+        key = (slot.index, slot.since_s)
+        if not self._pings or self.vehicles == 1 or key == self._pinged_slot or key != self._last_slot:
+            return None
+        tdma = self.tdma.settings(now_s)
+        if not self._last_sent_s + tdma.send_duration_s <= now_s <= slot.end_s - tdma.guard_s - tdma.ping_s:
+            return None
+        self._pinged_slot = key
+        self._pinged = self._pinged % self.vehicles + 1
+        if self._pinged == self.address:
+            self._pinged = self._pinged % self.vehicles + 1
+        self.counts["pings"] += 1
+        return self._pinged
+
+    def ranged(self, now_s: float, source: int, timing: Timing) -> MateNavigation | None:
+        """The range to a mate by a ping that it has answered; None, and counted, if it is no mate.
+
+        Args:
+            now_s: Time for which the range holds (s).
+            source: The mate's number.
+            timing: Its travel time.
+        """
+        if source == self.address or not 1 <= source <= self.vehicles or not math.isfinite(timing.travel_s):
+            self.counts["rejected.source"] += 1
+            return None
+        self.counts["ranges"] += 1
+        return MateNavigation(
+            stamp_s=now_s,
+            source=source,
+            sent_s=math.nan,
+            raw_north_m=math.nan,
+            raw_east_m=math.nan,
+            travel_s=timing.travel_s,
+        )
 
     def _note_sent(self, now_s: float, samples: Array, slot: tuple[int, float]) -> None:
         self._sent = [*self._sent[1 - _REMEMBERED :], _Sent(now_s, samples, False)]
@@ -447,14 +504,26 @@ class ModemBridge:
         """What this vehicle tells of its navigation; a fix or raw place that does not fit is left out and counted."""
         if not self._config.navigation or self._raw is None or now_s - self._raw.stamp_s > _FRESH_S:
             return None
+        raw = self._raw_at_start(self._raw, now_s)
         try:
-            return Navigation.of(self._raw, self._fix)
+            return Navigation.of(raw, self._fix)
         except ValueError:
             self.counts["navigation.outside"] += 1
         try:
-            return Navigation.of(self._raw, None)
+            return Navigation.of(raw, None)
         except ValueError:
             return None
+
+    def _raw_at_start(self, raw: DeadReckoning, now_s: float) -> DeadReckoning:
+        """The raw place where the transmission of a packet that is made now will start."""
+        before = self._raw_before
+        if self._second_lead_s is None or before is None or not 0.0 < raw.stamp_s - before.stamp_s <= _FRESH_S:
+            return raw
+        start_s = math.ceil(now_s + self._second_lead_s - _SAME_TIME_S)
+        share = (start_s - raw.stamp_s) / (raw.stamp_s - before.stamp_s)
+        north_m = raw.north_m + share * (raw.north_m - before.north_m)
+        east_m = raw.east_m + share * (raw.east_m - before.east_m)
+        return dataclasses.replace(raw, stamp_s=start_s, north_m=north_m, east_m=east_m)
 
     def not_sent(self, sent_s: float) -> None:
         """The modem did not send a packet: its samples are unsent again, and its slot counts as missed.

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from auv_lse_common.params import parameter
+from auv_lse_comms.micromodem.rates import MINI_PACKET_S
 from auv_lse_comms.packet.fields import SAMPLE
 
 #: Nodes look for their slot ten times a second: the time in which a transmission may start lasts at least two looks.
 WINDOW_S = 0.2
+#: A pinged modem has begun to answer so long (s) after it has heard the ping, an emulated one with its next tick.
+TURN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +72,11 @@ class TdmaConfig:
     def travel_s(self) -> float:
         """Travel time (s) to the farthest member."""
         return self.max_range_m / self.sound_speed_mps
+
+    @property
+    def ping_s(self) -> float:
+        """Longest time (s) that a ping and its answer take."""
+        return 2.0 * (MINI_PACKET_S + self.travel_s) + TURN_S
 
     @property
     def needed_s(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.plan import Plan
 from auv_lse_common.sounding_gate import SoundingGate
 from auv_lse_comms.bridge import UNTIMED, ModemBridge, Received, Timing
@@ -17,6 +17,7 @@ class BridgeIntake:
     Attributes:
         bridge: The bridge.
         gate: What own soundings pass before the bridge takes them.
+        ranges: Ranges by pings, taken by the last `hear`.
         problems: What could not be used in the last `hear` or `say`, for the log.
     """
 
@@ -24,6 +25,7 @@ class BridgeIntake:
         """Nothing waits yet."""
         self.bridge = bridge
         self.gate = SoundingGate()
+        self.ranges: list[MateNavigation] = []
         self.problems: list[str] = []
         self._soundings: list[Sequence[float]] = []
         self._packets: list[tuple[float, int, bytes, Timing]] = []
@@ -44,7 +46,10 @@ class BridgeIntake:
         self._fixes.append(fix)
 
     def add_packet(self, stamp_s: float, source: int, payload: bytes, timing: Timing = UNTIMED) -> None:
-        """What the modem received: end of reception (s), number of the sender, the bytes, and when it was sent."""
+        """What the modem received: end of reception (s), number of the sender, the bytes, and when it was sent.
+
+        Without bytes it is the answer to a ping: the time for which it holds (s), and the mate that answered.
+        """
         self._packets.append((stamp_s, source, payload, timing))
 
     def set_plan(self, plan: Plan) -> None:
@@ -74,8 +79,14 @@ class BridgeIntake:
                 "driver that gives raw_north_m and raw_east_m, or packet.navigation: false for the whole team"
             )
         packets, self._packets = sorted(self._packets, key=lambda packet: packet[:2]), []
-        heard = (self.bridge.receive(*packet) for packet in packets)
+        pings = (self.bridge.ranged(packet[0], packet[1], packet[3]) for packet in packets if not packet[2])
+        self.ranges = [found for found in pings if found is not None]
+        heard = (self.bridge.receive(*packet) for packet in packets if packet[2])
         return [received for received in heard if received is not None]
+
+    def ping(self, now_s: float) -> int | None:
+        """The mate to ping now, if it is time to."""
+        return self.bridge.ping(now_s)
 
     def say(self, now_s: float) -> bytes | None:
         """The bridge takes the plan; returns the packet to send now, if it is the vehicle's slot."""

@@ -26,6 +26,7 @@ from auv_lse_comms.bridge import EVENTS, Received, Timing
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
+from auv_lse_comms.micromodem.config import HANDSHAKE_S
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ros_conversions import tdma_status, team_samples, transmission
 from auv_lse_comms.settings import bridge_of
@@ -62,7 +63,11 @@ class ModemNode(VehicleNode):
     def __init__(self) -> None:
         """Builds the bridge from the parameters and wires the topics."""
         super().__init__("modem_node")
-        self._bridge = bridge_of(self.parameters, self.where, self.vehicle, _make_receivers, not self.lockstep)
+        simulated = self.get_parameter("use_sim_time").value
+        self._bridge = bridge_of(
+            self.parameters, self.where, self.vehicle, _make_receivers, not self.lockstep,
+            handshake_s=0.0 if simulated else HANDSHAKE_S,
+        )  # fmt: skip
         self._bridge.recall(record for record in self.journal.records if record[0] in EVENTS)
         self._bridge.remember = self.journal.write
         self._intake = BridgeIntake(self._bridge)
@@ -145,6 +150,9 @@ class ModemNode(VehicleNode):
             if received.navigation is not None:
                 self._team_navigation.publish(mate_navigation_message(received.navigation))
                 self._published["navigation"] += 1
+        for ranged in self._intake.ranges:
+            self._team_navigation.publish(mate_navigation_message(ranged))
+            self._published["navigation"] += 1
         for problem in self._intake.problems:
             self.get_logger().warning(problem, throttle_duration_sec=_STATUS_PERIOD_S)
         if now_s - self._status_s >= _STATUS_PERIOD_S or now_s < self._status_s:
@@ -157,12 +165,15 @@ class ModemNode(VehicleNode):
             self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), health))
 
     def say(self, now_s: float) -> None:
-        """Takes the vehicle's plan; in its own slot gives the modem a packet."""
+        """Takes the vehicle's plan; in its own slot gives the modem a packet, and then a mate to ping."""
         payload = self._intake.say(now_s)
         for problem in self._intake.problems:
             self.get_logger().error(problem)
         if payload is not None:
             self._tx.publish(transmission(now_s, self.vehicle, payload))
+            self._published["packets"] += 1
+        elif (mate := self._intake.ping(now_s)) is not None:
+            self._tx.publish(transmission(now_s, self.vehicle, b"", mate))
             self._published["packets"] += 1
 
 

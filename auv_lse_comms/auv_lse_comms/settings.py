@@ -108,6 +108,7 @@ def bridge_of(
     address: int,
     make_receivers: MakeReceivers | None = None,
     confirmed: bool = False,
+    handshake_s: float = 0.0,
 ) -> ModemBridge:
     """The bridge of vehicle `address`.
 
@@ -117,6 +118,7 @@ def bridge_of(
         address: Number of the vehicle.
         make_receivers: Called if `packet.selection` is "useful", which needs it.
         confirmed: Whether a Micromodem (`modem.kind`) has to say of each packet that it was sent.
+        handshake_s: What it needs before it can begin (s): nothing in simulated time.
 
     Raises:
         ParameterError: naming what cannot be used, the key file's faults among them.
@@ -129,15 +131,23 @@ def bridge_of(
     modem = section(ModemConfig, parameters, "modem", where)
     if confirmed:
         check_send_duration(tdma, modem, where)
+    pings = modem.kind == "micromodem" and modem.ping
+    if pings and tdma.slot_s < tdma.needed_s + tdma.ping_s - tdma.travel_s - 1e-9:
+        raise ParameterError(
+            f"{where}: tdma.slot_s: got {tdma.slot_s:g} s; expected at least "
+            f"{tdma.needed_s + tdma.ping_s - tdma.travel_s:.2f} s with modem.ping: a packet, a ping and its answer"
+        )
     confirm_s = modem.confirm_s if confirmed and modem.kind == "micromodem" else math.inf
+    second_lead_s = handshake_s if modem.kind == "micromodem" and modem.synchronous else None
     receivers = None
     if packet.selection == "useful" and make_receivers is not None:
         receivers = make_receivers(parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
         return ModemBridge(
-            tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, confirm_s=confirm_s
-        )
+            tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, confirm_s=confirm_s,
+            second_lead_s=second_lead_s, pings=pings,
+        )  # fmt: skip
     except KeyFileError as error:
         raise ParameterError(f"{where}: packet.key_file: {error}") from error
     except ValueError as error:

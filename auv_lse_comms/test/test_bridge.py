@@ -16,6 +16,7 @@ from auv_lse_common.plan import Plan
 from auv_lse_comms.bridge import ModemBridge, Timing
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_problems
+from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
 
 Array = NDArray[np.float64]
@@ -23,8 +24,9 @@ TDMA = TdmaConfig()
 PLAN = Plan(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), naive_path=0xF1)
 
 
-def bridge(address: int = 1, vehicles: int = 3, **packet: object) -> ModemBridge:
-    return ModemBridge(TDMA, PacketConfig(**packet), address, vehicles)  # type: ignore[arg-type]
+def bridge(address: int = 1, vehicles: int = 3, second_lead_s: float | None = None, **packet: object) -> ModemBridge:
+    config = PacketConfig(**packet)  # type: ignore[arg-type]
+    return ModemBridge(TDMA, config, address, vehicles, second_lead_s=second_lead_s)
 
 
 def rows(n: int, start_s: float = 0.0) -> Array:
@@ -86,6 +88,63 @@ def test_with_navigation_samples_are_sent_at_their_raw_places_with_the_senders_o
     assert (told.fix_north_m, told.fix_east_m) == pytest.approx((61.0, -20.0))
     assert told.stamp_s == 62.75, "an unknown start of reception is taken for its end"
     assert math.isnan(told.travel_s)
+
+
+@pytest.mark.parametrize(("measured_s", "north_m", "travel_s"), [(0.25, 475.0, 0.25), (0.9995, 100.0, -0.0005)])
+@pytest.mark.parametrize("seconds", [0, 2])
+def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_places(
+    measured_s: float, north_m: float, travel_s: float, seconds: int
+) -> None:
+    sender, receiver = (bridge(address, navigation=True, second_lead_s=0.0) for address in (1, 2))
+    sender.set_plan(PLAN)
+    sender.moved(RAW)
+    payload = sender.poll(1.0)
+    assert payload is not None
+    receiver.moved(dataclasses.replace(RAW, north_m=north_m + 1500.0 * seconds, stamp_s=3.0))
+    # a modem tells what is left of the travel time beyond whole seconds, as if it were all of it
+    timing = Timing(sent_s=10.0, arrival_s=10.0 + measured_s, travel_s=measured_s)
+    received = receiver.receive(12.0, 1, payload, timing)
+    assert received is not None
+    assert received.navigation is not None
+    assert received.navigation.travel_s == pytest.approx(travel_s + seconds)
+    assert received.navigation.sent_s == pytest.approx(10.0 + measured_s - travel_s - seconds)
+
+
+def test_a_packet_that_waits_for_the_second_tells_where_its_sender_will_be() -> None:
+    sender = bridge(1, navigation=True, second_lead_s=0.4)
+    sender.set_plan(PLAN)
+    sender.moved(dataclasses.replace(RAW, stamp_s=0.0))
+    sender.moved(dataclasses.replace(RAW, stamp_s=1.0, north_m=RAW.north_m + 1.5))
+    payload = sender.poll(1.2)  # goes out at 2.0
+    assert payload is not None
+    navigation = decode(payload).navigation
+    assert navigation is not None
+    assert navigation.raw_m == pytest.approx((RAW.north_m + 3.0, RAW.east_m))
+
+
+def test_mates_are_pinged_in_turn_in_what_is_left_of_own_slots() -> None:
+    b = ModemBridge(TDMA, PacketConfig(), 2, 3, pings=True)
+    b.set_plan(PLAN)
+    asked: list[tuple[float, int]] = []
+    for now_s in np.arange(0.0, 100.0, 0.5).tolist():
+        b.poll(now_s)
+        if (mate := b.ping(now_s)) is not None:
+            asked.append((now_s, mate))
+    # the packet goes out at 10.5, and takes 2.2 s; the ping and its answer are over before the guard
+    assert asked == [(13.0, 1), (43.0, 3), (73.0, 1)]
+    assert 13.0 + TDMA.ping_s <= 20.0 - TDMA.guard_s
+
+
+def test_the_answer_to_a_ping_is_a_range_and_no_packet() -> None:
+    intake = BridgeIntake(bridge(2, navigation=True))
+    intake.add_packet(17.0, 3, b"", Timing(arrival_s=17.0, travel_s=0.25))
+    intake.add_packet(18.0, 7, b"", Timing(arrival_s=18.0, travel_s=0.25))
+    assert intake.hear() == []
+    (ranged,) = intake.ranges
+    assert (ranged.source, ranged.stamp_s, ranged.travel_s, ranged.by_ping) == (3, 17.0, 0.25, True)
+    assert intake.bridge.counts["rejected.source"] == 1
+    intake.hear()
+    assert intake.ranges == []
 
 
 def test_without_a_fresh_raw_place_a_packet_holds_the_plan_alone() -> None:

@@ -13,6 +13,8 @@ from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import (
     Event,
     PacketReceived,
+    PingAnswered,
+    PingFailed,
     ReceptionFailed,
     TransmitDone,
     TransmitFailed,
@@ -20,7 +22,7 @@ from auv_lse_comms.micromodem.events import (
 )
 from auv_lse_comms.micromodem.fields import iso_time
 from auv_lse_comms.micromodem.messages import MESSAGES
-from auv_lse_comms.micromodem.rates import packet_duration_s
+from auv_lse_comms.micromodem.rates import MINI_PACKET_S, packet_duration_s
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
 from auv_lse_comms.packet.fields import PACKET_BYTES
@@ -61,8 +63,13 @@ class Desk:
             self.modem.poll(self.now_s)
         return self.modem.events()
 
-    def configure(self) -> "Desk":
+    def open(self) -> None:
+        """The port is open, on a modem that has just told its firmware."""
         self.modem.opened(self.now_s)
+        self.hear("CAREV,030259,AUV,2.0.27087")
+
+    def configure(self) -> "Desk":
+        self.open()
         while (asked := self.written())[-1].startswith("CCCFG"):
             self.hear("CACFG," + asked[-1].split(",", 1)[1])
         assert asked == ["CCTMQ,0"]
@@ -89,7 +96,7 @@ def kinds(events):
 
 def test_settings_are_sent_one_by_one_each_after_the_answer_to_the_one_before():
     desk = Desk()
-    desk.modem.opened(desk.now_s)
+    desk.open()
     lines = []
     for _ in range(20):
         now = desk.written()
@@ -110,7 +117,7 @@ def test_ready_only_after_settings_and_clock():
 
 def test_an_unanswered_setting_is_repeated_and_then_the_port_is_given_up():
     desk = Desk(retries=2, reply_timeout_s=1.0)
-    desk.modem.opened(desk.now_s)
+    desk.open()
     assert desk.written() == ["CCCFG,SRC,3"]
     desk.wait(1.1)
     assert desk.written() == ["CCCFG,SRC,3"]
@@ -119,14 +126,14 @@ def test_an_unanswered_setting_is_repeated_and_then_the_port_is_given_up():
     assert desk.modem.wants_reopen
     assert "Problem" in kinds(events)
     desk.modem.closed(desk.now_s, "reopening")
-    desk.modem.opened(desk.now_s)
+    desk.open()
     assert not desk.modem.wants_reopen
     assert desk.written() == ["CCCFG,SRC,3"]
 
 
 def test_a_setting_the_modem_does_not_know_is_reported_and_passed_over_unless_vital():
     desk = Desk()
-    desk.modem.opened(desk.now_s)
+    desk.open()
     desk.written()
     desk.hear("CACFG,SRC,3")
     desk.written()
@@ -140,7 +147,7 @@ def test_a_setting_the_modem_does_not_know_is_reported_and_passed_over_unless_vi
 
 def test_further_settings_of_the_mission_file_are_sent_last():
     desk = Desk(settings={"BND": 0, "FC0": 10000})
-    desk.modem.opened(desk.now_s)
+    desk.open()
     asked = []
     while (lines := desk.written())[-1].startswith("CCCFG"):
         asked.append(lines[-1])
@@ -161,7 +168,7 @@ def test_the_drivers_own_settings_and_names_that_break_a_sentence_are_refused():
 
 def test_a_vital_setting_refused_is_asked_again_for_ever():
     desk = Desk(retries=1, reply_timeout_s=1.0)
-    desk.modem.opened(desk.now_s)
+    desk.open()
     for _ in range(5):
         assert desk.written() == ["CCCFG,SRC,3"]
         desk.hear("CAERR,030259,NMEA,4,no")
@@ -185,7 +192,7 @@ def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again(s
     """With a PPS the time is that of its next edge, a second ahead."""
     desk = Desk(synchronous=synchronous)
     desk.now_s = math.floor(NOW_S) + 0.5
-    desk.modem.opened(desk.now_s)
+    desk.open()
     while (asked := desk.written())[-1].startswith("CCCFG"):
         desk.hear("CACFG," + asked[-1].split(",", 1)[1])
     (checked,) = desk.hear("CATMQ,2000-01-01T00:00:00Z,NONE,NONE")
@@ -205,7 +212,7 @@ def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again(s
 def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(reading_s, offset_s):
     desk = Desk(set_clock=False, clock_tolerance_s=0.1)
     desk.now_s = math.floor(NOW_S) + 0.5 if reading_s != -1 else math.floor(NOW_S)
-    desk.modem.opened(desk.now_s)
+    desk.open()
     while (asked := desk.written())[-1].startswith("CCCFG"):
         desk.hear("CACFG," + asked[-1].split(",", 1)[1])
     events = desk.hear(f"CATMQ,{iso_time(desk.now_s + reading_s)},NONE,NONE")
@@ -216,7 +223,7 @@ def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(
 
 def test_a_modem_without_clock_commands_is_used_all_the_same():
     desk = Desk()
-    desk.modem.opened(desk.now_s)
+    desk.open()
     while (asked := desk.written())[-1].startswith("CCCFG"):
         desk.hear("CACFG," + asked[-1].split(",", 1)[1])
     events = desk.hear("CAERR,030259,NMEA,1,unknown command")
@@ -239,7 +246,7 @@ def test_silence_is_detected_by_the_clock_check():
 
 def test_a_step_back_of_the_hosts_clock_does_not_freeze_the_waits():
     desk = Desk(reply_timeout_s=1.0)
-    desk.modem.opened(desk.now_s)
+    desk.open()
     desk.written()
     desk.now_s -= 1e6
     desk.wait(1.2)
@@ -498,8 +505,45 @@ def test_travel_time_from_the_second_when_clocks_are_synchronous():
     desk = Desk(synchronous=True).configure()
     (packet,) = desk.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000"))
     assert packet.travel_s == pytest.approx(0.4)
+    assert (packet.sent_s, packet.arrival_s) == (1575255777.0, pytest.approx(1575255777.4, abs=1e-5))
     (packet,) = desk.hear(CYCLE, FRAME, statistics(toa="20191202030257.4000", clock=6))
     assert math.isnan(packet.travel_s)  # held by its own RTC only
+
+
+def test_a_ping_word_for_word():
+    desk = Desk().configure()
+    number = desk.modem.ping(desk.now_s, 2)
+    assert desk.written() == ["CCMPC,3,2"]
+    assert kinds(desk.hear("CAMPC,3,2", "CATXP,0", "CATXF,0", "CARXP,0")) == ["PingStarted"]
+    desk.wait(3.0)
+    (answered,) = desk.hear("CAMPR,2,3,0.4567", statistics(frames=0).replace(",4,2,0,0,3,", ",0,2,3,0,2,"))
+    assert (answered.number, answered.source, answered.travel_s) == (number, 2, 0.4567)
+    assert answered.utc_s == pytest.approx(NOW_S + 0.5 * (3.0 - MINI_PACKET_S))
+    assert desk.modem.state is State.IDLE
+
+
+@pytest.mark.parametrize(
+    ("heard", "reason"),
+    [
+        (["CAMPC,3,2"], "no answer of modem 2"),
+        (["CAERR,030259,NMEA,1,unknown"], "refused by the modem"),
+        (["CAMPC,3,2", "CAMPR,2,3"], "tells no travel time"),
+        (["CAREV,030259,INIT,", "CAREV,030259,AUV,2.0"], "rebooted"),
+    ],
+)
+def test_a_ping_that_fails_is_reported_once_with_its_reason(heard, reason):
+    desk = Desk().configure()
+    desk.modem.ping(desk.now_s, 2)
+    events = desk.hear(*heard) + desk.wait(8.0)
+    (failed,) = [event for event in events if isinstance(event, PingFailed)]
+    assert reason in failed.reason
+    assert not any(isinstance(event, (PingAnswered, ReceptionFailed)) for event in events)
+
+
+@pytest.mark.parametrize("destination", [0, 3, 128])
+def test_a_ping_of_no_other_modem_is_refused(destination):
+    with pytest.raises(ValueError, match="expected another modem"):
+        Desk().configure().modem.ping(NOW_S, destination)
 
 
 @pytest.mark.parametrize("toa", ["20000101000000.0000", "garbage", ""])
@@ -548,6 +592,26 @@ def test_unexpected_sentences_change_nothing():
 
 
 # ------------------------------------------------------------------ reboot
+
+
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_modem_that_was_on_before_is_restarted_once_for_its_firmware(answers):
+    desk = Desk()
+    desk.modem.opened(desk.now_s)
+    desk.written()
+    desk.hear("CACFG,SRC,3")
+    assert desk.written() == ["CCMSC,3,3,0"]
+    if answers:
+        desk.hear("CAMSC,3,3,0", "CAREV,030259,INIT,", "CAREV,030300,AUV,2.0.27087")
+    else:
+        desk.wait(2.1)
+    assert desk.modem.version == ("2.0.27087" if answers else "")
+    assert desk.written() == ["CCCFG,CST,1"]
+    while (asked := desk.written() or ["CCCFG,CST,1"])[-1].startswith("CCCFG"):
+        desk.hear("CACFG," + asked[-1].split(",", 1)[1])
+    assert asked == ["CCTMQ,0"]
+    assert desk.modem.counts["restarts"] == 1
+    assert desk.modem.counts["reboots"] == 0
 
 
 def test_a_reboot_is_configured_anew_when_the_modem_reports_its_start():

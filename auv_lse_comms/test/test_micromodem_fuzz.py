@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.driver import Micromodem
-from auv_lse_comms.micromodem.events import PacketReceived, TransmitDone, TransmitFailed, TransmitStarted
+from auv_lse_comms.micromodem.events import (
+    PacketReceived,
+    PingAnswered,
+    PingFailed,
+    TransmitDone,
+    TransmitFailed,
+    TransmitStarted,
+)
 from auv_lse_comms.micromodem.log import LoggedModem, format_entry, read_entries, replay_log
 from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
 from auv_lse_comms.micromodem.wire import Sentence
@@ -47,6 +54,9 @@ modem_sends = st.one_of(
     any_sentence(
         "CAXST", st.just("6"), st.just("19700101"), st.just("001640.0"), st.just("0"), st.sampled_from(["4", "0"])
     ),
+    any_sentence("CAMPC", address, address),
+    any_sentence("CAMPA", address, address),
+    any_sentence("CAMPR", address, address, st.sampled_from(["0.25", "", "1"])),
     any_sentence("CARXP", small),
     any_sentence("CARXD", address, address, st.just("0"), small, frame),
     statistics,
@@ -62,6 +72,8 @@ chunk = st.one_of(
     st.just(["send", "answer"]),
     st.just(["send", "answer", sentence("CATXP,252")]),
     st.just(["send", "answer", "answer"]),
+    st.just(["ping"]),
+    st.just(["ping", "answer"]),
     st.just([sentence("CACYC,0,2,0,4,0,1"), sentence("CARXD,2,0,0,1,AABB")]),
     st.just([sentence("CARXP,1"), sentence("CARXD,2,0,0,1,AABB"), sentence(f"CACST,6,0{REST}")]),
     st.just(["close"] + ["answer"] * 13),
@@ -82,13 +94,15 @@ def in_order(line: str) -> list[bytes]:
     if kind == "CCCYC":
         asked = ("030259", fields[1], fields[2], "0", "256", "1")
         return [Sentence("CACYC", tuple(fields)).encode(), Sentence("CADRQ", asked).encode()]
+    if kind == "CCMPC":
+        return [Sentence("CAMPC", tuple(fields)).encode(), Sentence("CAMPR", ("2", fields[0], "0.25")).encode()]
     if kind == "CCTXD":
         return [Sentence("CATXP", ("252",)).encode(), Sentence("CATXF", ("252",)).encode()]
     return []
 
 
 def run(steps, modem, moved):
-    now_s, told, sent, lines = 1000.0, [], [], []
+    now_s, told, sent, pinged, lines = 1000.0, [], [], [], []
     inner = modem.modem if isinstance(modem, LoggedModem) else modem
 
     def take():
@@ -98,6 +112,7 @@ def run(steps, modem, moved):
         moved.add(inner.state)
 
     modem.opened(now_s)
+    modem.receive(now_s, sentence("CAREV,001640,AUV,2.0.27087"))
     take()
     for action in [*["answer"] * 13, *steps]:  # configured first: that takes thirteen answers in order
         if action == "answer":
@@ -108,6 +123,8 @@ def run(steps, modem, moved):
                     take()
         elif action == "send":
             sent.append(modem.send(now_s, bytes(range(252))))
+        elif action == "ping":
+            pinged.append(modem.ping(now_s, 2))
         elif action == "close":
             modem.closed(now_s, "pulled")
             lines = []
@@ -122,6 +139,8 @@ def run(steps, modem, moved):
         now_s += 0.5
         modem.poll(now_s)
         take()
+    answers = [e.number for e in told if isinstance(e, PingAnswered | PingFailed)]
+    assert Counter(answers) == Counter(pinged)
     return told, sent
 
 
@@ -160,6 +179,7 @@ def test_stories_reach_every_state():
         ["send", sentence("CACYC,0,3,0,4,0,1")],
         ["answer"] * 13 + ["send", sentence("CADRQ,030259,3,0,0,256,1")] + [sentence("CATXP,252")],
         ["close"],
+        ["ping"],
     ]
     for story in few:
         run(story, Micromodem(CONFIG, ADDRESS), moved)

@@ -48,6 +48,7 @@ def a_day_at_sea(modem) -> list:
             modem.outgoing()
 
     modem.opened(1000.0)
+    modem.receive(1000.0, says("CAREV,001640,AUV,2.0.27087"))
     said = modem.outgoing()
     for step in range(20):
         if not said.startswith(b"$CCCFG"):

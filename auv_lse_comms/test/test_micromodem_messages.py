@@ -11,6 +11,7 @@ from auv_lse_comms.micromodem.fields import (
     SentenceError,
 )
 from auv_lse_comms.micromodem.messages import MESSAGES, read_message
+from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
 from auv_lse_comms.micromodem.rates import packet_duration_s
 from auv_lse_comms.micromodem.receive_messages import (
     MODE_PACKET_TIMEOUT,
@@ -58,6 +59,9 @@ EXAMPLES = [
         frames_sent=1,
         count=252,
     ),
+    PingEcho(source=1, destination=2),
+    PingHeard(source=1, destination=2),
+    PingReply(source=2, destination=1, travel_s=0.4567),
     ReceptionStart(kind=1),
     Detection(peak=300, power_db=120, ratio_db=30, spl_db=110),
     FrameHeard(source=2, destination=0, ack=False, frame=1, data=bytes(range(252))),

@@ -238,6 +238,46 @@ def test_wrong_ranges_are_refused():
     assert np.mean(dirty) < 1.5 * np.mean(clean) + 0.5
 
 
+def test_pings_give_ranges_where_no_clock_is_right():
+    """A clock that is 10 s off spoils one-way travel times, but no ping."""
+    rng = np.random.default_rng(11)
+    team = [sail(rng, CONFIG, 60) for _ in range(3)]
+    surface(rng, team[2], 700)
+    heard = [
+        (dataclasses.replace(mate, travel_s=math.nan), samples)
+        for mate, samples in messages(np.random.default_rng(1), team, 0)
+    ]
+    without = place_error_m(smoother_of(CONFIG, team, 0, heard), team, 0)
+    smoother = smoother_of(CONFIG, team, 0, heard)
+    for n, at in enumerate(range(45, len(team[0].times) - 60, 30)):
+        mate = 1 + n % 2
+        travel_s = math.dist(team[0].true[at], team[mate].true[at]) / 1500.0
+        smoother.heard(
+            MateNavigation(
+                stamp_s=float(team[0].times[at]), source=mate + 1, sent_s=math.nan, raw_north_m=math.nan,
+                raw_east_m=math.nan, travel_s=travel_s,
+            )
+        )  # fmt: skip
+    assert all(row.by_ping for row in smoother.ranges)
+    assert place_error_m(smoother, team, 0) < 0.6 * without
+
+
+def test_a_range_by_ping_waits_until_the_mate_has_told_where_it_was():
+    team = team_of(3, vehicles=2)
+    heard = messages(np.random.default_rng(1), team, 0)
+    smoother = smoother_of(CONFIG, team, 0, heard[:5])
+    last_s = heard[4][0].sent_s
+    ping = MateNavigation(
+        stamp_s=last_s + 5.0, source=2, sent_s=math.nan, raw_north_m=math.nan, raw_east_m=math.nan, travel_s=0.1
+    )
+    before = len(smoother.ranges)
+    smoother.heard(ping)
+    assert len(smoother.ranges) == before
+    smoother.heard(dataclasses.replace(heard[5][0], travel_s=math.nan))
+    assert len(smoother.ranges) == before + 1
+    assert smoother.ranges[-1].by_ping
+
+
 @pytest.mark.parametrize("heard_of", [1, 2])
 def test_one_echo_alone_moves_nothing(heard_of: int):
     """Too few ranges for a median: 600 m too long is more than dead reckoning can be wrong by."""

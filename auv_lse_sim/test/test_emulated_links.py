@@ -74,7 +74,7 @@ class Sea:
         self.outputs = self.world.tick(self.now_s)
         for k, output in self.outputs.items():
             for arrival in output.arrivals:
-                self.links.arrive(k, arrival)
+                self.links.arrive(self.now_s, k, arrival)
             if k in self.links.autopilots:
                 self.links.report(k, self.now_s, output)
 
@@ -163,7 +163,7 @@ def test_what_is_heard_but_not_read_is_reported_as_a_failed_reception(emulated):
         ok=False,
         why="noise",
     )
-    sea.links.arrive(2, lost)
+    sea.links.arrive(sea.now_s, 2, lost)
     sea.until(lambda: sea.of(ReceptionFailed), "no failed reception was reported")
     assert sea.of(ReceptionFailed)[0][1].reason == "bad CRC"
     assert sea.links.delivered(2) == 0

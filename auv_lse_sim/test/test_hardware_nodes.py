@@ -76,7 +76,7 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
         until(lambda: sent, "the packet did not reach the water")
         assert (sent[0].source, sent[0].destination, sent[0].payload) == (2, 0, PAYLOAD)
         rack.arrive(
-            2, HeardPacket(start_s=time.time() - 2.0, source=1, destination=0, payload=PAYLOAD[::-1], snr_db=7.5)
+            0.0, 2, HeardPacket(start_s=time.time() - 2.0, source=1, destination=0, payload=PAYLOAD[::-1], snr_db=7.5)
         )
         until(lambda: rx, "nothing was received")
         assert (rx[0].source, rx[0].destination, bytes(rx[0].payload), rx[0].snr_db) == (1, 0, PAYLOAD[::-1], 7.5)

@@ -14,6 +14,8 @@ from auv_lse_comms.micromodem.events import (
     ClockChecked,
     ModemReady,
     PacketReceived,
+    PingAnswered,
+    PingFailed,
     ReceptionFailed,
     TransmitDone,
     TransmitFailed,
@@ -24,6 +26,7 @@ from auv_lse_comms.micromodem.rates import packet_duration_s
 from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.micromodem.transmit_messages import Cycle
 from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
+from auv_lse_sim.emulated.mini_packet import MiniPacket
 from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator
 
 NOW_S = 5000.0
@@ -33,10 +36,10 @@ PAYLOAD = bytes(range(252))
 class Wire:
     """A driver and an emulated modem, joined; `spoil` may change bytes on their way."""
 
-    def __init__(self, vehicle=3, spoil=lambda data: data, clock_error_s=0.0, **values):
+    def __init__(self, vehicle=3, spoil=lambda data: data, clock_error_s=0.0, pps=True, **values):
         self.sent = []
         self.spoil = spoil
-        self.modem = ModemEmulator(self.sent.append, clock_error_s=clock_error_s)
+        self.modem = ModemEmulator(self.sent.append, clock_error_s=clock_error_s, pps=pps)
         self.driver = Micromodem(ModemConfig(kind="micromodem", port="pty", **values), vehicle)
         self.events = []
         self.now_s = NOW_S
@@ -109,7 +112,8 @@ def test_every_usable_rate_both_ways(rate, size, frames):
     assert (wire.sent[0].payload, wire.sent[0].frames) == (payload, frames)
     wire.pass_time(8.0)
     wire.modem.arrive(
-        HeardPacket(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=5.0, rate=rate, frames=frames)
+        wire.now_s,
+        HeardPacket(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=5.0, rate=rate, frames=frames),
     )
     wire.flow()
     (packet,) = wire.of(PacketReceived)
@@ -128,7 +132,9 @@ def test_a_plan_with_a_tour_goes_through_the_modem():
     out.driver.send(out.now_s, sender.poll(1.0))
     out.flow()
     (packet,) = out.sent
-    into.modem.arrive(HeardPacket(start_s=NOW_S, source=1, destination=0, payload=packet.payload, snr_db=5.0))
+    into.modem.arrive(
+        into.now_s, HeardPacket(start_s=NOW_S, source=1, destination=0, payload=packet.payload, snr_db=5.0)
+    )
     into.flow()
     (heard,) = into.of(PacketReceived)
     received = ModemBridge(TdmaConfig(), PacketConfig(), 3, 3).receive(4.0, heard.source, heard.payload)
@@ -138,7 +144,7 @@ def test_a_plan_with_a_tour_goes_through_the_modem():
 
 def test_what_cannot_be_decoded_is_reported_as_a_failed_reception():
     wire = Wire()
-    wire.modem.arrive(HeardPacket(start_s=NOW_S, source=1, destination=0, payload=None, snr_db=-4.0))
+    wire.modem.arrive(wire.now_s, HeardPacket(start_s=NOW_S, source=1, destination=0, payload=None, snr_db=-4.0))
     wire.flow()
     assert [(e.reason, e.snr_db) for e in wire.of(ReceptionFailed)] == [("bad CRC", -4.0)]
 
@@ -146,7 +152,7 @@ def test_what_cannot_be_decoded_is_reported_as_a_failed_reception():
 def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
     modem = ModemEmulator(pytest.fail)
     modem.boot(NOW_S)
-    modem.arrive(HeardPacket(start_s=NOW_S, source=1, destination=0, payload=PAYLOAD))
+    modem.arrive(NOW_S, HeardPacket(start_s=NOW_S, source=1, destination=0, payload=PAYLOAD))
     said = modem.outgoing()
     assert b"CARXD" in said
     assert b"CACST" not in said
@@ -196,9 +202,40 @@ def test_synchronous_transmissions_wait_for_the_second_and_give_travel_times():
     assert wire.sent == []
     wire.pass_time(0.6, step=0.1)
     assert wire.sent[0].start_s == pytest.approx(NOW_S + 1.0)
-    wire.modem.arrive(HeardPacket(start_s=NOW_S + 4.3, source=1, destination=0, payload=PAYLOAD, snr_db=5.0))
+    wire.pass_time(5.0)
+    wire.modem.arrive(
+        wire.now_s,
+        HeardPacket(start_s=NOW_S + 4.3, measured_s=NOW_S + 4.31, source=1, destination=0, payload=PAYLOAD, snr_db=5.0),
+    )
     wire.flow()
-    assert wire.of(PacketReceived)[0].travel_s == pytest.approx(0.3, abs=1e-4)
+    packet = wire.of(PacketReceived)[0]
+    assert packet.travel_s == pytest.approx(0.31, abs=1e-4)
+    assert (packet.sent_s, packet.arrival_s) == (NOW_S + 4.0, pytest.approx(NOW_S + 4.31, abs=1e-4))
+
+
+def test_a_transmission_begins_on_the_second_however_seldom_time_passes():
+    wire = Wire(synchronous=True)
+    wire.now_s += 0.4
+    wire.driver.send(wire.now_s, PAYLOAD)
+    wire.flow()
+    wire.pass_time(0.9, step=0.45)  # 0.85, 1.3: never within 20 ms of the second
+    assert wire.sent[0].start_s == pytest.approx(NOW_S + 1.0)
+
+
+def test_without_a_pps_a_synchronous_modem_sends_nothing_and_times_nothing():
+    wire = Wire(synchronous=True, pps=False)
+    number = wire.driver.send(wire.now_s, PAYLOAD)
+    wire.flow()
+    wire.pass_time(3.0)
+    assert wire.sent == []
+    (failed,) = wire.of(TransmitFailed)
+    assert failed.number == number
+    assert "no external synchronization" in failed.reason
+    wire.modem.arrive(
+        wire.now_s, HeardPacket(start_s=NOW_S + 4.3, source=1, destination=0, payload=PAYLOAD, snr_db=5.0)
+    )
+    wire.flow()
+    assert math.isnan(wire.of(PacketReceived)[0].travel_s)
 
 
 def test_a_modem_that_forgets_everything_is_configured_again():
@@ -241,7 +278,9 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
         wire.flow()
         wire.pass_time(15.0)
         payload = random.Random(slot).randbytes(252)
-        wire.modem.arrive(HeardPacket(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=9.0))
+        wire.modem.arrive(
+            wire.now_s, HeardPacket(start_s=wire.now_s, source=1, destination=0, payload=payload, snr_db=9.0)
+        )
         wire.flow()
         wire.pass_time(15.0)
     started = [e.number for e in wire.of(TransmitStarted)]
@@ -270,6 +309,58 @@ def test_a_bad_cable_costs_packets_but_never_the_driver(seed):
     assert len(wire.of(TransmitDone)) == before + 5
 
 
+def answer_of(wire, mate=1, turn_s=0.7, back_s=0.30):
+    """What comes back of the ping that `wire` has sent last: there in 0.26 s, and back."""
+    mini = MiniPacket.read(wire.sent[-1].payload)
+    assert (mini.source, mini.destination, mini.answer) == (3, mate, False)
+    answer = MiniPacket(source=mate, destination=3, answer=True, turn_s=turn_s)
+    start_s = wire.sent[-1].start_s + 0.26 + turn_s + back_s
+    return HeardPacket(start_s=start_s, source=mate, destination=0, payload=answer.to_bytes())
+
+
+def test_a_ping_gives_the_travel_time_there_and_back_whatever_the_turn_takes():
+    wire = Wire()
+    number = wire.driver.ping(wire.now_s, 1)
+    wire.flow()
+    assert wire.driver.quiet
+    wire.pass_time(2.5)
+    wire.modem.arrive(wire.now_s, answer_of(wire))
+    wire.flow()
+    (answered,) = wire.of(PingAnswered)
+    assert (answered.number, answered.source) == (number, 1)
+    assert answered.travel_s == pytest.approx(0.28, abs=1e-4)
+    assert NOW_S < answered.utc_s < NOW_S + 2.5
+    assert wire.driver.state is State.IDLE
+
+
+def test_a_pinged_modem_answers_by_itself_and_only_if_it_is_meant():
+    wire = Wire()
+    for destination in (1, 3):
+        ping = MiniPacket(source=2, destination=destination).to_bytes()
+        heard = HeardPacket(start_s=NOW_S + 3.1, measured_s=NOW_S + 3.2, source=2, destination=0, payload=ping)
+        assert not wire.modem.arrive(NOW_S + 4.0, heard)
+    wire.flow()
+    (answer,) = wire.sent
+    mini = MiniPacket.read(answer.payload)
+    assert (mini.source, mini.destination, mini.answer, mini.turn_s) == (3, 2, True, pytest.approx(0.8))
+    assert wire.driver.counts["pings_heard"] == 1
+
+
+def test_a_packet_asked_for_during_a_ping_waits_for_its_end():
+    wire = Wire()
+    wire.driver.ping(wire.now_s, 1)
+    wire.flow()
+    wire.driver.send(wire.now_s, PAYLOAD)
+    wire.flow()
+    assert len(wire.sent) == 1
+    wire.modem.arrive(wire.now_s, answer_of(wire))
+    wire.flow()
+    assert len(wire.sent) == 2
+    wire.driver.ping(wire.now_s, 1)
+    wire.flow()
+    assert "busy" in wire.of(PingFailed)[0].reason
+
+
 def test_every_sentence_sent_can_be_read():
     """The modem's own sentences, over all settings and levels, pass the reader that the driver uses."""
     modem = ModemEmulator(lambda packet: None)
@@ -277,7 +368,7 @@ def test_every_sentence_sent_can_be_read():
     for snr_db in (-40.0, -0.04, 0.0, 12.34, 99.9, math.nan, -math.inf):
         for payload in (PAYLOAD, None):
             modem.arrive(
-                HeardPacket(start_s=0.0, source=1, destination=0, payload=payload, snr_db=snr_db, doppler_mps=-1.5)
+                0.0, HeardPacket(start_s=0.0, source=1, destination=0, payload=payload, snr_db=snr_db, doppler_mps=-1.5)
             )
     sentences = SentenceReader().feed(modem.outgoing())
     assert len(sentences) == 7 * 2 * 5

@@ -112,7 +112,7 @@ def test_a_line_log_of_a_real_port_replays(tmp_path):
     serve_until(lambda: port.modem.state is State.IDLE, rack, [port])
     port.send(NOW_S + 1.0, PAYLOAD, 0)
     events = serve_until(lambda: rack.transmitted[1] == 1, rack, [port], NOW_S + 1.0)
-    rack.arrive(1, HeardPacket(start_s=NOW_S, source=2, destination=0, payload=PAYLOAD, snr_db=3.0))
+    rack.arrive(NOW_S, 1, HeardPacket(start_s=NOW_S, source=2, destination=0, payload=PAYLOAD, snr_db=3.0))
     events += serve_until(lambda: port.modem.counts["received"] == 1, rack, [port], NOW_S + 1.0)
     events += port.close(NOW_S + 2.0, time.monotonic())
     rack.close()

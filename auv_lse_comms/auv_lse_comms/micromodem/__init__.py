@@ -6,9 +6,9 @@ Theory of operation
 events from it (docs/examples/drive_a_modem.md). `state.py` has its states and the table of their transitions.
 
     bytes     wire.py       lines to sentences, and back; damaged lines are counted
-    sentences fields.py, status_messages.py, transmit_messages.py, receive_messages.py, messages.py
+    sentences fields.py, (status|transmit|receive|ping)_messages.py, messages.py
     messages  driver.py     hands each to the part that it concerns:
-                            configuration.py, clock.py, sending.py, receiving.py; they share a session.py
+                            configuration.py, clock.py, sending.py, pinging.py, receiving.py; they share a session.py
     events    events.py     what the owner gets
 
 `ModemPort` (port.py) joins a driver to a serial or TCP port and a line log; `replay_log` (log.py) gives such a log to a
@@ -27,6 +27,9 @@ from auv_lse_comms.micromodem.events import (
     ModemLost,
     ModemReady,
     PacketReceived,
+    PingAnswered,
+    PingFailed,
+    PingStarted,
     Problem,
     ReceptionFailed,
     TransmitDone,
@@ -49,6 +52,9 @@ __all__ = [
     "ModemPort",
     "ModemReady",
     "PacketReceived",
+    "PingAnswered",
+    "PingFailed",
+    "PingStarted",
     "Problem",
     "ReceptionFailed",
     "Sentence",

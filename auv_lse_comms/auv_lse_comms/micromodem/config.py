@@ -12,6 +12,8 @@ from auv_lse_comms.micromodem.rates import packet_duration_s
 PAYLOAD_BYTES = 252
 #: What the driver's reports may take on their way (s).
 _SPARE_S = 1.0
+#: What a modem at 19200 Bd needs of a packet before it can start to send it (s): 560 characters and their answers.
+HANDSHAKE_S = 0.4
 #: Settings of the modem that are the driver's own (`configuration.py`): another value would stop it.
 DRIVERS_OWN = ("SRC", "CST", "RXP", "RXD", "TXP", "TXF", "REV", "XST", "MFD", "ASD", "SNV")
 
@@ -39,6 +41,10 @@ class ModemConfig:
     synchronous: bool = parameter(
         False,
         help="transmissions start on the second (SNV,1), clocks held by a PPS: travel time is then reported",
+    )
+    ping: bool = parameter(
+        False,
+        help="in what is left of each own slot ping one team mate in turn: ranges where clocks are not synchronized",
     )
     clock_tolerance_s: float = parameter(
         0.5, unit="s", above=0.0, high=60.0, help="largest accepted difference between modem clock and host clock"
@@ -89,6 +95,11 @@ class ModemConfig:
         """
         if self.kind == "micromodem" and not self.port:
             raise ParameterError("port: got '' with kind 'micromodem'; expected a serial device or 'tcp://HOST:PORT'")
+        if self.ping and self.synchronous:
+            raise ParameterError(
+                "ping: got true with synchronous true; expected one of them: with synchronized clocks each packet "
+                "already gives a range"
+            )
         if self.backoff_max_s < self.backoff_min_s:
             raise ParameterError(
                 f"backoff_max_s: got {self.backoff_max_s:g}; expected at least backoff_min_s = {self.backoff_min_s:g} s"

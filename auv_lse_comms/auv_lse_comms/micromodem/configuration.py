@@ -8,6 +8,7 @@ from auv_lse_comms.micromodem.events import Problem
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import Cause
 from auv_lse_comms.micromodem.status_messages import Setting
+from auv_lse_comms.micromodem.wire import Sentence
 
 #: A modem that reports INIT gets no settings until it reports AUV, or for so long (s).
 REBOOT_WAIT_S = 2.0
@@ -40,8 +41,11 @@ def settings_of(config: ModemConfig, address: int) -> tuple[tuple[Setting, bool]
 class Configuration:
     """The settings of one modem, on their way to it. After the last one the clock check begins.
 
+    A modem tells its firmware when it starts. One that has not, as it was on before, is restarted once when it has its
+    address.
+
     Attributes:
-        rebooting: The modem has reported INIT and not yet AUV: settings wait.
+        rebooting: The modem is to restart, or has reported INIT and not yet AUV: settings wait.
     """
 
     def __init__(self, session: Session, clock: ClockCheck) -> None:
@@ -52,6 +56,7 @@ class Configuration:
         self._settings = settings_of(session.config, session.address)
         self._number = 0
         self._tries = 0
+        self._restarted = False
 
     def begin(self) -> None:
         """Starts with the first setting, at once or when the modem has rebooted."""
@@ -105,11 +110,23 @@ class Configuration:
             session.strike()
             self.write()
 
+    def _restart_once(self) -> bool:
+        """Restarts a modem that has not told its firmware; its settings stay. Returns whether they wait for that."""
+        session = self._session
+        if session.version or self._restarted:
+            return False
+        self._restarted = self.rebooting = True
+        session.counts["restarts"] += 1
+        session.write(Sentence("CCMSC", (str(session.address), str(session.address), "0")))
+        session.start("reboot")
+        return True
+
     def _next(self) -> None:
         self._number += 1
         self._tries = 0
         if self._number < len(self._settings):
-            self.write()
+            if not self._restart_once():
+                self.write()
             return
         self._session.move(Cause.CONFIGURED)
         self._session.counts["configured"] += 1

@@ -1,12 +1,13 @@
 """Driver of a WHOI Micromodem-2: a state machine from bytes and times to bytes and events. It opens no port.
 
 The owner (`port.py`, or a program of your own) tells the driver what happens: `opened`, `closed`, `receive` (bytes from
-the modem), `send` (a packet to transmit) and, often, `poll` (time passes). After each call it takes `outgoing` (bytes
-to write) and `events`. Every call carries `now_s`, the host's clock, s since 1970 (UTC, or simulated): it times the
-waits, is what the modem's clock is compared with, and may be stepped. After a step back every running wait starts anew.
+the modem), `send` (a packet to transmit), `ping` (another modem) and, often, `poll` (time passes). After each call it
+takes `outgoing` (bytes to write) and `events`. Every call carries `now_s`, the host's clock, s since 1970 (UTC, or
+simulated): it times the waits, is what the modem's clock is compared with, and may be stepped. After a step back every
+running wait starts anew.
 
 How it works is in `state.py`, with the table of its states. `Micromodem` hands each message to the part that it
-concerns: `configuration.py`, `clock.py`, `sending.py` or `receiving.py`.
+concerns: `configuration.py`, `clock.py`, `sending.py`, `pinging.py` or `receiving.py`.
 
 A command without an answer is repeated; after `retries` the driver asks for the connection to be made anew
 (`wants_reopen`). Any sentence that passes its checksum proves the modem alive. The clock and the modem's address are
@@ -25,6 +26,8 @@ from auv_lse_comms.micromodem.configuration import Configuration
 from auv_lse_comms.micromodem.events import Event, ModemLost, Problem
 from auv_lse_comms.micromodem.fields import SentenceError
 from auv_lse_comms.micromodem.messages import read_message
+from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
+from auv_lse_comms.micromodem.pinging import Pinging
 from auv_lse_comms.micromodem.receive_messages import Detection, FrameHeard, ReceptionStart, ReceptionStatistics
 from auv_lse_comms.micromodem.receiving import Receiving
 from auv_lse_comms.micromodem.sending import Sending
@@ -71,6 +74,7 @@ class Micromodem:
         self._clock = ClockCheck(self._session)
         self._configuration = Configuration(self._session, self._clock)
         self._sending = Sending(self._session)
+        self._pinging = Pinging(self._session)
         self._receiving = Receiving(self._session, self._clock)
         self.handlers: dict[type[Any], Callable[[Any], None]] = {
             Revision: self._on_revision,
@@ -85,6 +89,9 @@ class Micromodem:
             TransmitStart: self._sending.on_start,
             TransmitEnd: self._sending.on_end,
             TransmitStatistics: self._sending.on_statistics,
+            PingEcho: self._pinging.on_echo,
+            PingHeard: self._pinging.on_heard,
+            PingReply: self._pinging.on_reply,
             ReceptionStart: self._receiving.on_start,
             Detection: self._receiving.on_detection,
             FrameHeard: self._receiving.on_frame,
@@ -112,6 +119,7 @@ class Micromodem:
         if self.is_open:
             session.report(ModemLost(reason=reason))
         self._sending.fail(f"connection lost: {reason}")
+        self._pinging.fail(f"connection lost: {reason}")
         session.take_outgoing()
         self._receiving.close("connection lost")
         self._clock.reset()
@@ -131,6 +139,15 @@ class Micromodem:
         """
         self._session.tick(now_s)
         return self._sending.ask(payload, destination)
+
+    def ping(self, now_s: float, destination: int) -> int:
+        """Pings another modem, for its distance; returns the ping's number, which the events about it carry.
+
+        Raises:
+            ValueError: if `destination` is no other modem's address.
+        """
+        self._session.tick(now_s)
+        return self._pinging.ask(destination, free=not self._sending.waiting)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """Takes bytes that came from the modem."""
@@ -161,6 +178,7 @@ class Micromodem:
             return
         self._receiving.poll()
         self._sending.poll()
+        self._pinging.poll()
         if self.state is State.CONFIGURING:
             self._configuration.poll()
         else:
@@ -212,7 +230,7 @@ class Micromodem:
         """No answer of the modem is awaited that would come at once (so a lockstep tick may end)."""
         if self._clock.step is not ClockStep.REST:
             return False
-        return self.state is State.SENDING or (self.state is State.IDLE and not self._sending.waiting)
+        return self.state in (State.SENDING, State.PINGING) or (self.state is State.IDLE and not self._sending.waiting)
 
     # ------------------------------------------------------------------ messages that concern several parts
 
@@ -221,6 +239,7 @@ class Micromodem:
         session.counts["reboots"] += 1
         session.report(ModemLost(reason=why))
         self._sending.fail(why)
+        self._pinging.fail(why)
         self._receiving.close(why)
         session.move(Cause.REBOOTED)
         self._configuration.begin()
@@ -270,6 +289,9 @@ class Micromodem:
         # NMEA: it did not understand our last command, whichever that was
         if message.module == "NMEA" and self.state is State.CONFIGURING and not self._configuration.rebooting:
             self._configuration.refuse(text)
+            return
+        if message.module == "NMEA" and self.state is State.PINGING:
+            self._pinging.abort(f"refused by the modem: {text}")
             return
         if message.module == "NMEA" and self.state in STARTING:
             self._sending.abort(f"refused by the modem: {text}")

@@ -62,7 +62,9 @@ class PacketReceived:
         payload: Its bytes; zeros after byte 252 are cut off, as some firmware fills frames up with them.
         snr_db: At the equalizer's input, dB; NaN if its statistics were lost.
         travel_s: One-way travel time, s; NaN unless transmissions start on the second (`modem.synchronous`) and the
-            modem's clock is held by a PPS; ambiguous by whole seconds (1.5 km of water each).
+            modem's clock is held by a PPS. Only what is beyond whole seconds (1.5 km of water each): from 0 to 1.
+        sent_s: Start of its transmission, s since 1970, NaN likewise; the last second before it arrived.
+        arrival_s: Start of its reception by the modem's clock, s since 1970; NaN likewise.
     """
 
     utc_s: float
@@ -72,6 +74,41 @@ class PacketReceived:
     snr_db: float
     travel_s: float
     rate: int
+    sent_s: float = math.nan
+    arrival_s: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PingStarted:
+    """A ping is going out."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PingAnswered:
+    """Another modem has answered a ping.
+
+    Attributes:
+        number: The ping's.
+        source: The other modem's address.
+        travel_s: One-way travel time, s, by the own clock alone.
+        utc_s: The time for which it holds: half-way between the start of the ping and of its answer's arrival, by the
+            host's clock, s since 1970.
+    """
+
+    number: int
+    source: int
+    travel_s: float
+    utc_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PingFailed:
+    """A ping that did not begin or was not answered."""
+
+    number: int
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,6 +134,9 @@ Event = (
     | TransmitDone
     | TransmitFailed
     | PacketReceived
+    | PingStarted
+    | PingAnswered
+    | PingFailed
     | ReceptionFailed
     | Problem
 )

@@ -90,7 +90,7 @@ def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[LogE
 class LoggedModem:
     """A `Micromodem` whose every input and output is given to `record`, so that it can be replayed.
 
-    Takes the same calls as the driver: `opened`, `closed`, `send`, `receive`, `poll`, `outgoing`, `events`.
+    Takes the same calls as the driver: `opened`, `closed`, `send`, `ping`, `receive`, `poll`, `outgoing`, `events`.
     """
 
     def __init__(self, modem: Micromodem, record: Callable[[LogEntry], None]) -> None:
@@ -114,6 +114,11 @@ class LoggedModem:
         """See `Micromodem.send`."""
         self._record_call(now_s, f"send {'-' if destination is None else destination} {payload.hex()}")
         return self.modem.send(self._now_s, payload, destination)
+
+    def ping(self, now_s: float, destination: int) -> int:
+        """See `Micromodem.ping`."""
+        self._record_call(now_s, f"ping {destination}")
+        return self.modem.ping(self._now_s, destination)
 
     def receive(self, now_s: float, data: bytes) -> None:
         """See `Micromodem.receive`."""
@@ -199,6 +204,8 @@ def replay_log(entries: Iterable[LogEntry], config: ModemConfig, address: int | 
         elif words[0] == "send":
             destination, payload = words[1].split(" ")
             modem.send(entry.utc_s, bytes.fromhex(payload), None if destination == "-" else int(destination))
+        elif words[0] == "ping":
+            modem.ping(entry.utc_s, int(words[1]))
         elif words == ["poll"]:
             modem.poll(entry.utc_s)
         else:

@@ -1,8 +1,8 @@
 """What the sentences of the WHOI Micromodem-2 mean: from a sentence to the dataclass of its type.
 
 `read_message` goes by an explicit table (`MESSAGES`): text from the modem never chooses what code runs in any other
-way. The dataclasses are in `status_messages.py`, `transmit_messages.py` and `receive_messages.py`; each can make its
-own sentence again.
+way. The dataclasses are in `status_messages.py`, `transmit_messages.py`, `receive_messages.py` and `ping_messages.py`;
+each can make its own sentence again.
 
 Sources: WHOI Micromodem-2 User's Guide, and the sentences as WHOI's `acomms` and Goby3 understand them.
 """
@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from auv_lse_comms.micromodem.fields import SentenceError
+from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
 from auv_lse_comms.micromodem.receive_messages import Detection, FrameHeard, ReceptionStart, ReceptionStatistics
 from auv_lse_comms.micromodem.status_messages import ClockSet, ClockTime, ErrorReport, Notice, Revision, Setting
 from auv_lse_comms.micromodem.transmit_messages import (
@@ -50,6 +51,9 @@ MESSAGES: dict[str, Callable[[Sequence[str]], Message]] = {
     "CAMFD": Detection.read,
     "CARXD": FrameHeard.read,
     "CACST": ReceptionStatistics.read,
+    "CAMPC": PingEcho.read,
+    "CAMPA": PingHeard.read,
+    "CAMPR": PingReply.read,
     "CAMSG": Notice.read,
     "CAERR": ErrorReport.read,
 }

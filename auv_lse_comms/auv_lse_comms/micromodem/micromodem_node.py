@@ -39,6 +39,9 @@ class MicromodemNode(DriverNode):
     def _on_transmit(self, message: ModemTx) -> None:
         self.reach_time(seconds(message.header.stamp))  # it may overtake the tick's announcement
         try:
+            if not message.payload:
+                self._modem.ping(self.time_s(), message.destination)
+                return
             number = self._modem.send(self.time_s(), bytes(message.payload), message.destination or None)
             self._headers[number] = message.header
         except ValueError as error:
@@ -59,15 +62,30 @@ class MicromodemNode(DriverNode):
                         source=event.source,
                         destination=event.destination,
                         snr_db=event.snr_db,
-                        sent_s=math.nan,
-                        arrival_s=math.nan,
+                        sent_s=event.sent_s,
+                        arrival_s=event.arrival_s,
                         travel_s=event.travel_s,
                         payload=event.payload,
                     )
                 )
+            case events.PingAnswered():
+                self._rx.publish(
+                    ModemRx(
+                        header=header(event.utc_s),
+                        source=event.source,
+                        destination=self.vehicle,
+                        snr_db=math.nan,
+                        sent_s=math.nan,  # no clock of the other modem takes part
+                        arrival_s=event.utc_s,
+                        travel_s=event.travel_s,
+                    )
+                )
+            case events.PingFailed():
+                log.info(f"ping {event.number}: {event.reason}")
             case PacketLost():
-                # its header says which packet it was
-                self._failed.publish(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
+                # its header says which packet it was; a ping has none
+                if event.number in self._headers:
+                    self._failed.publish(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
                 if self.lockstep:
                     self.tell(LockstepDone.MICROMODEM_LOST, max(1, self.last_tick("micromodem")), self.totals())
             case events.TransmitFailed():

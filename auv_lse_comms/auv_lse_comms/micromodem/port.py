@@ -14,6 +14,9 @@ from auv_lse_comms.micromodem.events import Event as DriverEvent
 from auv_lse_comms.micromodem.events import (
     ModemLost,
     ModemReady,
+    PingAnswered,
+    PingFailed,
+    PingStarted,
     Problem,
     TransmitDone,
     TransmitFailed,
@@ -88,6 +91,14 @@ class ModemPort:
         """
         return self._driver.send(now_s, payload, destination)
 
+    def ping(self, now_s: float, destination: int) -> int:
+        """Asks for a ping of another modem; `step` puts it on the wire.
+
+        Raises:
+            ValueError: see `Micromodem.ping`.
+        """
+        return self._driver.ping(now_s, destination)
+
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
         """Opens the port if it is time, takes what has come, lets time pass (if `poll`), writes; returns the events."""
         if self.connection.poll(steady_s):
@@ -138,12 +149,12 @@ class ModemPort:
                     self._problem = ""
                 case ModemLost():
                     self._problem = event.reason
-                case TransmitStarted():
+                case TransmitStarted() | PingStarted():
                     self._started.add(event.number)
-                case TransmitFailed() if event.number not in self._started:
+                case TransmitFailed() | PingFailed() if event.number not in self._started:
                     self.packets_lost += 1
                     events.append(PacketLost(number=event.number))
-                case TransmitDone() | TransmitFailed():
+                case TransmitDone() | TransmitFailed() | PingAnswered() | PingFailed():
                     self._started.discard(event.number)
         if self._log_problem is not None:
             events.append(self._log_problem)

@@ -36,6 +36,9 @@ RATES = {
 #: takes 2.00 s, the "about 2 s" of the field.
 PACKET_OVERHEAD_S = 0.45
 
+#: What a mini-packet takes, 13 bits and a checksum at 80 bit/s (s).
+MINI_PACKET_S = 0.9
+
 
 def packet_duration_s(rate: int, count: int) -> float:
     """Nominal duration (s) on the water of a packet of `count` bytes at packet rate number `rate`."""

@@ -27,6 +27,7 @@ from auv_lse_comms.micromodem.transmit_messages import Cycle
 
 #: A time of arrival on the modem's clock is believed if the packet's end by it is within this of the host's clock (s).
 ARRIVAL_WINDOW_S = 5.0
+_UNTIMED = (math.nan, math.nan, math.nan)
 
 
 @dataclass(slots=True)
@@ -95,15 +96,19 @@ class Receiving:
             session.counts["receptions_without_statistics"] += 1
         rate = statistics.rate if statistics is not None else reception.cycle.rate if reception.cycle else -1
         session.counts["received"] += 1
+        utc_s = self._end_s(statistics, len(payload))
+        sent_s, travel_s, arrival_s = self._timing(statistics, len(payload))
         session.report(
             PacketReceived(
-                utc_s=self._end_s(statistics, len(payload)),
+                utc_s=utc_s,
                 source=frames[0].source,
                 destination=destination,
                 payload=payload,
                 snr_db=snr_db,
-                travel_s=self._travel_s(statistics),
+                travel_s=travel_s,
                 rate=rate,
+                sent_s=sent_s,
+                arrival_s=arrival_s,
             )
         )
 
@@ -116,15 +121,25 @@ class Receiving:
     def _end_s(self, statistics: ReceptionStatistics | None, count: int) -> float:
         """End of the reception, by the modem's clock if that can be believed, else now."""
         now_s = self._session.now_s
-        if statistics is None or not self._clock.right or statistics.rate not in RATES:
+        if statistics is None or not self._believable(statistics, count):
             return now_s
-        end_s = statistics.utc_s + packet_duration_s(statistics.rate, count)
-        return round(end_s, 4) if abs(end_s - now_s) <= ARRIVAL_WINDOW_S else now_s
+        return round(statistics.utc_s + packet_duration_s(statistics.rate, count), 4)
 
-    def _travel_s(self, statistics: ReceptionStatistics | None) -> float:
+    def _timing(self, statistics: ReceptionStatistics | None, count: int) -> tuple[float, float, float]:
+        """Start of the transmission, travel time, start of the reception, if clocks are held by a PPS; else NaN."""
         if statistics is None or not self._session.config.synchronous or not clock_is_synchronous(statistics.clock):
-            return math.nan
-        return statistics.utc_s - math.floor(statistics.utc_s)
+            return _UNTIMED
+        if not self._believable(statistics, count):
+            return _UNTIMED
+        sent_s = float(math.floor(statistics.utc_s))
+        return sent_s, statistics.utc_s - sent_s, statistics.utc_s
+
+    def _believable(self, statistics: ReceptionStatistics, count: int) -> bool:
+        """Whether a reception of `count` bytes can have begun when the modem's clock says so."""
+        if not self._clock.right or statistics.rate not in RATES:
+            return False
+        end_s = statistics.utc_s + packet_duration_s(statistics.rate, count)
+        return abs(end_s - self._session.now_s) <= ARRIVAL_WINDOW_S
 
     # ------------------------------------------------------------------ the modem's sentences
 
@@ -135,7 +150,9 @@ class Receiving:
         self._open().cycle = message
 
     def on_start(self, message: ReceptionStart) -> None:
-        """A packet's probe was detected."""
+        """A packet's probe was detected. That of a mini-packet is followed by no packet of its own."""
+        if message.kind == 0:
+            return
         if self._reception is not None and (self._reception.frames or self._reception.bad):
             self.close("another packet began")
         self._open()
@@ -161,6 +178,9 @@ class Receiving:
     def on_statistics(self, message: ReceptionStatistics) -> None:
         """A reception is over."""
         reception = self._reception
+        if reception is None and message.rate <= 0 and message.mode == MODE_GOOD:
+            self._session.counts["mini_packets"] += 1
+            return
         if (
             reception is not None
             and reception.cycle is not None

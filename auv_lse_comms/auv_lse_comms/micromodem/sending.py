@@ -42,7 +42,6 @@ class Sending:
     def __init__(self, session: Session) -> None:
         """Writes to `session`; nothing is to be sent yet."""
         self._session = session
-        self._numbers = 0
         self._current: _Packet | None = None
         self._waiting: _Packet | None = None
 
@@ -64,9 +63,8 @@ class Sending:
                 f"payload: got {len(payload)} bytes; expected 1 to {rate.frames * rate.frame_bytes} at rate "
                 f"{config.rate} ({rate.frames} frames of {rate.frame_bytes})"
             )
-        self._numbers += 1
         packet = _Packet(
-            number=self._numbers,
+            number=session.next_number(),
             destination=config.destination if destination is None else destination,
             frames=tuple(payload[i : i + rate.frame_bytes] for i in range(0, len(payload), rate.frame_bytes)),
         )

@@ -37,6 +37,7 @@ class Session:
         self.counts: Counter[str] = Counter()
         self.wants_reopen = False
         self.strikes = 0
+        self._numbers = 0
         self._since_s: dict[str, float] = {}
         self._out = bytearray()
         self._events: list[Event] = []
@@ -51,6 +52,11 @@ class Session:
             self.state = TRANSITIONS[self.state, cause]
         except KeyError:
             raise RuntimeError(f"no transition from {self.state.name} by {cause.name}") from None
+
+    def next_number(self) -> int:
+        """A number for another packet or ping, which the events about it carry."""
+        self._numbers += 1
+        return self._numbers
 
     # ------------------------------------------------------------------ time
 

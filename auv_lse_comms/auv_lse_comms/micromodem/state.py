@@ -27,8 +27,10 @@ Transitions (`TRANSITIONS` below; any other move raises RuntimeError, as it is a
     GIVING       STARTED     SENDING       $CATXP
     GIVING       FINISHED    IDLE          $CATXF: the line of $CATXP was lost
     SENDING      FINISHED    IDLE          $CATXF
-    CYCLING, REQUESTING, GIVING, SENDING
-                 FAILED      IDLE          refused, data timeout, or too late
+    IDLE         PING        PINGING       $CCMPC written
+    PINGING      FINISHED    IDLE          $CAMPR
+    CYCLING, REQUESTING, GIVING, SENDING, PINGING
+                 FAILED      IDLE          refused, data timeout, too late, or no answer
     any but CLOSED
                  REBOOTED    CONFIGURING   $CAREV,..,INIT, or the modem's address is not ours
     any          CLOSED      CLOSED
@@ -50,6 +52,7 @@ class State(enum.Enum):
     REQUESTING = "requesting"
     GIVING = "giving"
     SENDING = "sending"
+    PINGING = "pinging"
 
 
 class Cause(enum.Enum):
@@ -64,6 +67,7 @@ class Cause(enum.Enum):
     REQUEST = "request"
     STARTED = "started"
     FINISHED = "finished"
+    PING = "ping"
     FAILED = "failed"
     REBOOTED = "rebooted"
 
@@ -80,7 +84,12 @@ TRANSITIONS: dict[tuple[State, Cause], State] = {
     (State.GIVING, Cause.STARTED): State.SENDING,
     (State.GIVING, Cause.FINISHED): State.IDLE,
     (State.SENDING, Cause.FINISHED): State.IDLE,
-    **{(state, Cause.FAILED): State.IDLE for state in (State.CYCLING, State.REQUESTING, State.GIVING, State.SENDING)},
+    (State.IDLE, Cause.PING): State.PINGING,
+    (State.PINGING, Cause.FINISHED): State.IDLE,
+    **{
+        (state, Cause.FAILED): State.IDLE
+        for state in (State.CYCLING, State.REQUESTING, State.GIVING, State.SENDING, State.PINGING)
+    },
     **{(state, Cause.REBOOTED): State.CONFIGURING for state in State if state is not State.CLOSED},
     **{(state, Cause.CLOSED): State.CLOSED for state in State},
 }

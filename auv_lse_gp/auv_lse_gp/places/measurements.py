@@ -56,6 +56,7 @@ class RangeRow:
         arrived_s: Start of the reception.
         range_m: Travel time by the two clocks, times the speed of sound.
         deeper_m: How much deeper one of the two is than the other; 0 if not known.
+        by_ping: Measured there and back by the receiver's clock alone; both times are then the same.
     """
 
     sender: int
@@ -64,6 +65,7 @@ class RangeRow:
     arrived_s: float
     range_m: float
     deeper_m: float = 0.0
+    by_ping: bool = False
 
 
 class Fixes:
@@ -114,11 +116,11 @@ class Ranges:
     def __init__(self, model: TeamModel, rows: Sequence[RangeRow]) -> None:
         """Looks up where each range begins and ends on the vehicles' tracks."""
         self._model = model
-        self._rows = sorted(rows, key=lambda row: (row.sender, row.receiver))
+        self._rows = sorted(rows, key=_group)
         self._std_m = model.config.range_std_m
-        self._groups: list[tuple[tuple[int, int], Sums, Sums, Array, Array]] = []
-        for pair in sorted({(row.sender, row.receiver) for row in rows}):
-            own = [row for row in rows if (row.sender, row.receiver) == pair]
+        self._groups: list[tuple[tuple[int, int, bool], Sums, Sums, Array, Array]] = []
+        for pair in sorted({_group(row) for row in rows}):
+            own = [row for row in rows if _group(row) == pair]
             sender, receiver = model.vehicles[pair[0]], model.vehicles[pair[1]]
             sent = sender.sums(sender.track.at(np.array([row.sent_s for row in own])))
             arrived = receiver.sums(receiver.track.at(np.array([row.arrived_s for row in own])))
@@ -138,10 +140,10 @@ class Ranges:
     def residuals(self, theta: Array) -> Array:
         """As `Fixes.residuals`, in the order of pairs."""
         parts = [np.zeros(0)]
-        for (sender, receiver), sent, arrived, measured, deeper in self._groups:
+        for pair, sent, arrived, measured, deeper in self._groups:
             distance = _distance(sent.places(theta) - arrived.places(theta), deeper)
             predicted = (1.0 + theta[self._model.sound]) * distance
-            for _, sign, clock, late in self._clocks(sender, receiver, sent, arrived):
+            for _, sign, clock, late in self._clocks(pair, sent, arrived):
                 predicted = predicted + sign * (theta[clock] + theta[clock + 1] * late)
             parts.append((measured - predicted) / self._std_m)
         return np.concatenate(parts)
@@ -151,7 +153,8 @@ class Ranges:
         model = self._model
         rows = [np.zeros((0, model.size))]
         faster = 1.0 + theta[model.sound]
-        for (sender, receiver), sent, arrived, measured, deeper in self._groups:
+        for pair, sent, arrived, measured, deeper in self._groups:
+            sender, receiver, _ = pair
             apart = sent.places(theta) - arrived.places(theta)
             distance = _distance(apart, deeper)
             toward = faster * apart / np.maximum(distance, 1e-9)[:, None]
@@ -159,14 +162,17 @@ class Ranges:
             jacobian[:, model.vehicles[sender].block] += _along(toward, sent.jacobian(theta))
             jacobian[:, model.vehicles[receiver].block] -= _along(toward, arrived.jacobian(theta))
             jacobian[:, model.sound] = distance
-            for _, sign, clock, late in self._clocks(sender, receiver, sent, arrived):
+            for _, sign, clock, late in self._clocks(pair, sent, arrived):
                 jacobian[:, clock] += sign
                 jacobian[:, clock + 1] += sign * late
             rows.append(jacobian / self._std_m)
         return np.concatenate(rows)
 
-    def _clocks(self, sender: int, receiver: int, sent: Sums, arrived: Sums) -> list[tuple[int, float, int, Array]]:
+    def _clocks(self, pair: tuple[int, int, bool], sent: Sums, arrived: Sums) -> list[tuple[int, float, int, Array]]:
         """The two clocks of a pair but the reference: vehicle, sign, first unknown, thousands of s since its start."""
+        sender, receiver, by_ping = pair
+        if by_ping:
+            return []
         ends = ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s))
         vehicles = self._model.vehicles
         clocks = [
@@ -174,6 +180,10 @@ class Ranges:
             for number, sign, at in ends
         ]
         return [(number, sign, clock, late) for number, sign, clock, late in clocks if clock is not None]
+
+
+def _group(row: RangeRow) -> tuple[int, int, bool]:
+    return row.sender, row.receiver, row.by_ping
 
 
 def _sigmas(model: TeamModel, residuals: Array, derivatives: Array) -> Array:

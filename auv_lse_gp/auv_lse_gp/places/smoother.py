@@ -99,8 +99,8 @@ class PlaceSmoother:
 
     @property
     def ranges(self) -> list[RangeRow]:
-        """All ranges measured."""
-        return list(self._ranges)
+        """All ranges measured; those by pings only from the mate's next packet on, which tells where it was then."""
+        return [row for row in self._ranges if not row.by_ping or row.sent_s <= self._mates[row.sender].end_s]
 
     def fixes(self, vehicle: int) -> list[FixRow]:
         """The surfacings of a vehicle that are known of."""
@@ -124,7 +124,10 @@ class PlaceSmoother:
         self.refused += not self._surfacings[self.vehicle].add(fix)
 
     def heard(self, mate: MateNavigation) -> None:
-        """Takes what a mate's packet told, and when it came."""
+        """Takes what a mate's packet told, and when it came; or a range by a ping."""
+        if mate.by_ping:
+            self._pinged(mate)
+            return
         sent_s = mate.sent_s if math.isfinite(mate.sent_s) else mate.stamp_s
         track = self._mates.get(mate.source, HeardTrack())
         before = track.last
@@ -145,6 +148,19 @@ class PlaceSmoother:
             range_m=mate.travel_s * self.config.sound_speed_mps,
         )
         if usable(row) and len(self._own):
+            self._ranges.append(row)
+
+    def _pinged(self, mate: MateNavigation) -> None:
+        """Takes a range by a ping, which says nothing of where the mate says that it is."""
+        row = RangeRow(
+            sender=mate.source,
+            receiver=self.vehicle,
+            sent_s=mate.stamp_s,
+            arrived_s=mate.stamp_s,
+            range_m=mate.travel_s * self.config.sound_speed_mps,
+            by_ping=True,
+        )
+        if mate.source in self._mates and usable(row) and len(self._own):
             self._ranges.append(row)
 
     def sampled(self, source: int, raw_m: Array) -> Array:
@@ -191,7 +207,7 @@ class PlaceSmoother:
         """
         fixes = [row for number in self._surfacings for row in self.fixes(number)]
         correction = smooth_team(
-            self.config, self.tracks, fixes, _even(self._ranges, MOST_RANGES),
+            self.config, self.tracks, fixes, _even(self.ranges, MOST_RANGES),
             terrain=terrain, before_m=self._before_m, last=self._last, references={self.vehicle}, stamp_s=self._now_s,
         )  # fmt: skip
         self._last = correction.model, correction.theta

@@ -108,13 +108,15 @@ class EmulatedLinks:
         if self.rack is not None:
             self.rack.poll(now_s)
 
-    def arrive(self, k: int, arrival: Arrival) -> None:
+    def arrive(self, now_s: float, k: int, arrival: Arrival) -> None:
         """A packet has reached a vehicle's modem, readable or not."""
         assert self.rack is not None
         self.rack.arrive(
+            now_s,
             k,
             HeardPacket(
                 start_s=arrival.start_s,
+                measured_s=arrival.heard_s,
                 source=arrival.source,
                 destination=0,
                 payload=arrival.payload if arrival.ok else None,

@@ -6,7 +6,7 @@ serves one emulated modem per vehicle.
 
 The time is the caller's: simulated time in a mission. Answers come at once, however fast time runs; what takes time
 in the water (a transmission, the wait for data) ends in `poll`. Not modelled: the speed of the serial line (a 252-byte
-frame takes 0.28 s each way at 19200 Bd), acknowledgements, ranging, mini-packets.
+frame takes 0.28 s each way at 19200 Bd), acknowledgements, mini-packets other than those of pings.
 
 Settings start as in a modem fresh from the box: address 0, no statistics. A driver that does not configure it gets
 neither packets nor `$CACST`.
@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 
 from auv_lse_comms.micromodem.fields import SentenceError, clock_time, read_iso_time
 from auv_lse_comms.micromodem.messages import Message
+from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
 from auv_lse_comms.micromodem.rates import BROADCAST, RATES, packet_duration_s
 from auv_lse_comms.micromodem.receive_messages import (
     MODE_BAD_CRC,
@@ -41,16 +42,22 @@ from auv_lse_comms.micromodem.transmit_messages import (
     TransmitStatistics,
 )
 from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
+from auv_lse_sim.emulated.mini_packet import MiniPacket
 
 VERSION = "2.0.27087"
 #: The modem waits so long for `$CCTXD` after `$CADRQ` (s).
 DATA_TIMEOUT_S = 2.0
+#: With SNV on, the modem waits so long for the edge of a PPS (s).
+SYNC_TIMEOUT_S = 1.5
 #: With REV on, the revision is sent this often (s).
 REVISION_PERIOD_S = 120.0
 
 #: Settings known, and what they are at first.
 SETTINGS = {"SRC": "0", "CST": "0", "RXP": "0", "REV": "0", "XST": "0", "MFD": "0", "ASD": "0", "SNV": "0"}
 SETTINGS |= {"TXP": "1", "TXF": "1", "RXD": "1", "BND": "1"}
+
+#: Nearer to a second than this (s) is on it.
+_EDGE_S = 1e-3
 
 _RTC_USER_COMMAND = 2
 _PPS_EXTERNAL = 3 << 2
@@ -90,6 +97,8 @@ class HeardPacket:
         rate: Packet rate number.
         frames: Number of frames.
         doppler_mps: Relative speed of the sender (m/s).
+        measured_s: When its first sound arrives as the two modems measure it: by this one's clock, where the sender's
+            clock was right when it sent (s). NaN: as `start_s`.
     """
 
     start_s: float
@@ -100,6 +109,12 @@ class HeardPacket:
     rate: int = 4
     frames: int = 1
     doppler_mps: float = 0.0
+    measured_s: float = math.nan
+
+    @property
+    def timed_s(self) -> float:
+        """`measured_s`, or `start_s` where that is not known."""
+        return self.measured_s if math.isfinite(self.measured_s) else self.start_s
 
 
 @dataclass(slots=True)
@@ -124,7 +139,12 @@ class ModemEmulator:
     """
 
     def __init__(
-        self, transmit: Callable[[Transmission], float | None], *, clock_error_s: float = 0.0, version: str = VERSION
+        self,
+        transmit: Callable[[Transmission], float | None],
+        *,
+        clock_error_s: float = 0.0,
+        version: str = VERSION,
+        pps: bool = True,
     ) -> None:
         """A modem without power; `boot` it.
 
@@ -132,16 +152,19 @@ class ModemEmulator:
             transmit: Takes a packet into the water; returns its duration (s), or None for the nominal one.
             clock_error_s: Modem's clock less the simulation's, until it is set.
             version: Firmware version in `$CAREV`.
+            pps: Whether a PPS is connected; it is used with SNV on.
         """
         self.settings = dict(SETTINGS)
         self.counts: Counter[str] = Counter()
         self._transmit = transmit
         self._version = version
         self._clock_error_s = clock_error_s
+        self._pps = pps
         self._clock_set = False
         self._reader = SentenceReader()
         self._bad_lines = 0
         self._sending: _Outgoing | None = None
+        self._pinged: tuple[int, float] | None = None  # whom, and when (s)
         self._revision_s = -math.inf
         self._out = bytearray()
 
@@ -193,8 +216,19 @@ class ModemEmulator:
             self._revision_s = now_s
             self._write(Revision(time=self._clock_text(now_s), ident="AUV", version=self._version))
 
-    def arrive(self, arrival: HeardPacket) -> None:
-        """Reports a packet from the water to the host, as far as the settings ask for it."""
+    def arrive(self, now_s: float, arrival: HeardPacket) -> bool:
+        """Reports a packet from the water to the host, as far as the settings ask for it; answers pings.
+
+        Returns:
+            Whether it brings the host a packet, or the answer to its ping.
+        """
+        mini = MiniPacket.read(arrival.payload) if arrival.payload is not None else None
+        if mini is not None:
+            return self._hear_mini(now_s, mini, arrival.timed_s)
+        self._report(arrival)
+        return arrival.payload is not None and arrival.destination in (BROADCAST, self.address)
+
+    def _report(self, arrival: HeardPacket) -> None:
         good = arrival.payload is not None
         self.counts["heard" if good else "heard_bad"] += 1
         size = RATES[arrival.rate].frame_bytes
@@ -236,7 +270,7 @@ class ModemEmulator:
             self._write(
                 ReceptionStatistics(
                     mode=MODE_GOOD if good else MODE_BAD_CRC,
-                    utc_s=max(0.0, arrival.start_s + self._clock_error_s),
+                    utc_s=max(0.0, self._heard_s(arrival) + self._clock_error_s),
                     clock=self._clock_status,
                     detection=detection,
                     rate=arrival.rate,
@@ -260,6 +294,50 @@ class ModemEmulator:
         self._out.clear()
         return data
 
+    # ------------------------------------------------------------------ pings
+
+    def _on_ping(self, now_s: float, sentence: Sentence) -> None:
+        ping = PingEcho.read(sentence.fields)
+        if self._sending is not None:
+            self._refuse(now_s, 6, "transmitting")
+            return
+        if ping.source != self.address or ping.destination in (BROADCAST, self.address):
+            self._refuse(now_s, 5, f"ping from {ping.source} to {ping.destination}")
+            return
+        self._write(ping)
+        self._pinged = (ping.destination, now_s)
+        self._transmit_mini(now_s, MiniPacket(source=self.address, destination=ping.destination))
+
+    def _transmit_mini(self, now_s: float, mini: MiniPacket) -> None:
+        self._transmit(
+            Transmission(
+                start_s=now_s,
+                source=mini.source,
+                destination=mini.destination,
+                rate=0,
+                frames=0,
+                payload=mini.to_bytes(),
+            )
+        )
+        self.counts["mini_packets"] += 1
+
+    def _hear_mini(self, now_s: float, mini: MiniPacket, heard_s: float) -> bool:
+        """Answers a ping at once, or takes the answer to the own one; returns whether it was that."""
+        if mini.destination != self.address:
+            return False
+        if not mini.answer:
+            self._write(PingHeard(source=mini.source, destination=mini.destination))
+            if self._sending is None:
+                answer = MiniPacket(source=self.address, destination=mini.source, answer=True, turn_s=now_s - heard_s)
+                self._transmit_mini(now_s, answer)
+            return False
+        if self._pinged is None or mini.source != self._pinged[0]:
+            return False
+        (_, pinged_s), self._pinged = self._pinged, None
+        travel_s = 0.5 * (heard_s - pinged_s - mini.turn_s)
+        self._write(PingReply(source=mini.source, destination=self.address, travel_s=travel_s))
+        return True
+
     # ------------------------------------------------------------------ output
 
     def _write(self, message: Message) -> None:
@@ -271,7 +349,15 @@ class ModemEmulator:
     @property
     def _clock_status(self) -> int:
         rtc = _RTC_USER_COMMAND if self._clock_set else 1
-        return rtc | (_PPS_EXTERNAL if self.settings["SNV"] != "0" else 1 << 2)
+        return rtc | (_PPS_EXTERNAL if self._held else 1 << 2)
+
+    @property
+    def _held(self) -> bool:
+        """The clock is held by the PPS."""
+        return self._pps and self.settings["SNV"] != "0"
+
+    def _heard_s(self, arrival: HeardPacket) -> float:
+        return arrival.timed_s if self._held else arrival.start_s
 
     def _refuse(self, now_s: float, number: int, why: str) -> None:
         self.counts["refused"] += 1
@@ -310,9 +396,16 @@ class ModemEmulator:
 
     def _on_clock_query(self, now_s: float, sentence: Sentence) -> None:
         source = "USER_CMD" if self._clock_set else "RTC"
-        pps = "EXT" if self.settings["SNV"] != "0" else "RTC"
+        pps = "EXT" if self._held else "RTC"
         utc_s = max(0.0, now_s + self._clock_error_s)
         self._write(ClockTime(utc_s=utc_s, resolution_s=1.0, source=source, pps=pps))
+
+    def _on_sleep(self, now_s: float, sentence: Sentence) -> None:
+        """No sleep at all is a restart; settings and clock stay."""
+        if sentence.fields != (str(self.address), str(self.address), "0"):
+            self._refuse(now_s, 5, f"sleep {','.join(sentence.fields)}: only of this modem, 0 minutes, is modelled")
+            return
+        self.boot(now_s)
 
     def _on_cycle(self, now_s: float, sentence: Sentence) -> None:
         cycle = Cycle.read(sentence.fields)
@@ -341,8 +434,8 @@ class ModemEmulator:
             self._refuse(now_s, 7, f"frame of {len(frame.data)} bytes: expected 1 to {size}")
             return
         sending.frames.append(frame.data)
+        sending.asked_s = now_s
         if len(sending.frames) < sending.cycle.frames:
-            sending.asked_s = now_s
             self._request(now_s)
         else:
             self._try_start(now_s)
@@ -366,11 +459,16 @@ class ModemEmulator:
     def _try_start(self, now_s: float) -> None:
         sending = self._sending
         assert sending is not None
+        start_s = now_s
         if self.settings["SNV"] != "0":
-            fraction_s = (now_s + self._clock_error_s) % 1.0
-            if min(fraction_s, 1.0 - fraction_s) > 0.02:
+            if not self._pps:
+                if now_s - sending.asked_s >= SYNC_TIMEOUT_S:
+                    self._give_up(now_s, mode=2)
+                return
+            start_s = math.ceil(sending.asked_s + self._clock_error_s - _EDGE_S) - self._clock_error_s
+            if now_s < start_s - _EDGE_S:
                 return  # waits for the second
-        sending.start_s = now_s
+        sending.start_s = start_s
         payload = b"".join(sending.frames)
         if self.settings["TXP"] != "0":
             self._write(TransmitStart(count=len(payload)))
@@ -378,7 +476,7 @@ class ModemEmulator:
         cycle = sending.cycle
         duration_s = self._transmit(
             Transmission(
-                start_s=now_s,
+                start_s=start_s,
                 source=cycle.source,
                 destination=cycle.destination,
                 rate=cycle.rate,
@@ -386,7 +484,9 @@ class ModemEmulator:
                 payload=payload,
             )
         )
-        sending.end_s = now_s + (duration_s if duration_s is not None else packet_duration_s(cycle.rate, len(payload)))
+        sending.end_s = start_s + (
+            duration_s if duration_s is not None else packet_duration_s(cycle.rate, len(payload))
+        )
 
     def _end(self, sending: _Outgoing) -> None:
         self._sending = None
@@ -396,13 +496,18 @@ class ModemEmulator:
         self._write_transmit_statistics(sending, mode=0)
 
     def _data_timeout(self, now_s: float) -> None:
+        assert self._sending is not None
+        self.counts["data_timeouts"] += 1
+        number = len(self._sending.frames) + 1
+        self._write(ErrorReport(time=self._clock_text(now_s), module="DATA_TIMEOUT", number=number, detail=""))
+        self._give_up(now_s, mode=4)
+
+    def _give_up(self, now_s: float, mode: int) -> None:
+        """Drops what was to be sent; `mode` says why (`NOT_SENT`)."""
         sending, self._sending = self._sending, None
         assert sending is not None
-        self.counts["data_timeouts"] += 1
-        number = len(sending.frames) + 1
-        self._write(ErrorReport(time=self._clock_text(now_s), module="DATA_TIMEOUT", number=number, detail=""))
         sending.start_s = now_s
-        self._write_transmit_statistics(sending, mode=4)
+        self._write_transmit_statistics(sending, mode)
 
     def _write_transmit_statistics(self, sending: _Outgoing, mode: int) -> None:
         if self.settings["XST"] == "0":
@@ -430,4 +535,6 @@ COMMANDS: dict[str, Callable[[ModemEmulator, float, Sentence], None]] = {
     "CCTMQ": ModemEmulator._on_clock_query,
     "CCCYC": ModemEmulator._on_cycle,
     "CCTXD": ModemEmulator._on_frame,
+    "CCMPC": ModemEmulator._on_ping,
+    "CCMSC": ModemEmulator._on_sleep,
 }

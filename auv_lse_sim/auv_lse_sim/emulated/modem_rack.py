@@ -7,7 +7,7 @@ import select
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
-from auv_lse_comms.micromodem.rates import BROADCAST, packet_duration_s
+from auv_lse_comms.micromodem.rates import packet_duration_s
 from auv_lse_sim.emulated.host_ports import HostPort
 from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator, Transmission
 
@@ -66,12 +66,9 @@ class ModemRack:
             modem.poll(now_s)
             self._flush(vehicle)
 
-    def arrive(self, vehicle: int, arrival: HeardPacket) -> None:
-        """A packet has reached a vehicle: its modem reports it. A good one for this modem counts as delivered."""
-        modem = self.modems[vehicle]
-        if arrival.payload is not None and arrival.destination in (BROADCAST, modem.address):
-            self.delivered[vehicle] += 1
-        modem.arrive(arrival)
+    def arrive(self, now_s: float, vehicle: int, arrival: HeardPacket) -> None:
+        """A packet has reached a vehicle: its modem reports it. What it brings the host counts as delivered."""
+        self.delivered[vehicle] += self.modems[vehicle].arrive(now_s, arrival)
         self._flush(vehicle)
 
     def close(self) -> None:
@@ -130,6 +127,6 @@ def perfect_water(
     def tick(now_s: float) -> None:
         for item in [item for item in under_way if item[0] <= now_s]:
             under_way.remove(item)
-            rack().arrive(item[1], item[2])
+            rack().arrive(now_s, item[1], item[2])
 
     return transmit, tick

@@ -15,6 +15,7 @@ from auv_lse_common.mission_run import RunState, Stop
 from auv_lse_common.processes import vehicle_nodes
 from auv_lse_common.stamps import stamped
 from auv_lse_sim.emulated.links import EmulatedLinks
+from auv_lse_sim.emulated.mini_packet import MiniPacket
 from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Ground
@@ -176,7 +177,7 @@ class Simulation:
         if k in self.links.modems:
             noticed = [a for a in self.world.lost if a.receiver == k and a.audible]
             for arrival in sorted((*output.arrivals, *noticed), key=lambda a: a.arrival_s):
-                self.links.arrive(k, arrival)
+                self.links.arrive(self.now_s, k, arrival)
         if k in self.links.autopilots:
             self.links.report(k, self.now_s, output)
 
@@ -258,7 +259,11 @@ class Simulation:
             self._targets_heard[k - 1] = heard
 
     def _on_emulated_packet(self, k: int, start_s: float, payload: bytes) -> float:
-        self.take_packet(k, stamped(start_s), payload)
+        mini = MiniPacket.read(payload)
+        if mini is not None and mini.answer:  # a modem's own doing: no node has announced it
+            self._transmissions.append((stamped(start_s), k, payload))
+        else:
+            self.take_packet(k, stamped(start_s), payload)
         return self.world.channel.duration_s(len(payload))
 
     # ------------------------------------------------------------------ lockstep

@@ -243,6 +243,8 @@ class MissionEvents:
     # ------------------------------------------------------------------ what they tell each other
 
     def _sent(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        if len(message.payload) == 0:
+            return []  # a ping
         event = {"kind": "sent", "vehicle": vehicle, "t": stamp_s, "bytes": len(message.payload)}
         try:
             packet = decode(bytes(message.payload))
@@ -251,6 +253,8 @@ class MissionEvents:
         return [{**event, "samples": len(packet.samples), "actions": len(packet.plan.actions)}]
 
     def _received(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        if len(message.payload) == 0:
+            return []  # the answer to a ping
         event = {
             "kind": "received",
             "vehicle": vehicle,

@@ -127,6 +127,8 @@ def read_bag(
         log = logs.setdefault(vehicle, _VehicleLog())
         stamp_s = seconds(message.header.stamp)
         last_s = max(last_s, stamp_s)
+        if name in ("modem/tx", "modem/rx") and len(message.payload) == 0:
+            continue  # a ping, or its answer, which team/navigation tells as well
         if name == "modem/tx":
             sent.append(PacketSent(stamp_s=stamp_s, source=int(message.source), payload=bytes(message.payload)))
         elif name == "modem/rx":
