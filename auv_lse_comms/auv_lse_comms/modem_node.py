@@ -144,12 +144,12 @@ class ModemNode(VehicleNode):
             self._team_plans.publish(plan_message(received.stamp_s, received.source, received.packet.plan))
             self._published["plans"] += 1
             self._heed(received)
+            if received.navigation is not None:  # before the samples, which are placed by it
+                self._team_navigation.publish(mate_navigation_message(received.navigation))
+                self._published["navigation"] += 1
             if len(received.packet.samples):
                 self._team_samples.publish(team_samples(received))
                 self._published["samples"] += 1
-            if received.navigation is not None:
-                self._team_navigation.publish(mate_navigation_message(received.navigation))
-                self._published["navigation"] += 1
         for ranged in self._intake.ranges:
             self._team_navigation.publish(mate_navigation_message(ranged))
             self._published["navigation"] += 1

@@ -7,6 +7,7 @@ import importlib.util
 import math
 import socket
 import time
+import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -24,9 +25,13 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from auv_lse_common.base_node import EVERY, LATCHED
+from auv_lse_common.dead_reckoning import DeadReckoning
 from auv_lse_common.mission_run import Action, RunState, Standing, Stop
 from auv_lse_common.params import ParameterError
+from auv_lse_common.plan import Plan as PlanOfMate
 from auv_lse_common.ros_conversions import header, mission_state
+from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.mavlink.events import AutopilotEstimate
 from auv_lse_comms.mavlink.ros_conversions import ends_to_reach
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
@@ -223,3 +228,22 @@ def test_a_link_started_again_turns_back_to_no_start_that_lies_behind(
 ) -> None:
     last = Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0, end_east_m=15.0)
     assert [end.step for end in ends_to_reach(last, *place_m)] == steps
+
+
+def test_what_a_mate_tells_of_its_navigation_is_published_before_its_samples(tmp_path: Path) -> None:
+    """A map placed its samples by it: those that came first stayed where they were told."""
+    parameters = "mission: {vehicles: 2, steps: 50}"
+    mate = ModemBridge(TdmaConfig(), PacketConfig(navigation=True), 1, 2)
+    mate.set_plan(PlanOfMate(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(5,), naive_path=0xFF))
+    mate.moved(DeadReckoning(stamp_s=0.5, heading_rad=0.0, north_m=1.0, east_m=2.0, depth_m=3.0))
+    mate.add_soundings([[float(k), 3.0 * k, 0.0, 14.0, 3.0 * k, 0.0] for k in range(10)])
+    payload = mate.poll(0.5)
+    assert payload is not None
+    with spun(ModemNode, tmp_path / "p.yaml", parameters) as s:
+        published: list[str] = []
+        for name in ("_team_navigation", "_team_samples"):
+            spy = types.SimpleNamespace(publish=lambda message, name=name: published.append(name))
+            setattr(s.node, name, spy)
+        s.node._intake.add_packet(2.5, 1, payload)
+        s.node.hear(3.0)
+    assert published == ["_team_navigation", "_team_samples"]

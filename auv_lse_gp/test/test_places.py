@@ -329,6 +329,39 @@ def test_places_do_not_depend_on_when_time_began():
     assert shifted.place_std_m(1, at + utc, raw) == pytest.approx(correction.place_std_m(1, at, raw), rel=1e-3)
 
 
+def test_a_clock_that_is_set_back_stops_no_track():
+    """By 30 s, as when a vehicle takes the time of GPS: the track, and the fix after it, go on."""
+    team = team_of(3, vehicles=1)
+    sailed, at = team[0], 700
+    smoother = PlaceSmoother(1, CONFIG)
+    for t, (north, east), heading in zip(sailed.times, sailed.raw, sailed.headings, strict=True):
+        stamp = t if t <= at else t - 30.0
+        smoother.moved(DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0))
+    assert smoother.refused == 1, "the first place after the step might have come late"
+    assert smoother.clock.set_back_s == pytest.approx(30.0, abs=2.0)
+    own = smoother.tracks[1]
+    assert own.end_s == pytest.approx(sailed.times[-1], abs=2.0)
+    assert own.nodes[-1, 1:3] == pytest.approx(sailed.raw[-1])
+    raw_north, raw_east = (float(value) for value in sailed.raw[at + 500])
+    smoother.fixed(
+        Fix(
+            stamp_s=float(sailed.times[at + 500]) - 30.0, north_m=raw_north + 3.0, east_m=raw_east,
+            raw_north_m=raw_north, raw_east_m=raw_east, std_m=1.0,
+        )
+    )  # fmt: skip
+    assert smoother.fixes(1)[0].stamp_s == pytest.approx(sailed.times[at + 500], abs=2.0)
+
+
+def test_one_raw_place_that_comes_late_sets_no_clock_back():
+    smoother = PlaceSmoother(1, CONFIG)
+    for stamp in (0.0, 1.0, 2.0, 3.0, 4.0, 0.5, 5.0, 6.0, 1.5, 7.0):
+        place = DeadReckoning(stamp_s=stamp, heading_rad=0.0, north_m=stamp, east_m=0.0, depth_m=3.0)
+        smoother.moved(place)
+    assert smoother.clock.set_back_s == 0.0
+    assert smoother.refused == 2
+    assert smoother.tracks[1].end_s == 7.0
+
+
 def test_packets_may_be_lost_and_no_clock_may_be_right():
     rng = np.random.default_rng(8)
     team = [sail(rng, CONFIG, 60) for _ in range(3)]

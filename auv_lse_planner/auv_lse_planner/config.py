@@ -91,8 +91,9 @@ class VehicleConfig:
         low=0,
         high=10,
         help="fixes for which it surfaces in a mission, far from its start; 0 for a vehicle that must not; left out: "
-        "1, but 0 with the paper's methods (planner.method augmented, exponential_quadratic, plain) and with an "
-        "autopilot (link.kind mavlink), whose link does not surface; none where a mission is too short",
+        "1, but 0 with the paper's methods (planner.method augmented, exponential_quadratic, plain), with an "
+        "autopilot (link.kind mavlink), whose link does not surface, and with ideal simulated navigation; none where a "
+        "mission is too short",
     )
     surfacing_s: float = parameter(
         60.0,
@@ -115,8 +116,8 @@ class VehicleConfig:
         """
         self.stop("vehicle.at_end", self.at_end)
 
-    def with_autopilot(self) -> VehicleConfig:
-        """These parameters for a vehicle that is led by an autopilot: no surfacing unless one is asked for."""
+    def without_surfacing(self) -> VehicleConfig:
+        """These parameters for a vehicle to which a fix is worth nothing: no surfacing unless one is asked for."""
         return self if self.surfacings is not None else replace(self, surfacings=0)
 
     @property
@@ -276,6 +277,13 @@ class PlannerConfig:
         return replace(self, **values)
 
 
+def _knows_its_place(parameters: Mapping[str, Any]) -> bool:
+    """Whether the simulated vehicles know their places without any fix (`sim` belongs to another package)."""
+    sim = parameters.get("sim", {})
+    navigation = sim.get("navigation", {}) if isinstance(sim, Mapping) else {}
+    return isinstance(navigation, Mapping) and bool(sim.get("ideal") or navigation.get("ideal"))
+
+
 def check_path_length(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
     """Refuses a mission whose paths to the end have more places than can be valued at once.
 
@@ -335,5 +343,5 @@ class PlannerSettings:
             gp=section(GpConfig, parameters, "gp", where),
             motion=section(MotionConfig, parameters, "motion", where),
             planner=planner,
-            vehicle=own.with_autopilot() if led else own,
+            vehicle=own.without_surfacing() if led or _knows_its_place(parameters) else own,
         )

@@ -198,14 +198,22 @@ class RecedingHorizon:
         """Goes on from another plan than the one just decided for mission step `step`; the account stays."""
         self._plan, self.path = plan, self._rollout.follow(plan).from_step(step)
 
-    def delay(self, legs: int) -> None:
+    def delay(self, legs: int, told: Plan) -> Plan:
         """The vehicle stops for the time of so many legs: its path goes on as many steps later, and ends as it must.
 
         A naive path may be made for the legs that are left, and lead elsewhere with fewer. Then the plan goes on by
         the actions of the path: to choose anew would begin the lanes and the account again.
+
+        Args:
+            legs: How many.
+            told: The plan that the team was to be told.
+
+        Returns:
+            What it is told in its place.
         """
         if self._plan is None or self.path is None:
-            return
+            return told
+        own = told == self._plan
         rest = self.path.from_step(self.path.step + 1)
         plan = dataclasses.replace(self._plan, step=self._plan.step + legs)
         path = self._rollout.follow(plan).from_step(self.path.step + legs)
@@ -214,6 +222,11 @@ class RecedingHorizon:
             plan = Plan.at(rest.step + legs, rest.states[0], actions, NONE)
             path = self._rollout.follow(plan)
         self._plan, self.path = plan, path
+        self.delayed(legs)
+        return plan if own else dataclasses.replace(told, step=told.step + legs)
+
+    def delayed(self, legs: int) -> None:
+        """The plan that is followed goes on so many legs later than the one decided; less than 0: earlier."""
         self._touring.delay(legs)
 
     def _tour(

@@ -73,9 +73,11 @@ class Team:
             return
         reference_step, reference_s = float(plan.step), now_s
         if known is not None:
-            # an unchanged part of an old plan may be sent long after its first step: keep the better estimate
+            # an unchanged part of an old plan may be sent long after its first step, and a plan from the same state at
+            # a later step is the old one, put off by a surfacing: keep the better estimate
             estimate = self._step_of(known, now_s)
-            if estimate > reference_step and plan.step <= known.plan.step:
+            put_off = plan.step > known.plan.step and np.array_equal(plan.state, known.plan.state)
+            if put_off or (estimate > reference_step and plan.step <= known.plan.step):
                 reference_step = estimate
         earlier = [known, *known.earlier][: self._kept - 1] if known is not None else []
         for mate in earlier:

@@ -124,7 +124,11 @@ class VehiclePlanner:
         self._map_s: float | None = None
         self._map_refused = ""
         self._held = ""
+<<<<<<< HEAD
         self._recent = Recent()
+=======
+        self._surfaced = False  # where the leg decided last ends
+>>>>>>> 227ca95 (A surfacing is told to the team and kept by a replay; clocks set back stop no track; parameters left out follow the method flown)
 
     @property
     def planner(self) -> PlannerConfig:
@@ -264,19 +268,23 @@ class VehiclePlanner:
         """Follows another plan, with another next leg, than the one just decided: a replay goes on from what was flown.
 
         Args:
-            plan: A plan that `rollout` can follow; it holds at the leg's step.
+            plan: A plan that `rollout` can follow, as it was told: with a surfacing it goes on after that.
             leg: The leg to travel in place of the one decided.
         """
         self._travel.replace(leg)
-        self._horizon.adopt(plan, leg.step)
-        if leg.surface:
-            self._horizon.delay(self._surfacings.legs)
+        self._horizon.adopt(plan, leg.step + (self._surfacings.legs if leg.surface else 0))
+        more = int(leg.surface) - int(self._surfaced)
+        self._surfacings.done += more
+        self._horizon.delayed(more * self._surfacings.legs)
+        self._surfaced = leg.surface
 
     def _taken(self, decision: Decision, now_s: float, reanchored: bool) -> Decision:
         path = self._horizon.path
-        if path is not None and self._surfacings.due(path):
-            decision = dataclasses.replace(decision, leg=dataclasses.replace(decision.leg, surface=True))
-            self._horizon.delay(self._surfacings.legs)
+        self._surfaced = path is not None and self._surfacings.due(path)
+        if self._surfaced:
+            leg = dataclasses.replace(decision.leg, surface=True)
+            plan = self._horizon.delay(self._surfacings.legs, decision.plan)
+            decision = dataclasses.replace(decision, leg=leg, plan=plan)
         self._travel.take(decision.leg, now_s, at_once=reanchored)
         self.records.append(decision.bound)
         return decision

@@ -83,6 +83,46 @@ def test_a_lawnmower_goes_on_along_its_lanes_after_a_surfacing():
     assert np.array(places[0]) == pytest.approx(np.array(places[1][:76]), abs=1e-2)
 
 
+@pytest.fixture(scope="module")
+def surfaced():
+    """Settings, planner and decisions of a mission by tours, with a surfacing."""
+    s = settings({"method": "tour", "iterations": 20}, steps=80)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    return s, planner, _fly(planner, ticks=3000)
+
+
+def test_team_mates_are_told_when_a_plan_goes_on_after_a_surfacing(surfaced):
+    s, planner, decisions = surfaced
+    at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
+    decision, after = decisions[at], decisions[at + 1].leg
+    assert after.step == decision.leg.step + 5
+    told = planner.rollout.follow(decision.plan).from_step(after.step)
+    assert told.states[0] == pytest.approx(decision.leg.end_state, abs=1e-3), "it waits where the leg ends"
+    assert len(told) == 80 - after.step
+    # a mate that knew the plan from before: during the stop it thinks it somewhat behind, and then where it is
+    both = dataclasses.replace(s, mission=dataclasses.replace(s.mission, vehicles=2))
+    mate = VehiclePlanner(2, both, np.random.default_rng(1))
+    mate.hear(0.0, 1, dataclasses.replace(decision.plan, step=decision.plan.step - 4))
+    leg_s = mate.motion.leg_length_m / s.vehicle.speed_mps
+    gone_s = (decision.leg.step + 4 - decision.plan.step) * leg_s
+    mate.hear(gone_s, 1, decision.plan)
+    ahead = mate.team.places_ahead(gone_s + 5.0 * leg_s, 1)
+    assert ahead[0] == pytest.approx(told.places_m[0], abs=1e-3)
+
+
+def test_a_replay_surfaces_where_the_recorded_vehicle_did(surfaced):
+    s, _, decisions = surfaced
+    at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
+    other = VehiclePlanner(1, s, np.random.default_rng(2))
+    for decision in decisions[: at + 1]:
+        other.odometry(decision.bound.now_s, decision.leg.heading_rad, decision.leg.north_m, decision.leg.east_m)
+        other.decide(decision.bound.now_s)
+        other.adopt(decision.plan, decision.leg)
+    assert other._travel.decided == decisions[at + 1].leg.step
+    assert other._surfacings.done == 1
+    assert other.path.states[0] == pytest.approx(decisions[at].leg.end_state, abs=1e-3)
+
+
 @pytest.mark.parametrize("method", ["augmented", "tour"])
 def test_the_same_seed_decides_the_same(method):
     s = settings({"method": method, "iterations": 100}, steps=5)

@@ -32,7 +32,7 @@ from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
-from auv_lse_gp.places.config import PlacesConfig, places_of
+from auv_lse_gp.places.config import PlacesConfig, in_force
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import (
     MissionConfig,
@@ -106,7 +106,7 @@ class Settings:
     mission: MissionConfig = field(default_factory=MissionConfig)
     level_set: LevelSet = field(default_factory=LevelSet)
     area: AreaConfig = field(default_factory=AreaConfig)
-    places: PlacesConfig = field(default_factory=lambda: places_of({}, "defaults"))
+    places: PlacesConfig = field(default_factory=PlacesConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     tdma: TdmaConfig = field(default_factory=TdmaConfig)
     packet: PacketConfig = field(default_factory=PacketConfig)
@@ -151,7 +151,7 @@ class Settings:
             mission=mission,
             level_set=section(LevelSet, for_all, "level_set", where),
             area=section(AreaConfig, for_all, "area", where),
-            places=places_of(for_all, where),
+            places=section(PlacesConfig, for_all, "places", where),
             motion=section(MotionConfig, for_all, "motion", where),
             tdma=section(TdmaConfig, for_all, "tdma", where),
             packet=section(PacketConfig, for_all, "packet", where),
@@ -177,7 +177,7 @@ class Settings:
 
     def planner_settings(self, number: int) -> PlannerSettings:
         """The settings of the planner of vehicle `number`."""
-        own = self.vehicle(number)
+        own, ideal = self.vehicle(number), self.sim.ideal or self.sim.navigation.ideal
         return PlannerSettings(
             mission=self.mission,
             level_set=self.level_set,
@@ -185,8 +185,12 @@ class Settings:
             gp=own.gp,
             motion=self.motion,
             planner=own.planner,
-            vehicle=own.vehicle.with_autopilot() if own.link.kind == "mavlink" else own.vehicle,
+            vehicle=own.vehicle.without_surfacing() if own.link.kind == "mavlink" or ideal else own.vehicle,
         )
+
+    def places_in_force(self, number: int) -> PlacesConfig:
+        """The section `places` as vehicle `number` takes it: `correct` depends on its method where it is left out."""
+        return in_force(self.places, {"planner": {"method": self.vehicle(number).planner.method}})
 
     @property
     def longest_s(self) -> float:

@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from auv_lse_common.params import ParameterError, describe, parameters_for, read_parameter_file
-from auv_lse_planner.config import DEPTHS_M
+from auv_lse_gp.places.config import places_of
+from auv_lse_planner.config import DEPTHS_M, PlannerSettings
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.settings import Settings
 
@@ -166,3 +167,24 @@ def test_a_complete_file_flown_by_a_larger_team_gives_the_new_ones_depths_in_tur
     complete = Settings.load(None, {"mission.vehicles": 2, "auv2.vehicle.depth_m": 7.5}).to_patterns()
     larger = Settings.from_patterns(complete, "mission.yaml", {"mission.vehicles": 5})
     assert [own.vehicle.depth_m for own in larger.vehicles] == [3.0, 7.5, 5.0, 3.0, 4.0]
+
+
+def test_what_follows_from_the_method_follows_the_method_that_is_flown():
+    """`places.correct` is left out: it is off with the paper's methods, and on again with others."""
+    settings = Settings.load(None, {"planner.method": "plain"})
+    assert settings.places_in_force(1).correct is False
+    again = settings.with_overrides({"planner.method": "tour"})
+    assert again.places_in_force(1).correct is True
+    own = Settings.load(None, {"auv2.planner.method": "plain"})
+    assert [own.places_in_force(k).correct for k in (1, 2, 3)] == [True, False, True]
+    assert places_of(own.parameters(2), "node").correct is False, "as its nodes take it"
+
+
+@pytest.mark.parametrize("ideal", ["sim.ideal", "sim.navigation.ideal"])
+def test_a_vehicle_that_knows_its_place_does_not_surface_for_a_fix(ideal):
+    settings = Settings.load(None, {ideal: True})
+    assert settings.planner_settings(1).vehicle.surfacings == 0
+    assert PlannerSettings.from_parameters(settings.parameters(1), "node", 1).vehicle.surfacings == 0
+    assert settings.with_overrides({ideal: False}).planner_settings(1).vehicle.surfacings is None
+    asked = settings.with_overrides({"vehicle.surfacings": 2})
+    assert asked.planner_settings(1).vehicle.surfacings == 2

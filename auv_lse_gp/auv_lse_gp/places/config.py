@@ -71,5 +71,9 @@ def places_of(parameters: Mapping[str, Any], where: str) -> PlacesConfig:
     Raises:
         ParameterError: naming the parameter that cannot be used.
     """
-    config = section(PlacesConfig, parameters, "places", where)
+    return in_force(section(PlacesConfig, parameters, "places", where), parameters)
+
+
+def in_force(config: PlacesConfig, parameters: Mapping[str, Any]) -> PlacesConfig:
+    """The section with `correct` as it is in force where `parameters` name the method."""
     return dataclasses.replace(config, correct=unless_papers(config.correct, parameters))

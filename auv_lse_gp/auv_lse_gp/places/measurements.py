@@ -56,7 +56,7 @@ class RangeRow:
         arrived_s: Start of the reception.
         range_m: Travel time by the two clocks, times the speed of sound.
         deeper_m: How much deeper one of the two is than the other; 0 if not known.
-        by_ping: Measured there and back by the receiver's clock alone; both times are then the same.
+        by_ping: Measured there and back by the receiver's clock alone.
     """
 
     sender: int

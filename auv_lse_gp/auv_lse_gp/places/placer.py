@@ -68,6 +68,7 @@ class Placer:
 
     def add_soundings(self, rows: Array) -> None:
         """Takes own soundings: stamp (s), north, east, depth, raw north, raw east (m) of each, (n, 6)."""
+        rows = np.column_stack([rows[:, 0] + self.smoother.clock.set_back_s, rows[:, 1:]])
         self.placed.add_soundings(self.vehicle, rows, self.correction)
 
     def add_samples(self, samples: Array, source: int) -> None:

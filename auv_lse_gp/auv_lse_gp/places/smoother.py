@@ -7,6 +7,7 @@ count the same fix again and again.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -18,6 +19,7 @@ from auv_lse_gp.places.config import PlacesConfig
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.measurements import Fixes, FixRow, RangeRow, Ranges, usable
 from auv_lse_gp.places.model import TeamModel
+from auv_lse_gp.places.own_clock import OwnClock
 from auv_lse_gp.places.solution import TERRAIN_STEPS, solve
 from auv_lse_gp.places.terrain import Terrain, TerrainTerm
 from auv_lse_gp.places.track import HeardTrack, OwnTrack, Track
@@ -76,6 +78,7 @@ class PlaceSmoother:
     Attributes:
         vehicle: Number of the vehicle.
         config: The configuration.
+        clock: The vehicle's own clock.
         refused: Messages that cannot be right, and were not taken.
     """
 
@@ -84,6 +87,7 @@ class PlaceSmoother:
         self.vehicle = vehicle
         self.config = config
         self.refused = 0
+        self.clock = OwnClock()
         self._own = OwnTrack()
         self._mates: dict[int, HeardTrack] = {}
         self._surfacings = {vehicle: Surfacings(vehicle)}
@@ -113,15 +117,20 @@ class PlaceSmoother:
         return dict(self._before_m)
 
     def moved(self, place: DeadReckoning) -> None:
-        """Takes the vehicle's own raw place."""
-        if self._own.add(place.stamp_s, place.north_m, place.east_m, place.heading_rad):
-            self._now_s = max(self._now_s, place.stamp_s)
+        """Takes the vehicle's own raw place; when its clock was set back, the track goes on where it was."""
+        if not math.isfinite(place.stamp_s):
+            self.refused += 1
+            return
+        time_s = self.clock.runs_to(place.stamp_s)
+        if self._own.add(time_s, place.north_m, place.east_m, place.heading_rad):
+            self._now_s = max(self._now_s, time_s)
         else:
             self.refused += 1
 
     def fixed(self, fix: Fix) -> None:
         """Takes one of the vehicle's own fixes."""
-        self.refused += not self._surfacings[self.vehicle].add(fix)
+        timed = dataclasses.replace(fix, stamp_s=self.clock.time_s(fix.stamp_s))
+        self.refused += not self._surfacings[self.vehicle].add(timed)
 
     def heard(self, mate: MateNavigation) -> None:
         """Takes what a mate's packet told, and when it came; or a range by a ping."""
@@ -144,7 +153,7 @@ class PlaceSmoother:
             sender=mate.source,
             receiver=self.vehicle,
             sent_s=sent_s,
-            arrived_s=mate.stamp_s,
+            arrived_s=self.clock.time_s(mate.stamp_s),
             range_m=mate.travel_s * self.config.sound_speed_mps,
         )
         if usable(row) and len(self._own):
@@ -156,7 +165,7 @@ class PlaceSmoother:
             sender=mate.source,
             receiver=self.vehicle,
             sent_s=mate.stamp_s,
-            arrived_s=mate.stamp_s,
+            arrived_s=self.clock.time_s(mate.stamp_s),
             range_m=mate.travel_s * self.config.sound_speed_mps,
             by_ping=True,
         )

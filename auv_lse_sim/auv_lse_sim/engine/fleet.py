@@ -212,7 +212,7 @@ class Fleet:
         return Crew(
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
-            to_map=MapIntake(depth_map, placer_of(number, self.settings.places, depth_map)),
+            to_map=MapIntake(depth_map, placer_of(number, self.settings.places_in_force(number), depth_map)),
             safety=Safety.of(parameters, f"{self.settings.where} (auv{number})", number),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
         )

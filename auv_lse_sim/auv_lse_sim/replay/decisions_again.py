@@ -6,6 +6,7 @@ flown, so that a difference does not lead to others for no reason but that the v
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from auv_lse_common.leg import Leg
 from auv_lse_common.params import ParameterError, nest, parameters_for, section
 from auv_lse_common.plan import NONE, Plan
 from auv_lse_common.seeds import stream
@@ -93,7 +95,7 @@ class _Again:
         self._parameters = parameters_for(settings.to_patterns(), f"/auv{number}/planner_node")
         self._inputs, self._lockstep, self._tolerance = inputs, lockstep, tolerance
         # A recording of the fleet engine has neither the map's centers nor the plans as the modem node passed them on.
-        self._map = None if inputs.centers else MapAgain(inputs, own, settings.places, lockstep)
+        self._map = None if inputs.centers else MapAgain(inputs, own, settings.places_in_force(number), lockstep)
         self._plans = inputs.plans or _plans_heard(inputs, settings)
         self._revision = -1
         self._taken = {"odometry": 0, "plans": 0, "centers": 0, "tuned": 0}
@@ -162,35 +164,40 @@ class _Again:
         self._intake.set_odometry(*entry)
 
     def _decide(self, recorded: RecordedDecision, note: str) -> DecisionStep:
-        planner = self._planner
+        planner, turns = self._planner, np.deg2rad(self._planner.settings.motion.actions_deg)
         if not planner.rollout.can_follow(recorded.plan):
             raise ParameterError(
                 f"auv{self._inputs.vehicle}, step {recorded.step}: the recorded plan cannot be followed with these "
                 f"parameters (actions, steps, naive paths); expected those flown"
             )
         decision = planner.decide(recorded.now_s)
-        path = planner.rollout.follow(recorded.plan).from_step(recorded.step)
-        turns = np.deg2rad(planner.settings.motion.actions_deg)
-        action = int(path.actions[0]) if recorded.turn_rad is None else int(np.abs(turns - recorded.turn_rad).argmin())
-        same_plan = decision.plan == recorded.plan and math.isclose(decision.leg.action_rad, float(turns[action]))
+        leg = recorded.leg or self._leg(recorded, decision.leg.surface)
+        same_leg = math.isclose(decision.leg.action_rad, leg.action_rad) and decision.leg.surface == leg.surface
+        same_plan = decision.plan == recorded.plan and same_leg
         if decision.leg.step != recorded.step:
             note = f"step {decision.leg.step} now"
         if recorded.deadline_hit:
             note = "the deadline ended the recorded search"
         if not same_plan:
-            planner.adopt(recorded.plan, planner.motion.leg(recorded.step, path.states[0], action))
+            planner.adopt(recorded.plan, leg)
         values = (recorded.jbar, decision.bound.jbar)
         close = math.isnan(values[0]) or math.isclose(*values, rel_tol=self._tolerance, abs_tol=self._tolerance)
         return DecisionStep(
             vehicle=self._inputs.vehicle,
             step=recorded.step,
             now_s=recorded.now_s,
-            turns_deg=(math.degrees(turns[action]), math.degrees(decision.leg.action_rad)),
+            turns_deg=(math.degrees(leg.action_rad), math.degrees(decision.leg.action_rad)),
             plans=(in_words(recorded.plan, turns), in_words(decision.plan, turns)),
             values=values,
             note=note,
             differs=not (same_plan and close and not note),
         )
+
+    def _leg(self, recorded: RecordedDecision, surface: bool) -> Leg:
+        """The leg of a decision of which only the plan was recorded; it surfaces as the one decided now."""
+        path = self._planner.rollout.follow(recorded.plan).from_step(recorded.step)
+        leg = self._planner.motion.leg(recorded.step, path.states[0], int(path.actions[0]))
+        return dataclasses.replace(leg, surface=surface)
 
 
 def in_words(plan: Plan, turns_rad: Any) -> str:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation, raw_place
 from auv_lse_common.frames import heading_from_quaternion
+from auv_lse_common.leg import Leg
 from auv_lse_common.params import parameters_for
 from auv_lse_common.plan import Plan
 from auv_lse_common.recording import SOFTWARE, Recording, RecordingError, recording_in
@@ -44,7 +45,7 @@ class RecordedDecision:
         now_s: Mission time of the decision.
         step: Step that the decided leg leads from.
         plan: The plan.
-        turn_rad: Heading change of the leg decided; None if no waypoint was recorded.
+        leg: The leg decided; None if no waypoint was recorded.
         jbar: Value of the plan; NaN if it was not recorded.
         deadline_hit: Whether the deadline ended the search, so that it cannot be repeated.
         taken: What the planner had been given until then; None if it was not recorded.
@@ -53,7 +54,7 @@ class RecordedDecision:
     now_s: float
     step: int
     plan: Plan
-    turn_rad: float | None
+    leg: Leg | None
     jbar: float
     deadline_hit: bool
     taken: Taken | None = None
@@ -158,7 +159,7 @@ class _Gathered:
     def __init__(self, number: int) -> None:
         self._found = VehicleInputs(number)
         self._plans: dict[float, Plan] = {}
-        self._turns: dict[float, float] = {}
+        self._legs: dict[float, Leg] = {}
         self._bounds: dict[float, Any] = {}
 
     def tuned(self, there_s: float, changed: dict[str, Any]) -> None:
@@ -210,7 +211,7 @@ class _Gathered:
             case "plan":
                 self._plans[stamp_s] = plan_of(m)
             case "waypoint":
-                self._turns[stamp_s] = float(m.turn_rad)
+                self._legs[stamp_s] = _leg_of(m)
             case "planner/bound":
                 self._bounds[stamp_s] = m
 
@@ -236,13 +237,27 @@ class _Gathered:
                     now_s=now_s,
                     step=plan.step if bound is None else int(bound.step),
                     plan=plan,
-                    turn_rad=self._turns.get(now_s),
+                    leg=self._legs.get(now_s),
                     jbar=float("nan") if bound is None else float(bound.jbar),
                     deadline_hit=bound is not None and bool(bound.deadline_hit),
                     taken=_taken(bound),
                 )
             )
         return found
+
+
+def _leg_of(message: Any) -> Leg:
+    """The leg of a recorded Waypoint message; older ones know of no surfacing."""
+    return Leg(
+        step=int(message.step),
+        heading_rad=float(message.start_heading_rad),
+        north_m=float(message.start_north_m),
+        east_m=float(message.start_east_m),
+        action_rad=float(message.turn_rad),
+        radius_m=float(message.turn_radius_m),
+        straight_m=float(message.straight_m),
+        surface=bool(getattr(message, "surface", False)),
+    )
 
 
 def _taken(bound: Any) -> Taken | None:
