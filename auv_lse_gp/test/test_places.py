@@ -308,6 +308,31 @@ def test_a_fix_of_a_broken_receiver_moves_nothing():
     assert believed.smooth().refused == 0
 
 
+@pytest.mark.parametrize("surfaced", [1, 3])
+def test_a_fix_that_all_else_contradicts_is_refused(surfaced: int):
+    """30 m off: dead reckoning alone could be wrong by as much, but not with the ranges to two mates."""
+    rng = np.random.default_rng(100)
+    team = [sail(rng, CONFIG, 60) for _ in range(3)]
+    for number in range(surfaced):
+        surface(rng, team[number], 600 + 60 * number)
+    right = team[0].fixes.pop()
+    without = smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0))
+    team[0].fixes.append(dataclasses.replace(right, north_m=right.north_m + 30.0))
+    wrong = smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0))
+    assert wrong.smooth().refused == without.smooth().refused + 1
+    assert place_error_m(wrong, team, 0) == pytest.approx(place_error_m(without, team, 0), abs=0.1)
+
+
+def test_the_fixes_of_instruments_that_are_worse_than_supposed_are_believed():
+    """Ten times worse: a gate that took the section for granted would refuse right fixes."""
+    worse = dataclasses.replace(CONFIG, heading_std_deg=7.1, harmonic_std_deg=10.0, scale_std=0.03)
+    rng = np.random.default_rng(103)
+    team = [sail(rng, worse, 60)]
+    surface(rng, team[0], 600)
+    surface(rng, team[0], 1100)
+    assert smoother_of(CONFIG, team, 0, []).smooth().refused == 0
+
+
 def test_places_do_not_depend_on_when_time_began():
     """A vehicle's stamps are UTC, those of a simulation begin at 0: clocks part at the start, not in 1970."""
     team = team_of(3, vehicles=2)
@@ -480,6 +505,39 @@ def test_hostile_numbers_are_refused_and_counted():
     assert np.isnan(smoother.sampled(2, np.full((2, 2), nan))).all()
     assert smoother.refused == taken + 4 + 2 + 5
     assert smoother.smooth().theta == pytest.approx(before, abs=1e-3)
+
+
+def test_a_mates_first_packet_cannot_come_from_where_no_vehicle_can_be():
+    smoother = PlaceSmoother(1, CONFIG)
+    for t in range(60):
+        smoother.moved(DeadReckoning(stamp_s=float(t), heading_rad=0.0, north_m=float(t), east_m=0.0, depth_m=3.0))
+    far = MateNavigation(stamp_s=60.0, source=2, sent_s=59.0, raw_north_m=1400.0, raw_east_m=0.0)
+    smoother.heard(far)
+    assert (smoother.refused, list(smoother.tracks)) == (1, [1])
+    smoother.heard(dataclasses.replace(far, raw_north_m=1200.0))
+    assert list(smoother.tracks) == [1, 2]
+
+
+def test_a_wrong_first_packet_of_a_mate_does_not_lock_it_out():
+    """700 m off: the packets after it were refused until the mate could have gone there, two minutes later."""
+    team = team_of(3, vehicles=2)
+    heard = messages(np.random.default_rng(1), team, 0)[:8]
+    first, samples = heard[0]
+    wrong = dataclasses.replace(
+        first, raw_north_m=first.raw_north_m + 700.0, fix_north_m=0.0, fix_east_m=0.0, fix_raw_north_m=700.0,
+        fix_raw_east_m=0.0,
+    )  # fmt: skip
+    smoother = smoother_of(CONFIG, team, 0, [(wrong, samples + [700.0, 0.0]), *heard[1:]])
+    without = smoother_of(CONFIG, team, 0, heard[1:])
+    assert smoother.refused == 1, "one of the first two was wrong"
+    assert smoother.fixes(2) == []
+    assert len(smoother.ranges) == len(without.ranges)
+    assert smoother.tracks[2].nodes[-1, 1:3] == pytest.approx(without.tracks[2].nodes[-1, 1:3])
+    # once confirmed, one wrong packet changes nothing
+    last = heard[-1][0]
+    smoother.heard(dataclasses.replace(last, sent_s=last.sent_s + 1.0, raw_north_m=last.raw_north_m + 700.0))
+    assert smoother.refused == 2
+    assert smoother.tracks[2].nodes[-1, 1:3] == pytest.approx(without.tracks[2].nodes[-1, 1:3])
 
 
 def test_absurd_ranges_and_fixes_leave_finite_places():

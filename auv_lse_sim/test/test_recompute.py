@@ -88,7 +88,10 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
     inputs = read_inputs(flown)
     settings = Settings.from_patterns(inputs.parameters, "flown")
     vehicle = inputs.vehicles[2]
-    ours, ticks = MapAgain(vehicle, settings.planner_settings(2), settings.places_in_force(2), True), list(ticks_of(vehicle))
+    ours, ticks = (
+        MapAgain(vehicle, settings.planner_settings(2), settings.places_in_force(2), True),
+        list(ticks_of(vehicle)),
+    )
     for tick in ticks:  # the node publishes the map's centers and the plans that came in; the fleet engine does not
         ours.advance(tick)
         vehicle.centers.append((tick, (ours.map.revision, ours.map.centers)))

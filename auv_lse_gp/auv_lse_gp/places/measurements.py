@@ -88,6 +88,14 @@ class Fixes:
         """Number of fixes."""
         return len(self._rows)
 
+    def std_m(self, number: int) -> float:
+        """Standard deviation of fix `number`, in the order of the residuals (m)."""
+        return self._rows[number].std_m
+
+    def without(self, number: int) -> Fixes:
+        """All but fix `number`, in the order of the residuals."""
+        return Fixes(self._model, self._rows[:number] + self._rows[number + 1 :])
+
     def believable(self) -> Fixes:
         """Those that the errors that are known before can explain."""
         zero = np.zeros(self._model.size)

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 SURFACING_S = 120.0
 #: A mate that seems to move faster than this (m/s) has not: its packet is wrong, or it started anew.
 FASTEST_MPS = 6.0
+#: A team starts within so far (m): a mate is not farther from the own start than this and what it can have gone since.
+STARTS_APART_M = 1000.0
 #: Ranges that are used at most; of more, an even choice.
 MOST_RANGES = 300
 
@@ -93,6 +95,7 @@ class PlaceSmoother:
         self._surfacings = {vehicle: Surfacings(vehicle)}
         self._ranges: list[RangeRow] = []
         self._before_m: dict[int, float] = {}
+        self._doubtful: set[int] = set()  # mates heard once: nothing has confirmed where they are
         self._last: tuple[TeamModel, Array] | None = None
         self._now_s = 0.0
 
@@ -138,11 +141,18 @@ class PlaceSmoother:
             self._pinged(mate)
             return
         sent_s = mate.sent_s if math.isfinite(mate.sent_s) else mate.stamp_s
-        track = self._mates.get(mate.source, HeardTrack())
-        before = track.last
-        if mate.source == self.vehicle or not _plausible(mate, sent_s, before):
+        if mate.source == self.vehicle or not self._possible(mate, sent_s):
             self.refused += 1
             return
+        track = self._mates.get(mate.source, HeardTrack())
+        before = track.last
+        if before is not None and not _reachable(mate, sent_s, before):
+            self.refused += 1
+            if mate.source not in self._doubtful:
+                return
+            self._forget(mate.source)  # one of the two is wrong; the next packet tells
+            track, before = HeardTrack(), None
+        self._doubtful = (self._doubtful | {mate.source}) if before is None else (self._doubtful - {mate.source})
         track.add(sent_s, mate.raw_north_m, mate.raw_east_m)
         self._mates[mate.source] = track
         if before is None:
@@ -158,6 +168,23 @@ class PlaceSmoother:
         )
         if usable(row) and len(self._own):
             self._ranges.append(row)
+
+    def _possible(self, mate: MateNavigation, sent_s: float) -> bool:
+        """Whether a mate can be where it says that it is, whatever it said before."""
+        if not (math.isfinite(sent_s) and math.isfinite(mate.raw_north_m) and math.isfinite(mate.raw_east_m)):
+            return False
+        if not len(self._own):
+            return True
+        north_m, east_m = self._own.start_m
+        off_m = math.hypot(mate.raw_north_m - north_m, mate.raw_east_m - east_m)
+        return bool(off_m <= STARTS_APART_M + FASTEST_MPS * (self._own.end_s - self._own.start_s))
+
+    def _forget(self, source: int) -> None:
+        """Drops what a mate's first packet told: the place, its fix and its range."""
+        del self._mates[source]
+        self._surfacings.pop(source, None)
+        self._before_m.pop(source, None)
+        self._ranges = [row for row in self._ranges if row.sender != source]
 
     def _pinged(self, mate: MateNavigation) -> None:
         """Takes a range by a ping, which says nothing of where the mate says that it is."""
@@ -259,12 +286,8 @@ def smooth_team(
     return Correction(model, solution.theta, solution.covariance, stamp_s, refused)
 
 
-def _plausible(mate: MateNavigation, sent_s: float, before: Array | None) -> bool:
-    """Whether a mate can be where it says that it is, after where it was: time, raw north and east (3,)."""
-    if not (math.isfinite(sent_s) and math.isfinite(mate.raw_north_m) and math.isfinite(mate.raw_east_m)):
-        return False
-    if before is None:
-        return True
+def _reachable(mate: MateNavigation, sent_s: float, before: Array) -> bool:
+    """Whether a mate can have come where it says that it is from where it was: time, raw north and east (3,)."""
     gone = math.hypot(mate.raw_north_m - before[1], mate.raw_east_m - before[2])
     return bool(sent_s > before[0] and gone <= FASTEST_MPS * (sent_s - before[0]))
 

@@ -25,6 +25,9 @@ _SETTLED, _TERRAIN_SETTLED = 1e-3, 1e-2
 _HALVINGS = 4
 #: Whitened residuals up to which the robust pass takes squares; beyond, it takes their size (Huber 1964).
 _BEND = 1.5
+#: A fix is refused that is farther than so many standard deviations, and metres, from where all else says that the
+#: vehicle was, if all else knows that place at least so much better (variance) than dead reckoning alone.
+FIX_GATE, LEAST_FIX_GATE_M, CROSS_CHECKED = 6.0, 10.0, 0.3
 
 
 class Loss(Protocol):
@@ -73,7 +76,7 @@ class Solution:
     Attributes:
         theta: The unknowns (u,).
         covariance: Their covariance (u, u).
-        refused: How many ranges the gate refused.
+        refused: How many ranges and fixes the gates refused.
     """
 
     theta: Array
@@ -102,6 +105,15 @@ def solve(
     precision = model.prior_std() ** -2.0
     search = _Search(precision, fixes, ranges)
     theta = search.run(start, Huber(), STEPS)
+    given = len(fixes)
+    while (
+        wrong := contradicted(
+            model, fixes, search.normal(theta, Huber())[1], theta, search.cost(theta, Huber()), len(ranges)
+        )
+    ) is not None:
+        fixes = fixes.without(wrong)
+        search = _Search(precision, fixes, ranges)
+        theta = search.run(np.zeros_like(theta), Huber(), STEPS)
     kept = within_gate(ranges.residuals(theta))
     loss = Gated(kept)
     theta = search.run(theta, loss, STEPS)
@@ -109,7 +121,40 @@ def solve(
     if terrain is not None and len(terrain) > 1:
         theta, information = _with_terrain(search, terrain, theta, loss, information, terrain_steps)
     covariance = cho_solve(cho_factor(information, lower=True), np.eye(model.size))
-    return Solution(theta, 0.5 * (covariance + covariance.T), int((~kept).sum()))
+    return Solution(theta, 0.5 * (covariance + covariance.T), int((~kept).sum()) + given - len(fixes))
+
+
+def contradicted(
+    model: TeamModel, fixes: Fixes, information: Array, theta: Array, cost: float, ranges: int
+) -> int | None:
+    """The fix that is farthest from where all other measurements place its vehicle; None if none is too far.
+
+    With P the covariance of what a fix should have measured, given all measurements, in variances of the fix, and e what
+    it is off, the others alone expect it (I - P)^-1 e away, with the covariance P (I - P)^-1. Where these others, too, cost more than they
+    should, the instruments are worse than supposed, and it may be farther away by as much.
+
+    Args:
+        model: The unknowns.
+        fixes: The fixes.
+        information: Information about the unknowns with all measurements (u, u).
+        theta: The unknowns given all of them.
+        cost: What they cost.
+        ranges: Number of ranges.
+    """
+    rows, off = fixes.derivatives(theta).reshape(-1, 2, model.size), fixes.residuals(theta).reshape(-1, 2)
+    factor, before = cho_factor(information, lower=True), model.prior_std() ** 2
+    worst, found = 1.0, None
+    for i, (row, e) in enumerate(zip(rows, off, strict=True)):
+        p = row @ cho_solve(factor, row.T)
+        others = np.linalg.inv(np.eye(2) - p)
+        known = float(np.trace(p @ others)) / max(float(np.einsum("du,u,du->", row, before, row)), 1e-12)
+        away_m = float(np.linalg.norm(others @ e)) * fixes.std_m(i)
+        distance2 = float(e @ others @ e)
+        usual = max(1.0, (2.0 * cost - distance2) / max(2 * len(fixes) + ranges - 2, 1))
+        excess = distance2 / (FIX_GATE**2 * usual)
+        if known <= CROSS_CHECKED and away_m > LEAST_FIX_GATE_M and excess > worst:
+            worst, found = excess, i
+    return found
 
 
 class _Search:
