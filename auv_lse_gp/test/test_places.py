@@ -527,7 +527,7 @@ def test_a_wrong_first_packet_of_a_mate_does_not_lock_it_out():
         first, raw_north_m=first.raw_north_m + 700.0, fix_north_m=0.0, fix_east_m=0.0, fix_raw_north_m=700.0,
         fix_raw_east_m=0.0,
     )  # fmt: skip
-    smoother = smoother_of(CONFIG, team, 0, [(wrong, samples + [700.0, 0.0]), *heard[1:]])
+    smoother = smoother_of(CONFIG, team, 0, [(wrong, samples + np.array([700.0, 0.0])), *heard[1:]])
     without = smoother_of(CONFIG, team, 0, heard[1:])
     assert smoother.refused == 1, "one of the first two was wrong"
     assert smoother.fixes(2) == []

@@ -124,11 +124,8 @@ class VehiclePlanner:
         self._map_s: float | None = None
         self._map_refused = ""
         self._held = ""
-<<<<<<< HEAD
         self._recent = Recent()
-=======
         self._surfaced = False  # where the leg decided last ends
->>>>>>> 227ca95 (A surfacing is told to the team and kept by a replay; clocks set back stop no track; parameters left out follow the method flown)
 
     @property
     def planner(self) -> PlannerConfig:

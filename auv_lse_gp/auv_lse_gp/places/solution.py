@@ -129,9 +129,9 @@ def contradicted(
 ) -> int | None:
     """The fix that is farthest from where all other measurements place its vehicle; None if none is too far.
 
-    With P the covariance of what a fix should have measured, given all measurements, in variances of the fix, and e what
-    it is off, the others alone expect it (I - P)^-1 e away, with the covariance P (I - P)^-1. Where these others, too, cost more than they
-    should, the instruments are worse than supposed, and it may be farther away by as much.
+    With P the covariance of what a fix should have measured, given all measurements, in variances of the fix, and e
+    what it is off, the others alone expect it (I - P)^-1 e away, with the covariance P (I - P)^-1. Where these others,
+    too, cost more than they should, the instruments are worse than supposed, and it may be farther away by as much.
 
     Args:
         model: The unknowns.
@@ -146,10 +146,10 @@ def contradicted(
     worst, found = 1.0, None
     for i, (row, e) in enumerate(zip(rows, off, strict=True)):
         p = row @ cho_solve(factor, row.T)
-        others = np.linalg.inv(np.eye(2) - p)
-        known = float(np.trace(p @ others)) / max(float(np.einsum("du,u,du->", row, before, row)), 1e-12)
-        away_m = float(np.linalg.norm(others @ e)) * fixes.std_m(i)
-        distance2 = float(e @ others @ e)
+        rest = np.linalg.solve(np.eye(2) - p, np.column_stack([p, e]))  # (I - P)^-1 P, and (I - P)^-1 e
+        known = float(np.trace(rest[:, :2])) / max(float(np.einsum("du,u,du->", row, before, row)), 1e-12)
+        away_m = float(np.linalg.norm(rest[:, 2])) * fixes.std_m(i)
+        distance2 = float(e @ rest[:, 2])
         usual = max(1.0, (2.0 * cost - distance2) / max(2 * len(fixes) + ranges - 2, 1))
         excess = distance2 / (FIX_GATE**2 * usual)
         if known <= CROSS_CHECKED and away_m > LEAST_FIX_GATE_M and excess > worst:
