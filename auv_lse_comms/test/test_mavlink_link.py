@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
+from auv_lse_common.dead_reckoning import Fix
 from auv_lse_common.mission_run import Action, Stop
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_comms.mavlink import events
@@ -729,6 +730,33 @@ def test_after_the_last_target_the_vehicle_does_what_it_says(then, place):
     pilot.at(19.0, 0.0)
     pilot.wait(0.5)
     assert targets_of(pilot.heard("SET_POSITION_TARGET_LOCAL_NED"))[-1] == place
+
+
+@pytest.mark.parametrize("mode", ["position_target", "mission"])
+@pytest.mark.parametrize("gps", [True, False])
+def test_a_leg_that_ends_with_a_surfacing_waits_for_the_fix_and_for_the_depth(mode, gps):
+    pilot = Autopilot(mode=mode, target_period_s=1.0).up()
+    end = Target(north_m=100.0, east_m=0.0, depth_m=4.0, heading_rad=0.0, step=1, surface=True)
+    pilot.link.command(pilot.now_s, end)
+    pilot.link.command(pilot.now_s, dataclasses.replace(end, north_m=120.0, step=2, surface=False))
+    depth, depths = 4.0, []
+    for second in range(200):
+        pilot.at(*((50.0, 0.0) if second < 5 else (99.0, 0.0)), depth=depth, speed=0.0)
+        kind = mavlink.GPS_FIX_TYPE_3D_FIX if gps and depth < 0.3 else mavlink.GPS_FIX_TYPE_NO_FIX
+        pilot.say(mavlink.MAVLink_gps_raw_int_message(0, kind, 0, 0, 0, 0, 0, 0, 0, 9, h_acc=800))
+        pilot.wait(1.0)
+        surfacing = pilot.link._targets._surfacing
+        wanted = pilot.link.targets[0].depth_m if surfacing is None else surfacing.target.depth_m
+        depth += max(-0.5, min(0.5, wanted - depth))
+        depths.append(depth)
+    up = [second for second, depth in enumerate(depths) if depth < 0.3]
+    assert up[0] in range(11, 16), "7 or 8 s after the end of the leg"
+    assert len(up) == pytest.approx(21 if gps else 113, abs=4), "20 s of fixes, or two minutes in all"
+    assert pilot.link.counts["surfacings_without_fix"] == (not gps)
+    assert depths[-1] == 4.0
+    assert [t.step for t in pilot.link.targets] == [2], "it goes on"
+    assert len([e for e in pilot.of(events.Problem) if "without a fix" in e.text]) == (not gps)
+    assert len(pilot.of(Fix)) == gps
 
 
 def test_a_speed_is_sent_when_it_changes():

@@ -92,8 +92,8 @@ class VehicleConfig:
         high=10,
         help="fixes for which it surfaces in a mission, far from its start; 0 for a vehicle that must not; left out: "
         "1, but 0 with the paper's methods (planner.method augmented, exponential_quadratic, plain), with an "
-        "autopilot (link.kind mavlink), whose link does not surface, and with ideal simulated navigation; none where a "
-        "mission is too short",
+        "autopilot (link.kind mavlink), of which its owner must say that it has GPS and may come up, and with ideal "
+        "simulated navigation; none where a mission is too short",
     )
     surfacing_s: float = parameter(
         60.0,

@@ -48,6 +48,7 @@ class Target:
         step: Mission step of the leg's start, for messages.
         speed_mps: Speed on the way there; NaN: as the autopilot is set.
         then: What follows the mission's last target; None: it is not the last.
+        surface: Whether the vehicle surfaces there for a fix before it goes on.
     """
 
     north_m: float
@@ -57,6 +58,7 @@ class Target:
     step: int = 0
     speed_mps: float = math.nan
     then: Stop | None = None
+    surface: bool = False
 
 
 def position_target(target: Target, datum: Datum, boot_ms: int, system: int, component: int) -> Message:

@@ -281,7 +281,7 @@ class VehicleLink:
         self._events.append(event)
 
     def _advance(self) -> None:
-        self._targets.pass_reached(self._place)
+        self._targets.pass_reached(self._now_s, self._place)
         if self.state is LinkState.UP and self.placed:
             ardupilot = self._kind[0] == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
             self._targets.send(self._now_s, self._clock.boot_ms_at(self._now_s), self.datum, ardupilot)
@@ -351,7 +351,9 @@ class VehicleLink:
         self._events.append(self._place)
 
     def _on_gps(self, message: Message) -> None:
-        if message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX:
+        fixed = message.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
+        self._targets.gps(self._now_s, fixed)
+        if fixed:
             self._raw.gps(message.h_acc / 1000.0)
 
     def _on_global_position(self, message: Message) -> None:

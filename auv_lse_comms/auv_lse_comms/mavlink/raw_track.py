@@ -12,8 +12,9 @@ import math
 
 from auv_lse_common.dead_reckoning import Fix
 
-#: What a step may be off from velocity times time (m), and as a share of it.
-JUMP_M = 1.0
+#: What a step may be off from velocity times time (m), and as a share of it. An estimator that learns of its heading
+#: far from its start moves by a metre or two, which is its dead reckoning and no jump.
+JUMP_M = 3.0
 JUMP_SHARE = 0.2
 #: Shallower than this (m) GPS may be heard.
 SURFACE_M = 0.5

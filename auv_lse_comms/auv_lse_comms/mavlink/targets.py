@@ -7,6 +7,9 @@ all after it. The first is the current one; the next replaces it when the vehicl
 passed it. In mode "position_target" the current one is sent at once and every `target_period_s`. In mode "mission" all
 are uploaded whenever one is added, and the first becomes the current item, for autopilots keep their index.
 
+Where a target asks for it, the vehicle surfaces there for a fix before it goes on (`surfacing.py`): the same place at
+the surface is sent, then at its depth, and what follows waits.
+
 A stop takes the place of them all until it is lifted: a target where the vehicle was when it was told to hold, the same
 at the surface, or the place to go to. Then the current target, or the mission, is sent again.
 
@@ -29,6 +32,7 @@ from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.mavlink.conversion import Target, mission_item, position_target, speed_command
 from auv_lse_comms.mavlink.datum import Datum
 from auv_lse_comms.mavlink.events import AutopilotEstimate, Event, Problem, TargetSent
+from auv_lse_comms.mavlink.surfacing import LONGEST_S, Stage, Surfacing
 from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
 from auv_lse_comms.mavlink.wire import Message
 
@@ -121,6 +125,8 @@ class TargetSender:
         self._send, self._report, self._counts = send, report, counts
         self._upload = MissionUpload(send, *autopilot, timeout_s=config.upload_timeout_s, retries=config.upload_retries)
         self._targets: deque[Target] = deque(maxlen=MAX_TARGETS)
+        self._surfacing: Surfacing | None = None
+        self._surfaced_at = -1  # step of the target at which it surfaced last
         self._stop: Stop | None = None
         self._stopped_at: Target | None = None
         self._unsent = False  # the first target, or the mission, has not been sent as it is now
@@ -152,6 +158,8 @@ class TargetSender:
             self._counts["targets_refused"] += 1
             raise
         while self._targets and self._targets[-1].step >= target.step:
+            if len(self._targets) == 1:
+                self._surfacing = None
             self._targets.pop()
             self._counts["targets_replaced"] += 1
         if len(self._targets) == MAX_TARGETS:
@@ -181,6 +189,8 @@ class TargetSender:
     def host_stepped(self, now_s: float) -> None:
         """The host's clock was set back to `now_s`."""
         self._target_s = min(self._target_s, now_s)
+        if self._surfacing is not None:
+            self._surfacing.host_stepped(now_s)
 
     def poll(self, now_s: float) -> None:
         """Lets time pass: repeats what an upload lacks an answer to."""
@@ -203,18 +213,44 @@ class TargetSender:
         self._upload.current(number)
         self._watch_upload()
 
-    def pass_reached(self, place: AutopilotEstimate | None) -> None:
-        """Drops targets that are reached, and finds the place of a stop."""
+    def gps(self, now_s: float, has_fix: bool) -> None:
+        """What GPS says at `now_s` (s): whether it has a fix."""
+        if self._surfacing is not None:
+            self._surfacing.gps(now_s, has_fix)
+
+    def pass_reached(self, now_s: float, place: AutopilotEstimate | None) -> None:
+        """Drops targets that are reached, surfaces where one asks for it, and finds the place of a stop."""
         if self._stop is not None:
             if self._stopped_at is None and place is not None:
                 self._stopped_at = self._place_of(self._stop, place)
                 self._unsent = True
             return
-        while len(self._targets) > 1 and place is not None and self._reached(self._targets[0], place):
+        if place is None or (self._surfacing is not None and not self._surfaced(now_s, self._surfacing, place)):
+            return
+        while self._targets and self._reached(self._targets[0], place):
+            if self._targets[0].surface:
+                self._targets[0] = dataclasses.replace(self._targets[0], surface=False)
+                self._surfacing, self._unsent = Surfacing(self._targets[0], now_s), True
+                self._counts["surfacings"] += 1
+                return
+            if len(self._targets) == 1:
+                return
             self._targets.popleft()
             self._counts["reached"] += 1
             if self._config.mode == "position_target":
                 self._unsent = True
+
+    def _surfaced(self, now_s: float, surfacing: Surfacing, place: AutopilotEstimate) -> bool:
+        """Goes on with a surfacing; returns whether it is over."""
+        if not surfacing.proceed(now_s, place.depth_m):
+            return False
+        if surfacing.stage is Stage.DOWN and not surfacing.fixed:
+            self._counts["surfacings_without_fix"] += 1
+            self._report(Problem(text=f"surfaced for {LONGEST_S:.0f} s without a fix of GPS: diving again"))
+        if surfacing.stage is Stage.OVER:
+            self._surfacing, self._surfaced_at = None, self._targets[0].step
+        self._unsent = True
+        return surfacing.stage is Stage.OVER
 
     def send(self, now_s: float, boot_ms: int, datum: Datum, ardupilot: bool) -> None:
         """Sends what is due now; the autopilot is there, and its frame is known.
@@ -226,6 +262,8 @@ class TargetSender:
             ardupilot: Whether missions begin with a home item.
         """
         wanted = tuple(self._targets)
+        if self._surfacing is not None:
+            wanted = (self._surfacing.target,)
         if self._stop is not None:
             wanted = () if self._stopped_at is None else (self._stopped_at,)
         if not wanted:
@@ -288,6 +326,8 @@ class TargetSender:
         return _follows(here, stop)
 
     def _reached(self, target: Target, place: AutopilotEstimate) -> bool:
+        if target.step == self._surfaced_at:  # wherever it has drifted at the surface: it goes on from there
+            return True
         north, east = target.north_m - place.north_m, target.east_m - place.east_m
         ahead_m = north * math.cos(target.heading_rad) + east * math.sin(target.heading_rad)
         aside_m = abs(east * math.cos(target.heading_rad) - north * math.sin(target.heading_rad))

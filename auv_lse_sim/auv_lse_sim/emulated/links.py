@@ -128,20 +128,7 @@ class EmulatedLinks:
     def report(self, k: int, now_s: float, output: VehicleOutput) -> None:
         """A vehicle's autopilot sends its telemetry."""
         assert self.dock is not None
-        estimate = output.odometry
-        self.dock.report(
-            k,
-            now_s,
-            Report(
-                heading_rad=estimate.heading_rad,
-                north_m=estimate.north_m,
-                east_m=estimate.east_m,
-                depth_m=output.pressure_depth_m,
-                speed_mps=estimate.speed_mps,
-                altitude_m=output.altitude_m,
-                pressure_pa=AIR_PA + WATER_PA_PER_M * output.pressure_depth_m,
-            ),
-        )
+        self.dock.report(k, now_s, report_of(output, self._settings.sim.gps.noise_m))
 
     def delivered(self, k: int) -> int:
         """Packets that a vehicle's modem has handed to its driver so far."""
@@ -160,6 +147,22 @@ class EmulatedLinks:
             self.rack.close()
         if self.dock is not None:
             self.dock.close()
+
+
+def report_of(output: VehicleOutput, gps_std_m: float) -> Report:
+    """What a vehicle's autopilot believes after a tick; GPS readings are as good as `gps_std_m`."""
+    estimate = output.odometry
+    return Report(
+        heading_rad=estimate.heading_rad,
+        north_m=estimate.north_m,
+        east_m=estimate.east_m,
+        depth_m=output.pressure_depth_m,
+        speed_mps=estimate.speed_mps,
+        altitude_m=output.altitude_m,
+        pressure_pa=AIR_PA + WATER_PA_PER_M * output.pressure_depth_m,
+        gps_m=output.gps_m,
+        gps_std_m=gps_std_m,
+    )
 
 
 def _shell(port: str) -> HostPort:

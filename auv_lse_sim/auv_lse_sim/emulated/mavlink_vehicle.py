@@ -2,10 +2,10 @@
 
 The simulation reports the vehicle's state once a tick (`report`) and gets each leg to travel (`follow`);
 `mavlink_dock.py` joins one autopilot per vehicle to its UDP port. It behaves as an AUV's autopilot does towards a
-companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, DISTANCE_SENSOR,
-SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE, TIMESYNC. It keeps
-the index of its current mission item when another mission is uploaded, as ArduPilot does, and goes on from there unless
-told otherwise by MISSION_SET_CURRENT.
+companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, GPS_RAW_INT,
+DISTANCE_SENSOR, SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE,
+TIMESYNC. Its estimate jumps when GPS is there again at the surface. It keeps the index of its current mission item when
+another mission is uploaded, as ArduPilot does, and goes on from there unless told otherwise by MISSION_SET_CURRENT.
 
 A new target or mission item is travelled to after the one before it (the sender sends it when the vehicle is about to
 reach that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs,
@@ -59,6 +59,8 @@ class Report:
         yaw_rate_radps: Positive to starboard.
         altitude_m: Height over ground; NaN: no ground seen.
         pressure_pa: Absolute pressure of the water.
+        gps_m: North, east of the mission's origin by GPS; None: it has no fix, as under water.
+        gps_std_m: Standard deviation of that, each axis.
     """
 
     heading_rad: float
@@ -69,6 +71,8 @@ class Report:
     yaw_rate_radps: float = 0.0
     altitude_m: float = math.nan
     pressure_pa: float = 101325.0
+    gps_m: tuple[float, float] | None = None
+    gps_std_m: float = 1.0
 
 
 class MavlinkVehicle:
@@ -200,6 +204,7 @@ class MavlinkVehicle:
                     self._boot_ms, lat, lon, height_mm, height_mm, *velocity_cmps, heading_cdeg
                 )
             )
+        self._send_gps(report)
         # no ground in range is sent as one more than the range
         limits_cm = (50, 10000)
         blind = math.isnan(report.altitude_m)
@@ -210,6 +215,22 @@ class MavlinkVehicle:
             )
         )
         self._send(mavlink.MAVLink_scaled_pressure2_message(self._boot_ms, report.pressure_pa / 100.0, 0.0, 1000))
+
+    def _send_gps(self, report: Report) -> None:
+        """GPS_RAW_INT: under water it comes as well, and says that there is no fix."""
+        if self.datum.mission is None:
+            return
+        kind, lat, lon, accuracy_mm = mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0
+        if report.gps_m is not None:
+            kind, accuracy_mm = mavlink.GPS_FIX_TYPE_3D_FIX, round(1000.0 * report.gps_std_m)
+            lat, lon = self.datum.to_geodetic(*report.gps_m)
+        unknown, satellites = 65535, 0 if report.gps_m is None else 9
+        self._send(
+            mavlink.MAVLink_gps_raw_int_message(
+                self._boot_ms * 1000, kind, lat, lon, 0, unknown, unknown, unknown, unknown, satellites,
+                h_acc=accuracy_mm,
+            )
+        )  # fmt: skip
 
     # ------------------------------------------------------------------ targets
 

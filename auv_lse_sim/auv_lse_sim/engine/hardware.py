@@ -15,7 +15,7 @@ def hardware_of(modem: str, vehicle_link: str, vehicles: int, folder: Path) -> d
     """Parameters by which each vehicle's drivers and the simulator's emulated hardware find each other.
 
     Args:
-        modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder, with a PPS.
+        modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder.
         vehicle_link: "direct", or "mavlink": a free UDP port of this machine per vehicle.
         vehicles: Number of vehicles.
         folder: The run folder, absolute.
@@ -25,7 +25,6 @@ def hardware_of(modem: str, vehicle_link: str, vehicles: int, folder: Path) -> d
         if modem == "emulated":
             wanted[f"auv{k}.modem.kind"] = "micromodem"
             wanted[f"auv{k}.modem.port"] = str(folder / "modems" / f"auv{k}")
-            wanted[f"auv{k}.modem.synchronous"] = True
             wanted[f"auv{k}.modem.log_file"] = str(folder / "logs" / f"auv{k}.modem_lines.log")
     if vehicle_link == "mavlink":
         for k, port in enumerate(_free_ports(vehicles), 1):

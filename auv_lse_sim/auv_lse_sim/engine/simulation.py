@@ -178,6 +178,7 @@ class Simulation:
             noticed = [a for a in self.world.lost if a.receiver == k and a.audible]
             for arrival in sorted((*output.arrivals, *noticed), key=lambda a: a.arrival_s):
                 self.links.arrive(self.now_s, k, arrival)
+            self.arrivals[k - 1] = self.links.delivered(k)  # of pings only the answers reach the driver
         if k in self.links.autopilots:
             self.links.report(k, self.now_s, output)
 
@@ -191,9 +192,11 @@ class Simulation:
     def _count(self, k: int, output: VehicleOutput) -> None:
         i, steps = k - 1, self.steps_total
         self.soundings[i] += len(output.soundings)
-        self.arrivals[i] += len(output.arrivals)
+        packets = [arrival for arrival in output.arrivals if MiniPacket.read(arrival.payload) is None]
+        if k not in self.links.modems:
+            self.arrivals[i] += len(output.arrivals)
         self.fixes[i] += len(output.fixes) if k not in self.links.autopilots else 0
-        self.received += len(output.arrivals)
+        self.received += len(packets)
         if not self._lockstep:
             self._finished[i] = output.truth.step >= steps - 1 and output.truth.loitering
         self.steps[i] = steps if self._finished[i] else max(output.truth.step, 0)

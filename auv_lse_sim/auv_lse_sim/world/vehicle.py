@@ -480,6 +480,14 @@ class SimVehicle:
         self.fixes = self._completed()
         return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
 
+    @property
+    def gps_m(self) -> tuple[float, float] | None:
+        """North, east by GPS, where its antenna is out of the water; else None."""
+        m = self._m
+        if self.position[2] >= self._sim.gps.antenna_m:
+            return None
+        return float(m[mm.T_NORTH] + m[mm.G_NORTH]), float(m[mm.T_EAST] + m[mm.G_EAST])
+
     def _completed(self) -> list[Fix]:
         """The fix that was complete in the last `move`, if one was; the next surfacing begins another."""
         m = self._m

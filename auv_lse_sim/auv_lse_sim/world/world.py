@@ -41,6 +41,7 @@ class VehicleOutput:
         fixes: Fixes completed in this tick, by time.
         altitude_m: Measured altitude above the bottom at the tick's end, NaN without an echo.
         pressure_depth_m: Measured depth of the vehicle below the surface.
+        gps_m: North, east of its last GPS reading, if it is at the surface; else None.
         arrivals: Packets that its modem has read in this tick, by time.
         truth: Its true state.
     """
@@ -53,6 +54,7 @@ class VehicleOutput:
     pressure_depth_m: float
     arrivals: list[Arrival]
     truth: Truth
+    gps_m: tuple[float, float] | None = None
 
 
 class World:
@@ -147,6 +149,7 @@ class World:
                 pressure_depth_m=vehicle.pressure_depth_m,
                 arrivals=[a for a in arrivals if a.ok and a.receiver == number],
                 truth=vehicle.truth(now_s),
+                gps_m=vehicle.gps_m,
             )
         return output
 
