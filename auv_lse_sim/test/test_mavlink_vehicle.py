@@ -362,6 +362,15 @@ def test_a_surfacing_through_mavlink_brings_a_fix_and_its_jump_is_undone(mode):
     assert raw == pytest.approx(dive.raw[up[0]], abs=1.0), "as the simulated vehicle's own"
 
 
+def test_gps_tells_of_a_fix_in_a_mission_that_lies_nowhere_too():
+    vehicle = MavlinkVehicle(2, START, 15.0, None, [].append)
+    vehicle.report(1.0, Report(heading_rad=0.0, north_m=5.0, east_m=6.0, depth_m=0.0, gps_m=(3.0, -4.0)))
+    reader = mavlink.MAVLink(None)
+    said = [message for datagram in vehicle.outgoing() for message in reader.parse_buffer(datagram)]
+    (gps,) = (message for message in said if message.get_type() == "GPS_RAW_INT")
+    assert gps.fix_type == mavlink.GPS_FIX_TYPE_3D_FIX
+
+
 def test_gps_tells_of_no_fix_under_water():
     dive = Dive("position_target")
     seen = []

@@ -217,13 +217,14 @@ class MavlinkVehicle:
         self._send(mavlink.MAVLink_scaled_pressure2_message(self._boot_ms, report.pressure_pa / 100.0, 0.0, 1000))
 
     def _send_gps(self, report: Report) -> None:
-        """GPS_RAW_INT: under water it comes as well, and says that there is no fix."""
-        if self.datum.mission is None:
-            return
+        """GPS_RAW_INT: under water it comes as well, and says that there is no fix.
+
+        A mission without an origin lies nowhere: its vehicles have a fix at 0, 0.
+        """
         kind, lat, lon, accuracy_mm = mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0
         if report.gps_m is not None:
             kind, accuracy_mm = mavlink.GPS_FIX_TYPE_3D_FIX, round(1000.0 * report.gps_std_m)
-            lat, lon = self.datum.to_geodetic(*report.gps_m)
+            lat, lon = (0, 0) if self.datum.mission is None else self.datum.to_geodetic(*report.gps_m)
         unknown, satellites = 65535, 0 if report.gps_m is None else 9
         self._send(
             mavlink.MAVLink_gps_raw_int_message(
