@@ -33,7 +33,7 @@ from auv_lse_planner.paths.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Value
-from auv_lse_planner.search.tour import TourSearch
+from auv_lse_planner.search.tour import Found, TourSearch
 from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
@@ -115,7 +115,7 @@ class Touring:
         self._vehicle, self._vehicles = vehicle, vehicles
         self._space, self._rollout = space, rollout
         self._steering = Steering(space)
-        self._search = TourSearch(space, rollout.samples_per_leg)
+        self._search = TourSearch(space, max(OWN_PLACES, rollout.samples_per_leg))
         self._optimized_at = -1
         self._waypoints: Array | None = None  # of the tour that is followed, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
@@ -218,26 +218,32 @@ class Touring:
         floor = max(c.value.end for c in naive)
         if deadline is not None and deadline():
             return naive, floor, 0, True
-        legs = reward.legs
-        starts = self._search.starts(state[1:], legs, self._vehicle, self._vehicles)
-        starts.insert(0, self._search.resampled(self._rest(state, naive[0].path), legs))
-        worth = []
-        for waypoints in starts:
-            worth.append(reward.coarse_value(self._search.places(waypoints, legs)))
-            if deadline is not None and deadline():
-                break
-        order = sorted(range(len(worth)), key=lambda i: -worth[i])[:STARTS]
-        found = []
-        for i in order:
-            found.append(self._search.improve(starts[i], legs, reward, START_ITERATIONS, deadline))
+        starts = self._search.starts(state[1:], reward.legs, self._vehicle, self._vehicles)
+        starts.insert(0, self._search.resampled(self._rest(state, naive[0].path), reward.legs))
+        found: list[Found] = []
+        for aim in (reward.of_the_end(), reward):
+            found += self._from_starts(starts, aim, deadline)
             if found[-1].deadline_hit:
                 break
+        candidates = [*naive, *(self._candidate(step, state, f.waypoints_m, reward) for f in found)]
+        return candidates, floor, sum(f.evaluations for f in found), found[-1].deadline_hit
+
+    def _from_starts(
+        self, starts: Sequence[Array], aim: AnytimeReward, deadline: Callable[[], bool] | None
+    ) -> list[Found]:
+        """Tours optimized from the best of several starts, the last of them from the best of the others."""
+        worth = []
+        for waypoints in starts:
+            worth.append(aim.coarse_value(self._search.places(waypoints, aim.legs)))
+            if deadline is not None and deadline():
+                break
+        found: list[Found] = []
+        for i in sorted(range(len(worth)), key=lambda i: -worth[i])[:STARTS]:
+            found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, deadline))
+            if found[-1].deadline_hit:
+                return [max(found, key=lambda f: f.value)]
         best = max(found, key=lambda f: f.value)
-        if not best.deadline_hit:
-            found.insert(0, self._search.improve(best.waypoints_m, legs, reward, FIRST_ITERATIONS, deadline))
-        tours = [best] if best.deadline_hit else found
-        candidates = [*naive, *(self._candidate(step, state, f.waypoints_m, reward) for f in tours)]
-        return candidates, floor, sum(f.evaluations for f in found), found[0].deadline_hit
+        return [*found, self._search.improve(best.waypoints_m, aim.legs, aim, FIRST_ITERATIONS, deadline)]
 
     def _again(
         self,

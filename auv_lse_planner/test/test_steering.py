@@ -72,9 +72,9 @@ def test_a_bend_is_cut_by_no_more_than_the_turning_circle():
 
 def test_points_along_a_polyline_worked_by_hand():
     bent = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
-    assert point_along(bent, 10.0, 4.0) == (4.0, 0.0)
-    assert point_along(bent, 10.0, 13.0) == (10.0, 3.0)
-    assert point_along(bent, 10.0, 25.0) == (10.0, 15.0)  # straight on
+    assert point_along(bent, 10.0, 4.0) == (4.0, 0.0, 1.0, 0.0)
+    assert point_along(bent, 10.0, 13.0) == (10.0, 3.0, 0.0, 1.0)
+    assert point_along(bent, 10.0, 25.0) == (10.0, 15.0, 0.0, 1.0)  # straight on
 
 
 def test_a_polyline_without_a_segment_is_refused():

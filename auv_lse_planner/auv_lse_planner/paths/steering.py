@@ -2,7 +2,8 @@
 
 Theory of operation. A tour keeps time: after i legs the vehicle should be at the polyline's point i leg lengths from
 its start. At each leg it takes the feasible action that, with the best next two legs, ends nearest to the points due
-then (sum of three squared distances), so that what it loses in a bend it makes good by cutting the next one. Behind its
+then: the sum of three squared distances, of which errors along the polyline count for little (`ALONG`), since a vehicle
+that is ahead after a bend need not wiggle until it is late, and the next leg most (`NEAREST`, `FARTHEST`). Behind its
 last waypoint the polyline goes straight on.
 
 Only the area counts, not the map, and all arithmetic is scalar: the same waypoints, state and parameters give every
@@ -25,18 +26,25 @@ from auv_lse_planner.paths.motion import advance
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Legs ahead that an action is judged by: this many targets.
-LOOK_AHEAD = 3
+#: What a squared error along the polyline counts, of one across it.
+ALONG = 0.2
+#: What the first and the third target count, of the second.
+NEAREST, FARTHEST = 2.0, 0.5
 
 
 @compiled
 def point_along(waypoints, segment, along):
-    """North and east of the point at `along` (m of arc) of a polyline (n + 1, 2) of segments of equal length."""
+    """North and east of the point at `along` (m of arc) of a polyline (n + 1, 2) of segments of equal length.
+
+    Also the direction there, north and east.
+    """
     k = min(max(int(along / segment), 0), waypoints.shape[0] - 2)
     u = (along - k * segment) / segment
-    north = waypoints[k, 0] + u * (waypoints[k + 1, 0] - waypoints[k, 0])
-    east = waypoints[k, 1] + u * (waypoints[k + 1, 1] - waypoints[k, 1])
-    return north, east
+    north_wise = waypoints[k + 1, 0] - waypoints[k, 0]
+    east_wise = waypoints[k + 1, 1] - waypoints[k, 1]
+    north = waypoints[k, 0] + u * north_wise
+    east = waypoints[k, 1] + u * east_wise
+    return north, east, north_wise / segment, east_wise / segment
 
 
 @compiled
@@ -62,9 +70,9 @@ def steer(space, state, count, waypoints, segment, leg):
     reach = safe_reach(spacing, loops, tracks)
     for index in range(count):
         progress = index * leg
-        n1, e1 = point_along(waypoints, segment, progress + leg)
-        n2, e2 = point_along(waypoints, segment, progress + 2.0 * leg)
-        n3, e3 = point_along(waypoints, segment, progress + 3.0 * leg)
+        n1, e1, north1, east1 = point_along(waypoints, segment, progress + leg)
+        n2, e2, north2, east2 = point_along(waypoints, segment, progress + 2.0 * leg)
+        n3, e3, north3, east3 = point_along(waypoints, segment, progress + 3.0 * leg)
         c0 = math.cos(heading)
         s0 = math.sin(heading)
         for a in range(kinds):
@@ -72,12 +80,18 @@ def steer(space, state, count, waypoints, segment, leg):
             ea = east + s0 * steps[a, 0] + c0 * steps[a, 1]
             ca = c0 * cos_t[a] - s0 * sin_t[a]
             sa = s0 * cos_t[a] + c0 * sin_t[a]
-            first = (na - n1) * (na - n1) + (ea - e1) * (ea - e1)
+            dn = na - n1
+            de = ea - e1
+            ahead = dn * north1 + de * east1
+            first = NEAREST * (dn * dn + de * de - (1.0 - ALONG) * ahead * ahead)
             best = 1.0e30
             for b in range(kinds):
                 nb = na + ca * steps[b, 0] - sa * steps[b, 1]
                 eb = ea + sa * steps[b, 0] + ca * steps[b, 1]
-                second = (nb - n2) * (nb - n2) + (eb - e2) * (eb - e2)
+                dn = nb - n2
+                de = eb - e2
+                ahead = dn * north2 + de * east2
+                second = dn * dn + de * de - (1.0 - ALONG) * ahead * ahead
                 if second >= best:
                     continue
                 cb = ca * cos_t[b] - sa * sin_t[b]
@@ -86,7 +100,8 @@ def steer(space, state, count, waypoints, segment, leg):
                 for c in range(kinds):  # no branch: this loop runs in vectors
                     dn = nb + cb * steps[c, 0] - sb * steps[c, 1] - n3
                     de = eb + sb * steps[c, 0] + cb * steps[c, 1] - e3
-                    off = dn * dn + de * de
+                    ahead = dn * north3 + de * east3
+                    off = FARTHEST * (dn * dn + de * de - (1.0 - ALONG) * ahead * ahead)
                     least = off if off < least else least
                 if second + least < best:
                     best = second + least

@@ -134,8 +134,8 @@ class AnytimeReward:
         Args:
             kept: The map's places, kept up to date with the posterior.
             level_set: Level and costs; the expected risk is always the exact one.
-            mates: Of each mate, the places (P, 2) that it has still to visit, and the number of legs (P,) that the own
-                vehicle will have travelled when the mate measures there; it need not be whole.
+            mates: Of each mate, the number of legs (P,) that the own vehicle will have travelled when the mate measures
+                (it need not be whole), and the places (P, 2) where it does.
             legs: Legs that the own vehicle has still to travel.
             step: Its mission step.
             steps: Steps of the mission.
@@ -150,6 +150,11 @@ class AnytimeReward:
         self._exact = self._drop(self._kept, 1, -(-legs // LEGS_APART), NO_RISK)
         self._rough: _Drop | None = None
         self.risk_before = self._exact.risk_before
+
+    def of_the_end(self) -> AnytimeReward:
+        """The same with no more for an early drop of risk than for a late one: w = 1."""
+        legs, step, steps, _ = self._time
+        return AnytimeReward(self._kept, self._level_set, self._mates, legs, step, steps, 0.0, self._coarse)
 
     def _drop(self, kept: KeptColumns, every: int, checkpoints: int, share: float) -> _Drop:
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self._mates]
