@@ -21,7 +21,7 @@ class GpConfig:
     kernel: str = parameter("matern52", choices=KERNELS, help="Covariance function k(p, p').")
     signal_std_m: float = parameter(8.0, above=0.0, unit="m", help="Standard deviation of the depth about its mean.")
     length_scale_m: float = parameter(
-        70.0,
+        85.0,
         above=0.0,
         unit="m",
         help="Length scale (of the first axis). A Wendland kernel's support is a fixed multiple of it, "

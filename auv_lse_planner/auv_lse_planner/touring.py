@@ -4,8 +4,9 @@ A decision values everything by the same reward (`reward/anytime.py`), with the 
 
 - The incumbent is the last plan, continued. It stays unless another is worth more.
 - Every `planner.tour_interval` legs, and where the incumbent is void, the waypoints of what is left are changed by
-  chance and then optimized (`search/tour.py`), and a tree search proposes heads: next legs, which rejoin them. At the
-  mission's start waypoints are optimized from several boustrophedons, and the naive paths are candidates too.
+  chance and then optimized (`search/tour.py`), and a tree search proposes heads: next legs, which rejoin them.
+- At the mission's start waypoints are optimized from several boustrophedons: for the mission's end alone, which is what
+  the account is about, and then, from the best of these, for what comes early, too. The naive paths are candidates.
 
 The own path is valued at two places of each leg at least. By one, at the leg's end, the risk that a turning path leaves
 is overestimated twice as much as that of straight lanes (docs/planner.md), and these are chosen wrongly.
@@ -41,10 +42,12 @@ Array = NDArray[np.float64]
 #: Changes by chance that are tried on the last tour, and iterations of the optimizer after them.
 VARIATIONS = 20
 ITERATIONS = 14
-#: Boustrophedons that are optimized at the start, iterations of each, and of the best of them after that.
+#: Boustrophedons that are optimized at the start for the mission's end, iterations of each, and of the best of them
+#: after that; then those that make what it brings come earlier.
 STARTS = 4
 START_ITERATIONS = 20
-FIRST_ITERATIONS = 150
+FIRST_ITERATIONS = 100
+EARLIER_ITERATIONS = 40
 #: A tour is rejoined at a waypoint at least so far (m) away.
 REJOIN_M = 20.0
 #: Legs that lead around ground that the map shows to be too shallow, as explicit actions.
@@ -115,7 +118,8 @@ class Touring:
         self._vehicle, self._vehicles = vehicle, vehicles
         self._space, self._rollout = space, rollout
         self._steering = Steering(space)
-        self._search = TourSearch(space, max(OWN_PLACES, rollout.samples_per_leg))
+        self._search = TourSearch(space, rollout.samples_per_leg)
+        self._finer = TourSearch(space, max(OWN_PLACES, rollout.samples_per_leg))
         self._optimized_at = -1
         self._waypoints: Array | None = None  # of the tour that is followed, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
@@ -218,32 +222,30 @@ class Touring:
         floor = max(c.value.end for c in naive)
         if deadline is not None and deadline():
             return naive, floor, 0, True
-        starts = self._search.starts(state[1:], reward.legs, self._vehicle, self._vehicles)
-        starts.insert(0, self._search.resampled(self._rest(state, naive[0].path), reward.legs))
-        found: list[Found] = []
-        for aim in (reward.of_the_end(), reward):
-            found += self._from_starts(starts, aim, deadline)
-            if found[-1].deadline_hit:
-                break
+        starts = self._finer.starts(state[1:], reward.legs, self._vehicle, self._vehicles)
+        starts.insert(0, self._finer.resampled(self._rest(state, naive[0].path), reward.legs))
+        found = self._from_starts(starts, reward.of_the_end(), deadline)
+        if not found[-1].deadline_hit:
+            found.append(self._finer.improve(found[-1].waypoints_m, reward.legs, reward, EARLIER_ITERATIONS, deadline))
         candidates = [*naive, *(self._candidate(step, state, f.waypoints_m, reward) for f in found)]
         return candidates, floor, sum(f.evaluations for f in found), found[-1].deadline_hit
 
     def _from_starts(
         self, starts: Sequence[Array], aim: AnytimeReward, deadline: Callable[[], bool] | None
     ) -> list[Found]:
-        """Tours optimized from the best of several starts, the last of them from the best of the others."""
+        """Tours optimized from the best of several starts, and behind them what the best becomes with more."""
         worth = []
         for waypoints in starts:
-            worth.append(aim.coarse_value(self._search.places(waypoints, aim.legs)))
+            worth.append(aim.coarse_value(self._finer.places(waypoints, aim.legs)))
             if deadline is not None and deadline():
                 break
         found: list[Found] = []
         for i in sorted(range(len(worth)), key=lambda i: -worth[i])[:STARTS]:
-            found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, deadline))
+            found.append(self._finer.improve(starts[i], aim.legs, aim, START_ITERATIONS, deadline))
             if found[-1].deadline_hit:
                 return [max(found, key=lambda f: f.value)]
         best = max(found, key=lambda f: f.value)
-        return [*found, self._search.improve(best.waypoints_m, aim.legs, aim, FIRST_ITERATIONS, deadline)]
+        return [*found, self._finer.improve(best.waypoints_m, aim.legs, aim, FIRST_ITERATIONS, deadline)]
 
     def _again(
         self,

@@ -173,6 +173,13 @@ def test_with_weight_0_it_is_the_drop_at_the_end(mates):
     assert value.end == pytest.approx(case.drop(everything), rel=1e-8)
 
 
+def test_of_the_end_it_is_the_same_with_weight_0():
+    case = Case(mates=[(12, 20.0)])
+    of_the_end = case.reward.of_the_end()
+    assert of_the_end.value(case.path_m).weighted == pytest.approx(case.reward.value(case.path_m).end, rel=1e-12)
+    assert of_the_end.risk_before == case.reward.risk_before
+
+
 def test_at_the_last_step_every_weight_is_1():
     case = Case(legs=1, step=49)
     value = case.reward.value(case.path_m)
