@@ -44,7 +44,7 @@ def test_gradients(name, two_axes):
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_the_value_is_the_likelihood(name):
-    config = GpConfig(kernel=name, length_scale_2_m=40.0, rotation_deg=35.0, signal_std_m=5.0)
+    config = GpConfig(kernel=name, length_scale_m=70.0, length_scale_2_m=40.0, rotation_deg=35.0, signal_std_m=5.0)
     places, depths = drawn(config, n=50)
     target = MarginalLikelihood(places, depths, name, two_axes=True, mean_depth_m=15.0)
     x = np.array([math.log(70.0), math.log(40.0), math.radians(35.0), math.log(0.09 / 25.0)])
