@@ -64,7 +64,8 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         choices=CAMPAIGNS,
         default=CAMPAIGNS,
-        help="campaigns to fly (default: all)",
+        help="campaigns to fly (default: all); of what the paper does not claim: scripts/campaign "
+        "config/campaigns/places.yaml",
     )
     add_cluster_options(p)
     p.add_argument("--estimate", action="store_true", help="say how long it will take, and end")
