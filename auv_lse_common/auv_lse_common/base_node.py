@@ -482,6 +482,15 @@ class VehicleNode(BaseNode):
         self.wake()
 
 
+def prepare() -> None:
+    """Loads the type supports of all messages and services imported so far: a process forked later has them."""
+    for name, module in list(sys.modules.items()):
+        if ".msg._" in name or ".srv._" in name:
+            for kind in vars(module).values():
+                if hasattr(kind, "__import_type_support__"):
+                    kind.__import_type_support__()
+
+
 def spin(node: Node) -> None:
     """Serves the node's callbacks until shutdown: the one place that chooses the executor."""
     executor = make_executor()

@@ -1,10 +1,10 @@
 """One process that has imported what a mission's nodes need, and forks each of them: they start at once.
 
 A node imports for half a second to a second of processor time before it does anything, a mission is eleven processes,
-or sixty, and a node that was killed has to be back soon. The fork server imports once. Each node is still a process of
-its own, with its own log, its own process group and the command line that `ros2 run` would give it. The server has no
-ROS context and starts no thread. Importing rclpy starts two, which only wait (most likely the listeners of its LTTng
-tracing); a forked node does without them.
+or sixty, and a node that was killed has to be back soon. The fork server imports once, and once loads compiled code and
+the types of messages (`prepare`). Each node is still a process of its own, with its own log, its own process group and
+the command line that `ros2 run` would give it. The server has no ROS context and starts no thread. Importing rclpy
+starts two, which only wait (most likely the listeners of its LTTng tracing); a forked node does without them.
 
 Requests go to the server's standard input, a JSON line each; it answers on its standard output with the process id of
 each node and, when that has ended, its exit code. It ends when its input does; Linux ends its nodes with it.
@@ -13,6 +13,7 @@ each node and, when that has ended, its exit code. It ends when its input does; 
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import importlib
 import json
@@ -24,7 +25,7 @@ import sys
 import time
 import traceback
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,8 @@ from auv_lse_common.processes import LaunchError, Process, die_with_parent, end
 #: Room (bytes) in the server's command line for that of a node.
 _COMMAND_ROOM = 4000
 _START_S = 60.0
+#: Prepares what all nodes have in common, after the modules of the nodes.
+_OF_ALL = "auv_lse_common.base_node"
 
 
 class ForkedProcess:
@@ -190,13 +193,19 @@ def can_fork(process: Process) -> bool:
     return True
 
 
+@functools.cache
+def _executables() -> EntryPoints:
+    """The executables of all installed packages: looking them up reads a file of each."""
+    return entry_points(group="console_scripts")
+
+
 def _entry_of(process: Process) -> EntryPoint:
     """The entry point behind a process's executable.
 
     Raises:
         LaunchError: if no installed package has it.
     """
-    for entry in entry_points(group="console_scripts", name=process.executable):
+    for entry in _executables().select(name=process.executable):
         if entry.module.split(".")[0] == process.package:
             return entry
     raise LaunchError(f"{process.package} has no executable {process.executable}; build the workspace: scripts/setup")
@@ -211,9 +220,7 @@ def serve(modules: Sequence[str]) -> int:
     A module that cannot be imported is left out here; the process that needs it says why.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the mission's command
-    for module in modules:
-        with contextlib.suppress(Exception):
-            importlib.import_module(module)
+    prepare([*modules, _OF_ALL])
     gc.collect()
     gc.freeze()  # keeps pages shared: the collector does not touch what was there before the fork
     numbers: dict[int, int] = {}
@@ -242,6 +249,13 @@ def serve(modules: Sequence[str]) -> int:
                     _run(request)
                 numbers[pid] = request["number"]
                 _answer(number=request["number"], pid=pid)
+
+
+def prepare(modules: Sequence[str]) -> None:
+    """Imports `modules` and calls `prepare()` of those that have it: what each process would load anew by itself."""
+    for module in modules:
+        with contextlib.suppress(Exception):
+            getattr(importlib.import_module(module), "prepare", lambda: None)()
 
 
 def _ended() -> Iterable[tuple[int, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import os
 import signal
@@ -14,13 +15,17 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs the built workspace (scripts/test sets it up)", allow_module_level=True)
 
-from auv_lse_common.fork_server import ForkServer
+from auv_lse_common.fork_server import ForkServer, prepare
 from auv_lse_common.processes import LaunchError, Process, end
 from auv_lse_common.supervisor import Supervisor, Task
 
 pytestmark = pytest.mark.ros
 
 MODEM = Process(package="auv_lse_comms", executable="modem_node", namespace="/auv1")
+
+
+def _command_line(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/cmdline").read_text().rstrip("\0").split("\0")
 
 
 def test_each_process_is_one_of_its_own_and_its_end_is_told(tmp_path: Path) -> None:
@@ -35,8 +40,9 @@ def test_each_process_is_one_of_its_own_and_its_end_is_told(tmp_path: Path) -> N
 
         command = ["modem_node", "--ros-args", "-r", "__ns:=/auv7"]
         running, killed = (server.start(MODEM, command, tmp_path / f"{n}.log") for n in "ab")
-        shown = Path(f"/proc/{running.pid}/cmdline").read_bytes().rstrip(b"\0").split(b"\0")
-        assert [word.decode() for word in shown] == command, "ps shows what ros2 run would show"
+        until = time.monotonic() + 10.0
+        while (shown := _command_line(running.pid)) != command:  # its first deed, a moment after the fork
+            assert time.monotonic() < until, f"ps shows {shown}; expected what ros2 run would show"
         assert os.getpgid(running.pid) == running.pid, "it leads a group of its own"
         os.kill(killed.pid, signal.SIGKILL)
         assert killed.wait(10.0) == -signal.SIGKILL
@@ -85,3 +91,13 @@ def test_a_supervisor_starts_everything_again_when_the_fork_server_dies(tmp_path
         supervisor.stop()
     assert supervisor.running == {}
     assert not Path(f"/proc/{again}").exists()
+
+
+def test_what_nodes_load_is_loaded_once_before_the_forks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "prepared_node.py").write_text("calls = []\ndef prepare():\n    calls.append(1)\n")
+    (tmp_path / "broken_node.py").write_text("def prepare():\n    raise RuntimeError\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    prepare(["broken_node", "no_such_node", "prepared_node", "auv_lse_common.base_node"])
+    assert importlib.import_module("prepared_node").calls == [1]
+    message = importlib.import_module("auv_lse_msgs.msg").LockstepTick
+    assert message.__class__._TYPE_SUPPORT is not None, "base_node prepares the types of all messages"

@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid, Odometry
 from visualization_msgs.msg import Marker
 
+from auv_lse_common import compiled
 from auv_lse_common.base_node import VehicleNode, run
 from auv_lse_common.health import Recent
 from auv_lse_common.params import section
@@ -24,6 +25,7 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.lazy import compiled_gp, compiled_risk
 from auv_lse_gp.places.config import places_of
 from auv_lse_gp.places.placer import placer_of
 from auv_lse_gp.risk import LevelSet
@@ -110,6 +112,13 @@ class GpNode(VehicleNode):
         recent = self._recent.of(now_s, map_totals(self._map, intake.gate.counts))
         health = map_health(self._map, self._update_s, took_s, intake.gate.counts, recent, intake.placer)
         self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
+
+
+def prepare() -> None:
+    """Loads the compiled code: a process forked later has it."""
+    if compiled.USE_NUMBA:
+        compiled_gp()
+        compiled_risk()
 
 
 def main() -> int:

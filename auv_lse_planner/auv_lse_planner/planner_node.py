@@ -54,7 +54,7 @@ class PlannerNode(VehicleNode):
         self._intake = PlannerIntake(self._planner)
         self._planner.run(0.0, "safety_node has not said how it stands with the mission")
         if not self.journal.records:  # else it is started again under way: the sooner it is back, the better
-            self._rehearse(settings)
+            rehearse(settings, self.vehicle)
         self.show_parameters(
             {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
             tunable=tuple(f"planner.{name}" for name in _TUNABLE),
@@ -93,13 +93,6 @@ class PlannerNode(VehicleNode):
             snapshot, stamp_s, plan = decided
             self._planner.restore(snapshot)
             self._plan.publish(plan_message(stamp_s, self.vehicle, CorePlan.from_mapping(plan)))
-
-    def _rehearse(self, settings: PlannerSettings) -> None:
-        """Makes a decision that nobody takes: it loads the compiled code before the mission's first decision."""
-        rehearsal = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "rehearsal"))
-        start = settings.vehicle
-        rehearsal.odometry(0.0, start.start_heading_rad, start.start_north_m, start.start_east_m)
-        rehearsal.decide(0.0)
 
     def _tune(self, parameters: dict[str, Any]) -> None:
         self._planner.set_planner(section(PlannerConfig, parameters, "planner", self.where))
@@ -173,6 +166,20 @@ class PlannerNode(VehicleNode):
             self._diagnosed_s = now_s
             health = planner_health(self._planner, problems, self._planning_s)
             self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
+
+
+def rehearse(settings: PlannerSettings, vehicle: int) -> None:
+    """Decides in a mission of two steps, which nobody takes: it loads the compiled code before the first decision."""
+    settings = dataclasses.replace(settings, mission=dataclasses.replace(settings.mission, steps=2))
+    planner = VehiclePlanner(vehicle, settings, stream(settings.mission.seed, "rehearsal"))
+    start = settings.vehicle
+    planner.odometry(0.0, start.start_heading_rad, start.start_north_m, start.start_east_m)
+    planner.decide(0.0)
+
+
+def prepare() -> None:
+    """Loads the compiled code: a process forked later has it."""
+    rehearse(PlannerSettings.from_parameters({}, "rehearsal", 1), 1)
 
 
 def main() -> int:

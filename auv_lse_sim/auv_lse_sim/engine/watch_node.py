@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import time
 from functools import partial
 from types import TracebackType
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.base_node import EVERY, LATCHED
+from auv_lse_common.executor import make_executor
 from auv_lse_common.ros_conversions import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
 from auv_lse_sim.engine.display import MissionProgress
@@ -34,7 +35,7 @@ class MissionWatch:
         """Joins the mission's ROS domain; Ctrl-C stays the caller's."""
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("mission_display")
-        self._executor = SingleThreadedExecutor()
+        self._executor = make_executor()
         self._executor.add_node(self._node)
         self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
         for vehicle in range(1, self._progress.vehicles + 1):
@@ -51,10 +52,12 @@ class MissionWatch:
         rclpy.try_shutdown()
 
     def wait(self, seconds_: float) -> tuple[str, str]:
-        """Handles messages for about `seconds_`; returns the state ("waiting", "running", ...) and its message."""
-        until = self._node.get_clock().now().nanoseconds + int(seconds_ * 1e9)
-        while (left := until - self._node.get_clock().now().nanoseconds) > 0:
-            self._executor.spin_once(timeout_sec=left * 1e-9)
+        """Waits `seconds_`, then handles what has come in; returns the state ("waiting", ...) and its message.
+
+        One round takes every message that waits. Of the status, which comes with every tick, the last is enough.
+        """
+        time.sleep(seconds_)
+        self._executor.spin_once(timeout_sec=0.0)
         return self._state, self._message
 
     def _on_status(self, message: SimStatus) -> None:
