@@ -24,6 +24,7 @@ from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, enco
 from auv_lse_comms.packet.navigation import Navigation
 from auv_lse_comms.packet.selection import Receivers, every_nth, most_useful
 from auv_lse_comms.packet.tag import Tagger
+from auv_lse_comms.ranging import SAME_TIME_S, UNTIMED, Ranging, Timing
 from auv_lse_comms.tdma import Slot, Tdma
 
 Array = NDArray[np.float64]
@@ -36,31 +37,8 @@ _REMEMBERED = 4
 _STALE_CYCLES = 100
 #: Kinds of the events that `ModemBridge.remember` is told.
 EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed")
-#: Two times nearer than this are those of one packet: a message's stamp keeps nanoseconds, UTC in a float fewer.
-_SAME_TIME_S = 1e-3
-#: A raw place older than this is not that of the transmission (s).
-_FRESH_S = 2.0
 #: The navigation that takes most bytes.
 _FULL = Navigation(raw_cm=(0, 0), fix_raw_half_m=(0, 0), fix_off_dm=(0, 0))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Timing:
-    """When a packet was sent and arrived, as far as the modem knows; NaN where it does not.
-
-    Attributes:
-        sent_s: Start of transmission, by the sender's clock (s).
-        arrival_s: Start of reception, by the receiver's clock (s).
-        travel_s: One-way travel time (s), measured with both clocks.
-    """
-
-    sent_s: float = math.nan
-    arrival_s: float = math.nan
-    travel_s: float = math.nan
-
-
-#: Nothing is known.
-UNTIMED = Timing()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,8 +101,7 @@ class ModemBridge:
             receivers: What the receivers are supposed to know, needed if `packet.selection` is "useful".
             confirm_s: A packet that is not confirmed (`confirm`) within this time (s) counts as not sent. Infinite: a
                 packet given out counts as sent.
-            second_lead_s: Transmissions of the whole team start on a second, this long (s) or more after their packets
-                are given out, and of travel times modems know only what is beyond whole seconds. None: neither is so.
+            second_lead_s: See `Ranging`.
             pings: Whether mates are to be pinged (`ping`).
 
         Raises:
@@ -147,11 +124,7 @@ class ModemBridge:
         self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
         self._receivers = receivers
         self._plan: Plan | None = None
-        self._second_lead_s = second_lead_s
-        self._pings, self._pinged = pings, 0  # the mate pinged last
-        self._pinged_slot: tuple[int, float] | None = None
-        self._raw: DeadReckoning | None = None
-        self._raw_before: DeadReckoning | None = None
+        self._ranging = Ranging(self.tdma, second_lead_s, pings)
         self._fix: Fix | None = None
         # stamp_s, north_m, east_m, depth_m, gain when last computed, and the same before the last packet was made
         self._unsent = np.zeros((0, 6))
@@ -243,7 +216,7 @@ class ModemBridge:
 
     def moved(self, raw: DeadReckoning) -> None:
         """The vehicle's raw place."""
-        self._raw_before, self._raw = self._raw, raw
+        self._ranging.moved(raw)
 
     def fixed(self, fix: Fix) -> None:
         """The vehicle has taken a fix under way."""
@@ -342,19 +315,8 @@ class ModemBridge:
         self._note_heard(source, packet.samples)
         slot_s = None if self._tagger is None else self._tagger.last_slot_s[source]
         self.remember("heard", source, slot_s, packet.samples.tolist())
-        told = _told(now_s, source, packet.navigation, self._whole(timing, packet.navigation))
+        told = self._ranging.told(now_s, source, packet.navigation, timing)
         return Received(source=source, stamp_s=now_s, packet=packet, navigation=told)
-
-    def _whole(self, timing: Timing, navigation: Navigation | None) -> Timing:
-        """When a packet was sent, with the whole seconds that its modem cannot tell.
-
-        They follow from the raw places of both, which are wrong by far less than what sound travels in a second.
-        """
-        if self._second_lead_s is None or navigation is None or self._raw is None or math.isnan(timing.travel_s):
-            return timing
-        apart_m = math.dist(navigation.raw_m, (self._raw.north_m, self._raw.east_m))
-        more_s = round(apart_m / self.tdma.settings(timing.arrival_s).sound_speed_mps - timing.travel_s)
-        return dataclasses.replace(timing, sent_s=timing.sent_s - more_s, travel_s=timing.travel_s + more_s)
 
     def _note_heard(self, source: int, samples: Array) -> None:
         self._heard = True
@@ -396,41 +358,16 @@ class ModemBridge:
         return payload
 
     def ping(self, now_s: float) -> int | None:
-        """The mate to ping now: one in turn in what is left of each own slot when its packet is out; mostly None."""
-        slot = self.tdma.slot(now_s)
-        key = (slot.index, slot.since_s)
-        if not self._pings or self.vehicles == 1 or key == self._pinged_slot or key != self._last_slot:
-            return None
-        tdma = self.tdma.settings(now_s)
-        if not self._last_sent_s + tdma.send_duration_s <= now_s <= slot.end_s - tdma.guard_s - tdma.ping_s:
-            return None
-        self._pinged_slot = key
-        self._pinged = self._pinged % self.vehicles + 1
-        if self._pinged == self.address:
-            self._pinged = self._pinged % self.vehicles + 1
-        self.counts["pings"] += 1
-        return self._pinged
+        """The mate to ping now; mostly None (`Ranging.ping`)."""
+        mate = self._ranging.ping(now_s, self._last_sent_s, self._last_slot)
+        self.counts["pings"] += mate is not None
+        return mate
 
     def ranged(self, now_s: float, source: int, timing: Timing) -> MateNavigation | None:
-        """The range to a mate by a ping that it has answered; None, and counted, if it is no mate.
-
-        Args:
-            now_s: Time for which the range holds (s).
-            source: The mate's number.
-            timing: Its travel time.
-        """
-        if source == self.address or not 1 <= source <= self.vehicles or not math.isfinite(timing.travel_s):
-            self.counts["rejected.source"] += 1
-            return None
-        self.counts["ranges"] += 1
-        return MateNavigation(
-            stamp_s=now_s,
-            source=source,
-            sent_s=math.nan,
-            raw_north_m=math.nan,
-            raw_east_m=math.nan,
-            travel_s=timing.travel_s,
-        )
+        """The range to a mate by a ping that it has answered (`Ranging.pinged`); None, and counted, if it is none."""
+        found = self._ranging.pinged(now_s, source, timing)
+        self.counts["rejected.source" if found is None else "ranges"] += 1
+        return found
 
     def _note_sent(self, now_s: float, samples: Array, slot: tuple[int, float]) -> None:
         self._sent = [*self._sent[1 - _REMEMBERED :], _Sent(now_s, samples, False)]
@@ -442,7 +379,7 @@ class ModemBridge:
     def confirm(self, sent_s: float) -> None:
         """The modem has sent the packet that `poll` gave out at `sent_s` (s)."""
         for packet in self._sent:
-            if abs(packet.then_s - sent_s) < _SAME_TIME_S:
+            if abs(packet.then_s - sent_s) < SAME_TIME_S:
                 packet.confirmed = True
                 self.unconfirmed = 0
                 self.remember("confirmed", sent_s)
@@ -502,9 +439,9 @@ class ModemBridge:
 
     def _navigation(self, now_s: float) -> Navigation | None:
         """What this vehicle tells of its navigation; a fix or raw place that does not fit is left out and counted."""
-        if not self._config.navigation or self._raw is None or now_s - self._raw.stamp_s > _FRESH_S:
+        raw = self._ranging.raw_at_start(now_s) if self._config.navigation else None
+        if raw is None:
             return None
-        raw = self._raw_at_start(self._raw, now_s)
         try:
             return Navigation.of(raw, self._fix)
         except ValueError:
@@ -513,17 +450,6 @@ class ModemBridge:
             return Navigation.of(raw, None)
         except ValueError:
             return None
-
-    def _raw_at_start(self, raw: DeadReckoning, now_s: float) -> DeadReckoning:
-        """The raw place where the transmission of a packet that is made now will start."""
-        before = self._raw_before
-        if self._second_lead_s is None or before is None or not 0.0 < raw.stamp_s - before.stamp_s <= _FRESH_S:
-            return raw
-        start_s = math.ceil(now_s + self._second_lead_s - _SAME_TIME_S)
-        share = (start_s - raw.stamp_s) / (raw.stamp_s - before.stamp_s)
-        north_m = raw.north_m + share * (raw.north_m - before.north_m)
-        east_m = raw.east_m + share * (raw.east_m - before.east_m)
-        return dataclasses.replace(raw, stamp_s=start_s, north_m=north_m, east_m=east_m)
 
     def not_sent(self, sent_s: float) -> None:
         """The modem did not send a packet: its samples are unsent again, and its slot counts as missed.
@@ -534,7 +460,7 @@ class ModemBridge:
             sent_s: The time at which `poll` gave that packet out (s). A time at which it gave none, or long ago, or a
                 packet that was reported before, is passed over.
         """
-        found = [i for i, packet in enumerate(self._sent) if abs(packet.then_s - sent_s) < _SAME_TIME_S]
+        found = [i for i, packet in enumerate(self._sent) if abs(packet.then_s - sent_s) < SAME_TIME_S]
         if not found:
             return
         packet = self._sent.pop(found[-1])
@@ -595,23 +521,3 @@ class ModemBridge:
             self._receivers.suppose(rows[:, 1:4])
             self._receivers.send(self.loss)
         self._note_sent(then_s, rows, slot)
-
-
-def _told(stamp_s: float, source: int, navigation: Navigation | None, timing: Timing) -> MateNavigation | None:
-    """What a packet that was received at `stamp_s` (s) tells of its sender's navigation."""
-    if navigation is None:
-        return None
-    (raw_north_m, raw_east_m), (fix_raw_north_m, fix_raw_east_m) = navigation.raw_m, navigation.fix_raw_m
-    fix_north_m, fix_east_m = navigation.fix_m
-    return MateNavigation(
-        stamp_s=stamp_s if math.isnan(timing.arrival_s) else timing.arrival_s,
-        source=source,
-        sent_s=timing.sent_s,
-        raw_north_m=raw_north_m,
-        raw_east_m=raw_east_m,
-        fix_raw_north_m=fix_raw_north_m,
-        fix_raw_east_m=fix_raw_east_m,
-        fix_north_m=fix_north_m,
-        fix_east_m=fix_east_m,
-        travel_s=timing.travel_s,
-    )

@@ -22,12 +22,13 @@ from auv_lse_common.ros_conversions import (
     raw_sounding_row,
     seconds,
 )
-from auv_lse_comms.bridge import EVENTS, Received, Timing
+from auv_lse_comms.bridge import EVENTS, Received
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.micromodem.config import HANDSHAKE_S
 from auv_lse_comms.packet.selection import Receivers
+from auv_lse_comms.ranging import Timing
 from auv_lse_comms.ros_conversions import tdma_status, team_samples, transmission
 from auv_lse_comms.settings import bridge_of
 from auv_lse_msgs.msg import (

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.plan import Plan
-from auv_lse_comms.bridge import ModemBridge, Timing
+from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
+from auv_lse_comms.ranging import Timing
 
 Array = NDArray[np.float64]
 TDMA = TdmaConfig()

@@ -19,8 +19,9 @@ from auv_lse_common.mission_run import Command, RunState, Stop
 from auv_lse_common.params import parameters_for
 from auv_lse_common.seeds import stream
 from auv_lse_common.stamps import stamped
-from auv_lse_comms.bridge import ModemBridge, Received, Timing
+from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.intake import BridgeIntake
+from auv_lse_comms.ranging import Timing
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.depth_map import DepthMap
