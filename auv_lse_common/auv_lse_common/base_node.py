@@ -233,6 +233,8 @@ class VehicleNode(BaseNode):
     def __init__(self, name: str) -> None:
         """Args: name: the node's name, under which auv_lse_common.topics lists it as a reader."""
         super().__init__(name)
+        if self.lockstep:
+            self._time_source.detach_node()  # time comes with the ticks: /clock would only say it once more
         self._role = name
         self._vehicle = self._number()
         self.journal = self._open_journal()
@@ -375,9 +377,11 @@ class VehicleNode(BaseNode):
                 self.create_subscription(LockstepDone, name, self._on_done, EVERY)
         self.when_matched(self._readers, self._on_matched)
 
-    def time_s(self) -> float:
-        """The mission's time (s): in lockstep that of the last tick, else the node's ROS clock."""
-        return self.now_s() if self._ticks is None else self._ticks.now_s
+    def now_s(self) -> float:
+        """The mission's time (s): in lockstep that of the last tick, 0 before the first; else the node's ROS clock."""
+        if self.lockstep:
+            return 0.0 if self._ticks is None else self._ticks.now_s
+        return super().now_s()
 
     def reach_time(self, now_s: float) -> None:
         """Lockstep: a message tells that the mission's time is `now_s` (s) at least; it may overtake its tick."""

@@ -106,7 +106,7 @@ class DriverNode(VehicleNode):
             self._watched[1].handled()
 
     def _exchange(self, poll: bool) -> None:
-        for event in self._port.step(self.time_s(), time.monotonic(), poll):
+        for event in self._port.step(self.now_s(), time.monotonic(), poll):
             self.on_event(event)
         transport = self._port.transport
         if self._watched is not None and self._watched[0] is not transport:
@@ -119,5 +119,5 @@ class DriverNode(VehicleNode):
         """Stops watching and closes the port."""
         if self._watched is not None:
             self._watched[1].stop()
-        self._port.close(self.time_s(), time.monotonic())
+        self._port.close(self.now_s(), time.monotonic())
         super().destroy_node()

@@ -79,7 +79,7 @@ class VehicleLinkNode(DriverNode):
 
     def _on_state(self, message: MissionState) -> None:
         try:
-            self._autopilot.stop(self.time_s(), standing_of(message).stop)
+            self._autopilot.stop(self.now_s(), standing_of(message).stop)
             self._told = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
@@ -87,7 +87,7 @@ class VehicleLinkNode(DriverNode):
     def _command(self, step: int, ends: list[Target]) -> None:
         try:
             for end in ends:
-                self._autopilot.command(self.time_s(), end)
+                self._autopilot.command(self.now_s(), end)
         except ValueError as error:
             self.get_logger().error(f"waypoint of step {step}: {error}")
 

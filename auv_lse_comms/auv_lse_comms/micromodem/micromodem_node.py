@@ -40,9 +40,9 @@ class MicromodemNode(DriverNode):
         self.reach_time(seconds(message.header.stamp))  # it may overtake the tick's announcement
         try:
             if not message.payload:
-                self._modem.ping(self.time_s(), message.destination)
+                self._modem.ping(self.now_s(), message.destination)
                 return
-            number = self._modem.send(self.time_s(), bytes(message.payload), message.destination or None)
+            number = self._modem.send(self.now_s(), bytes(message.payload), message.destination or None)
             self._headers[number] = message.header
         except ValueError as error:
             self.get_logger().error(f"packet of {len(message.payload)} bytes: {error}")

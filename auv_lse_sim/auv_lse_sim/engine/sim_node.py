@@ -24,6 +24,9 @@ from auv_lse_sim.ros_conversions import leg_of_waypoint, status_message, tick_me
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
 
+#: How often (s of wall clock) the status is published at most while nothing in it is new but numbers.
+_STATUS_PERIOD_S = 0.2
+
 
 class SimNode(BaseNode):
     """sim_node: the simulated world of all vehicles. Namespace: none; needs the whole file (--params-file)."""
@@ -40,7 +43,11 @@ class SimNode(BaseNode):
         self._nodes = [name for k in self._sim.vehicles for name in self._sim.nodes(k)]
         self._nodes += ["recorder_node"] * self.recorded
         self._clock_topic = self._publisher(ClockMessage, "/clock")
+        if self.lockstep:  # in which the vehicles' nodes take the time from the ticks
+            self._readers[self._clock_topic] = self.recorded
         self._status = self._publisher(SimStatus, "/sim/status")
+        self._said: tuple[MissionState, str] | None = None
+        self._said_s = 0.0
         self._topics = {k: self._wire(k) for k in self._sim.vehicles}
         self.create_subscription(MissionCommand, "/mission/command", self._on_command, EVERY)
         self.create_service(RunMission, "/mission/run", self._on_call)
@@ -116,6 +123,11 @@ class SimNode(BaseNode):
             self._waiting_since_s = time.monotonic()
 
     def _publish_status(self, state: MissionState, message: str) -> None:
+        """Says how the mission stands, if that is news, or was not said for a while."""
+        now_s = time.monotonic()
+        if (state, message) == self._said and now_s - self._said_s < _STATUS_PERIOD_S:
+            return
+        self._said, self._said_s = (state, message), now_s
         self._status.publish(status_message(self._sim, state, message, self._speed.value))
 
     # ------------------------------------------------------------------ what comes in
