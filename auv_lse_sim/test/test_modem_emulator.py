@@ -26,8 +26,8 @@ from auv_lse_comms.micromodem.rates import packet_duration_s
 from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.micromodem.transmit_messages import Cycle
 from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
-from auv_lse_sim.emulated.mini_packet import MiniPacket
 from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator
+from auv_lse_sim.emulated.pings import MiniPacket
 
 NOW_S = 5000.0
 PAYLOAD = bytes(range(252))

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 from auv_lse_comms.micromodem.fields import SentenceError, clock_time, read_iso_time
 from auv_lse_comms.micromodem.messages import Message
-from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
+from auv_lse_comms.micromodem.ping_messages import PingEcho
 from auv_lse_comms.micromodem.rates import BROADCAST, RATES, packet_duration_s
 from auv_lse_comms.micromodem.receive_messages import (
     MODE_BAD_CRC,
@@ -42,7 +42,7 @@ from auv_lse_comms.micromodem.transmit_messages import (
     TransmitStatistics,
 )
 from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
-from auv_lse_sim.emulated.mini_packet import MiniPacket
+from auv_lse_sim.emulated.pings import MiniPacket, Pings
 
 VERSION = "2.0.27087"
 #: The modem waits so long for `$CCTXD` after `$CADRQ` (s).
@@ -164,7 +164,7 @@ class ModemEmulator:
         self._reader = SentenceReader()
         self._bad_lines = 0
         self._sending: _Outgoing | None = None
-        self._pinged: tuple[int, float] | None = None  # whom, and when (s)
+        self._pings = Pings(lambda: self.address, self._write, self._transmit_mini)
         self._revision_s = -math.inf
         self._out = bytearray()
 
@@ -224,7 +224,7 @@ class ModemEmulator:
         """
         mini = MiniPacket.read(arrival.payload) if arrival.payload is not None else None
         if mini is not None:
-            return self._hear_mini(now_s, mini, arrival.timed_s)
+            return self._pings.hear(now_s, mini, arrival.timed_s, free=self._sending is None)
         self._report(arrival)
         return arrival.payload is not None and arrival.destination in (BROADCAST, self.address)
 
@@ -304,14 +304,12 @@ class ModemEmulator:
         if ping.source != self.address or ping.destination in (BROADCAST, self.address):
             self._refuse(now_s, 5, f"ping from {ping.source} to {ping.destination}")
             return
-        self._write(ping)
-        self._pinged = (ping.destination, now_s)
-        self._transmit_mini(now_s, MiniPacket(source=self.address, destination=ping.destination))
+        self._pings.ask(now_s, ping)
 
-    def _transmit_mini(self, now_s: float, mini: MiniPacket) -> None:
+    def _transmit_mini(self, start_s: float, mini: MiniPacket) -> None:
         self._transmit(
             Transmission(
-                start_s=now_s,
+                start_s=start_s,
                 source=mini.source,
                 destination=mini.destination,
                 rate=0,
@@ -320,23 +318,6 @@ class ModemEmulator:
             )
         )
         self.counts["mini_packets"] += 1
-
-    def _hear_mini(self, now_s: float, mini: MiniPacket, heard_s: float) -> bool:
-        """Answers a ping at once, or takes the answer to the own one; returns whether it was that."""
-        if mini.destination != self.address:
-            return False
-        if not mini.answer:
-            self._write(PingHeard(source=mini.source, destination=mini.destination))
-            if self._sending is None:
-                answer = MiniPacket(source=self.address, destination=mini.source, answer=True, turn_s=now_s - heard_s)
-                self._transmit_mini(now_s, answer)
-            return False
-        if self._pinged is None or mini.source != self._pinged[0]:
-            return False
-        (_, pinged_s), self._pinged = self._pinged, None
-        travel_s = 0.5 * (heard_s - pinged_s - mini.turn_s)
-        self._write(PingReply(source=mini.source, destination=self.address, travel_s=travel_s))
-        return True
 
     # ------------------------------------------------------------------ output
 

@@ -15,7 +15,7 @@ from auv_lse_common.mission_run import RunState, Stop
 from auv_lse_common.processes import vehicle_nodes
 from auv_lse_common.stamps import stamped
 from auv_lse_sim.emulated.links import EmulatedLinks
-from auv_lse_sim.emulated.mini_packet import MiniPacket
+from auv_lse_sim.emulated.pings import MiniPacket
 from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Ground
