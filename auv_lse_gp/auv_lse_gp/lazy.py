@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 
+@cache
 def compiled_gp() -> Any:
     """Compiled covariances and solves."""
     from auv_lse_gp import compiled_gp as module
@@ -12,6 +14,7 @@ def compiled_gp() -> Any:
     return module
 
 
+@cache
 def compiled_risk() -> Any:
     """Compiled expected Bayes risk."""
     from auv_lse_gp import compiled_risk as module

@@ -48,13 +48,15 @@ class MergedCenter:
 
     def summary(self) -> tuple[Array, float, float]:
         """Place (2,), depth and noise variance of the center."""
-        n, variance = len(self._places_m), self._kernel.signal_variance_m2
+        n, kernel, variance = len(self._places_m), self._kernel, self._kernel.signal_variance_m2
         places = np.array(self._places_m)
-        with_others = self._kernel(places[self._paired :], places)
+        centroid = places.sum(axis=0) / n
+        scaled = kernel.scale(places)
+        new = np.concatenate([kernel.scale(centroid[None]), scaled[self._paired :]])
+        at_centroid, *with_others = kernel.of_scaled(new, scaled)
         for number, row in enumerate(with_others, self._paired):
             self._pair_sum += 2.0 * float(row[:number].sum()) + variance
         self._paired = n
-        centroid = places.sum(axis=0) / n
-        to_centroid = float(self._kernel(centroid[None], places).sum()) / n
+        to_centroid = float(at_centroid.sum()) / n
         curvature = self._pair_sum / n**2 - 2.0 * to_centroid + variance
         return centroid, self._depth_sum_m / n, self._noise_m2 / n + max(curvature, 0.0)

@@ -30,6 +30,8 @@ from auv_lse_gp.spacing import SpacingIndex
 
 Array = NDArray[np.float64]
 
+_EPSILON = float(np.finfo(float).eps)
+
 
 class Outcome(enum.Enum):
     """What became of a sounding."""
@@ -280,7 +282,7 @@ class OnlineGp:
         noise_m2 = self.config.noise_std_m**2
         least_noise_m2 = noise_m2 / (MERGED_AT_MOST if self.config.merge else 1)
         largest = 4.0 * self.kernel.signal_variance_m2 + noise_m2  # merging adds at most 4 k(p, p) of noise
-        rounding = 4.0 * (size + 1) ** 2 * float(np.finfo(float).eps) * largest
+        rounding = 4.0 * (size + 1) ** 2 * _EPSILON * largest
         return self.config.outlier_sigmas == 0.0 and least_noise_m2 > rounding
 
     def _append(self, centers: Centers) -> None:
