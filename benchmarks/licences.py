@@ -20,11 +20,9 @@ Every package that `scripts/setup` installs, pinned in `config/constraints.txt`,
 state (made by `python -m benchmarks.licences > docs/dependencies.md`). What each of the main ones is for stands in the
 README. Those under the LGPL (`acomms`, `pymavlink`) are used unchanged, as separate packages; `acomms` by tests only.
 
-`config/hashes-cp311-linux_x86_64.txt` has the SHA-256 of each package's file for Python 3.11 on x86-64 Linux, as PyPI
-gave them out when the versions were pinned. To install nothing else than these files, before `scripts/setup`:
-
-    python3.11 -m venv .venv
-    .venv/bin/pip install --require-hashes --no-deps -r config/hashes-cp311-linux_x86_64.txt
+`config/locked.txt` has the SHA-256 of every file of these versions on PyPI. `scripts/setup` installs no other, with
+Python 3.11 to 3.13 (the ROS 2 wheels are for x86-64 Linux). Where ROS 2 is sourced its own packages stay, and what it
+lacks is installed by version alone.
 
 | package | version | licence |
 |---|---|---|

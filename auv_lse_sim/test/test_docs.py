@@ -236,8 +236,8 @@ def test_the_page_of_licences_and_the_hashes_have_every_pinned_package():
     pinned = set(licences.pins())
     rows = re.findall(r"^\| ([\w.-]+) \| ([\w.]+) \| [^|]+ \|$", (ROOT / "docs" / "dependencies.md").read_text(), re.M)
     assert set(rows) - {("package", "version")} == pinned, "python -m benchmarks.licences > docs/dependencies.md"
-    hashes = (ROOT / "config" / "hashes-cp311-linux_x86_64.txt").read_text()
-    hashed = re.findall(r"^(\S+)==(\S+) --hash=sha256:[0-9a-f]{64}$", hashes, re.M)
-    assert {(name.lower().replace("_", "-"), version) for name, version in hashed} == {
-        (name.lower().replace("_", "-"), version) for name, version in pinned
-    }
+    locked = (ROOT / "config" / "locked.txt").read_text()
+    entries = re.findall(r"^([\w.-]+)==(\S+)( ; [^\\]+)? \\\n    --hash=sha256:[0-9a-f]{64}", locked, re.M)
+    assert len(entries) == len(re.findall(r"^[\w.-]+==", locked, re.M)), "each has a hash"
+    hashed = {(name, version) for name, version, marker in entries if marker != " ; sys_platform == 'win32'"}
+    assert hashed == {(name.lower().replace("_", "-").replace(".", "-"), version) for name, version in pinned}
