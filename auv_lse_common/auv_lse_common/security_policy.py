@@ -39,9 +39,11 @@ def policy(vehicle: int) -> str:
     own = [name for name in VEHICLE_TOPICS if not name.startswith("lockstep/")]
     topics = sorted({*_TOPICS_OF_ALL, *shared, *(f"/auv{vehicle}/{name}" for name in own)})
     for node in _NODES:
-        services = sorted([*(f"~/{name}" for name in _SERVICES_OF_ALL), *(f"/auv{vehicle}/{s}" for s in _SERVICES)])
-        _profile(profiles, f"/auv{vehicle}", node, topics, services)
-    _profile(profiles, "/", "recorder_node", topics, [f"~/{name}" for name in _SERVICES_OF_ALL])
+        of_node = (f"/auv{vehicle}/{node}/{name}" for name in _SERVICES_OF_ALL)
+        _profile(
+            profiles, f"/auv{vehicle}", node, topics, sorted([*of_node, *(f"/auv{vehicle}/{s}" for s in _SERVICES)])
+        )
+    _profile(profiles, "/", "recorder_node", topics, [f"/recorder_node/{name}" for name in _SERVICES_OF_ALL])
     ElementTree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from xml.etree import ElementTree
 
 import pytest
@@ -20,6 +21,36 @@ def test_every_node_may_use_every_topic_of_its_own_vehicle() -> None:
         topics = {topic.text for topic in profile.iter("topic")}
         assert {f"/auv2/{name}" for name in VEHICLE_TOPICS if "lockstep" not in name} <= topics
         assert not any(str(topic).startswith("/auv") and not str(topic).startswith("/auv2/") for topic in topics)
+
+
+#: The schema of SROS 2's policies, version 0.2.0: elements, their attributes and what is below them.
+RULES = {"ALLOW", "DENY"}
+SCHEMA = {
+    "policy": ({"version": {"0.2.0"}}, {"enclaves"}),
+    "enclaves": ({}, {"enclave"}),
+    "enclave": ({"path": None}, {"profiles"}),
+    "profiles": ({}, {"profile"}),
+    "profile": ({"ns": None, "node": None}, {"topics", "services", "actions"}),
+    "topics": ({"publish": RULES, "subscribe": RULES}, {"topic"}),
+    "services": ({"reply": RULES, "request": RULES}, {"service"}),
+    "topic": ({}, set()),
+    "service": ({}, set()),
+}
+
+
+def test_it_is_what_the_schema_of_policies_allows() -> None:
+    text = policy(3)
+    assert text.startswith('<?xml version="1.0" encoding="UTF-8"?>\n<policy version="0.2.0">\n')
+    for element in ElementTree.fromstring(text.partition("\n")[2]).iter():
+        attributes, below = SCHEMA[element.tag]
+        assert element.keys() == list(attributes), element.tag
+        for name, allowed in attributes.items():
+            assert allowed is None or element.get(name) in allowed, (element.tag, name)
+        assert {child.tag for child in element} <= below
+        if below:
+            assert len(element), f"{element.tag} holds something"
+        else:
+            assert re.fullmatch(r"(/[a-z_][a-z0-9_]*)+", element.text or ""), "a name from the root, so of one meaning"
 
 
 def test_a_name_that_is_no_vehicles_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

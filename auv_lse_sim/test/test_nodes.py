@@ -7,6 +7,7 @@ import math
 import sys
 import time
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from ros_bench import Bench, bench
 from auv_lse_common.base_node import LATCHED
 from auv_lse_common.plan import Plan as MatePlan
 from auv_lse_common.ros_conversions import header, mate_navigation_from_message
+from auv_lse_common.security_policy import policy as policy_of
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_comms.packet.navigation import Navigation
 from auv_lse_msgs.msg import (
@@ -95,6 +97,17 @@ def test_gp_node_keeps_a_map_that_a_late_reader_gets_whole(tmp_path: Path) -> No
         states = b.collect(MissionState, "/auv1/mission/state")  # not latched: what was said before it does not get
         b.until(lambda: len(states) > 1, "the mission's state again and again")
         assert [(s.revision, s.state) for s in states[:2]] == [(1, MissionState.RUNNING)] * 2
+        policy = {element.text for element in ElementTree.fromstring(policy_of(1).partition("\n")[2]).iter()}
+        graph = b.node
+        for node in ("gp_node", "safety_node"):
+            for of_node in (
+                graph.get_publisher_names_and_types_by_node,
+                graph.get_subscriber_names_and_types_by_node,
+                graph.get_service_names_and_types_by_node,
+                graph.get_client_names_and_types_by_node,
+            ):
+                used = {name for name, _ in of_node(node, "/auv1")}
+                assert used <= policy, f"{node} uses what its SROS 2 policy does not allow: {used - policy}"
         late = b.collect(KernelCenters, "/auv1/kernel_centers", LATCHED)
         b.until(lambda: late, "the latched centers")
         assert sorted(zip(late[0].north_m, late[0].east_m, strict=True)) == [
