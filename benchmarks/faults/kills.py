@@ -17,6 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -133,9 +134,25 @@ def fly(
         kills: From the time of travel (s), the kills: time after the vehicles are under way (s), vehicle, node.
         more: Further parameters.
         say: Told what happens.
+
+    Raises:
+        RuntimeError: if the simulator does not run.
+        TimeoutError: if nodes do not start, or the mission does not end.
     """
-    with own_domain() as a, own_domain() as b, own_domain() as c:
-        domains = (a, b, c)  # let go at once: the processes take them
+    with ExitStack() as kept:
+        with own_domain() as simulators:  # let go here: the simulator takes it, and keeps it
+            vehicles = [kept.enter_context(own_domain()) for _ in (1, 2)]  # kept from other missions on this machine
+        return _fly(folder, steps, kills, more, say, (simulators, *vehicles))
+
+
+def _fly(
+    folder: Path,
+    steps: int,
+    kills: Callable[[float], Sequence[tuple[float, int, str]]],
+    more: Mapping[str, str],
+    say: Callable[[str], None],
+    domains: Sequence[int],
+) -> Flight:
     run = folder / "run"
     sets = [f"--set={name}={value}" for name, value in more.items()]
     team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
@@ -155,7 +172,10 @@ def fly(
             if not flight.kills:
                 flight.sockets = open_sockets(pid for p in processes for pid in family_of(p.process.pid))
             if processes[0].process.poll() is not None:
-                break
+                if flight.kills:
+                    break
+                processes[0].wait(10.0)
+                raise RuntimeError(f"the simulator has ended before the first kill: {''.join(processes[0].text)}")
             process = processes[vehicle]
             # killed a moment ago: as soon as it is started again
             _until(lambda p=process, n=node: _runs(p.nodes[n]), 60.0, f"auv{vehicle} {node} was not started again")
