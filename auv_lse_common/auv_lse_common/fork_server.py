@@ -33,7 +33,8 @@ from auv_lse_common.processes import LaunchError, Process, die_with_parent, end
 
 #: Room (bytes) in the server's command line for that of a node.
 _COMMAND_ROOM = 4000
-_START_S = 60.0
+#: Longest wait (s) for the server to fork a process: without numba's cache it compiles first, for minutes where slow.
+_START_S = 600.0
 #: Prepares what all nodes have in common, after the modules of the nodes.
 _OF_ALL = "auv_lse_common.base_node"
 
@@ -66,8 +67,14 @@ class ForkedProcess:
             raise LaunchError(f"{self._name}: the fork server has not started it; see {self._server.log}")
         return self._pid
 
+    @property
+    def begun(self) -> bool:
+        """Whether the server has forked it by now."""
+        self.poll()
+        return self._pid is not None
+
     def poll(self) -> int | None:
-        """The exit code, None while it runs."""
+        """The exit code, None while it runs, or waits to be forked."""
         if self.returncode is None:
             self._server.read(0.0)
         return self.returncode

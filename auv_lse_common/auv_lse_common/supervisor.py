@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from auv_lse_common.fork_server import ForkServer, can_fork
+from auv_lse_common.fork_server import ForkedProcess, ForkServer, can_fork
 from auv_lse_common.processes import LaunchError, Process, Running, end, last_lines, start
 
 #: First wait (s) before a process that died is started again, and the longest.
@@ -50,6 +50,7 @@ class _State:
     task: Task
     process: Running | None = None
     starts: int = 0
+    told: bool = False  # that it has begun
     started_s: float = 0.0
     due_s: float = 0.0
     wait_s: float = field(default=FIRST_WAIT_S)
@@ -76,8 +77,14 @@ class Supervisor:
 
     @property
     def running(self) -> dict[str, int]:
-        """Process id of each task that runs."""
-        return {s.task.name: s.process.pid for s in self._states if s.process is not None and s.process.poll() is None}
+        """Process id of each task that runs; a node that waits for the fork server does not yet."""
+        alive = ((s.task.name, s.process) for s in self._states if s.process is not None and s.process.poll() is None)
+        return {name: process.pid for name, process in alive if _begun(process)}
+
+    @property
+    def loading(self) -> bool:
+        """Whether a node waits for the fork server, which loads, or even compiles, before it forks the first one."""
+        return any(s.process is not None and s.process.poll() is None and not _begun(s.process) for s in self._states)
 
     @property
     def starts(self) -> dict[str, int]:
@@ -105,6 +112,7 @@ class Supervisor:
                 self._note_death(state, code, now_s)
             if state.process is None and now_s >= state.due_s:
                 self._start(state, now_s)
+            self._tell_start(state)
         return died
 
     def _note_death(self, state: _State, code: int, now_s: float) -> None:
@@ -123,18 +131,22 @@ class Supervisor:
     def _start(self, state: _State, now_s: float) -> None:
         name, command = state.task.name, [str(part) for part in state.task.command(state.starts)]
         try:
-            process = self._launch(state.task, command)
-            pid = process.pid
+            state.process = self._launch(state.task, command)
         except (OSError, LaunchError) as error:
             state.due_s = now_s + state.wait_s
             self._say(f"{name} cannot be started ({command[0]}): {error}; the next try in {state.wait_s:g} s")
             state.wait_s = min(2.0 * state.wait_s, LONGEST_WAIT_S)
             return
-        state.process = process
         state.starts += 1
-        state.started_s = now_s
+        state.started_s, state.told = now_s, False
+
+    def _tell_start(self, state: _State) -> None:
+        """Says once that a process has begun: the fork server may have to load, or even to compile, before."""
+        if state.process is None or state.told or not _begun(state.process):
+            return
+        state.told = True
         again = f" again (start {state.starts})" if state.starts > 1 else ""
-        self._say(f"{name} started{again}, process {pid}")
+        self._say(f"{state.task.name} started{again}, process {state.process.pid}")
 
     def _launch(self, task: Task, command: list[str]) -> Running:
         log = self.log(task.name)
@@ -147,8 +159,12 @@ class Supervisor:
     def stop(self) -> None:
         """Ends every task, those marked `last` after the others."""
         for last in (False, True):
-            end(s.process for s in self._states if s.process is not None and s.task.last is last)
+            end(s.process for s in self._states if s.process and s.task.last is last and _begun(s.process))
         if self._server is not None:
             self._server.close()
         for state in self._states:
             state.process = None
+
+
+def _begun(process: Running) -> bool:
+    return not isinstance(process, ForkedProcess) or process.begun

@@ -236,6 +236,8 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
         mission_end = (lambda: None) if not crew.simulated else stack.enter_context(_mission_end(environment))
         while signals.came is None:
             died = supervisor.tick(time.monotonic())
+            if supervisor.loading:
+                began_s = time.monotonic()
             early = time.monotonic() - began_s < _FIRST_START_S
             for name, code in died:
                 if code == REFUSED and early and supervisor.starts[name] == 1:

@@ -55,7 +55,8 @@ class ProcessGroup:
     def cpu_s(self) -> dict[str, float]:
         """Processor time (s, user and system) that each running process has taken so far (Linux; else empty)."""
         times = {}
-        for name, process in self._running.items():
+        begun = {name: process for name, process in self._running.items() if process.begun}
+        for name, process in begun.items():
             with contextlib.suppress(OSError, ValueError, IndexError):
                 fields = Path(f"/proc/{process.pid}/stat").read_text().rsplit(")", 1)[1].split()
                 times[name] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
@@ -63,8 +64,9 @@ class ProcessGroup:
 
     def stop(self) -> None:
         """Ends every process, the recorder last, so that it records the end of the others."""
-        first = {n: p for n, p in self._running.items() if "recorder" not in n}
+        begun = {n: p for n, p in self._running.items() if p.begun}  # the others end with the server
+        first = {n: p for n, p in begun.items() if "recorder" not in n}
         end(first.values())
-        end(p for n, p in self._running.items() if n not in first)
+        end(p for n, p in begun.items() if n not in first)
         self._running.clear()
         self._server.close()
