@@ -3,8 +3,10 @@
 A decision values everything by the same reward (`reward/anytime.py`), with the team mates' places in time order:
 
 - The incumbent is the last plan, continued. It stays unless another is worth more.
-- Every `planner.tour_interval` legs, and where the incumbent is void, the waypoints of what is left are changed by
-  chance and then optimized (`search/tour.py`), and a tree search proposes heads: next legs, which rejoin them.
+- Every `planner.tour_interval` legs, and where the incumbent is void, the last path is bent to where it brings more
+  (`search/tour.py`), by explicit actions: a tour's equal segments do not hold its narrow turns. Beside that the
+  waypoints of what is left are changed by chance and then optimized, for what small changes do not reach, and a tree
+  search proposes heads: next legs, which rejoin them.
 - At the mission's start waypoints are optimized from several boustrophedons: for the mission's end alone, which is what
   the account is about, and then, from the best of these, for what comes early, too. The naive paths are candidates.
 
@@ -34,7 +36,7 @@ from auv_lse_planner.paths.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward, Value
-from auv_lse_planner.search.tour import Found, TourSearch
+from auv_lse_planner.search.tour import Found, TourSearch, arc_m
 from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
@@ -54,6 +56,10 @@ REJOIN_M = 20.0
 DETOUR_LEGS = 8
 #: Places of a leg that the own path is valued by, at least: with fewer, corners are worth more than they are.
 OWN_PLACES = 2
+#: Explicit actions of a plan at most: a packet has a byte for each, and still room for nine samples.
+MOST_EXPLICIT = 100
+#: Places of a leg by which a path is a fine polyline.
+LINE_PLACES = 4
 #: A path's risk is guessed by one in so many of its places.
 SPARSE = 4
 
@@ -66,7 +72,7 @@ class Candidate:
         plan: The plan.
         path: Its path.
         value: Its value.
-        kind: Where it comes from: "incumbent", "tour", "head" or "naive".
+        kind: Where it comes from: "incumbent", "tour", "bent", "head" or "naive".
         waypoints_m: What its tour was made from.
     """
 
@@ -266,6 +272,8 @@ class Touring:
             waypoints, hit = found.waypoints_m, found.deadline_hit
             gradients = varied.evaluations + found.evaluations
         candidates = [self._candidate(step, state, waypoints, reward)]
+        if planner.tour_interval and not hit and reward.legs <= MOST_EXPLICIT:
+            candidates.append(self._bent(step, state, path, reward, deadline))
         for actions in heads:
             if deadline is not None and deadline():
                 return candidates, gradients, True
@@ -298,6 +306,21 @@ class Touring:
             rest = np.concatenate([end[None, 1:], corners[1 + len(around) // every :]])
             tour = self._search.tour(rest, legs - len(actions)) if len(rest) > 1 else None
         return self._valued(Plan.at(step, state, actions, NONE, tour), reward, "tour")
+
+    def _bent(
+        self, step: int, state: Array, path: PlannedPath, reward: AnytimeReward, deadline: Callable[[], bool] | None
+    ) -> Candidate:
+        """The last path, displaced to where it brings more: by explicit actions, which keep its narrow turns."""
+        legs = reward.legs
+        fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
+        line = np.concatenate([np.asarray(state, dtype=float)[None, 1:], fine.reshape(-1, 2)])
+        spacing = arc_m(line) / legs
+        found = self._search.bend(line, legs, reward, ITERATIONS, deadline)
+        start = Plan.at(step, state, (), NONE).state
+        actions = self._steering.along(start, found.waypoints_m, spacing, legs)
+        if not self._space.path_feasible(state, actions, DETOUR_LEGS):
+            actions = self._steering.along(start, found.waypoints_m, spacing, legs, around_shallows=True)
+        return self._valued(Plan.at(step, state, tuple(int(a) for a in actions), NONE), reward, "bent")
 
     def _headed(self, step: int, state: Array, actions: Actions, base_m: Array, reward: AnytimeReward) -> Candidate:
         """Actions, and the rest of a tour's waypoints after them, from the one that is nearest to where they end."""

@@ -7,7 +7,7 @@ from planner_helpers import feasible_by_area, rollout, world
 from auv_lse_common.compiled import plain
 from auv_lse_common.plan import NONE, Plan, Tour
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
-from auv_lse_planner.paths.steering import Steering, point_along, steer
+from auv_lse_planner.paths.steering import Steering, due_on_line, due_on_tour, point_along, steer
 
 LEG = 15.0 * math.pi / 2.0
 
@@ -47,7 +47,12 @@ def test_compiled_steering_equals_the_plain_one():
     _, motion, space, _ = world()
     leg = motion.leg_length_m
     for state, tour in _tours(3, 5, seed=3):
-        arguments = (space.arguments(static=True), state, 10, tour.waypoints_m(state[1:], leg), 2 * leg, leg)
+        waypoints = tour.waypoints_m(state[1:], leg)
+        due = due_on_tour(waypoints, 2 * leg, leg, 12)
+        assert np.array_equal(due, plain(due_on_tour)(waypoints, 2 * leg, leg, 12))
+        assert np.allclose(due[:, :2], due_on_line(waypoints, leg, 12)[:, :2], atol=1e-5)
+        assert np.array_equal(due_on_line(waypoints, leg, 12), plain(due_on_line)(waypoints, leg, 12))
+        arguments = (space.arguments(static=True), state, 10, due)
         assert np.array_equal(steer(*arguments), plain(steer)(*arguments))
 
 

@@ -2,10 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from planner_helpers import world
+from planner_helpers import rollout, world
 
 from auv_lse_common.compiled import plain
-from auv_lse_planner.search.tour import ROOM_M, TourSearch, lack_of_room, places_along, pull_back
+from auv_lse_planner.paths.steering import Steering
+from auv_lse_planner.search.tour import ROOM_M, TourSearch, arc_m, lack_of_room, places_along, pull_back
 
 LEG = 15.0 * math.pi / 2.0
 
@@ -161,3 +162,46 @@ def test_starts_are_as_long_as_the_mission_and_within_the_area(vehicles):
             assert a.clearance_m(tour).min() > -1e-9
     assert search.segment_legs(100) == 2
     assert search.segment_legs(400) == 8
+
+
+def _lanes(legs):
+    """A state, the actions of narrow lanes from it, and their path as a fine polyline."""
+    paths, space = rollout(legs)
+    motion = paths.motion
+    state = np.array([0.0, 40.0, 60.0])
+    turn, back = motion.actions - 1, 0
+    lane = [motion.straight_on] * 5
+    actions = np.array((lane + [turn] * 2 + lane + [back] * 2) * 4)[:legs]
+    states = motion.roll(state, actions)
+    line = paths.leg_places(states[:-1], actions, 4).reshape(-1, 2)
+    return state, actions, np.concatenate([state[None, 1:], line]), space
+
+
+def test_a_path_that_nothing_bends_is_steered_as_it_was_narrow_turns_too():
+    legs = 28
+    state, actions, line, space = _lanes(legs)
+    found = TourSearch(space, 1).bend(line, legs, Basin(np.full((legs, 2), 1e5)), 10)
+    assert np.array_equal(found.waypoints_m, line)
+    again = Steering(space).along(state, found.waypoints_m, arc_m(line) / legs, legs)
+    assert np.array_equal(again, actions)
+
+
+def test_a_path_is_bent_to_where_it_is_worth_more_and_its_start_stays():
+    legs = 28
+    _, _, line, space = _lanes(legs)
+    goals = places_along(line, 0.5 * LEG, LEG, legs)[0] + np.array([0.0, 15.0])
+    reward, search = Basin(goals), TourSearch(space, 1)
+    before = reward.coarse_value(places_along(line, 0.5 * LEG, LEG, legs)[0])
+    found = search.bend(line, legs, reward, 30)
+    after = reward.coarse_value(places_along(found.waypoints_m, 0.5 * LEG, LEG, legs)[0])
+    assert after - before > 0.5 * (legs - before), "half of what there is to gain"
+    assert np.array_equal(found.waypoints_m[0], line[0])
+    assert len(found.waypoints_m) == len(line)
+
+
+def test_bending_ends_in_time():
+    legs = 28
+    _, _, line, space = _lanes(legs)
+    found = TourSearch(space, 1).bend(line, legs, Basin(line[2::4] + 30.0), 30, lambda: True)
+    assert found.deadline_hit
+    assert found.evaluations == 1

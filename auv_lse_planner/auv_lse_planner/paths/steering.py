@@ -26,6 +26,10 @@ from auv_lse_planner.paths.motion import advance
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+#: Legs that an action is judged by.
+LOOK_AHEAD = 3
+#: Least length of a segment (m): below it a direction means nothing.
+SHORTEST_M = 1e-3
 #: What a squared error along the polyline counts, of one across it.
 ALONG = 0.2
 #: What the first and the third target count, of the second.
@@ -48,16 +52,46 @@ def point_along(waypoints, segment, along):
 
 
 @compiled
-def steer(space, state, count, waypoints, segment, leg):
+def due_on_tour(waypoints, segment, leg, count):
+    """Points due (count, 4) at the ends of legs: place and direction, along segments of equal length."""
+    due = np.empty((count, 4))
+    for i in range(count):
+        due[i, 0], due[i, 1], due[i, 2], due[i, 3] = point_along(waypoints, segment, i * leg + leg)
+    return due
+
+
+@compiled
+def due_on_line(waypoints, leg, count):
+    """Points due (count, 4) at every `leg` (m of arc) of any polyline (n + 1, 2); straight on behind it."""
+    due = np.empty((count, 4))
+    k, begin = 0, 0.0
+    last = waypoints.shape[0] - 2
+    north, east = waypoints[1, 0] - waypoints[0, 0], waypoints[1, 1] - waypoints[0, 1]
+    length = max(math.sqrt(north * north + east * east), SHORTEST_M)
+    for i in range(count):
+        at = (i + 1) * leg
+        while at > begin + length and k < last:
+            begin += length
+            k += 1
+            north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
+            length = max(math.sqrt(north * north + east * east), SHORTEST_M)
+        due[i, 0] = waypoints[k, 0] + (at - begin) / length * north
+        due[i, 1] = waypoints[k, 1] + (at - begin) / length * east
+        due[i, 2] = north / length
+        due[i, 3] = east / length
+    return due
+
+
+@compiled
+def steer(space, state, count, due):
     """Actions (count,) along a polyline from a state.
 
     Args:
         space: `FreeSpace.arguments(static=True)`.
         state: Heading, north, east, shape (3,).
         count: Number of actions.
-        waypoints: The polyline, shape (n + 1, 2), n at least 1.
-        segment: Length of each segment (m).
-        leg: Length of a leg (m).
+        due: Where the vehicle should be after each leg and after two more, and the polyline's direction there, shape
+            (count + 2, 4): north, east (m), ahead to the north and to the east.
     """
     raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
     kinds = turns.shape[0]
@@ -69,10 +103,9 @@ def steer(space, state, count, waypoints, segment, leg):
     heading, north, east = state[0], state[1], state[2]
     reach = safe_reach(spacing, loops, tracks)
     for index in range(count):
-        progress = index * leg
-        n1, e1, north1, east1 = point_along(waypoints, segment, progress + leg)
-        n2, e2, north2, east2 = point_along(waypoints, segment, progress + 2.0 * leg)
-        n3, e3, north3, east3 = point_along(waypoints, segment, progress + 3.0 * leg)
+        n1, e1, north1, east1 = due[index, 0], due[index, 1], due[index, 2], due[index, 3]
+        n2, e2, north2, east2 = due[index + 1, 0], due[index + 1, 1], due[index + 1, 2], due[index + 1, 3]
+        n3, e3, north3, east3 = due[index + 2, 0], due[index + 2, 1], due[index + 2, 2], due[index + 2, 3]
         c0 = math.cos(heading)
         s0 = math.sin(heading)
         for a in range(kinds):
@@ -147,8 +180,15 @@ class Steering:
         """
         if len(waypoints_m) < 2:
             raise ValueError(f"waypoints_m: got {len(waypoints_m)}; expected two at least: a polyline has a segment")
-        state = np.asarray(state, dtype=float)
         waypoints = np.ascontiguousarray(waypoints_m, dtype=float)
-        segment_m = segment_legs * self._leg_m
+        due = due_on_tour(waypoints, segment_legs * self._leg_m, self._leg_m, max(0, legs) + LOOK_AHEAD - 1)
+        return self._steer(state, due, legs, around_shallows)
+
+    def along(self, state: Array, line_m: Array, spacing_m: float, legs: int, around_shallows: bool = False) -> Ints:
+        """Actions (legs,) from a state (3,) along any polyline (n + 1, 2), of which a leg takes `spacing_m` of arc."""
+        due = due_on_line(np.ascontiguousarray(line_m, dtype=float), spacing_m, max(0, legs) + LOOK_AHEAD - 1)
+        return self._steer(state, due, legs, around_shallows)
+
+    def _steer(self, state: Array, due: Array, legs: int, around_shallows: bool) -> Ints:
         space = self._space.arguments(static=not around_shallows)
-        return np.asarray(steer(space, state, max(0, legs), waypoints, segment_m, self._leg_m))
+        return np.asarray(steer(space, np.asarray(state, dtype=float), max(0, legs), due))

@@ -38,6 +38,8 @@ ROOM_M = 6.0
 ROOM_WEIGHT = 1e-4
 #: What a segment costs that is twice as long as a tour's, as a part of the tour's value.
 EVEN_WEIGHT = 3e-2
+#: What it costs to bend a path: of a displacement that grows by a segment's length over a segment, of the tour's value.
+BEND_WEIGHT = 3e-3
 #: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
 CUT_CORNERS = 1.25
 #: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
@@ -164,6 +166,11 @@ def unevenness(waypoints, length):
         gradient[k, 0] -= slope * north
         gradient[k, 1] -= slope * east
     return total, gradient
+
+
+def arc_m(line_m: Array) -> float:
+    """Length of a polyline (n + 1, 2): a little less than that of the path whose bends it cuts."""
+    return float(np.hypot(*np.diff(line_m, axis=0).T).sum())
 
 
 class OutOfTimeError(Exception):
@@ -395,6 +402,75 @@ class TourSearch:
                 jac=True,
                 method="L-BFGS-B",
                 bounds=bounds,
+                options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": 1e-7, "gtol": 1e-7},
+            )
+        except OutOfTimeError:
+            hit = True
+        return Found(best_m, best * scale, calls, hit)
+
+    def bend(
+        self,
+        line_m: Array,
+        legs: int,
+        reward: Differentiable,
+        iterations: int,
+        deadline: Callable[[], bool] | None = None,
+    ) -> Found:
+        """Displaces a travelled path, by as many places as a tour has waypoints and evenly between them.
+
+        Unlike `improve` it keeps what the path is made of where nothing is gained, narrow turns too.
+
+        Args:
+            line_m: The path as a fine polyline, its start first, as many segments for each leg, shape (n + 1, 2).
+            legs: Its legs.
+            reward: What places are worth.
+            iterations: At most.
+            deadline: Says when to stop.
+        """
+        line = np.ascontiguousarray(line_m, dtype=float)
+        each, every = (len(line) - 1) // legs, self.segment_legs(legs)
+        knots = math.ceil(legs / every)
+        at = np.arange(len(line)) / (each * every)  # in knots
+        left = np.minimum(at.astype(int), knots - 1)
+        share = np.minimum(at - left, 1.0)[:, None]
+        spacing, count = arc_m(line) / (legs * self._samples), legs * self._samples
+        raster = (self._space.raster, self._space.north0_m, self._space.east0_m, self._space.cell_m)
+        unit, length = self._leg_m, every * self._leg_m
+        best, best_m, scale, calls = -math.inf, line, 0.0, 0
+
+        def downhill(x: Array) -> tuple[float, Array]:
+            nonlocal best, best_m, scale, calls
+            if deadline is not None and calls and deadline():
+                raise OutOfTimeError
+            calls += 1
+            moved = np.concatenate([np.zeros((1, 2)), unit * x.reshape(knots, 2)])
+            corners = line + (1.0 - share) * moved[left] + share * moved[left + 1]
+            places, segments, along = places_along(corners, 0.5 * spacing, spacing, count)
+            value, gradient = reward.value_and_gradient(places)
+            if not scale:
+                scale = max(abs(value), 1e-9)
+            lack, push = lack_of_room(*raster, ROOM_M, places)
+            value = value / scale - ROOM_WEIGHT * lack
+            gradient = gradient / scale - ROOM_WEIGHT * push
+            up = pull_back(corners, segments, along, gradient)
+            slope = np.zeros((knots + 1, 2))
+            np.add.at(slope, left, (1.0 - share) * up)
+            np.add.at(slope, left + 1, share * up)
+            steps = np.diff(moved, axis=0) / length
+            value -= BEND_WEIGHT * float(np.sum(steps * steps))
+            slope[1:] -= 2.0 * BEND_WEIGHT / length * steps
+            slope[1:-1] += 2.0 * BEND_WEIGHT / length * steps[1:]
+            if value > best:
+                best, best_m = value, corners
+            return -value, -unit * slope[1:].ravel()
+
+        hit = False
+        try:
+            minimize(
+                downhill,
+                np.zeros(2 * knots),
+                jac=True,
+                method="L-BFGS-B",
                 options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": 1e-7, "gtol": 1e-7},
             )
         except OutOfTimeError:

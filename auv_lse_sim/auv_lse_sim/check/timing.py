@@ -9,6 +9,7 @@ import numpy as np
 from auv_lse_comms.packet.fields import capacity
 from auv_lse_comms.tdma import Tdma
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.touring import MOST_EXPLICIT
 from auv_lse_sim.check.findings import Findings
 from auv_lse_sim.settings import Settings
 
@@ -90,6 +91,8 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     actions = planner.horizon or 1
     tour = math.ceil(settings.mission.steps / _STEPS_PER_SEGMENT) if planner.proposals == "tour" else 0
     least = capacity(actions, settings.packet.reserve, min(tour, 64))
+    if tour:  # a bent path is told by its actions
+        least = min(least, capacity(min(settings.mission.steps, MOST_EXPLICIT), settings.packet.reserve))
     most = capacity(actions, settings.packet.reserve)
     if least < 1:
         findings.error(
@@ -102,7 +105,7 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     nth = max(1, math.ceil(soundings / least))
     apart = nth * max(every_s, 0.1) * own.vehicle.speed_mps
     room = (
-        f"{least} samples" if least == most else f"{least} to {most} samples (the tour shortens as the mission goes on)"
+        f"{least} samples" if least == most else f"{least} to {most} samples (the path shortens as the mission goes on)"
     )
     tag = f", a tag of {settings.packet.reserve} bytes" if settings.packet.reserve else ""
     which = "every" if nth == 1 else f"one of {nth}"
