@@ -23,6 +23,7 @@ from auv_lse_gp.kept import KeptColumns
 from auv_lse_planner.paths.naive_ids import FITTED, STRIPS
 from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.tour import TourSearch
+from auv_lse_planner.touring import OWN_PLACES
 from auv_lse_planner.vehicle_planner import COARSE_M, VehiclePlanner
 from benchmarks.planner_loop import settings_for
 from benchmarks.planner_methods import area
@@ -48,7 +49,7 @@ class Frontier:
         self._kept, self._coarse = (
             KeptColumns(planner.posterior, grounds.grid(m).places_m) for m in (spacing, max(COARSE_M, spacing))
         )
-        self._search, self._rng = TourSearch(planner.space, 1), np.random.default_rng(5)
+        self._search, self._rng = TourSearch(planner.space, OWN_PLACES), np.random.default_rng(5)
         self._start = np.zeros(3)
 
     def _reward(self, weight: float) -> AnytimeReward:
