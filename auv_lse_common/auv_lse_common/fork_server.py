@@ -1,6 +1,6 @@
 """One process that has imported what a mission's nodes need, and forks each of them: they start at once.
 
-A node imports for half a second to a second of processor time before it does anything, a mission is eleven processes,
+A node imports for half a second to a second of processor time before it does anything, a mission is fourteen processes,
 or sixty, and a node that was killed has to be back soon. The fork server imports once, and once loads compiled code and
 the types of messages (`prepare`). Each node is still a process of its own, with its own log, its own process group and
 the command line that `ros2 run` would give it. The server has no ROS context and starts no thread. Importing rclpy
@@ -119,7 +119,7 @@ class ForkServer:
         self._rest = b""
         modules = sorted({module for p in processes if (module := _entry_of(p).module)})
         command = [sys.executable, "-m", __name__, *modules, " " * _COMMAND_ROOM]
-        with log.open("wb") as output:
+        with log.open("ab") as output:  # after what one before it left there
             self._server = subprocess.Popen(
                 command,
                 stdin=subprocess.PIPE,

@@ -15,6 +15,8 @@ from pathlib import Path
 from typing import Protocol
 
 _STOP_S = 3.0
+#: A recorder writes what has come in and closes its file: with many vehicles on a busy machine that takes longer (s).
+RECORDER_STOP_S = 30.0
 
 
 class LaunchError(RuntimeError):
@@ -120,15 +122,20 @@ class Running(Protocol):
         ...
 
 
-def end(processes: Iterable[Running]) -> None:
-    """Ends processes started by `start` with all of their children: asks twice, then kills."""
+def end(processes: Iterable[Running], patience_s: float = _STOP_S) -> None:
+    """Ends processes started by `start` with all of their children: asks twice, then kills.
+
+    Args:
+        processes: What is to end.
+        patience_s: How long it may take (s) before it is asked again.
+    """
     everyone = list(processes)
-    for sign, patience_s in ((signal.SIGINT, _STOP_S), (signal.SIGTERM, 1.0), (signal.SIGKILL, 5.0)):
+    for sign, wait_s in ((signal.SIGINT, patience_s), (signal.SIGTERM, 1.0), (signal.SIGKILL, 5.0)):
         left = [p for p in everyone if p.poll() is None]
         for process in left:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, sign)
-        until = time.monotonic() + patience_s
+        until = time.monotonic() + wait_s
         for process in left:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(max(until - time.monotonic(), 0.01))

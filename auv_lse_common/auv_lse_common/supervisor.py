@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from auv_lse_common.fork_server import ForkedProcess, ForkServer, can_fork
-from auv_lse_common.processes import LaunchError, Process, Running, end, last_lines, start
+from auv_lse_common.processes import RECORDER_STOP_S, LaunchError, Process, Running, end, last_lines, start
 
 #: First wait (s) before a process that died is started again, and the longest.
 FIRST_WAIT_S = 0.5
@@ -158,8 +158,9 @@ class Supervisor:
 
     def stop(self) -> None:
         """Ends every task, those marked `last` after the others."""
-        for last in (False, True):
-            end(s.process for s in self._states if s.process and s.task.last is last and _begun(s.process))
+        begun = [(s.task, s.process) for s in self._states if s.process and _begun(s.process)]
+        end(process for task, process in begun if not task.last)
+        end((process for task, process in begun if task.last), RECORDER_STOP_S)
         if self._server is not None:
             self._server.close()
         for state in self._states:

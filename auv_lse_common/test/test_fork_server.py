@@ -79,6 +79,7 @@ def test_a_supervisor_starts_everything_again_when_the_fork_server_dies(tmp_path
         first = _running(supervisor, now_s)
         server = int(Path(f"/proc/{first}/stat").read_text().rpartition(")")[2].split()[1])
         assert server != os.getpid()
+        (tmp_path / "fork_server.log").write_text("why it dies\n")
         os.kill(server, signal.SIGKILL)
         until = time.monotonic() + 10.0
         while supervisor.starts["auv7.modem_node"] == 1:
@@ -88,6 +89,7 @@ def test_a_supervisor_starts_everything_again_when_the_fork_server_dies(tmp_path
             time.sleep(0.02)
         again = _running(supervisor, now_s)
         assert again != first
+        assert "why it dies" in (tmp_path / "fork_server.log").read_text()
     finally:
         supervisor.stop()
     assert supervisor.running == {}

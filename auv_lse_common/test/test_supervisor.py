@@ -116,3 +116,18 @@ def test_the_recorder_is_ended_after_the_others(tmp_path: Path) -> None:
         time.sleep(0.02)
     desk.supervisor.stop()
     assert (tmp_path / "order").read_text().split() == ["first", "last"]
+
+
+def test_a_recorder_has_the_time_to_close_its_file(tmp_path: Path) -> None:
+    closing = "import pathlib,signal,time; signal.signal(15, signal.SIG_IGN); signal.signal(2, lambda *_: 1/0)\n"
+    closing += "print('up', flush=True)\ntry: time.sleep(60)\n"
+    closing += f"except ZeroDivisionError: time.sleep(5); pathlib.Path({str(tmp_path / 'closed')!r}).touch()"
+    tasks = [Task(name="recorder", command=lambda n: [sys.executable, "-c", closing], last=True)]
+    supervisor = Supervisor(tasks, tmp_path, os.environ, lambda text: None)
+    supervisor.tick(0.0)
+    until = time.monotonic() + 10.0
+    while "up" not in (tmp_path / "recorder.log").read_text():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    supervisor.stop()
+    assert (tmp_path / "closed").exists(), "killed while it closed its file"

@@ -12,7 +12,7 @@ import numpy as np
 from auv_lse_common.papers_methods import unless_papers
 from auv_lse_common.params import ParameterError, section
 from auv_lse_comms.bridge import ModemBridge
-from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_comms.config import WINDOW_S, PacketConfig, TdmaConfig
 from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
@@ -132,10 +132,11 @@ def bridge_of(
     if confirmed:
         check_send_duration(tdma, modem, where)
     pings = modem.kind == "micromodem" and modem.ping
-    if pings and tdma.slot_s < tdma.needed_s + tdma.ping_s - tdma.travel_s - 1e-9:
+    ping_slot_s = tdma.needed_s + tdma.ping_s - tdma.travel_s + WINDOW_S
+    if pings and tdma.slot_s < ping_slot_s - 1e-9:
         raise ParameterError(
-            f"{where}: tdma.slot_s: got {tdma.slot_s:g} s; expected at least "
-            f"{tdma.needed_s + tdma.ping_s - tdma.travel_s:.2f} s with modem.ping: a packet, a ping and its answer"
+            f"{where}: tdma.slot_s: got {tdma.slot_s:g} s; expected at least {ping_slot_s:.2f} s with modem.ping: a "
+            f"packet, a ping and its answer, and {WINDOW_S:g} s to begin in"
         )
     confirm_s = modem.confirm_s if confirmed and modem.kind == "micromodem" else math.inf
     second_lead_s = handshake_s if modem.kind == "micromodem" and modem.synchronous else None

@@ -114,8 +114,10 @@ def test_a_late_start_of_a_modem_must_fit_the_slot() -> None:
 def test_a_ping_and_its_answer_must_fit_what_a_packet_leaves_of_the_slot() -> None:
     modem = {"kind": "micromodem", "port": "/dev/ttyUSB0", "ping": True}
     tdma = {"send_duration_s": 4.0}
-    with pytest.raises(ParameterError, match=r"tdma.slot_s: got 9 s; expected at least 9.80 s with modem.ping"):
+    with pytest.raises(ParameterError, match=r"tdma.slot_s: got 9 s; expected at least 10.00 s with modem.ping"):
         bridge_of({**MISSION, "modem": modem, "tdma": {**tdma, "slot_s": 9.0}}, "m.yaml", 1, confirmed=True)
+    with pytest.raises(ParameterError, match=r"got 9.8 s; .* and 0.2 s to begin in"):  # else it would never ping
+        bridge_of({**MISSION, "modem": modem, "tdma": {**tdma, "slot_s": 9.8}}, "m.yaml", 1, confirmed=True)
     bridge_of({**MISSION, "modem": modem, "tdma": tdma}, "m.yaml", 1, confirmed=True)
     with pytest.raises(ParameterError, match="ping: got true with synchronous true"):
         bridge_of({**MISSION, "modem": {**modem, "synchronous": True}, "tdma": tdma}, "m.yaml", 1)

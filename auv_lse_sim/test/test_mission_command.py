@@ -13,9 +13,11 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 from auv_lse_common.params import ParameterError, parameters_for, read_parameter_file
+from auv_lse_common.project_folder import project_folder
 from auv_lse_sim.engine import mission
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.mission import main
+from auv_lse_sim.engine.options import parser
 from auv_lse_sim.engine.vehicle_file import vehicle_file
 from auv_lse_sim.settings import Settings
 
@@ -29,6 +31,20 @@ def test_a_link_that_is_down_for_a_while_finds_its_port_free() -> None:
     ports = [int(wanted[f"auv{k}.link.endpoint"].rsplit(":", 1)[1]) for k in (1, 2, 3)]
     assert len(set(ports)) == 3
     assert min(ports) > 60999, "no socket of another process gets it by chance while the node is started again"
+
+
+def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) -> None:
+    file = tmp_path / "mission.yaml"
+    file.write_text("/auv2/**:\n  ros__parameters: {modem: {ping: true}}\n")
+    for words, pings, synchronous in (
+        ([], False, True),
+        ([str(file)], True, False),
+        (["--set", "auv2.modem.ping=true"], True, False),
+        (["--set", "modem.synchronous=false"], False, False),
+    ):
+        options = parser().parse_args([*words, "--modem", "emulated"])
+        modem = mission.prepare(options, project_folder())[0].vehicle(2).modem
+        assert (modem.ping, modem.synchronous) == (pings, synchronous), words
 
 
 def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:

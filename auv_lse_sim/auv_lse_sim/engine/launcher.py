@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.fork_server import ForkedProcess, ForkServer
-from auv_lse_common.processes import Process, end, executable_path, last_lines
+from auv_lse_common.processes import RECORDER_STOP_S, Process, end, executable_path, last_lines
 
 
 class ProcessGroup:
@@ -67,6 +67,6 @@ class ProcessGroup:
         begun = {n: p for n, p in self._running.items() if p.begun}  # the others end with the server
         first = {n: p for n, p in begun.items() if "recorder" not in n}
         end(first.values())
-        end(p for n, p in begun.items() if n not in first)
+        end((p for n, p in begun.items() if n not in first), RECORDER_STOP_S)
         self._running.clear()
         self._server.close()

@@ -83,7 +83,11 @@ def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str
     Raises:
         ValueError: naming what cannot be flown.
     """
-    settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
+    wanted = overrides_of(options)
+    settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", wanted)
+    pings = any(settings.vehicle(k).modem.ping for k in range(1, settings.mission.vehicles + 1))
+    if options.modem == "emulated" and "modem.synchronous" not in wanted and not pings:
+        settings = settings.with_overrides({"modem.synchronous": True})  # these modems have a PPS
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
         return settings, []  # a synthetic lake tells nothing about a real one
     return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)

@@ -119,8 +119,6 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         south, west, north, east = options.area
         wanted["area.polygon_m"] = [south, west, north, west, north, east, south, east]
     wanted.update(settings_given(options.set))
-    if options.modem == "emulated" and not wanted.get("modem.ping"):
-        wanted.setdefault("modem.synchronous", True)  # these modems have a PPS
     return wanted
 
 
