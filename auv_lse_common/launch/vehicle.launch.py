@@ -13,6 +13,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from auv_lse_common.journal import FOLDER_VARIABLE
+from auv_lse_common.processes import RECORDER_STOP_S
 from auv_lse_common.vehicle import crew_of, journal_folder
 
 
@@ -45,7 +46,7 @@ def _nodes(context):
         out.mkdir(parents=True, exist_ok=True)
         folder = {"record.folder": str(crew.recording)}
         recorder = {"package": "auv_lse_sim", "executable": "recorder_node", "output": "screen"}
-        nodes.insert(0, Node(**recorder, parameters=[str(crew.file), folder]))
+        nodes.insert(0, Node(**recorder, parameters=[str(crew.file), folder], sigterm_timeout=str(RECORDER_STOP_S)))
     return nodes
 
 

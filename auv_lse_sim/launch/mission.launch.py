@@ -13,6 +13,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from auv_lse_common.processes import RECORDER_STOP_S
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 from auv_lse_sim.settings import Settings
@@ -48,6 +49,7 @@ def _nodes(context):
             namespace=process.namespace,
             parameters=[str(complete), {"use_sim_time": process.executable != "sim_node"}],
             output="screen",
+            **({"sigterm_timeout": str(RECORDER_STOP_S)} if process.executable == "recorder_node" else {}),
             # The simulator ends the mission; one node lost is the mission lost.
             on_exit=[EmitEvent(event=Shutdown(reason=f"{process.name} ended"))],
         )

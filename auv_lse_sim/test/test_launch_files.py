@@ -84,6 +84,7 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
     assert (settings.sim.real_time_factor, settings.sim.lockstep) == (5.0, False)
     assert settings.record.folder == str(out / "bag")
     assert [n.kwargs["parameters"][1]["use_sim_time"] for n in nodes] == [*[True] * 9, False]
+    assert nodes[0].kwargs["sigterm_timeout"] == "30.0", "a recorder has the time to close its file"
     with pytest.raises(ValueError, match="exists and is not empty"):
         start()
 
@@ -107,6 +108,7 @@ def test_a_vehicle(launch: Any, tmp_path: Path) -> None:
     of_vehicle = [f"/auv2/{name}" for name in (*VEHICLE_NODES, "micromodem_node")]
     assert names(nodes) == ["/recorder_node", *of_vehicle]
     assert nodes[0].kwargs["parameters"][1] == {"record.folder": str(tmp_path / "dive" / "bag")}
+    assert nodes[0].kwargs["sigterm_timeout"] == "30.0", "a recorder has the time to close its file"
     assert all(node.kwargs["respawn"] for node in nodes[1:])
     _, start = launch(path)
     with pytest.raises(ValueError, match=r"expected name:=auv2 params_file:=vehicles\.yaml"):
