@@ -85,6 +85,8 @@ def test_points_along_a_polyline_worked_by_hand():
 def test_a_polyline_without_a_segment_is_refused():
     with pytest.raises(ValueError, match="expected two at least"):
         Steering(world()[2]).actions(np.zeros(3), np.zeros((1, 2)), 2, 3)
+    with pytest.raises(ValueError, match="line_m: got 1; expected two at least"):
+        Steering(world()[2]).along(np.zeros(3), np.zeros((1, 2)), LEG, 3)
 
 
 def test_a_plan_leads_by_its_actions_its_tour_and_the_naive_path():

@@ -178,17 +178,26 @@ class Steering:
         Raises:
             ValueError: if the polyline has no segment.
         """
-        if len(waypoints_m) < 2:
-            raise ValueError(f"waypoints_m: got {len(waypoints_m)}; expected two at least: a polyline has a segment")
-        waypoints = np.ascontiguousarray(waypoints_m, dtype=float)
+        waypoints = _polyline("waypoints_m", waypoints_m)
         due = due_on_tour(waypoints, segment_legs * self._leg_m, self._leg_m, max(0, legs) + LOOK_AHEAD - 1)
         return self._steer(state, due, legs, around_shallows)
 
     def along(self, state: Array, line_m: Array, spacing_m: float, legs: int, around_shallows: bool = False) -> Ints:
-        """Actions (legs,) from a state (3,) along any polyline (n + 1, 2), of which a leg takes `spacing_m` of arc."""
-        due = due_on_line(np.ascontiguousarray(line_m, dtype=float), spacing_m, max(0, legs) + LOOK_AHEAD - 1)
+        """Actions (legs,) from a state (3,) along any polyline (n + 1, 2), of which a leg takes `spacing_m` of arc.
+
+        Raises:
+            ValueError: if the polyline has no segment.
+        """
+        due = due_on_line(_polyline("line_m", line_m), spacing_m, max(0, legs) + LOOK_AHEAD - 1)
         return self._steer(state, due, legs, around_shallows)
 
     def _steer(self, state: Array, due: Array, legs: int, around_shallows: bool) -> Ints:
         space = self._space.arguments(static=not around_shallows)
         return np.asarray(steer(space, np.asarray(state, dtype=float), max(0, legs), due))
+
+
+def _polyline(name: str, places_m: Array) -> Array:
+    """Places (n + 1, 2) as compiled code takes them, which would read beyond the end of a polyline without segment."""
+    if len(places_m) < 2:
+        raise ValueError(f"{name}: got {len(places_m)}; expected two at least: a polyline has a segment")
+    return np.ascontiguousarray(places_m, dtype=float)
