@@ -99,7 +99,7 @@ class Ranging:
 
         They follow from the raw places of both, which are wrong by far less than what sound travels in a second.
         """
-        if self._second_lead_s is None or self._raw is None or math.isnan(timing.travel_s):
+        if self._second_lead_s is None or self._raw is None or not math.isfinite(timing.travel_s):
             return timing
         apart_m = math.dist(navigation.raw_m, (self._raw.north_m, self._raw.east_m))
         more_s = round(apart_m / self._tdma.settings(timing.arrival_s).sound_speed_mps - timing.travel_s)
