@@ -74,7 +74,7 @@ class Vehicle:
             except OSError:
                 continue
             if str(self.folder / "vehicles.yaml") in words and "--ros-args" in words:
-                found[Path(words[1]).name] = int(path.parent.name)
+                found[Path(words[words.index("--ros-args") - 1]).name] = int(path.parent.name)
         return found
 
 

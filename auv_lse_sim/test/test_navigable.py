@@ -192,7 +192,7 @@ def test_expectations():
     # 3 x 100 x 23.56 m in 600 m x 700 m: lanes 420000 / 7069 = 59 m apart.
     assert "59 m apart" in said()
     assert "too large" in said(**{"mission.vehicles": 1})
-    assert "39 %" in said(**{"mission.vehicles": 1})  # 2356 m x 70 m / 420000 m2
+    assert "48 %" in said(**{"mission.vehicles": 1})  # 2356 m x 85 m / 420000 m2
     assert "too small" in said(**{"mission.steps": 300})
 
 
