@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -225,8 +226,18 @@ def test_a_node_that_is_killed_comes_back_and_sigterm_ends_all(vehicle: Vehicle,
     while vehicle.pids().get("gp_node") in (None, before["gp_node"]):
         assert time.monotonic() < until
         time.sleep(0.1)
+    said = ""
+    giving_up = threading.Timer(30.0, vehicle.process.kill)
+    giving_up.start()
+    assert vehicle.process.stdout is not None
+    for line in vehicle.process.stdout:  # it is said once the new process has answered
+        said += line
+        if "(start 2)" in line:
+            break
+    giving_up.cancel()
     vehicle.process.send_signal(signal.SIGTERM)
-    output, _ = vehicle.process.communicate(timeout=20)
+    rest, _ = vehicle.process.communicate(timeout=20)
+    output = said + rest
     assert vehicle.process.returncode == 0, output
     assert "auv1.gp_node died (SIGKILL) after " in output
     assert "auv1.gp_node started again (start 2)" in output
