@@ -365,48 +365,18 @@ class TourSearch:
         """Moves the waypoints (all but the first) of a polyline by so many iterations at most."""
         start = np.array(waypoints_m[0], dtype=float)
         shape = (len(waypoints_m) - 1, 2)
-        every = self.segment_legs(legs)
-        unit = self._leg_m  # L-BFGS-B begins with a step of one unit
-        spacing, count = self._leg_m / self._samples, legs * self._samples
-        raster = (self._space.raster, self._space.north0_m, self._space.east0_m, self._space.cell_m)
-        best, best_m = -math.inf, np.array(waypoints_m, dtype=float)
-        scale, calls = 0.0, 0
+        length, unit = self.segment_legs(legs) * self._leg_m, self._leg_m
 
-        def downhill(x: Array) -> tuple[float, Array]:
-            nonlocal best, best_m, scale, calls
-            if deadline is not None and calls and deadline():
-                raise OutOfTimeError
-            calls += 1
-            corners = np.concatenate([start[None], unit * x.reshape(shape)])
-            places, segments, along = places_along(corners, 0.5 * spacing, spacing, count)
-            value, gradient = reward.value_and_gradient(places)
-            if not scale:
-                scale = max(abs(value), 1e-9)
-            lack, push = lack_of_room(*raster, ROOM_M, places)
-            value = value / scale - ROOM_WEIGHT * lack
-            gradient = gradient / scale - ROOM_WEIGHT * push
-            up = pull_back(corners, segments, along, gradient)
-            uneven, even = unevenness(corners, every * self._leg_m)
-            value -= EVEN_WEIGHT * uneven
-            up -= EVEN_WEIGHT * even
-            if value > best:
-                best, best_m = value, corners
-            return -value, -unit * up[1:].ravel()
+        def corners(x: Array) -> Array:
+            return np.concatenate([start[None], unit * x.reshape(shape)])
 
+        def pulled(x: Array, up: Array) -> tuple[float, Array]:
+            uneven, even = unevenness(corners(x), length)
+            return EVEN_WEIGHT * uneven, unit * (up - EVEN_WEIGHT * even)[1:].ravel()
+
+        first = np.clip(waypoints_m[1:], self._low, self._high).ravel() / unit
         bounds = [(low / unit, high / unit) for low, high in zip(self._low, self._high, strict=True)] * shape[0]
-        hit = False
-        try:
-            minimize(
-                downhill,
-                np.clip(waypoints_m[1:], self._low, self._high).ravel() / unit,
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": 1e-7, "gtol": 1e-7},
-            )
-        except OutOfTimeError:
-            hit = True
-        return Found(best_m, best * scale, calls, hit)
+        return self._uphill(first, corners, pulled, self._leg_m, legs, reward, iterations, deadline, bounds)
 
     def bend(
         self,
@@ -433,44 +403,84 @@ class TourSearch:
         at = np.arange(len(line)) / (each * every)  # in knots
         left = np.minimum(at.astype(int), knots - 1)
         share = np.minimum(at - left, 1.0)[:, None]
-        spacing, count = arc_m(line) / (legs * self._samples), legs * self._samples
+        length, unit = every * self._leg_m, self._leg_m
+
+        def moves(x: Array) -> Array:
+            return np.concatenate([np.zeros((1, 2)), unit * x.reshape(knots, 2)])
+
+        def corners(x: Array) -> Array:
+            moved = moves(x)
+            return np.asarray(line + (1.0 - share) * moved[left] + share * moved[left + 1])
+
+        def pulled(x: Array, up: Array) -> tuple[float, Array]:
+            slope = np.zeros((knots + 1, 2))
+            np.add.at(slope, left, (1.0 - share) * up)
+            np.add.at(slope, left + 1, share * up)
+            steps = np.diff(moves(x), axis=0) / length
+            slope[1:] -= 2.0 * BEND_WEIGHT / length * steps
+            slope[1:-1] += 2.0 * BEND_WEIGHT / length * steps[1:]
+            return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1:].ravel()
+
+        first, leg_m = np.zeros(2 * knots), arc_m(line) / legs
+        return self._uphill(first, corners, pulled, leg_m, legs, reward, iterations, deadline, None)
+
+    def _uphill(
+        self,
+        first: Array,
+        corners_of: Callable[[Array], Array],
+        pulled: Callable[[Array, Array], tuple[float, Array]],
+        leg_m: float,
+        legs: int,
+        reward: Differentiable,
+        iterations: int,
+        deadline: Callable[[], bool] | None,
+        bounds: list[tuple[float, float]] | None,
+    ) -> Found:
+        """The best polyline that L-BFGS-B comes by.
+
+        Args:
+            first: Where it begins, in unknowns of the size of 1.
+            corners_of: The polyline (n + 1, 2) of unknowns.
+            pulled: Of unknowns and the gradient by corners (n + 1, 2): what their shape is charged, as a part of the
+                value, and the gradient by unknowns of the value less that.
+            leg_m: Length of a leg along the polyline (m).
+            legs: Legs of the path.
+            reward: What places are worth.
+            iterations: At most.
+            deadline: Says when to stop.
+            bounds: Of the unknowns.
+        """
+        spacing, count = leg_m / self._samples, legs * self._samples
         raster = (self._space.raster, self._space.north0_m, self._space.east0_m, self._space.cell_m)
-        unit, length = self._leg_m, every * self._leg_m
-        best, best_m, scale, calls = -math.inf, line, 0.0, 0
+        best, best_m = -math.inf, corners_of(first)
+        scale, calls = 0.0, 0
 
         def downhill(x: Array) -> tuple[float, Array]:
             nonlocal best, best_m, scale, calls
             if deadline is not None and calls and deadline():
                 raise OutOfTimeError
             calls += 1
-            moved = np.concatenate([np.zeros((1, 2)), unit * x.reshape(knots, 2)])
-            corners = line + (1.0 - share) * moved[left] + share * moved[left + 1]
+            corners = corners_of(x)
             places, segments, along = places_along(corners, 0.5 * spacing, spacing, count)
             value, gradient = reward.value_and_gradient(places)
             if not scale:
                 scale = max(abs(value), 1e-9)
             lack, push = lack_of_room(*raster, ROOM_M, places)
-            value = value / scale - ROOM_WEIGHT * lack
-            gradient = gradient / scale - ROOM_WEIGHT * push
-            up = pull_back(corners, segments, along, gradient)
-            slope = np.zeros((knots + 1, 2))
-            np.add.at(slope, left, (1.0 - share) * up)
-            np.add.at(slope, left + 1, share * up)
-            steps = np.diff(moved, axis=0) / length
-            value -= BEND_WEIGHT * float(np.sum(steps * steps))
-            slope[1:] -= 2.0 * BEND_WEIGHT / length * steps
-            slope[1:-1] += 2.0 * BEND_WEIGHT / length * steps[1:]
+            up = pull_back(corners, segments, along, gradient / scale - ROOM_WEIGHT * push)
+            charged, slope = pulled(x, up)
+            value = value / scale - ROOM_WEIGHT * lack - charged
             if value > best:
                 best, best_m = value, corners
-            return -value, -unit * slope[1:].ravel()
+            return -value, -slope
 
         hit = False
         try:
             minimize(
                 downhill,
-                np.zeros(2 * knots),
+                first,
                 jac=True,
                 method="L-BFGS-B",
+                bounds=bounds,
                 options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": 1e-7, "gtol": 1e-7},
             )
         except OutOfTimeError:
