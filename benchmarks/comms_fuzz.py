@@ -23,8 +23,12 @@ from auv_lse_comms.packet.fields import (
     FIRST_TERMINAL,
     HEADER_STRUCT,
     PACKET_BYTES,
+    PAIRED,
+    PAIRS,
     RESERVED,
     SAMPLE_BYTES,
+    are_paired,
+    path_bytes,
     samples_start,
 )
 
@@ -43,7 +47,7 @@ class Finding(AssertionError):
 
 def packet(rng: np.random.Generator) -> Packet:
     """A packet within `LIMITS`, of any length of path, with a tour or without, and any number of samples."""
-    n_actions, legs = int(rng.integers(0, 30)), int(rng.integers(1, 4))
+    n_actions, legs = int(rng.integers(0, 30 if rng.random() < 0.5 else 101)), int(rng.integers(1, 4))
     bearings = rng.integers(0, 256, int(rng.integers(1, 33))).tolist()
     low, high = (-100.0, -100.0, -10.0), (800.0, 700.0, 60.0)
     plan = Plan(
@@ -70,7 +74,8 @@ def _navigation(rng: np.random.Generator) -> nav.Navigation:
 
 def _samples_start(sent: Packet) -> int:
     told = 0 if sent.navigation is None else sent.navigation.size
-    return samples_start(len(sent.plan.actions), len(sent.plan.tour_fields[1]), told)
+    actions = sent.plan.actions
+    return samples_start(len(actions), len(sent.plan.tour_fields[1]), told, are_paired(actions))
 
 
 def _random_length(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
@@ -112,14 +117,23 @@ def _lost_terminal(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple
 def _reserved(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     """A terminal byte that ends the path, after the actions or the tour, and is no naive path's."""
     at = _samples_start(sent) - 1
-    return good[:at] + bytes([int(rng.integers(RESERVED[0], nav.RAW))]) + good[at + 1 :], {"naive_path"}
+    return good[:at] + bytes([int(rng.integers(RESERVED[0], PAIRS))]) + good[at + 1 :], {"naive_path"}
+
+
+def _bad_pairs(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
+    """Pairs of too few actions, or an odd number with something beside the last."""
+    at = HEADER_STRUCT.size
+    few = rng.random() < 0.5
+    data = bytes([PAIRS, int(rng.integers(0, PAIRED[0]))]) + rng.bytes(30) if few else bytes([PAIRS, 0x21]) + bytes(17)
+    return (good[:at] + data + good[at + len(data) :])[:PACKET_BYTES], {"pairs"}
 
 
 def _bad_tour(rng: np.random.Generator, good: bytes, sent: Packet) -> tuple[bytes, set[str]]:
     """A tour with segments of no legs, too many legs, or too few or too many segments."""
     if sent.plan.tour is None:
         return good, set()
-    data, at = bytearray(good), HEADER_STRUCT.size + len(sent.plan.actions) + 1
+    actions = sent.plan.actions
+    data, at = bytearray(good), HEADER_STRUCT.size + path_bytes(len(actions), paired=are_paired(actions))
     kind = int(rng.integers(0, 4))
     if kind < 2:
         data[at], data[at + 1] = (0, data[at + 1]) if kind == 0 else (100, max(2, data[at + 1]))
@@ -177,6 +191,7 @@ DAMAGES: dict[str, Damage] = {
     "burst": _burst,
     "lost terminal": _lost_terminal,
     "reserved terminal": _reserved,
+    "pairs": _bad_pairs,
     "tour": _bad_tour,
     "NaN or infinite": _not_finite,
     "position outside": _outside,

@@ -91,8 +91,8 @@ GOLDEN_TOURS = {
     ),
     # the tour takes the last byte that there is: 14 + 223 + 3 + 11 + 1 = 252
     "no room for a sample": (
-        START + "00" * 223 + "ef" + "01" + "0b" + "0102030405060708090a0b" + "ff",
-        (0,) * 223,
+        START + "10" * 223 + "ef" + "01" + "0b" + "0102030405060708090a0b" + "ff",
+        (16,) * 223,
         Tour(segment_legs=1, bearings=tuple(range(1, 12))),
         0xFF,
         [],
@@ -145,6 +145,56 @@ GOLDEN_NAVIGATION = {
 }  # fmt: skip
 
 
+#: 101 actions: 0, 1 to 10, and so on; two to a byte, the earlier one in the low bits.
+_LONG = tuple(i % 11 for i in range(101))
+_LONG_BYTES = "".join(f"{high:x}{low:x}" for low, high in zip(_LONG[::2], (*_LONG[1::2], 15), strict=True))
+
+
+def test_golden_packet_of_a_long_path_packed_by_hand() -> None:
+    # 14 + 2 + 51 + 1 + 15 * 12 = 248, 4 spare
+    assert _LONG_BYTES.startswith("10325476" + "98" + "0a" + "21")
+    data = bytes.fromhex(START + "eb65" + _LONG_BYTES + "f2" + SAMPLE_A * 15 + "ff" * 4)
+    plan = Plan(step=42, heading_rad=0.5, north_m=100.0, east_m=-2.5, actions=_LONG, naive_path=0xF2)
+    packet = Packet(plan, np.tile([1.0, -2.5, 15.0], (15, 1)))
+    assert encode(packet) == data
+    assert decode(data) == packet
+
+
+def test_a_path_to_the_end_of_a_hundred_legs_leaves_room_for_fifteen_samples() -> None:
+    def room(n: int, reserve: int = 0, navigation: Navigation | None = None, action: int = 10) -> int:
+        return room_for_samples(dataclasses.replace(PLAIN.plan, actions=(action,) * n), reserve, navigation)
+
+    assert room(100) == 15
+    assert room(100, reserve=6) == room(100, navigation=FIXED) == 14
+    assert room(16) == room(17) == 18, "as many as a search plans are told a byte each"
+    assert room(100, action=16) == 11, "of a larger action set"
+    with pytest.raises(PacketError, match=r"terminal: 256 actions: expected at most 255"):
+        encode(Packet(dataclasses.replace(PLAIN.plan, actions=(0,) * 256)))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "eb10" + "00" * 8 + "ff",  # 16 of them
+        "eb21" + "00" * 17 + "ff",  # a 34th action, 0, beside the last of 33
+        "eb21" + "00" * 16 + "ef" + "ff",  # the low bits of the last byte are the action
+        "00" * 17 + "ff",  # 17 of them a byte each
+    ],
+)
+def test_actions_that_are_not_told_as_the_codec_tells_them_are_refused(path: str) -> None:
+    with pytest.raises(PacketError, match="pairs: "):
+        decode(bytes.fromhex(START + path).ljust(252, b"\xff"))
+
+
+def test_pairs_that_are_cut_off_or_end_in_an_action_are_refused() -> None:
+    with pytest.raises(PacketError, match=r"naive_path: naive_path = 7: expected 224\.\.255"):
+        decode(bytes.fromhex(START + "eb22" + "00" * 17 + "07").ljust(252, b"\xff"))
+    plan = dataclasses.replace(PLAIN.plan, actions=(3,) * 255)
+    assert decode(encode(Packet(plan))).plan == plan
+    with pytest.raises(PacketError, match="naive_path"):
+        decode(bytes.fromhex(START + "eb22" + "00" * 17 + "eb").ljust(252, b"\xff"))
+
+
 @pytest.mark.parametrize("layout", GOLDEN_NAVIGATION)
 def test_golden_packet_with_navigation_packed_by_hand(layout: str) -> None:
     text, tour, navigation, count = GOLDEN_NAVIGATION[layout]
@@ -187,12 +237,12 @@ def test_navigation_that_is_cut_off_or_repeated_is_refused(navigation: Navigatio
             decode((start + path).ljust(252, b"\xff"))
         return caught.value.reason
 
-    assert reason(told + b"\xeb") == "naive_path"
+    assert reason(told + b"\xea") == "naive_path"
     assert reason(told + told + b"\xff") == "naive_path", "a second one"
     assert reason(told + b"\xef") == "naive_path", "a tour after it"
-    assert reason(bytes(238 - len(told)) + told) == "terminal", "no byte is left for the terminal one"
+    assert reason(b"\x10" * (238 - len(told)) + told) == "terminal", "no byte is left for the terminal one"
     with pytest.raises(PacketError, match=r"terminal: 237 actions: expected at most .* and [0-9]+ bytes of navigation"):
-        encode(Packet(dataclasses.replace(PLAIN.plan, actions=(0,) * 237), navigation=navigation))
+        encode(Packet(dataclasses.replace(PLAIN.plan, actions=(16,) * 237), navigation=navigation))
 
 
 def test_a_full_tour_leaves_room_for_fifteen_samples() -> None:
@@ -220,19 +270,20 @@ def test_capacity_is_the_papers() -> None:
     assert fields.capacity(3, reserve=6) == 19
     assert fields.capacity(10, reserve=6) == 18
     for n in range(fields.MAX_ACTIONS + 1):
-        assert fields.samples_start(n) + fields.capacity(n) * 12 + spare_bytes(n) == 252
+        for paired in (False, True):
+            assert fields.samples_start(n, paired=paired) + fields.capacity(n, paired=paired) * 12 <= 252
         assert 0 <= spare_bytes(n) < 12
     with pytest.raises(ValueError, match="238 actions and 0 bytes of tag do not fit"):
         fields.capacity(238)
 
 
-def spare_bytes(n_actions: int, segments: int = 0) -> int:
+def spare_bytes(n_actions: int, segments: int = 0, paired: bool = False) -> int:
     """Bytes left over after the samples of a full packet."""
-    samples = fields.capacity(n_actions, segments=segments) * fields.SAMPLE_BYTES
-    return fields.PACKET_BYTES - fields.samples_start(n_actions, segments) - samples
+    samples = fields.capacity(n_actions, segments=segments, paired=paired) * fields.SAMPLE_BYTES
+    return fields.PACKET_BYTES - fields.samples_start(n_actions, segments, paired=paired) - samples
 
 
-def layout_table(n_actions: int, segments: int = 0) -> str:
+def layout_table(n_actions: int, segments: int = 0, paired: bool = False) -> str:
     """The layout of a packet with so many actions and segments of a tour, as a table for the documentation."""
     rows = ["| bytes | type | field | unit | range | meaning |", "|---|---|---|---|---|---|"]
     at = 0
@@ -253,20 +304,24 @@ def layout_table(n_actions: int, segments: int = 0) -> str:
 
     for field in fields.HEADER:
         row(field, field.name)
-    if n_actions:
+    if paired:
+        for field in fields.PAIRS_HEADER:
+            row(field, field.name)
+        row(fields.PAIR, fields.PAIR.name, (n_actions + 1) // 2)
+    elif n_actions:
         row(fields.ACTION, fields.ACTION.name, n_actions)
     if segments:
         for field in fields.TOUR_HEADER:
             row(field, field.name)
         row(fields.BEARING, fields.BEARING.name, segments)
     row(fields.TERMINAL, fields.TERMINAL.name)
-    n = fields.capacity(n_actions, segments=segments)
+    n = fields.capacity(n_actions, segments=segments, paired=paired)
     for field in fields.SAMPLE:
         row(field, f"samples[0].{field.name}")
-    last = fields.samples_start(n_actions, segments) + n * fields.SAMPLE_BYTES - 1
+    last = fields.samples_start(n_actions, segments, paired=paired) + n * fields.SAMPLE_BYTES - 1
     rows.append(f"| {at}-{last} | {n - 1} x 3 float32 | `samples[1..{n - 1}]` | m | as above | unused ones all 0xFF |")
     if last + 1 < fields.PACKET_BYTES:
-        spare = spare_bytes(n_actions, segments)
+        spare = spare_bytes(n_actions, segments, paired)
         span = "251 | 1 byte" if spare == 1 else f"{last + 1}-{fields.PACKET_BYTES - 1} | {spare} bytes"
         rows.append(f"| {span} | spare | | 0xFF | or the tag |")
     return "\n".join(rows)
@@ -274,8 +329,8 @@ def layout_table(n_actions: int, segments: int = 0) -> str:
 
 def test_documented_layouts_derive_from_the_table() -> None:
     text = (ROOT / "docs" / "packet.md").read_text()
-    for n_actions, segments in ((3, 0), (10, 0), (3, 50)):
-        assert layout_table(n_actions, segments) in text
+    for n_actions, segments, paired in ((3, 0, False), (10, 0, False), (3, 50, False), (100, 0, True)):
+        assert layout_table(n_actions, segments, paired) in text
     for reason, meaning in REASONS.items():
         assert f"| `{reason}` | {meaning} |" in text
 
@@ -312,16 +367,20 @@ def packets(draw: st.DrawFn, reserve: int = 0) -> Packet:
     tour = draw(st.none() | tours())
     segments = 0 if tour is None else len(tour.bearings)
     n_actions = draw(st.integers(0, fields.PACKET_BYTES - reserve - fields.samples_start(0, segments)))
-    left = fields.PACKET_BYTES - reserve - fields.samples_start(n_actions, segments)
+    highest = draw(st.sampled_from([fields.PAIRED_SET - 1, fields.FIRST_TERMINAL - 1]))
+    actions = tuple(draw(st.lists(st.integers(0, highest), min_size=n_actions, max_size=n_actions)))
+    paired = fields.are_paired(actions)
+    left = fields.PACKET_BYTES - reserve - fields.samples_start(n_actions, segments, paired=paired)
     told = draw(st.none() | navigations()) if left >= MOST_BYTES else None
-    n = draw(st.integers(0, fields.capacity(n_actions, reserve, segments, 0 if told is None else told.size)))
+    most = fields.capacity(n_actions, reserve, segments, 0 if told is None else told.size, paired)
+    n = draw(st.integers(0, most))
     rows = [[draw(single(f.low, f.high)) for f in fields.SAMPLE] for _ in range(n)]
     plan = Plan(
         step=draw(st.integers(0, 65535)),
         heading_rad=draw(single(fields.HEADER[1].low, fields.HEADER[1].high)),
         north_m=draw(single(fields.HEADER[2].low, fields.HEADER[2].high)),
         east_m=draw(single(fields.HEADER[3].low, fields.HEADER[3].high)),
-        actions=tuple(draw(st.lists(st.integers(0, 223), min_size=n_actions, max_size=n_actions))),
+        actions=actions,
         naive_path=draw(st.integers(0xF0, 0xFF)),
         tour=tour,
     )
@@ -385,8 +444,8 @@ LIMITS = Limits(
         ({"east_m": -1.1e6}, "position", "east_m = -1100000.0"),
         ({"actions": (0, 240)}, "action", r"actions \[0, 240\]"),
         ({"actions": (-1,)}, "action", r"actions \[-1\]"),
-        ({"actions": (0,) * 238}, "terminal", "238 actions: expected at most 237"),
-        ({"naive_path": 0xEF}, "naive_path", "naive_path = 239: 229..235 are reserved"),
+        ({"actions": (16,) * 238}, "terminal", "238 actions: expected at most 237"),
+        ({"naive_path": 0xEF}, "naive_path", "naive_path = 239: 229..234 are reserved"),
         ({"naive_path": 256}, "naive_path", "naive_path = 256"),
         ({"actions": (224,)}, "action", r"actions \[224\]: expected indices 0\.\.223"),
         ({"tour": Tour(segment_legs=0, bearings=(1,))}, "tour", "segment_legs = 0: expected 1..255"),
@@ -395,7 +454,7 @@ LIMITS = Limits(
         ({"tour": Tour(segment_legs=1, bearings=(0,) * 65)}, "tour", "segments = 65"),
         ({"tour": Tour(segment_legs=1, bearings=(0, 256))}, "tour", "bearings = 256: expected 0..255"),
         (
-            {"actions": (0,) * 171, "tour": Tour(segment_legs=1, bearings=(0,) * 64)},
+            {"actions": (16,) * 171, "tour": Tour(segment_legs=1, bearings=(0,) * 64)},
             "terminal",
             "171 actions: expected at most 170 beside a tour of 64 segments",
         ),
@@ -518,10 +577,10 @@ def test_a_damaged_tour_has_its_reason() -> None:
     good = encode(Packet(plan, np.full((18, 3), 7.0)))
     assert good[17:25] == bytes.fromhex("ef 02 04 01 02 03 04 ff")
 
-    def reason(at: int, *values: int, stop: int = 252, reserve: int = 0) -> str:
+    def reason(at: int, *values: int, stop: int = 252, reserve: int = 0, limits: Limits | None = LIMITS) -> str:
         data = (good[:at] + bytes(values) + good[at + len(values) :])[:stop]
         with pytest.raises(PacketError) as caught:
-            decode(data, LIMITS, reserve)
+            decode(data, limits, reserve)
         return caught.value.reason
 
     assert reason(18, 0) == "tour", "segments of no legs"
@@ -531,10 +590,10 @@ def test_a_damaged_tour_has_its_reason() -> None:
     assert reason(24, 0xEF) == "naive_path", "a second tour"
     assert reason(24, 0x01) == "naive_path", "an action after the tour"
     # a tour that leaves no byte for a terminal: 230 actions, then one of 20 segments
-    assert reason(14, *([0] * 230), 0xEF, 1, 20) == "terminal"
+    assert reason(14, *([20] * 230), 0xEF, 1, 20, limits=None) == "terminal"
     # the same where the last bytes are the tag's
-    assert reason(14, *([0] * 230), 0xEF, 1, 3, 0, 0, 0, 0xFF, 0xFF, reserve=6) == "terminal"
-    assert reason(14, *([0] * 237), 0xEF) == "terminal"
+    assert reason(14, *([20] * 230), 0xEF, 1, 3, 0, 0, 0, 0xFF, 0xFF, reserve=6, limits=None) == "terminal"
+    assert reason(14, *([20] * 237), 0xEF, limits=None) == "terminal"
 
 
 def load_fuzz() -> ModuleType:

@@ -56,8 +56,8 @@ REJOIN_M = 20.0
 DETOUR_LEGS = 8
 #: Places of a leg that the own path is valued by, at least: with fewer, corners are worth more than they are.
 OWN_PLACES = 2
-#: Explicit actions of a plan at most: a packet has a byte for each, and still room for nine samples.
-MOST_EXPLICIT = 100
+#: Explicit actions of a plan at most: told two to a byte they leave a packet room for ten samples.
+MOST_EXPLICIT = 200
 #: Places of a leg by which a path is a fine polyline.
 LINE_PLACES = 4
 #: A path's risk is guessed by one in so many of its places.

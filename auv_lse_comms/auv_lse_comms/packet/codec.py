@@ -24,6 +24,10 @@ from auv_lse_comms.packet.fields import (
     HEADER,
     HEADER_STRUCT,
     PACKET_BYTES,
+    PAIRED,
+    PAIRED_SET,
+    PAIRS,
+    PAIRS_HEADER,
     RESERVED,
     SAMPLE,
     SAMPLE_BYTES,
@@ -31,6 +35,7 @@ from auv_lse_comms.packet.fields import (
     TOUR,
     TOUR_HEADER,
     PacketField,
+    are_paired,
     capacity,
     samples_start,
 )
@@ -65,8 +70,9 @@ REASONS = {
     "position": "the path's start lies outside the area",
     "action": "an action that is not in the action set",
     "terminal": "no terminal byte ends the path, or too many actions",
+    "pairs": "actions in pairs that are too few, or cut off, or actions a byte each that would have been told in pairs",
     "tour": "a tour without segments, with more than 64, or longer than the mission",
-    "naive_path": "a terminal byte that is reserved (0xE5 to 0xEB), a second tour or navigation, or one below 0xE0",
+    "naive_path": "a terminal byte that is reserved (0xE5 to 0xEA), a second tour or navigation, or one below 0xE0",
     "sample": "a sample outside the area or the range of depths",
     "gap": "a sample after an unused place",
     "spare": "spare bytes that are not 0xFF",
@@ -168,7 +174,7 @@ def room_for_samples(plan: Plan, reserve: int = 0, navigation: Navigation | None
         ValueError: if the plan does not fit a packet.
     """
     segments = 0 if plan.tour is None else len(plan.tour.bearings)
-    return capacity(len(plan.actions), reserve, segments, _size(navigation))
+    return capacity(len(plan.actions), reserve, segments, _size(navigation), are_paired(plan.actions))
 
 
 def _size(navigation: Navigation | None) -> int:
@@ -198,8 +204,11 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
         raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
     _check_tour(plan.tour, limits)
     segments = 0 if plan.tour is None else len(plan.tour.bearings)
-    most = PACKET_BYTES - reserve - samples_start(0, segments, _size(packet.navigation))
-    if len(actions) > most:
+    size, pairs = _size(packet.navigation), are_paired(actions)
+    if samples_start(len(actions), segments, size, pairs) > PACKET_BYTES - reserve:
+        left = PACKET_BYTES - reserve - samples_start(0, segments, size)
+        in_pairs = min(2 * (left - len(PAIRS_HEADER)), PAIRED[-1])
+        most = in_pairs if max(actions) < PAIRED_SET and in_pairs in PAIRED else left
         beside = f" beside a tour of {segments} segments" if segments else ""
         beside += f" and {_size(packet.navigation)} bytes of navigation" if packet.navigation else ""
         raise PacketError("terminal", f"{len(actions)} actions: expected at most {most}{beside}")
@@ -216,7 +225,8 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
     _check_actions(actions, limits)
     _check_samples(small_samples, limits)
     told = b"" if packet.navigation is None else packet.navigation.to_bytes()
-    path = bytes(actions) + _tour_bytes(plan.tour) + told + bytes([ABORT if packet.abort else naive_path])
+    told_actions = _pairs_bytes(actions) if pairs else bytes(actions)
+    path = told_actions + _tour_bytes(plan.tour) + told + bytes([ABORT if packet.abort else naive_path])
     used = HEADER_STRUCT.pack(step, *start) + path + small_samples.tobytes()
     return used.ljust(PACKET_BYTES, bytes([FILL]))
 
@@ -237,18 +247,14 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
         raise PacketError("length", f"{len(data)} bytes: expected {PACKET_BYTES}")
     step, heading, north, east = HEADER_STRUCT.unpack_from(data)
     _check_start(step, heading, north, east, limits)
-    end = HEADER_STRUCT.size
     last = PACKET_BYTES - reserve
-    while end < last and data[end] < FIRST_TERMINAL:
-        end += 1
-    if end == last:
-        raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
-    actions = tuple(data[HEADER_STRUCT.size : end])
+    actions, end = _read_actions(data[:last])
+    paired = are_paired(actions)
     _check_actions(actions, limits)
     tour = _read_tour(data[end:last])
     _check_tour(tour, limits)
     segments = 0 if tour is None else len(tour.bearings)
-    told = samples_start(len(actions), segments) - 1  # where the terminal byte is, or navigation begins
+    told = samples_start(len(actions), segments, paired=paired) - 1  # where the terminal byte is, or navigation begins
     size = nav.SIZES.get(data[told], 0)
     start = told + size + 1
     if start > last:
@@ -257,7 +263,7 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     abort = data[start - 1] == ABORT
     naive_path = NONE if abort else data[start - 1]
     _check_terminal(naive_path)
-    places = capacity(len(actions), reserve, segments, size)
+    places = capacity(len(actions), reserve, segments, size, paired)
     stop = start + places * SAMPLE_BYTES
     n = places
     while n and data[start + (n - 1) * SAMPLE_BYTES : start + n * SAMPLE_BYTES] == _UNUSED:
@@ -285,7 +291,7 @@ def _check(reason: str, value: float, table: PacketField) -> None:
 def _check_terminal(naive_path: int) -> None:
     _check("naive_path", naive_path, TERMINAL)
     if naive_path in RESERVED:
-        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{nav.RAW - 1} are reserved")
+        raise PacketError("naive_path", f"naive_path = {naive_path}: {RESERVED[0]}..{PAIRS - 1} are reserved")
 
 
 def _check_start(step: int, heading: float, north: float, east: float, limits: Limits | None) -> None:
@@ -319,6 +325,39 @@ def _check_tour(tour: Tour | None, limits: Limits | None) -> None:
         _check("tour", bearing, BEARING)
     if limits is not None and tour.legs - tour.segment_legs >= limits.steps:
         raise PacketError("tour", f"a tour of {tour.legs} legs: expected none longer than {limits.steps} steps")
+
+
+def _pairs_bytes(actions: Sequence[int]) -> bytes:
+    """Actions two to a byte, the earlier one in the low bits, 0xF beside a last one without another."""
+    low, high = actions[::2], (*actions[1::2], FILL & 0xF)
+    return bytes([PAIRS, len(actions), *(a | b << 4 for a, b in zip(low, high, strict=False))])
+
+
+def _read_actions(data: bytes) -> tuple[tuple[int, ...], int]:
+    """The actions of a packet's bytes up to the tag, and the byte after them, which is not below `FIRST_TERMINAL`.
+
+    Raises:
+        PacketError: if no such byte follows, or the actions do not stand as `encode` writes them.
+    """
+    start = end = HEADER_STRUCT.size
+    pairs = data[start] == PAIRS
+    if pairs:
+        n = data[start + 1]
+        start += len(PAIRS_HEADER)
+        end = start + (n + 1) // 2
+        told = [half for byte in data[start:end] for half in (byte & 0xF, byte >> 4)]
+        if n not in PAIRED or end >= len(data) or told[n:] not in ([], [FILL & 0xF]):
+            expected = f"{PAIRED[0]}..{PAIRED[-1]} of them, and 0xF beside a last one without another"
+            raise PacketError("pairs", f"{n} actions in pairs: expected {expected}")
+        return tuple(told[:n]), end
+    while end < len(data) and data[end] < FIRST_TERMINAL:
+        end += 1
+    if end == len(data):
+        raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
+    actions = tuple(data[start:end])
+    if are_paired(actions):
+        raise PacketError("pairs", f"{len(actions)} actions below 16 a byte each: expected them in pairs")
+    return actions, end
 
 
 def _tour_bytes(tour: Tour | None) -> bytes:

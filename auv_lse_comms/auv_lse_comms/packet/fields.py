@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,13 @@ FIRST_TERMINAL = MAX_ACTION_SET
 TOUR = 0xEF
 #: Ends the path of a vehicle that calls the team to abort the mission.
 ABORT = 0xEE
-#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR`, `ABORT` and navigation's.
+#: Begins a path whose actions stand two to a byte.
+PAIRS = 0xEB
+#: Numbers of actions that are told in pairs, if each of them is below `PAIRED_SET`: longer than a search plans.
+PAIRED = range(17, 256)
+PAIRED_SET = 16
+#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR`, `ABORT`, `PAIRS` and
+#: navigation's.
 RESERVED = range(0xE5, 0xF0)
 #: Fills unused bytes.
 FILL = 0xFF
@@ -77,6 +84,13 @@ HEADER = (
 )
 #: Repeated once per action.
 ACTION = PacketField(name="actions", type="uint8", low=0, high=FIRST_TERMINAL - 1, meaning="index in the action set")
+#: Only if the actions are told in pairs: once, before them.
+PAIRS_HEADER = (
+    PacketField(name="pairs", type="uint8", low=PAIRS, high=PAIRS, meaning="the actions stand two to a byte"),
+    PacketField(name="n_actions", type="uint8", low=PAIRED[0], high=PAIRED[-1], meaning="number of actions"),
+)
+#: Then once per pair of actions, the earlier one in the low bits; beside a last one without another stands 0xF.
+PAIR = PacketField(name="actions", type="uint8", low=0, high=0xFF, meaning="two indices in the action set")
 #: Only if the plan has a tour: once, after the actions.
 TOUR_HEADER = (
     PacketField(name="tour", type="uint8", low=TOUR, high=TOUR, meaning="ends the actions: a tour follows"),
@@ -112,38 +126,55 @@ SAMPLE = (
 
 HEADER_STRUCT = struct.Struct("<" + "".join(field.code for field in HEADER))
 SAMPLE_BYTES = sum(field.size for field in SAMPLE)
+_PAIRS_HEADER_BYTES = sum(field.size for field in PAIRS_HEADER)
 _TOUR_HEADER_BYTES = sum(field.size for field in TOUR_HEADER)
-#: Most actions that leave room for the terminal byte, without a tour.
+#: Most actions that leave room for the terminal byte, a byte each and without a tour.
 MAX_ACTIONS = (PACKET_BYTES - HEADER_STRUCT.size - TERMINAL.size) // ACTION.size
 
 if HEADER_STRUCT.size != sum(field.size for field in HEADER) or MAX_ACTIONS < 1:
     raise AssertionError(f"the field table does not fit a packet of {PACKET_BYTES} bytes")
 
 
-def path_bytes(n_actions: int, segments: int = 0) -> int:
-    """Bytes that a plan's path takes: its actions, its tour of so many segments (0: none), and the terminal byte."""
+def are_paired(actions: Sequence[int]) -> bool:
+    """Whether a path's actions are told in pairs, two to a byte: each number of actions has one encoding."""
+    return len(actions) in PAIRED and max(actions) < PAIRED_SET
+
+
+def path_bytes(n_actions: int, segments: int = 0, paired: bool = False) -> int:
+    """Bytes that a plan's path takes.
+
+    Args:
+        n_actions: Its actions.
+        segments: Segments of its tour, 0 if there is none.
+        paired: Whether its actions are told in pairs (`are_paired`).
+
+    Returns:
+        Bytes of its actions, its tour, and the terminal byte.
+    """
+    actions = _PAIRS_HEADER_BYTES + (n_actions + 1) // 2 * PAIR.size if paired else n_actions * ACTION.size
     tour = _TOUR_HEADER_BYTES + segments * BEARING.size if segments else 0
-    return n_actions * ACTION.size + tour + TERMINAL.size
+    return actions + tour + TERMINAL.size
 
 
-def samples_start(n_actions: int, segments: int = 0, navigation: int = 0) -> int:
-    """First byte of the samples in a packet with so many actions, segments of a tour, and bytes of navigation."""
-    return HEADER_STRUCT.size + path_bytes(n_actions, segments) + navigation
+def samples_start(n_actions: int, segments: int = 0, navigation: int = 0, paired: bool = False) -> int:
+    """First byte of the samples in a packet; the arguments are those of `capacity`."""
+    return HEADER_STRUCT.size + path_bytes(n_actions, segments, paired) + navigation
 
 
-def capacity(n_actions: int, reserve: int = 0, segments: int = 0, navigation: int = 0) -> int:
+def capacity(n_actions: int, reserve: int = 0, segments: int = 0, navigation: int = 0, paired: bool = False) -> int:
     """Samples that fit a packet.
 
     Args:
-        n_actions: Actions in the packet, 0 to `MAX_ACTIONS`.
+        n_actions: Actions in the packet, 0 to `MAX_ACTIONS`, in pairs to the end of `PAIRED`.
         reserve: Bytes at the end kept for the tag, 0 if there is none.
         segments: Segments of the tour in the packet, 0 if there is none.
         navigation: Bytes of navigation in the packet, 0 if there is none.
+        paired: Whether the actions are told in pairs (`are_paired`).
 
     Raises:
         ValueError: if the actions, the tour and the reserve do not fit the packet.
     """
-    room = PACKET_BYTES - reserve - samples_start(n_actions, segments, navigation)
+    room = PACKET_BYTES - reserve - samples_start(n_actions, segments, navigation, paired)
     if n_actions < 0 or reserve < 0 or segments < 0 or room < 0:
         tour = f", a tour of {segments} segments" if segments else ""
         tour += f", {navigation} bytes of navigation" if navigation else ""

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from auv_lse_comms.packet.fields import capacity
+from auv_lse_comms.packet.fields import are_paired, capacity
+from auv_lse_comms.packet.navigation import MOST_BYTES
 from auv_lse_comms.tdma import Tdma
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.touring import MOST_EXPLICIT
@@ -90,10 +91,13 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
         return
     actions = planner.horizon or 1
     tour = math.ceil(settings.mission.steps / _STEPS_PER_SEGMENT) if planner.proposals == "tour" else 0
-    least = capacity(actions, settings.packet.reserve, min(tour, 64))
+    reserve, told = settings.packet.reserve, MOST_BYTES if settings.packet.navigation else 0
+    least = capacity(actions, reserve, min(tour, 64), told)
     if tour:  # a bent path is told by its actions
-        least = min(least, capacity(min(settings.mission.steps, MOST_EXPLICIT), settings.packet.reserve))
-    most = capacity(actions, settings.packet.reserve)
+        bent = min(settings.mission.steps, MOST_EXPLICIT)
+        paired = are_paired([MotionTable(settings.motion).actions - 1] * bent)
+        least = min(least, capacity(bent, reserve, 0, told, paired))
+    most = capacity(actions, reserve, 0, told)
     if least < 1:
         findings.error(
             f"packet: a plan of {actions} actions leaves no room for a sample in 252 bytes; expected a shorter "
