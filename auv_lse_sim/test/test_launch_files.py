@@ -89,6 +89,13 @@ def test_a_mission(launch: Any, tmp_path: Path) -> None:
         start()
 
 
+def test_a_mission_with_emulated_modems_has_ranges(launch: Any, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    _, start = launch("auv_lse_sim/launch/mission.launch.py", modem="emulated", out=str(out))
+    assert "/auv1/micromodem_node" in names(start())
+    assert Settings.load(out / "mission.yaml").vehicle(1).modem.synchronous, "as with scripts/mission"
+
+
 def test_a_mission_without_a_recorder(launch: Any, tmp_path: Path) -> None:
     _, start = launch("auv_lse_sim/launch/mission.launch.py", record="false", out=str(tmp_path / "run"))
     assert "/recorder_node" not in names(start())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import subprocess
 import sys
 
@@ -28,10 +29,19 @@ class Without:
 sys.meta_path[:] = map(Without, sys.meta_path)
 """
 
+#: What a vehicle has: from Ubuntu's apt, from ROS's own packages, and from pip what pymavlink brings with it.
+PRESENT = (
+    "numpy", "scipy", "cython_runtime", "yaml", "serial",
+    "rclpy", "ament_index_python", "rosidl_parser", "rosidl_pycommon", "rpyutils", "lark", "rosbag2_py",
+    "pymavlink", "lxml", "fastcrc",
+)  # fmt: skip
+
 NODES = (
     "auv_lse_gp.gp_node", "auv_lse_planner.planner_node", "auv_lse_comms.modem_node",
-    "auv_lse_comms.micromodem.micromodem_node", "auv_lse_sim.record.recorder_node", "auv_lse_common.vehicle",
+    "auv_lse_comms.micromodem.micromodem_node", "auv_lse_planner.safety_node", "auv_lse_sim.record.recorder_node",
+    "auv_lse_common.vehicle",
 )  # fmt: skip
+LINK = "auv_lse_comms.mavlink.vehicle_link_node"  # the one that pymavlink is for
 
 
 def python(code: str) -> subprocess.CompletedProcess[str]:
@@ -46,6 +56,22 @@ def test_a_vehicles_nodes_start_without_them() -> None:
         pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)")
     process = python("\n".join(f"import {name}" for name in NODES))
     assert process.returncode == 0, process.stderr
+
+
+@pytest.mark.ros
+def test_a_vehicles_nodes_load_what_apt_has_and_pymavlink_alone() -> None:
+    if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+        pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)")
+    imports = "\n".join(f"import {name}" for name in (*NODES, LINK))
+    code = f"import sys\nbefore = set(sys.modules)\n{imports}\nprint(*(set(sys.modules) - before))"
+    environment = {**os.environ, "AUV_LSE_NUMBA": "0"}
+    process = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False, env=environment
+    )
+    assert process.returncode == 0, process.stderr
+    loaded = {name.split(".")[0] for name in process.stdout.split()} - {*sys.stdlib_module_names, *PRESENT}
+    own = ("auv_lse_", "_")  # "_": parts of compiled packages
+    assert {n for n in loaded if not n.startswith(own) and not n.endswith(("_msgs", "_interfaces"))} == set()
 
 
 @pytest.mark.parametrize(

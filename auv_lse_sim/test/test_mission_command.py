@@ -27,23 +27,26 @@ PORT = ("--set", "modem.port=/dev/ttyUSB0")
 
 
 def test_a_link_that_is_down_for_a_while_finds_its_port_free() -> None:
-    wanted = hardware_of("direct", "mavlink", 3, Path("/nowhere"))
+    wanted = hardware_of("direct", "mavlink", Settings.load(), Path("/nowhere"))
     ports = [int(wanted[f"auv{k}.link.endpoint"].rsplit(":", 1)[1]) for k in (1, 2, 3)]
     assert len(set(ports)) == 3
     assert min(ports) > 60999, "no socket of another process gets it by chance while the node is started again"
 
 
 def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) -> None:
-    file = tmp_path / "mission.yaml"
+    file, folder = tmp_path / "mission.yaml", tmp_path / "run"
     file.write_text("/auv2/**:\n  ros__parameters: {modem: {ping: true}}\n")
     for words, pings, synchronous in (
         ([], False, True),
         ([str(file)], True, False),
         (["--set", "auv2.modem.ping=true"], True, False),
         (["--set", "modem.synchronous=false"], False, False),
+        (["--set", "auv2.modem.synchronous=false"], False, False),
     ):
         options = parser().parse_args([*words, "--modem", "emulated"])
-        modem = mission.prepare(options, project_folder())[0].vehicle(2).modem
+        settings = mission.prepare(options, project_folder())[0]
+        folder.mkdir(exist_ok=True)
+        modem = mission.write_mission(settings, folder, options).vehicle(2).modem
         assert (modem.ping, modem.synchronous) == (pings, synchronous), words
 
 
@@ -51,7 +54,7 @@ def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:
     """The mission.yaml that a simulated run leaves."""
     settings = Settings.load(None, {"mission.steps": 40, "auv2.vehicle.depth_m": 6.5, "gp.noise_std_m": 0.25})
     settings = settings.with_overrides({"record.folder": str(folder / "bag")})
-    settings = settings.with_overrides(hardware_of(modem, link, 3, folder))
+    settings = settings.with_overrides(hardware_of(modem, link, settings, folder))
     path = folder / "mission.yaml"
     path.write_text(settings.to_parameter_file())
     return path

@@ -33,7 +33,7 @@ KNOBS = (
     Knob(name="horizon", parameter="planner.horizon", values=(1, 10, 30), unit="legs", method="plain"),
     Knob(name="exploration", parameter="planner.exploration", values=(0.0, 0.5, 5.0), method="plain"),
     Knob(name="spacing", parameter="gp.min_spacing_m", values=(2.0, 10.0, 60.0), unit="m"),
-    Knob(name="length_scale", parameter="gp.length_scale_m", values=(15.0, 70.0, 400.0), unit="m"),
+    Knob(name="length_scale", parameter="gp.length_scale_m", values=(15.0, 85.0, 400.0), unit="m"),
     Knob(name="slot", parameter="tdma.slot_s", values=(5.0, 10.0, 120.0), unit="s", own_map=True),
 )
 

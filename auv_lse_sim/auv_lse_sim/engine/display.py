@@ -59,11 +59,16 @@ class MissionProgress:
 
     @property
     def _account(self) -> str:
-        """Reward, what is expected of the end, and its bound, of the team; "" where that says nothing."""
+        """Reward, what is expected of the end, and its bound, of the team; "" where that says nothing.
+
+        A reward below zero is left out: the first soundings often show ground that is nearer to the level than the
+        prior had it, so that the map's risk rises before it drops.
+        """
         if not (self.reward and self.rewards):
             return ""
-        texts = [f"{name} {self._of_team(values):.0f}" for name, values in self._columns() if values]
-        return f"{self.reward}: {', '.join(texts)}"
+        totals = [(name, self._of_team(values)) for name, values in self._columns() if values]
+        texts = [f"{name} {total:.0f}" for name, total in totals if total >= 0.0]
+        return f"{self.reward}: {', '.join(texts)}" if texts else ""
 
     def _columns(self) -> tuple[tuple[str, dict[int, float]], ...]:
         if not self.reward:
@@ -98,7 +103,7 @@ class MissionProgress:
                 f"auv{vehicle}",
                 ProgressBar(total=self.steps_total, completed=done, width=30),
                 f"{done}/{self.steps_total}",
-                *(f"{values[vehicle]:.1f}" if vehicle in values else "-" for _, values in self._columns()),
+                *(_gained(values.get(vehicle)) for _, values in self._columns()),
             )
         head = Text.assemble(
             (f"{self.phase}  ", "bold"), f"mission time {clock(self.sim_s)}   {self.speed:.0f} x real time"
@@ -113,6 +118,11 @@ def reward_shown(planner: PlannerConfig) -> str:
     if planner.counts_the_map:
         return OF_THE_MAP
     return OF_THE_PATH if planner.method in PAPERS_METHODS else ""
+
+
+def _gained(reward: float | None) -> str:
+    """A reward in the table; "-" while there is none."""
+    return "-" if reward is None or reward < 0.0 else f"{reward:.1f}"
 
 
 def clock(seconds: float) -> str:

@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import os
 import socket
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
+
+from auv_lse_sim.settings import Settings
 
 #: Beyond the ports that Linux gives out by itself (up to 60999), and those of DDS (domains to 213).
 PORTS = range(61000, 65536)
 
 
-def hardware_of(modem: str, vehicle_link: str, vehicles: int, folder: Path) -> dict[str, Any]:
+def hardware_of(
+    modem: str, vehicle_link: str, settings: Settings, folder: Path, chosen: Collection[str] = ()
+) -> dict[str, Any]:
     """Parameters by which each vehicle's drivers and the simulator's emulated hardware find each other.
 
     Args:
-        modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder.
+        modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder. Emulated modems have a
+            PPS: they measure ranges one-way (`modem.synchronous`), unless a vehicle pings.
         vehicle_link: "direct", or "mavlink": a free UDP port of this machine per vehicle.
-        vehicles: Number of vehicles.
+        settings: The mission.
         folder: The run folder, absolute.
+        chosen: Names of parameters that the user has set; they stay as they are.
     """
+    vehicles = settings.mission.vehicles
     wanted: dict[str, Any] = {}
+    pings = any(own.modem.ping for own in settings.vehicles)
+    if modem == "emulated" and not pings and not any(name.endswith("modem.synchronous") for name in chosen):
+        wanted["modem.synchronous"] = True
     for k in range(1, vehicles + 1):
         if modem == "emulated":
             wanted[f"auv{k}.modem.kind"] = "micromodem"

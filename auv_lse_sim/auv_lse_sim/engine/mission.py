@@ -83,11 +83,7 @@ def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str
     Raises:
         ValueError: naming what cannot be flown.
     """
-    wanted = overrides_of(options)
-    settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", wanted)
-    pings = any(settings.vehicle(k).modem.ping for k in range(1, settings.mission.vehicles + 1))
-    if options.modem == "emulated" and "modem.synchronous" not in wanted and not pings:
-        settings = settings.with_overrides({"modem.synchronous": True})  # these modems have a PPS
+    settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
         return settings, []  # a synthetic lake tells nothing about a real one
     return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
@@ -97,7 +93,7 @@ def write_mission(settings: Settings, folder: Path, options: argparse.Namespace,
     """Writes the complete mission.yaml into the run folder, with its recording and its emulated hardware in there."""
     settings = with_chart(settings, folder)
     settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
-    hardware = hardware_of(options.modem, options.vehicle_link, settings.mission.vehicles, folder)
+    hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))
     settings = settings.with_overrides(hardware)
     (folder / "mission.yaml").write_text(settings.to_parameter_file())
     return settings
