@@ -208,7 +208,7 @@ def _await_end(simulator: subprocess.Popen[str], folder: Path, seconds: float) -
             raise TimeoutError(f"the mission has not ended within {seconds:.0f} s")
         if math.isinf(ended_s) and all("mission ENDED" in log.read_text() for log in logs):
             ended_s = time.monotonic()
-        if time.monotonic() > ended_s + 20.0:
+        if time.monotonic() > ended_s + 8.0:
             simulator.send_signal(signal.SIGINT)
             simulator.wait(60.0)
             simulator.returncode = 0
