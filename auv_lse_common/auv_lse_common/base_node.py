@@ -357,7 +357,7 @@ class VehicleNode(BaseNode):
         Args:
             name: A key of `auv_lse_common.lockstep.PHASES`.
             handle: Handles what has come in; takes the time (s).
-            totals: The phase's own counts, as `LockstepDone.first`, `.second` and `.third`.
+            totals: The phase's own counts, as `LockstepDone.totals`.
             finished: Whether the vehicle's mission is over, as `LockstepDone.finished`.
         """
         self._parts[name] = _Part(handle, totals, finished)
@@ -425,16 +425,7 @@ class VehicleNode(BaseNode):
 
         Tick 0 says that the node is there, to the simulator alone.
         """
-        first, second, third = (*totals, 0, 0, 0)[:3]
-        message = LockstepDone(
-            phase=phase,
-            vehicle=self.vehicle,
-            tick=tick,
-            first=first,
-            second=second,
-            third=third,
-            finished=finished,
-        )
+        message = LockstepDone(phase=phase, vehicle=self.vehicle, tick=tick, totals=totals, finished=finished)
         if tick and phase in self._mates:
             self._mates[phase].publish(message)
         if tick == 0 or PHASES[phase].ends_tick:
@@ -482,7 +473,7 @@ class VehicleNode(BaseNode):
         self.wake()
 
     def _on_done(self, message: LockstepDone) -> None:
-        self._ticks.done(message.phase, message.tick, message.first, message.second, message.third)
+        self._ticks.done(message.phase, message.tick, message.totals)
         self.wake()
 
 

@@ -19,8 +19,8 @@ class Phase:
 
     Attributes:
         waits_for: Topics that it must have read up to this tick.
-        announces: What `LockstepDone.first`, `.second` and `.third` count when it is done: messages published so far,
-            by topic.
+        announces: What `LockstepDone.totals` counts when it is done, in this order: messages published so far, by
+            topic.
         ends_tick: Whether the simulator waits for it before the next tick, and so is told of it.
     """
 
@@ -38,14 +38,16 @@ TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry", "altitude", "mission/comma
 PHASES = {
     "modem": Phase(
         waits_for=("sounding", "modem/rx", "dead_reckoning", "fix"),
-        announces=("team/plans", "team/samples", "team/navigation"),
+        announces=("team/plans", "team/samples", "team/navigation", "team/command"),
     ),
     "gp": Phase(
         waits_for=("sounding", "dead_reckoning", "fix", "team/samples", "team/navigation"),
         announces=("kernel_centers",),
     ),
     "safety": Phase(
-        waits_for=("odometry", "altitude", "mission/command"), announces=("mission/state",), ends_tick=True
+        waits_for=("odometry", "altitude", "mission/command", "team/command"),
+        announces=("mission/state",),
+        ends_tick=True,
     ),
     "planner": Phase(
         waits_for=("odometry", "team/plans", "kernel_centers", "mission/state"),
@@ -142,9 +144,9 @@ class Ticks:
         self.now_s = max(self.now_s, now_s)
         self._announce(tick, totals)
 
-    def done(self, phase: str, tick: int, *totals: int) -> None:
-        """Another node has handled its `phase` of `tick`; `totals` as `first`, `second`, `third` in LockstepDone."""
-        self._announce(tick, dict(zip(PHASES[phase].announces, totals, strict=False)))
+    def done(self, phase: str, tick: int, totals: Sequence[int]) -> None:
+        """Another node has handled its `phase` of `tick`; `totals` as in LockstepDone."""
+        self._announce(tick, dict(zip(PHASES[phase].announces, totals, strict=True)))
 
     def arrived(self, topic: str, number: int = 1) -> None:
         """`number` more messages of `topic` are there."""

@@ -54,9 +54,9 @@ def test_a_gate_without_inputs_is_always_open() -> None:
 def planner_at_tick_1() -> Ticks:
     ticks = Ticks(("planner",))
     ticks.begin(1, 2.5, {"sounding": 7, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
-    ticks.done("modem", 1, 1, 0)
-    ticks.done("gp", 1, 4, 0)
-    ticks.done("safety", 1, 0, 0)
+    ticks.done("modem", 1, (1, 0, 0, 0))
+    ticks.done("gp", 1, (4,))
+    ticks.done("safety", 1, (0,))
     return ticks
 
 
@@ -74,8 +74,8 @@ def test_a_phase_begins_when_all_that_it_waits_for_has_arrived() -> None:
 
 def test_what_others_announce_may_come_before_the_tick() -> None:
     ticks = Ticks(("modem", "modem_sent"))
-    ticks.done("planner", 1, 0, 0)
-    ticks.done("safety", 1, 0, 0)
+    ticks.done("planner", 1, (0, 0))
+    ticks.done("safety", 1, (0,))
     assert ticks.ready() is None, "the tick has no stamp yet"
     ticks.begin(1, 1.0, {"sounding": 0, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     assert ticks.ready() == Ready(phase="modem", tick=1, now_s=1.0)
@@ -88,6 +88,18 @@ def test_a_phase_that_waits_for_nothing_waits_for_the_tick() -> None:
     assert ticks.ready() is None
     ticks.begin(1, 1.0, {"sounding": 3, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     assert ticks.ready() == Ready(phase="micromodem", tick=1, now_s=1.0)
+
+
+def test_a_mates_call_to_abort_is_there_before_the_safety_watch_handles_the_tick_in_which_it_was_heard() -> None:
+    ticks = Ticks(("safety",))
+    ticks.begin(1, 1.0, {"odometry": 1, "altitude": 1, "mission/command": 0})
+    ticks.arrived("odometry")
+    ticks.arrived("altitude")
+    assert ticks.ready() is None, "modem_node has not said what it has heard"
+    ticks.done("modem", 1, (1, 0, 0, 1))
+    assert ticks.ready() is None, "the call is on its way"
+    ticks.arrived("team/command")
+    assert ticks.ready() == Ready(phase="safety", tick=1, now_s=1.0)
 
 
 def test_the_time_never_goes_back() -> None:

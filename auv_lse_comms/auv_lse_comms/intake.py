@@ -30,6 +30,7 @@ class BridgeIntake:
         self.problems: list[str] = []
         self._soundings: list[Sequence[float]] = []
         self._packets: list[tuple[float, int, bytes, Timing]] = []
+        self._answers: list[tuple[float, int, Timing]] = []
         self._raw: DeadReckoning | None = None
         self._fixes: list[Fix] = []
         self._plan: Plan | None = None
@@ -47,11 +48,12 @@ class BridgeIntake:
         self._fixes.append(fix)
 
     def add_packet(self, stamp_s: float, source: int, payload: bytes, timing: Timing = UNTIMED) -> None:
-        """What the modem received: end of reception (s), number of the sender, the bytes, and when it was sent.
-
-        Without bytes it is the answer to a ping: the time for which it holds (s), and the mate that answered.
-        """
+        """What the modem received: end of reception (s), number of the sender, the bytes, and when it was sent."""
         self._packets.append((stamp_s, source, payload, timing))
+
+    def add_answer(self, stamp_s: float, source: int, timing: Timing) -> None:
+        """The answer to a ping: the time for which it holds (s), the mate that answered, and how long sound took."""
+        self._answers.append((stamp_s, source, timing))
 
     def set_plan(self, plan: Plan) -> None:
         """The vehicle's own plan; it replaces one that still waits."""
@@ -80,9 +82,10 @@ class BridgeIntake:
                 "driver that gives raw_north_m and raw_east_m, or packet.navigation: false for the whole team"
             )
         packets, self._packets = sorted(self._packets, key=lambda packet: packet[:2]), []
-        pings = (self.bridge.ranged(packet[0], packet[1], packet[3]) for packet in packets if not packet[2])
-        self.ranges = [found for found in pings if found is not None]
-        heard = (self.bridge.receive(*packet) for packet in packets if packet[2])
+        answers, self._answers = sorted(self._answers, key=lambda answer: answer[:2]), []
+        ranges = (self.bridge.ranged(*answer) for answer in answers)
+        self.ranges = [found for found in ranges if found is not None]
+        heard = (self.bridge.receive(*packet) for packet in packets)
         return [received for received in heard if received is not None]
 
     def ping(self, now_s: float) -> int | None:

@@ -29,7 +29,7 @@ from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.micromodem.config import HANDSHAKE_S
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ranging import Timing
-from auv_lse_comms.ros_conversions import tdma_status, team_samples, transmission
+from auv_lse_comms.ros_conversions import ping, tdma_status, team_samples, transmission
 from auv_lse_comms.settings import bridge_of
 from auv_lse_msgs.msg import (
     Fix,
@@ -79,13 +79,13 @@ class ModemNode(VehicleNode):
             tunable=tuple(f"tdma.{name}" for name in _TUNABLE),
             apply=self._change_tdma,
         )
-        self._published = {"plans": 0, "samples": 0, "navigation": 0, "packets": 0}
+        self._published = {"plans": 0, "samples": 0, "navigation": 0, "commands": 0, "packets": 0}
         self._status_s = -float("inf")
         self._problems = NewProblems()
         self._tx = self.publisher(ModemTx, "modem/tx")
         self._team_plans = self.publisher(Plan, "team/plans")
         self._team_samples = self.publisher(SampleArray, "team/samples")
-        self._command = self.publisher(MissionCommand, "mission/command")
+        self._team_command = self.publisher(MissionCommand, "team/command")
         self._team_navigation = self.publisher(MateNavigation, "team/navigation")
         self._status = self.publisher(TdmaStatus, "tdma")
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
@@ -100,7 +100,9 @@ class ModemNode(VehicleNode):
         self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
         self.listen(ModemTx, "modem/failed", self._on_failed)
         self.phase(
-            "modem", self.hear, lambda: tuple(self._published[name] for name in ("plans", "samples", "navigation"))
+            "modem",
+            self.hear,
+            lambda: tuple(self._published[name] for name in ("plans", "samples", "navigation", "commands")),
         )
         self.phase("modem_sent", self.say, lambda: (self._published["packets"],))
         self.begin()
@@ -115,7 +117,11 @@ class ModemNode(VehicleNode):
 
     def _on_arrival(self, message: ModemRx) -> None:
         timing = Timing(sent_s=message.sent_s, arrival_s=message.arrival_s, travel_s=message.travel_s)
-        self._intake.add_packet(seconds(message.header.stamp), message.source, bytes(message.payload), timing)
+        stamp_s = seconds(message.header.stamp)
+        if message.ping:
+            self._intake.add_answer(stamp_s, message.source, timing)
+        else:
+            self._intake.add_packet(stamp_s, message.source, bytes(message.payload), timing)
 
     def _on_failed(self, message: ModemTx) -> None:
         """The modem could not send the packet with this stamp: its samples are unsent again."""
@@ -137,7 +143,8 @@ class ModemNode(VehicleNode):
             return
         command = MissionCommand(header=header(received.stamp_s), command=MissionCommand.ABORT, team=True)
         command.source = f"vehicle {received.source}, by acoustic packet"
-        self._command.publish(command)
+        self._team_command.publish(command)
+        self._published["commands"] += 1
 
     def hear(self, now_s: float) -> None:
         """Takes own soundings and what the modem has received; gives the team's plans and samples."""
@@ -174,7 +181,7 @@ class ModemNode(VehicleNode):
             self._tx.publish(transmission(now_s, self.vehicle, payload))
             self._published["packets"] += 1
         elif (mate := self._intake.ping(now_s)) is not None:
-            self._tx.publish(transmission(now_s, self.vehicle, b"", mate))
+            self._tx.publish(ping(now_s, self.vehicle, mate))
             self._published["packets"] += 1
 
 

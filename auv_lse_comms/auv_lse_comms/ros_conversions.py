@@ -21,9 +21,14 @@ def team_samples(received: Received) -> SampleArray:
     )
 
 
-def transmission(now_s: float, source: int, payload: bytes, destination: int = 0) -> ModemTx:
-    """ModemTx of a payload; 0: to all, or to `modem.destination` if the driver has one. No payload: a ping."""
-    return ModemTx(header=header(now_s), source=source, destination=destination, payload=payload)
+def transmission(now_s: float, source: int, payload: bytes) -> ModemTx:
+    """ModemTx of a payload, to all, or to `modem.destination` if the driver has one."""
+    return ModemTx(header=header(now_s), source=source, payload=payload)
+
+
+def ping(now_s: float, source: int, destination: int) -> ModemTx:
+    """ModemTx that asks for a ping of the mate `destination`."""
+    return ModemTx(header=header(now_s), source=source, destination=destination, ping=True)
 
 
 def tdma_status(now_s: float, bridge: ModemBridge) -> TdmaStatus:

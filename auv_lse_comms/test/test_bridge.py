@@ -138,8 +138,8 @@ def test_mates_are_pinged_in_turn_in_what_is_left_of_own_slots() -> None:
 
 def test_the_answer_to_a_ping_is_a_range_and_no_packet() -> None:
     intake = BridgeIntake(bridge(2, navigation=True))
-    intake.add_packet(17.0, 3, b"", Timing(arrival_s=17.0, travel_s=0.25))
-    intake.add_packet(18.0, 7, b"", Timing(arrival_s=18.0, travel_s=0.25))
+    intake.add_answer(17.0, 3, Timing(arrival_s=17.0, travel_s=0.25))
+    intake.add_answer(18.0, 7, Timing(arrival_s=18.0, travel_s=0.25))
     assert intake.hear() == []
     (ranged,) = intake.ranges
     assert (ranged.source, ranged.stamp_s, ranged.travel_s, ranged.by_ping) == (3, 17.0, 0.25, True)

@@ -53,6 +53,7 @@ class SafetyNode(VehicleNode):
         self.listen(Range, "altitude", lambda m: self._safety.watch.altitude(altitude_m(m)), quality=NEWEST)
         self.listen(AutopilotStatus, "autopilot", lambda m: self._safety.watch.autopilot(autopilot_says(m)))
         self.listen(MissionCommand, "mission/command", self._on_command, total=lambda m: m.number)
+        self.listen(MissionCommand, "team/command", self._on_command)
         self.create_service(RunMission, "mission/run", self._on_call)
         self.phase("safety", self.step, lambda: (self._published,))
         self.begin()

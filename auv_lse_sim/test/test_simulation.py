@@ -20,9 +20,9 @@ def simulation(recorded: bool = False, lockstep: bool = True, vehicles: int = 1)
 def handle(sim: Simulation, tick: int, waypoints: int = 0, packets: int = 0, finished: bool = False) -> None:
     """Every vehicle's nodes announce the tick."""
     for k in sim.vehicles:
-        sim.take_done(k, "safety", tick, (0, 0), False)
+        sim.take_done(k, "safety", tick, (0,), False)
         sim.take_done(k, "planner", tick, (waypoints, waypoints), finished)
-        sim.take_done(k, "modem_sent", tick, (packets, 0), False)
+        sim.take_done(k, "modem_sent", tick, (packets,), False)
 
 
 def test_the_first_tick_waits_for_every_node_of_every_vehicle() -> None:
@@ -31,7 +31,7 @@ def test_the_first_tick_waits_for_every_node_of_every_vehicle() -> None:
     for k in (1, 2):
         for phase in ("gp", "safety", "planner", "modem"):
             assert not sim.ready()
-            sim.take_done(k, phase, 0, (0, 0), False)
+            sim.take_done(k, phase, 0, (), False)
     assert sim.ready()
     assert sim.state is MissionState.WAITING
 
@@ -112,7 +112,7 @@ def test_a_tick_waits_for_the_states_that_are_announced_and_the_vehicle_obeys() 
         handle(sim, tick)
     sim.advance()
     handle(sim, 4)
-    sim.take_done(1, "safety", 4, (1, 0), False)
+    sim.take_done(1, "safety", 4, (1,), False)
     assert not sim.ready()
     sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.SURFACE))
     assert sim.ready()

@@ -39,7 +39,7 @@ class MicromodemNode(DriverNode):
     def _on_transmit(self, message: ModemTx) -> None:
         self.reach_time(seconds(message.header.stamp))  # it may overtake the tick's announcement
         try:
-            if not message.payload:
+            if message.ping:
                 self._modem.ping(self.now_s(), message.destination)
                 return
             number = self._modem.send(self.now_s(), bytes(message.payload), message.destination or None)
@@ -78,6 +78,7 @@ class MicromodemNode(DriverNode):
                         sent_s=math.nan,  # no clock of the other modem takes part
                         arrival_s=event.utc_s,
                         travel_s=event.travel_s,
+                        ping=True,
                     )
                 )
             case events.PingFailed():

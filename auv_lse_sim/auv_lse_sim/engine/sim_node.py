@@ -177,8 +177,7 @@ class SimNode(BaseNode):
         if message.phase == LockstepDone.RECORDER:
             self._sim.take_recorded(message.tick)
         else:
-            totals = (message.first, message.second)
-            self._sim.take_done(message.vehicle, message.phase, message.tick, totals, message.finished)
+            self._sim.take_done(message.vehicle, message.phase, message.tick, message.totals, message.finished)
         self._advance()
 
     def destroy_node(self) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Sequence
 
 from auv_lse_common.leg import Leg
 from auv_lse_common.lockstep import PHASES, Gate
@@ -271,12 +272,12 @@ class Simulation:
 
     # ------------------------------------------------------------------ lockstep
 
-    def take_done(self, k: int, phase: str, tick: int, totals: tuple[int, int], finished: bool) -> None:
+    def take_done(self, k: int, phase: str, tick: int, totals: Sequence[int], finished: bool) -> None:
         """A node of vehicle `k` has handled its phase of a tick; arguments as in LockstepDone."""
         if tick == 0:
             self._greeted.add((k, phase))
             return
-        counts = dict(zip(PHASES[phase].announces, totals, strict=False))
+        counts = dict(zip(PHASES[phase].announces, totals, strict=True))
         match phase:
             case "planner":
                 self._finished[k - 1] = finished

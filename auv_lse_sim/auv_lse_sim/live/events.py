@@ -26,7 +26,7 @@ from auv_lse_sim.live.map_layers import LayerCoder, grid_axes, scales_of, thinni
 from auv_lse_sim.live.own_map import OwnMap
 from auv_lse_sim.live.plan_lines import PlanLines, decimetres
 from auv_lse_sim.live.timeline import Event
-from auv_lse_sim.record.bag import plan_of
+from auv_lse_sim.record.bag import is_ping, plan_of
 from auv_lse_sim.settings import Settings
 
 Array = NDArray[np.float64]
@@ -243,8 +243,8 @@ class MissionEvents:
     # ------------------------------------------------------------------ what they tell each other
 
     def _sent(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        if len(message.payload) == 0:
-            return []  # a ping
+        if is_ping(message):
+            return []
         event = {"kind": "sent", "vehicle": vehicle, "t": stamp_s, "bytes": len(message.payload)}
         try:
             packet = decode(bytes(message.payload))
@@ -253,8 +253,8 @@ class MissionEvents:
         return [{**event, "samples": len(packet.samples), "actions": len(packet.plan.actions)}]
 
     def _received(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        if len(message.payload) == 0:
-            return []  # the answer to a ping
+        if is_ping(message):
+            return []
         event = {
             "kind": "received",
             "vehicle": vehicle,

@@ -127,8 +127,8 @@ def read_bag(
         log = logs.setdefault(vehicle, _VehicleLog())
         stamp_s = seconds(message.header.stamp)
         last_s = max(last_s, stamp_s)
-        if name in ("modem/tx", "modem/rx") and len(message.payload) == 0:
-            continue  # a ping, or its answer, which team/navigation tells as well
+        if name in ("modem/tx", "modem/rx") and is_ping(message):
+            continue  # team/navigation tells the answer as well
         if name == "modem/tx":
             sent.append(PacketSent(stamp_s=stamp_s, source=int(message.source), payload=bytes(message.payload)))
         elif name == "modem/rx":
@@ -247,6 +247,11 @@ class _VehicleLog:
             fixes=sorted(self.fixes, key=lambda fix: fix.stamp_s),
             mates=sorted(self.mates, key=lambda mate: (mate.stamp_s, mate.source)),
         )
+
+
+def is_ping(message: Any) -> bool:
+    """Whether a recorded ModemTx or ModemRx is a ping or its answer; older recordings tell by an empty payload."""
+    return bool(getattr(message, "ping", len(message.payload) == 0))
 
 
 def plan_of(message: Any) -> Plan:
@@ -431,7 +436,7 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
     for sent in run.sent:
         payload = np.frombuffer(sent.payload, dtype=np.uint8)
         message = types[own + "ModemTx"](
-            header=header(sent.stamp_s), source=sent.source, destination=0, payload=payload
+            header=header(sent.stamp_s), source=sent.source, destination=0, ping=False, payload=payload
         )
         yield sent.stamp_s, f"/auv{sent.source}/modem/tx", own + "ModemTx", message
     for heard in run.received:
@@ -443,6 +448,7 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             sent_s=heard.sent_s,
             arrival_s=heard.arrival_s,
             travel_s=heard.travel_s,
+            ping=False,
             payload=np.frombuffer(heard.payload, dtype=np.uint8),
         )
         yield heard.stamp_s, f"/auv{heard.receiver}/modem/rx", own + "ModemRx", message

@@ -26,7 +26,7 @@ from auv_lse_common.recording import SOFTWARE, Recording, RecordingError, record
 from auv_lse_common.stamps import seconds
 from auv_lse_gp.centers import Centers
 from auv_lse_planner.intake import Taken
-from auv_lse_sim.record.bag import FIX_FIELDS, MATE_FIELDS, Patterns, flown_parameters, plan_of
+from auv_lse_sim.record.bag import FIX_FIELDS, MATE_FIELDS, Patterns, flown_parameters, is_ping, plan_of
 
 Array = NDArray[np.float64]
 
@@ -196,7 +196,7 @@ class _Gathered:
                 found.samples.append((there_s, (stamp_s, int(m.source), rows)))
             case "team/plans":
                 found.plans.append((there_s, (stamp_s, int(m.vehicle), plan_of(m))))
-            case "modem/rx":
+            case "modem/rx" if not is_ping(m):
                 found.packets.append((there_s, (stamp_s, int(m.source), bytes(m.payload))))
             case "kernel_centers":
                 places = np.column_stack([m.north_m, m.east_m])
