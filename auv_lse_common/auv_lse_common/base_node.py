@@ -24,6 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from auv_lse_common.executor import make_executor
 from auv_lse_common.health import Health, Level
+from auv_lse_common.heartbeat import BEAT_PERIOD_S, Heartbeat
 from auv_lse_common.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Ticks
 from auv_lse_common.params import ParameterError, check_sections, describe, merge, nest, to_mapping
@@ -491,6 +492,9 @@ def spin(node: Node) -> None:
     executor = make_executor()
     try:
         executor.add_node(node)
+        heartbeat = Heartbeat(os.environ)
+        if heartbeat.wanted:
+            node.create_timer(BEAT_PERIOD_S, heartbeat.beat, clock=_STEADY)
         executor.spin()
     finally:
         executor.shutdown()

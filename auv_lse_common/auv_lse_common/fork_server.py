@@ -154,6 +154,10 @@ class ForkServer:
         """Whether the server lives: when it has ended, so have its processes."""
         return self._server.poll() is None
 
+    def kill(self) -> None:
+        """Kills the server, and with it what it started."""
+        self._server.kill()
+
     def read(self, timeout_s: float) -> None:
         """Takes the server's answers; waits up to `timeout_s` for one."""
         assert self._server.stdout is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import re
 import signal
@@ -23,7 +24,7 @@ from auv_lse_common.journal import FOLDER_VARIABLE
 from auv_lse_common.params import ParameterError, check_sections, merge, parameters_for, read_parameter_file
 from auv_lse_common.processes import LaunchError, Process, executable_path, vehicle_nodes
 from auv_lse_common.project_folder import project_folder
-from auv_lse_common.supervisor import REFUSED, Supervisor, Task
+from auv_lse_common.supervisor import REFUSED, SILENT_S, Supervisor, Task
 
 _TICK_S = 0.2
 #: A node that refuses its parameters this soon (s) after the first start ends the vehicle: no later start would help.
@@ -228,7 +229,9 @@ class _Signals:
 
 def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
     signals = _Signals()
-    supervisor = Supervisor(tasks, logs, environment, _say)
+    # in lockstep a node may take as long as it likes, and none can be started again
+    silent_s = math.inf if crew.lockstep else SILENT_S
+    supervisor = Supervisor(tasks, logs, environment, _say, silent_s)
     began_s = time.monotonic()
     with ExitStack() as stack:
         stack.callback(_say, f"auv{crew.vehicle}: every node has ended")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_common.supervisor import FIRST_WAIT_S, LONGEST_WAIT_S, STEADY_S, Supervisor, Task
+from auv_lse_common.supervisor import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S, STEADY_S, Supervisor, Task
 
 
 class Desk:
@@ -37,6 +37,48 @@ class Desk:
             assert time.monotonic() < until
             time.sleep(0.01)
         return died[0]
+
+
+#: A program that says all the time that it lives.
+ALIVE = """import os, socket, time
+socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+address = chr(0) + os.environ['NOTIFY_SOCKET'][1:]
+while True:
+    socket.sendto(b'WATCHDOG=1', address)
+    time.sleep(0.01)"""
+
+
+def alive_for(desk: Desk, seconds: float) -> None:
+    """So many seconds by the supervisor's clock, with time in between in which a process can say that it lives."""
+    for _ in range(round(seconds)):
+        time.sleep(0.03)
+        assert desk.after(1.0) == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="sockets without a file, and who has sent, as Linux has them")
+def test_a_process_that_hangs_is_killed_and_started_again(tmp_path: Path) -> None:
+    desk = Desk(tmp_path, node=f'exec {sys.executable} -c "{ALIVE}"', silent="exec sleep 60")
+    desk.after(0.0)
+    time.sleep(0.5)
+    alive_for(desk, 2.0 * SILENT_S)
+    pid = desk.supervisor.running["node"]
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(0.1)
+    desk.after(1.0)  # takes what it has still said
+    desk.after(3600.0)  # the supervisor stood still itself: that is no silence
+    alive_for(desk, SILENT_S - 3.0)
+    assert desk.supervisor.running["node"] == pid
+    said = len(desk.said)
+    while len(desk.said) == said:
+        desk.after(1.0)
+    assert desk.said[said] == (
+        f"node hangs: process {pid} runs, but has not said for {SILENT_S:.0f} s that it serves its callbacks; it is "
+        "killed"
+    )
+    assert desk.death() == ("node", -9)
+    desk.after(FIRST_WAIT_S)
+    assert desk.supervisor.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
+    desk.supervisor.stop()
 
 
 def test_what_dies_is_started_again_after_a_wait_that_doubles(tmp_path: Path) -> None:
