@@ -141,6 +141,14 @@ def covariance(index, variance, a, b, out):  # type: ignore[no-untyped-def]  # n
         covariance_row(index, variance, bx, by, a[i, 0], a[i, 1], out[i])
 
 
+@njit("void(i8, f8, f8[:, :], f8[:, ::1])", cache=True)
+def upper_covariance(index, variance, a, out):  # type: ignore[no-untyped-def]  # numba's types
+    """Covariance (A, A) among scaled places (A, 2): the upper triangle of `out`, which is untouched below it."""
+    ax, ay = a[:, 0].copy(), a[:, 1].copy()
+    for i in range(len(a)):
+        covariance_row(index, variance, ax[i:], ay[i:], ax[i], ay[i], out[i, i:])
+
+
 @njit("void(i8, f8, f8[:, :], f8[:, ::1], f8[:, :], f8[:, ::1])", cache=True, fastmath={"contract"})
 def subtract_weighted(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
     """out (m, B) -= weights (A, m)^T k(a, b), without making k(a, b): a few hundred columns at a time, in cache."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, blas, cholesky, solve_triangular
+from scipy.linalg import LinAlgError, blas, cholesky, lapack, solve_triangular
 
 from auv_lse_common import compiled
 from auv_lse_gp.lazy import compiled_gp
@@ -33,6 +33,7 @@ class Factor:
         self._blocks: list[tuple[Array, Array]] = []  # D_b^T and M_b^T, Fortran-ordered
         self._blocked = 0  # rows of L whose blocks are made
         self._contiguous: Array | None = None  # L without the buffer's spare columns, for BLAS
+        self._inverse: Array | None = None
         self.size = 0
 
     @property
@@ -40,12 +41,20 @@ class Factor:
         """L (n, n), a view: not to be written to, and overwritten by later changes."""
         return self._buffer[: self.size, : self.size]
 
+    @property
+    def inverse(self) -> Array:
+        """L^-1 (n, n), Fortran-ordered, kept until L changes: for who solves hundreds of times with the same L."""
+        if self._inverse is None:
+            self._inverse, _ = lapack.dtrtri(np.array(self.lower, order="F"), lower=1, overwrite_c=1)
+        return self._inverse
+
     def copy(self) -> Factor:
         """The same factor, to be changed on its own."""
         other = Factor(len(self._buffer))
         other._buffer[: self.size, : self.size] = self.lower
         other._blocks = list(self._blocks)  # the arrays in it are never written to
         other._blocked, other._contiguous, other.size = self._blocked, self._contiguous, self.size
+        other._inverse = self._inverse
         return other
 
     def truncate(self, size: int) -> None:
@@ -53,7 +62,7 @@ class Factor:
         if size >= self.size:
             return
         self.size = size
-        self._contiguous = None
+        self._contiguous = self._inverse = None
         if size < self._blocked:
             self._blocked = size - size % BLOCK
             del self._blocks[self._blocked // BLOCK :]
@@ -89,7 +98,7 @@ class Factor:
         self._buffer[old:new, :old] = rows
         self._buffer[old:new, old:new] = np.tril(corner)
         self.size = new
-        self._contiguous = None
+        self._contiguous = self._inverse = None
 
     def solve(self, right: Array) -> Array:
         """L^-1 right, for right (n, P) or (n,)."""

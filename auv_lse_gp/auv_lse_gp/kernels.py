@@ -163,6 +163,13 @@ class Kernel:
             return out
         return self.of_scaled_numpy(a, b)
 
+    def among_scaled(self, a: Array, out: Array) -> None:
+        """Covariance (A, A) among places already scaled, into the upper triangle of `out`: half the work."""
+        if compiled.USE_NUMBA:
+            compiled_gp().upper_covariance(self.index, self.signal_variance_m2, a, out)
+            return
+        out[...] = self.of_scaled_numpy(a, a)
+
     def subtract_weighted(self, a: Array, weights: Array, b: Array, out: Array) -> None:
         """out (m, B) -= weights (A, m)^T k(a, b), for places already scaled, of which b may be very many."""
         if compiled.USE_NUMBA and weights.shape[1] <= 16:

@@ -66,6 +66,15 @@ HALF_SLOPE = {
 }
 
 
+@pytest.mark.parametrize("numba", [True, False])
+def test_among_places_the_upper_triangle_is_that_of_the_covariance(numba, monkeypatch):
+    monkeypatch.setattr(compiled, "USE_NUMBA", numba and compiled.USE_NUMBA)
+    kernel, places = Kernel(GpConfig()), np.random.default_rng(3).random((9, 2))
+    out = np.empty((9, 9))
+    kernel.among_scaled(places, out)
+    assert np.array_equal(np.triu(out), np.triu(kernel.of_scaled(places, places)))
+
+
 @pytest.mark.parametrize("name", KERNELS)
 def test_gradient_by_hand(name):
     kernel = Kernel(GpConfig(kernel=name, signal_std_m=3.0, length_scale_m=50.0))

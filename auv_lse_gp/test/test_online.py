@@ -324,6 +324,8 @@ def test_factor_appends_truncates_and_solves():
         assert_allclose(factor.lower, lower, rtol=1e-9, atol=1e-9)
         wanted = np.linalg.solve(lower, right[:size])
         assert_allclose(factor.solve(right[:size]), wanted, rtol=1e-9, atol=1e-12)
+        assert_allclose(factor.inverse @ right[:size], wanted, rtol=1e-9, atol=1e-12)
+        assert factor.inverse is factor.inverse
         assert_allclose(factor.solve(right[:size, 0]), wanted[:, 0], rtol=1e-9, atol=1e-12)
         wanted = np.linalg.solve(lower.T, right[:size])
         assert_allclose(factor.solve_transposed(right[:size]), wanted, rtol=1e-9, atol=1e-12)

@@ -12,6 +12,7 @@ from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.fitted_lanes import ENDS, SIDES, fit, lay, mean_distance, points
+from auv_lse_planner.paths.naive import FITS_KEPT
 from auv_lse_planner.paths.naive_ids import COVERING, FITTED, STRIPS
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward
@@ -92,6 +93,18 @@ def test_fitted_lanes_leave_less_risk_than_covering_ones(polygon, vehicles, shar
         reward = AnytimeReward(kept, LevelSet(), ahead, 100, 0, 100, 0.0)
         left.append(reward.risk_before - reward.value(own[:, None]).end)
     assert left[1] < share * left[0]
+
+
+def test_lanes_are_fitted_once_for_the_same_place_and_the_last_are_kept():
+    _, _, _, naive = world()
+    first = naive._fitted(np.array([0.0, 10.0, 20.0]), FITTED[0], 40)
+    assert naive._fitted(np.array([1.0, 10.0, 20.0]), FITTED[0], 40) is first  # the heading does not count
+    for north in range(2 * FITS_KEPT):
+        naive._fitted(np.array([0.0, float(north), 0.0]), FITTED[0], 40)
+    assert len(naive._fits) == FITS_KEPT
+    again = naive._fitted(np.array([0.0, 10.0, 20.0]), FITTED[0], 40)
+    assert again is not first
+    assert np.array_equal(again, first)
 
 
 def test_one_vehicle_has_one_strip():

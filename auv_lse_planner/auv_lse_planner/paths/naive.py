@@ -52,6 +52,8 @@ Ints = NDArray[np.int64]
 
 #: Metres off the lane that weigh as much as one radian off its direction.
 HEADING_WEIGHT_M = 20.0
+#: Fitted lanes that are kept: a decision asks several times for those from the same place, and fitting takes 2 ms.
+FITS_KEPT = 16
 
 
 @compiled
@@ -268,6 +270,7 @@ class NaivePaths:
         self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
         self._strip_places = [self._places_of_strip(polygon_m, number) for number in range(self._strips)]
+        self._fits: dict[tuple[int, float, float, int], Array] = {}  # the last lanes fitted, the oldest first
         self._steering = Steering(space)
         size = np.abs(space.motion.turns_rad)
         self._by_size = np.argsort(size, kind="stable").astype(np.int64)
@@ -350,9 +353,15 @@ class NaivePaths:
 
     def _fitted(self, state: Array, naive_path: int, steps: int) -> Array:
         """Points a leg apart along the lanes that are fitted to a strip and to so many legs from a state."""
-        places, grid = self._strip_places[(naive_path - FITTED[0]) % self._strips]
-        leg_m = self.space.motion.leg_length_m
-        return fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
+        strip = (naive_path - FITTED[0]) % self._strips
+        asked = strip, float(state[1]), float(state[2]), steps
+        if asked not in self._fits:
+            if len(self._fits) >= FITS_KEPT:
+                del self._fits[next(iter(self._fits))]
+            places, grid = self._strip_places[strip]
+            leg_m = self.space.motion.leg_length_m
+            self._fits[asked] = fitted_points(places, grid, self._frames[0].axis_rad, state[1:], leg_m, steps)
+        return self._fits[asked]
 
     def _places_of_strip(self, polygon_m: Array, number: int) -> tuple[Array, Array]:
         """Places (M, 2) of a strip along and across the main axis, and their spacing (2,)."""

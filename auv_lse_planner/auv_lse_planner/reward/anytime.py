@@ -40,7 +40,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm, dtrmm
+from scipy.linalg.blas import dgemm, dsyrk, dtrmm
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from auv_lse_gp.kept import KeptColumns
@@ -147,7 +147,7 @@ class AnytimeReward:
         self._level_set = replace(level_set, method="exact")
         self._mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
         self._time = (legs, step, steps, weight)
-        self._exact = self._drop(self._kept, 1, -(-legs // LEGS_APART), NO_RISK)
+        self._exact = self._drop(self._kept, 1, -(-legs // LEGS_APART), NO_RISK, often=False)
         self._rough: _Drop | None = None
         self.risk_before = self._exact.risk_before
 
@@ -156,13 +156,13 @@ class AnytimeReward:
         legs, step, steps, _ = self._time
         return AnytimeReward(self._kept, self._level_set, self._mates, legs, step, steps, 0.0, self._coarse)
 
-    def _drop(self, kept: KeptColumns, every: int, checkpoints: int, share: float) -> _Drop:
+    def _drop(self, kept: KeptColumns, every: int, checkpoints: int, share: float, often: bool) -> _Drop:
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self._mates]
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
         scale = len(self._kept.places_m) / len(kept.places_m)
         schedule = _Schedule.of(*self._time, checkpoints)
-        return _Drop(kept, self._level_set, legs, places, schedule, share, scale)
+        return _Drop(kept, self._level_set, legs, places, schedule, share, scale, often)
 
     def value(self, places_m: Array) -> Value:
         """Value of a path, on all of the map.
@@ -221,7 +221,7 @@ class AnytimeReward:
     def _coarsely(self) -> _Drop:
         if self._rough is None:
             count = min(GRADIENT_CHECKPOINTS, -(-self.legs // LEGS_APART))
-            self._rough = self._drop(self._coarse, GRADIENT_MATES_EVERY, count, LITTLE_RISK)
+            self._rough = self._drop(self._coarse, GRADIENT_MATES_EVERY, count, LITTLE_RISK, often=True)
         return self._rough
 
     def _timed(self, places_m: Array) -> tuple[Array, Array]:
@@ -245,6 +245,7 @@ class _Drop:
         schedule: _Schedule,
         least_share: float,
         scale: float,
+        often: bool,
     ) -> None:
         """Prepares what does not depend on the own path.
 
@@ -256,8 +257,10 @@ class _Drop:
             schedule: Checkpoints and their weights.
             least_share: Cells of a smaller share of the largest risk are left out.
             scale: What a cell counts.
+            often: Whether it is asked about so many paths that it pays to invert the posterior's factor.
         """
         self.schedule = schedule
+        self._often = often
         self._level_set, self._scale = level_set, scale
         self._posterior = kept.posterior
         columns = kept.columns()
@@ -276,7 +279,7 @@ class _Drop:
             columns.planned_var_m2[counted],
         )
         self._mate_groups = schedule.after(mate_legs)
-        self._mates = _Measured(self._posterior, self._posterior.kernel.scale(mates_m))
+        self._mates = _Measured(self._posterior, self._posterior.kernel.scale(mates_m), often)
         self._timetables: dict[bytes, _Timetable] = {}
 
     def drops(self, places_m: Array, legs: Array) -> Array:
@@ -315,7 +318,7 @@ class _Drop:
         if key not in self._timetables:
             groups = self.schedule.after(legs), self._mate_groups
             self._timetables[key] = _Timetable(self._posterior, self._cells, self._mates, *groups)
-        own = _Measured(self._posterior, self._posterior.kernel.scale(places_m))
+        own = _Measured(self._posterior, self._posterior.kernel.scale(places_m), self._often)
         return _Joint(self._posterior, self._cells, own, self._timetables[key])
 
     def _drops(self, risks: Array) -> Array:
@@ -341,38 +344,41 @@ class _Measured:
         white: Their whitened covariance with data and planned places, (P, n).
     """
 
-    def __init__(self, posterior: Posterior, scaled: Array) -> None:
-        """Takes places (P, 2) already scaled."""
+    def __init__(self, posterior: Posterior, scaled: Array, often: bool) -> None:
+        """Takes places (P, 2) already scaled; asked `often`, it pays to invert the posterior's factor."""
         self._kernel = posterior.kernel
         self.scaled = scaled
-        self.white = posterior.factor.solve_rows_in_place(posterior.kernel.of_scaled(scaled, posterior.scaled))
+        covariance = posterior.kernel.of_scaled(scaled, posterior.scaled)
+        if often and covariance.size:
+            dtrmm(1.0, posterior.factor.inverse, covariance.T, lower=1, overwrite_b=1)  # BLAS takes rows for columns
+            self.white = covariance
+        else:
+            self.white = posterior.factor.solve_rows_in_place(covariance)
 
     def __len__(self) -> int:
         """Number of places."""
         return len(self.scaled)
 
-    def covariance(self, other: _Measured) -> Array:
-        """Covariance (P, Q) with other places, without noise."""
-        prior: Array = self._kernel.of_scaled(self.scaled, other.scaled)
-        return prior - self.white @ other.white.T if self.white.shape[1] else prior
-
     def covariance_with_cells(self, cells: _Cells, out: Array) -> Array:
         """Covariance (P, M) with the cells, into `out`."""
         self._kernel.of_scaled(self.scaled, cells.scaled, out)
         if out.size and self.white.shape[1]:
-            dgemm(-1.0, cells.white.T, self.white.T, beta=1.0, c=out.T, overwrite_c=1)  # BLAS takes rows for columns
+            dgemm(-1.0, cells.white.T, self.white.T, beta=1.0, c=out.T, overwrite_c=1)
         return out
 
 
 class _Timetable:
     """Own and mates' places in time order, with the mates' part of their covariances; and room to work in.
 
+    What the methods give is overwritten by their next call: memory that is used again need not be asked for and
+    cleared, which would take a third of the time.
+
     Attributes:
-        mates: The mates' places.
         groups: Number of the first checkpoint that includes each place, ascending, (P + Q,).
-        order: Number of each place among own and then mates', (P + Q,).
-        own: Rows of the own places, (P,).
-        others: Rows of the mates' places, (Q,).
+        own: Rows of the own places, ascending, (P,).
+        scaled: All places, once `matrix` has put the own ones in, (P + Q, 2).
+        white: Their whitened covariance with data and planned places, (P + Q, n).
+        spare: Room of the size of the covariance with the cells, (P + Q, M).
     """
 
     def __init__(
@@ -380,39 +386,36 @@ class _Timetable:
     ) -> None:
         """Sorts the places."""
         groups = np.concatenate([own_groups, mate_groups])
-        self.mates = mates
-        self.order = np.argsort(groups, kind="stable")
-        self.groups = groups[self.order]
-        rows = np.empty_like(self.order)
-        rows[self.order] = np.arange(len(self.order))
-        self.own, self.others = rows[: len(own_groups)], rows[len(own_groups) :]
-        total, count = len(self.order), len(cells.mean_m)
+        order = np.argsort(groups, kind="stable")
+        self.groups = groups[order]
+        rows = np.empty_like(order)
+        rows[order] = np.arange(len(order))
+        self.own, self._others = rows[: len(own_groups)], rows[len(own_groups) :]
+        total, count = len(order), len(cells.mean_m)
+        self._kernel, self._noise_m2 = posterior.kernel, posterior.noise_var_m2
+        self.scaled, self.white = np.empty((total, 2)), np.empty((total, mates.white.shape[1]))
+        self.scaled[self._others], self.white[self._others] = mates.scaled, mates.white
         self._mates_cross = mates.covariance_with_cells(cells, np.empty((len(mates), count)))
-        self._matrix = np.zeros((total, total))
-        self._matrix[np.ix_(self.others, self.others)] = mates.covariance(mates)
-        self._matrix[np.diag_indices(total)] += posterior.noise_var_m2
-        # Memory that is used again need not be asked for and cleared: a third of the time.
+        self._matrix = np.empty((total, total))
         self._own_cross, self._cross = np.empty((len(own_groups), count)), np.empty((total, count))
         self.spare = np.empty((total, count))
 
     def matrix(self, own: _Measured) -> Array:
-        """Covariance of all measurements in time order, its lower triangle."""
-        matrix = self._matrix.copy()
-        if not len(self.others):
-            matrix += own.covariance(own)
-            return matrix
-        matrix[np.ix_(self.own, self.own)] += own.covariance(own)
-        both = own.covariance(self.mates)
-        matrix[np.ix_(self.own, self.others)] = both
-        matrix[np.ix_(self.others, self.own)] = both.T
+        """Covariance of all measurements in time order, Fortran-ordered, its lower triangle."""
+        self.scaled[self.own], self.white[self.own] = own.scaled, own.white
+        self._kernel.among_scaled(self.scaled, self._matrix)
+        matrix = self._matrix.T
+        np.einsum("ii->i", matrix)[:] += self._noise_m2
+        if self.white.shape[1]:
+            dsyrk(-1.0, self.white.T, beta=1.0, c=matrix, trans=1, lower=1, overwrite_c=1)
         return matrix
 
     def cross(self, own: _Measured, cells: _Cells) -> Array:
-        """Covariance of all places in time order with the cells, C; overwritten by the next call."""
-        if not len(self.others):
+        """Covariance of all places in time order with the cells, C."""
+        if not len(self._others):
             return own.covariance_with_cells(cells, self._cross)
         self._cross[self.own] = own.covariance_with_cells(cells, self._own_cross)
-        self._cross[self.others] = self._mates_cross
+        self._cross[self._others] = self._mates_cross
         return self._cross
 
 
@@ -427,7 +430,7 @@ class _Joint:
         """
         self._posterior, self._cells, self._own, self._timetable = posterior, cells, own, timetable
         matrix = timetable.matrix(own)
-        self._lower, failed = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)  # symmetric; Fortran-ordered
+        self._lower, failed = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
         if failed:
             raise ValueError(not_positive_definite(len(matrix)))
         self._reductions = _solve_in_place(self._lower, timetable.cross(own, cells))  # Y
@@ -446,27 +449,47 @@ class _Joint:
     def gradient(self, later: Array) -> Array:
         """Gradient (P, 2) with respect to the own places.
 
+        Only what is not zero is computed of products with triangles, a block of rows at a time.
+
         Args:
             later: -dJ / ds_q^2 of the cells, summed over each checkpoint and those after it, (J, M).
         """
-        kernel, scaled, timetable = self._posterior.kernel, self._own.scaled, self._timetable
+        kernel, scaled, timetable, y = self._posterior.kernel, self._own.scaled, self._timetable, self._reductions
         y_bar = np.take(later, timetable.groups, axis=0, out=timetable.spare, mode="clip")
-        y_bar *= self._reductions
-        lower = np.tril(y_bar @ self._reductions.T)  # halves: the factor 2 of Ybar comes last
-        lower[np.diag_indices(len(lower))] *= 0.5
-        inverse, _ = dtrtri(self._lower, lower=1)
-        of_own = np.ascontiguousarray(inverse[:, timetable.own].T)
-        c_bar = of_own @ y_bar
-        k_bar = of_own @ (-0.5 * (lower + lower.T)) @ inverse  # Phi and its transpose first: own rows are enough
-        every = np.concatenate([scaled, timetable.mates.scaled])[timetable.order]
+        y_bar *= y
+        inverse_v = _inverse(self._lower)
+        phi = np.empty((len(y), len(y)))  # with its transpose; halves: the factor 2 of Ybar comes last
+        for begin in range(0, len(y), BLOCK):
+            rows, end = slice(begin, begin + BLOCK), min(begin + BLOCK, len(y))
+            np.matmul(-0.5 * y_bar[rows], y[:end].T, out=phi[rows, :end])
+            phi[:begin, rows] = phi[rows, :begin].T
+            phi[rows, rows] = np.tril(phi[rows, rows]) + np.tril(phi[rows, rows], -1).T
+        c_bar, k_bar = np.empty((len(scaled), y.shape[1])), np.empty((len(scaled), len(y)))
+        for begin in range(0, len(scaled), BLOCK):
+            own = timetable.own[begin : begin + BLOCK]
+            of_own = inverse_v.T[own, own[0] :]  # zero before the first of these rows
+            np.matmul(of_own, y_bar[own[0] :], out=c_bar[begin : begin + BLOCK])
+            np.matmul(of_own, phi[own[0] :], out=k_bar[begin : begin + BLOCK])
+        dtrmm(1.0, inverse_v, k_bar.T, lower=1, trans_a=1, overwrite_b=1)
         gradient = kernel.gradient_sums(scaled, c_bar, self._cells.scaled)
-        gradient += kernel.gradient_sums(scaled, 2.0 * k_bar, every)
+        gradient += kernel.gradient_sums(scaled, 2.0 * k_bar, timetable.scaled)
         if len(self._posterior):
-            white = np.concatenate([self._own.white, timetable.mates.white])[timetable.order]
-            both = self._cells.white @ c_bar.T + 2.0 * (white.T @ k_bar.T)
-            x_bar = -self._posterior.factor.solve_transposed(both)
-            gradient += kernel.gradient_sums(scaled, x_bar.T, self._posterior.scaled)
+            x_bar = c_bar @ self._cells.white.T
+            dgemm(2.0, timetable.white.T, k_bar.T, beta=1.0, c=x_bar.T, overwrite_c=1)
+            dtrmm(-1.0, self._posterior.factor.inverse, x_bar.T, lower=1, trans_a=1, overwrite_b=1)
+            gradient += kernel.gradient_sums(scaled, x_bar, self._posterior.scaled)
         return 2.0 * gradient
+
+
+def _inverse(lower: Array) -> Array:
+    """L^-1, Fortran-ordered, by products of blocks, much faster than LAPACK's."""
+    inverse = np.zeros(lower.shape, order="F")
+    for begin in range(0, len(lower), BLOCK):
+        rows = slice(begin, begin + BLOCK)
+        inverse[rows, rows], _ = dtrtri(lower[rows, rows], lower=1)
+        if begin:
+            inverse[rows, :begin] = -inverse[rows, rows] @ (lower[rows, :begin] @ inverse[:begin, :begin])
+    return inverse
 
 
 def _solve_in_place(lower: Array, right: Array) -> Array:
