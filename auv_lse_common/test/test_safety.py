@@ -133,7 +133,22 @@ def test_before_the_mission_nothing_trips_while_the_vehicle_is_afloat() -> None:
     leaking(vehicle)
     vehicle.wait(60.0)
     assert vehicle.run.standing.state is RunState.WAITING
-    assert set(vehicle.watch.warnings) == {"altitude", "leak"}
+    assert set(vehicle.watch.warnings) == {"altitude", "altimeter", "leak"}
+
+
+def test_an_altimeter_that_stops_is_told_and_trips_nothing() -> None:
+    vehicle = Vehicle(altitude_response="surface").wait(60.0)
+    assert vehicle.watch.warnings == {}, "a vehicle need not have one"
+    vehicle.watch.altitude(float("nan"))
+    vehicle.wait(29.0)
+    assert vehicle.watch.warnings == {}, "no echo is no silence"
+    vehicle.now_s -= 3600.0  # the clock is set
+    vehicle.wait(1.0)
+    vehicle.wait(30.0)
+    assert vehicle.watch.warnings == {"altimeter": "no altitude for 60 s; expected one every 30 s"}
+    assert vehicle.run.limits == {}
+    vehicle.watch.altitude(12.0)
+    assert vehicle.wait(0.2).watch.warnings == {}
 
 
 def test_a_vehicle_that_is_found_submerged_before_its_mission_is_watched() -> None:

@@ -110,7 +110,8 @@ class GpNode(VehicleNode):
             self._isobath.publish(marker)
         took_s, intake = time.perf_counter() - began, self._intake
         recent = self._recent.of(now_s, map_totals(self._map, intake.gate.counts))
-        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, recent, intake.placer)
+        quiet_s = now_s - intake.sounded_s
+        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, recent, intake.placer, quiet_s)
         self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
 
 

@@ -8,6 +8,9 @@ from auv_lse_common.health import Health, Level
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.places.placer import Placer
 
+#: After this time (s) without an own sounding it is told.
+QUIET_S = 60.0
+
 
 def map_totals(depth_map: DepthMap, gated: Mapping[str, int]) -> dict[str, int]:
     """What counts against a map so far: soundings refused and given up, samples that do not fit, by name.
@@ -32,6 +35,7 @@ def map_health(
     gated: Mapping[str, int],
     recent: Mapping[str, int],
     placer: Placer | None = None,
+    quiet_s: float = 0.0,
 ) -> Health:
     """The state of a map: it warns of what was counted lately, and tells what was counted in all.
 
@@ -42,6 +46,7 @@ def map_health(
         gated: Own soundings that the gate has refused, by kind.
         recent: By how much `map_totals` have grown lately (`Recent`).
         placer: What corrects the places of its soundings, if anything does.
+        quiet_s: Time without an own sounding (s).
     """
     counts = depth_map.counts
     values = {
@@ -66,11 +71,13 @@ def map_health(
         }
     values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}
     values |= {f"soundings {kind}": number for kind, number in gated.items()}
-    level, text = _verdict(depth_map, gated, recent)
+    level, text = _verdict(depth_map, gated, recent, quiet_s)
     return Health(level=level, text=text, values=values)
 
 
-def _verdict(depth_map: DepthMap, gated: Mapping[str, int], recent: Mapping[str, int]) -> tuple[Level, str]:
+def _verdict(
+    depth_map: DepthMap, gated: Mapping[str, int], recent: Mapping[str, int], quiet_s: float
+) -> tuple[Level, str]:
     team = sorted(depth_map.team.items())
     suspicious = [f"auv{k}" for k, mate in team if mate.suspicious and recent.get(f"outliers of auv{k}")]
     if suspicious:
@@ -88,4 +95,6 @@ def _verdict(depth_map: DepthMap, gated: Mapping[str, int], recent: Mapping[str,
     ]
     if kinds:
         return Level.WARN, f"own soundings refused lately: {', '.join(kinds)}"
+    if quiet_s > QUIET_S:
+        return Level.WARN, f"no own sounding for {quiet_s:.0f} s: no echo, or a sounder that is silent?"
     return Level.OK, "ok"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -22,6 +23,7 @@ class MapIntake:
         map: The map.
         placer: What corrects the soundings' places; None: they are taken where they were told.
         gate: What own soundings pass before the map takes them.
+        sounded_s: Time of the step that last had an own sounding (s); at first of the first step.
     """
 
     def __init__(self, depth_map: DepthMap, placer: Placer | None = None) -> None:
@@ -29,6 +31,7 @@ class MapIntake:
         self.map = depth_map
         self.placer = placer
         self.gate = SoundingGate()
+        self.sounded_s = math.inf
         self._soundings: list[Sequence[float]] = []
         self._samples: list[tuple[float, int, ArrayLike]] = []
         self._tracks: list[DeadReckoning] = []
@@ -87,6 +90,8 @@ class MapIntake:
             False if nothing waited for the map, and no place was corrected.
         """
         waited = bool(self._soundings or self._samples)
+        has_sounding = any(math.isfinite(row[3]) for row in self._soundings)
+        self.sounded_s = now_s if has_sounding else min(self.sounded_s, now_s)
         if self.placer is None:
             self._take()
             return waited

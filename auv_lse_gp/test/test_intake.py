@@ -56,6 +56,28 @@ def test_diagnostics_warn_of_soundings_that_were_refused() -> None:
     assert health(401.0).values["soundings jump"] == 1
 
 
+def test_diagnostics_warn_when_own_soundings_stop() -> None:
+    own = intake()
+
+    def health(now_s: float) -> Health:
+        own.step(now_s)
+        return map_health(own.map, 0.0, 0.0, {}, {}, quiet_s=now_s - own.sounded_s)
+
+    assert health(5.0).text == "ok"
+    own.add_soundings([(10.0, 0.0, 0.0, 10.0)])
+    assert health(10.0).text == "ok"
+    own.add_soundings([(60.0, 0.0, 0.0, float("nan"))])
+    assert health(70.0).text == "ok"
+    found = health(71.0)
+    assert (found.level, found.text) == (
+        Level.WARN,
+        "no own sounding for 61 s: no echo, or a sounder that is silent?",
+    )
+    assert health(40.0).text == "ok", "a clock that is set back"
+    own.add_soundings([(200.0, 0.0, 0.0, 10.0)])
+    assert health(200.0).text == "ok"
+
+
 def test_what_waits_goes_through_a_journal_to_the_last_bit() -> None:
     one, other = intake(), intake()
     one.add_soundings([(4.0, 50.1, 0.3, 11.7), (5.0, 100.0, 0.0, 12.0)])

@@ -85,6 +85,7 @@ class SafetyWatch:
         self._responses = {
             "depth": config.depth_response,
             "altitude": config.altitude_response,
+            "altimeter": "warn",
             "fence": config.fence_response,
             "odometry": config.odometry_response,
             "link": config.link_response,
@@ -97,6 +98,8 @@ class SafetyWatch:
         self._state: tuple[float, float, float] | None = None  # the same, as last told
         self._has_moved = False
         self._altitude_m = math.nan
+        self._altitude_s = math.nan  # when it came; NaN before the first
+        self._new_altitude = False
         self._autopilot: AutopilotSays | None = AutopilotSays(heard=False, armed=False) if has_autopilot else None
         self._link_known = False  # the autopilot has been heard once
         self._new_odometry = False
@@ -125,8 +128,9 @@ class SafetyWatch:
         self._new_odometry = True
 
     def altitude(self, altitude_m: float) -> None:
-        """Takes the height over the ground (m); NaN or infinite: no echo."""
+        """Takes the height over the ground (m); NaN or infinite: no echo. Once told, it is missed when it stops."""
         self._altitude_m = altitude_m
+        self._new_altitude = True
 
     def autopilot(self, says: AutopilotSays) -> None:
         """Takes what the autopilot says of itself."""
@@ -184,11 +188,14 @@ class SafetyWatch:
         if not 0.0 <= passed_s <= LONGEST_STEP_S:
             self._odometry_s += passed_s
             self._link_s += passed_s
+            self._altitude_s += passed_s
             self._since_s = {name: since_s + passed_s for name, since_s in self._since_s.items()}
             passed_s = 0.0
         self._now_s = now_s
         if self._new_odometry:
             self._new_odometry, self._odometry_s = False, now_s
+        if self._new_altitude:
+            self._new_altitude, self._altitude_s = False, now_s
         if self._autopilot is None or self._autopilot.heard or not self._link_known:
             self._link_s = now_s
         return passed_s
@@ -209,6 +216,8 @@ class SafetyWatch:
                 )
         if 0.0 < self._altitude_m < config.min_altitude_m:
             found["altitude"] = f"altitude {self._altitude_m:.1f} m; expected at least {config.min_altitude_m:.1f} m"
+        if (age_s := self._now_s - self._altitude_s) > config.odometry_age_s:
+            found["altimeter"] = f"no altitude for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:
             found["odometry"] = f"no usable odometry for {age_s:.0f} s; expected some every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._link_s) > config.link_age_s:
