@@ -1,10 +1,10 @@
 """What tours and mowing are expected to leave, before anything is measured: at a third of the mission, and at its end.
 
-    python -m benchmarks.tour_frontier [--weights 0 1 2 4] [--rounds 4]
+    python -m benchmarks.tour_frontier [--weights 0 1 2 4] [--bends 3]
 
-One vehicle in the small area, which it can just cover, with the default prior. Tours are optimized from several starts
-with each anytime weight, then steered along. Risk is the mean over the map, by 1, 2 and 4 places of each leg: fewer
-places count turning paths for less than they bring.
+One vehicle in the small area, which it can just cover, with the default prior. Tours are optimized from several
+starts with each anytime weight, steered along, and bent as long as that brings more. Risk is the mean over the map,
+by 1, 2 and 4 places of each leg: fewer places count turning paths for less than they bring.
 """
 
 from __future__ import annotations
@@ -16,24 +16,26 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from numpy.typing import NDArray
 
 from auv_lse_common.plan import NONE, Plan
 from auv_lse_gp.area import OperatingArea
 from auv_lse_gp.kept import KeptColumns
 from auv_lse_planner.paths.naive_ids import FITTED, STRIPS
+from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
-from auv_lse_planner.search.tour import TourSearch
-from auv_lse_planner.touring import OWN_PLACES
+from auv_lse_planner.search.tour import TourSearch, arc_m
+from auv_lse_planner.touring import LINE_PLACES, OWN_PLACES
 from auv_lse_planner.vehicle_planner import COARSE_M, VehiclePlanner
 from benchmarks.planner_loop import settings_for
 from benchmarks.planner_methods import area
 
+Array = NDArray[np.float64]
+
 #: Places of each leg that risk is told by.
 PLACES = (1, 2, 4)
-#: Tours that are optimized for each weight, and iterations: of each, then in each round of the best.
-STARTS, ITERATIONS, MORE = 3, 25, 40
-#: Changes by chance in each round.
-CHANGES = 80
+#: Tours that are optimized for each weight, and iterations: of each, then whenever the best is bent.
+STARTS, ITERATIONS, MORE = 3, 100, 40
 
 
 class Frontier:
@@ -49,7 +51,7 @@ class Frontier:
         self._kept, self._coarse = (
             KeptColumns(planner.posterior, grounds.grid(m).places_m) for m in (spacing, max(COARSE_M, spacing))
         )
-        self._search, self._rng = TourSearch(planner.space, OWN_PLACES), np.random.default_rng(5)
+        self._search, self._steering = TourSearch(planner.space, OWN_PLACES), Steering(planner.space)
         self._start = np.zeros(3)
 
     def _reward(self, weight: float) -> AnytimeReward:
@@ -60,24 +62,36 @@ class Frontier:
         """A naive path from the start."""
         return Plan.at(0, self._start, (), naive_path)
 
-    def tour(self, weight: float, rounds: int) -> Plan:
-        """The tour of one anytime weight."""
+    def tour(self, weight: float, bends: int) -> Plan:
+        """The tour of one anytime weight, bent as long as that brings more, so many times at most."""
         reward, search, legs = self._reward(weight), self._search, self._legs
         lanes = self._rollout.follow(self.naive(FITTED[0])).states[:, 1:]
         starts = [search.resampled(lanes, legs), *search.starts(self._start[1:], legs, 1, 1)]
         starts.sort(key=lambda w: -reward.coarse_value(search.places(w, legs)))
         found = max((search.improve(w, legs, reward, ITERATIONS) for w in starts[:STARTS]), key=lambda f: f.value)
-        for _ in range(rounds):
-            varied = search.vary(found.waypoints_m, legs, reward, CHANGES, self._rng)
-            found = search.improve(varied.waypoints_m, legs, reward, MORE)
-        return Plan.at(0, self._start, (), NONE, search.tour(found.waypoints_m, legs))
+        best = Plan.at(0, self._start, (), NONE, search.tour(found.waypoints_m, legs))
+        for _ in range(bends):
+            line = np.concatenate([self._start[None, 1:], self._places(best, LINE_PLACES).reshape(-1, 2)])
+            bent = search.bend(line, legs, reward, MORE)
+            actions = self._steering.along(self._start, bent.waypoints_m, arc_m(line) / legs, legs)
+            plan = Plan.at(0, self._start, tuple(int(a) for a in actions), NONE)
+            worth, before = (reward.value(self._places(p, OWN_PLACES)).weighted for p in (plan, best))
+            if worth <= before:
+                break
+            best = plan
+        return best
+
+    def _places(self, plan: Plan, count: int) -> Array:
+        """So many places of each leg of a plan, (L, count, 2)."""
+        path = self._rollout.follow(plan)
+        return self._rollout.leg_places(path.states[:-1], path.actions, count)[: self._legs]
 
     def left(self, plan: Plan) -> list[tuple[float, float]]:
         """Mean risk expected at a third and at the end, for each number of `PLACES`."""
-        path, reward = self._rollout.follow(plan), self._reward(0.0)
+        reward = self._reward(0.0)
         rows = []
         for count in PLACES:
-            places = self._rollout.leg_places(path.states[:-1], path.actions, count)
+            places = self._places(plan, count)
             drops = [reward.value(places[:legs]).end for legs in (self._legs // 3, self._legs)]
             third, end = ((reward.risk_before - drop) / len(self._kept.places_m) for drop in drops)
             rows.append((third, end))
@@ -92,7 +106,7 @@ def main(arguments: list[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--weights", type=float, nargs="+", default=[0.0, 1.0, 2.0, 4.0], help="anytime weights")
-    parser.add_argument("--rounds", type=int, default=4, help="rounds of changes and optimization (default: 4)")
+    parser.add_argument("--bends", type=int, default=3, help="how often a tour is bent (default: %(default)s)")
     parser.add_argument("--steps", type=int, default=100, help="legs of the mission (default: %(default)s)")
     options = parser.parse_args(arguments)
     frontier = Frontier(options.steps)
@@ -102,7 +116,7 @@ def main(arguments: list[str] | None = None) -> None:
     for name, plan in plans:
         print(_row(name, frontier.left(plan)), flush=True)
     for weight in options.weights:
-        row = _row(f"tour, anytime weight {weight:g}", frontier.left(frontier.tour(weight, options.rounds)))
+        row = _row(f"tour, anytime weight {weight:g}", frontier.left(frontier.tour(weight, options.bends)))
         print(row, flush=True)
 
 

@@ -262,7 +262,6 @@ class RecedingHorizon:
             bool(void),
             heads,
             lambda paths: self._own(planned, paths),
-            self._rng,
             deadline,
         )
         chosen, incumbent = choice.chosen, choice.incumbent

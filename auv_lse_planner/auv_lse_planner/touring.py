@@ -41,8 +41,7 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: Changes by chance that are tried on the last tour, and iterations of the optimizer after them.
-VARIATIONS = 20
+#: Iterations that displace the last path.
 ITERATIONS = 14
 #: Boustrophedons that are optimized at the start for the mission's end, iterations of each, and of the best of them
 #: after that; then those that make what it brings come earlier.
@@ -50,6 +49,8 @@ STARTS = 4
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
 EARLIER_ITERATIONS = 40
+#: Shares of the anytime weight that paths are bent by, one after the other until the expected end allows it.
+EARLINESS = (1.0, 0.5, 0.25, 0.0)
 #: A tour is rejoined at a waypoint at least so far (m) away.
 REJOIN_M = 20.0
 #: Legs that lead around ground that the map shows to be too shallow, as explicit actions.
@@ -165,7 +166,6 @@ class Touring:
         void: bool,
         heads: Sequence[Actions],
         own: Callable[[Sequence[PlannedPath]], Sequence[float]],
-        rng: np.random.Generator,
         deadline: Callable[[], bool] | None,
     ) -> TourChoice:
         """Chooses a plan for what is left of the mission.
@@ -179,7 +179,6 @@ class Touring:
             void: Whether that plan can not be followed from here: it is only a start for the next.
             heads: Actions that a tree search proposes for the next legs: each is tried before the rest of the tour.
             own: What the next legs of paths bring at their own places (`planner.own_share` of it counts).
-            rng: Random stream.
             deadline: Says when to stop searching; None: never.
         """
         incumbent = None
@@ -187,15 +186,13 @@ class Touring:
             incumbent = self._worth(*last, reward, "incumbent")
         candidates: list[Candidate] = []
         gradients, hit = 0, False
-        floor = -math.inf
+        floor = -math.inf if incumbent is None else incumbent.value.end - self.balance
         if last is None:
             candidates, floor, gradients, hit = self._first(step, state, reward, deadline)
             self._optimized_at = step
         elif self.due(planner, step, void):
-            candidates, gradients, hit = self._again(planner, step, state, reward, last[1], heads, rng, deadline)
+            candidates, gradients, hit = self._again(planner, step, state, reward, last[1], floor, heads, deadline)
             self._optimized_at = step
-        if incumbent is not None:
-            floor = incumbent.value.end - self.balance
         every = candidates if incumbent is None else [incumbent, *candidates]
         sound = [c for c in every if c.value.end >= floor]
         chosen = self._best(sound or every, planner.own_share, own)
@@ -230,11 +227,40 @@ class Touring:
             return naive, floor, 0, True
         starts = self._finer.starts(state[1:], reward.legs, self._vehicle, self._vehicles)
         starts.insert(0, self._finer.resampled(self._rest(state, naive[0].path), reward.legs))
-        found = self._from_starts(starts, reward.of_the_end(), deadline)
-        if not found[-1].deadline_hit:
-            found.append(self._finer.improve(found[-1].waypoints_m, reward.legs, reward, EARLIER_ITERATIONS, deadline))
+        found = self._from_starts(starts, reward.weighing(0.0), deadline)
         candidates = [*naive, *(self._candidate(step, state, f.waypoints_m, reward) for f in found)]
-        return candidates, floor, sum(f.evaluations for f in found), found[-1].deadline_hit
+        gradients, hit = sum(f.evaluations for f in found), found[-1].deadline_hit
+        if reward.legs <= MOST_EXPLICIT and not hit:
+            path = max(candidates, key=lambda c: c.value.end).path
+            bent, more, hit = self._earlier(step, state, path, reward, floor, EARLIER_ITERATIONS, deadline)
+            candidates += bent
+            gradients += more
+        return candidates, floor, gradients, hit
+
+    def _earlier(
+        self,
+        step: int,
+        state: Array,
+        path: PlannedPath,
+        reward: AnytimeReward,
+        floor: float,
+        iterations: int,
+        deadline: Callable[[], bool] | None,
+    ) -> tuple[list[Candidate], int, bool]:
+        """A path bent for what comes early, or as little of that as leaves the expected end above its floor.
+
+        Returns:
+            The candidates, gradients computed, and whether the deadline ended the search.
+        """
+        candidates: list[Candidate] = []
+        gradients, hit = 0, False
+        for share in EARLINESS:
+            bent, more, hit = self._bent(step, state, path, reward, share, iterations, deadline)
+            candidates.append(bent)
+            gradients += more
+            if hit or bent.value.end >= floor:
+                break
+        return candidates, gradients, hit
 
     def _from_starts(
         self, starts: Sequence[Array], aim: AnytimeReward, deadline: Callable[[], bool] | None
@@ -260,22 +286,25 @@ class Touring:
         state: Array,
         reward: AnytimeReward,
         path: PlannedPath,
+        floor: float,
         heads: Sequence[Actions],
-        rng: np.random.Generator,
         deadline: Callable[[], bool] | None,
     ) -> tuple[list[Candidate], int, bool]:
-        """Candidates after the start: the last path's waypoints moved, and behind each of the heads."""
-        waypoints, gradients, hit = self._warm(step, state, path), 0, False
-        if planner.tour_interval:
-            varied = self._search.vary(waypoints, reward.legs, reward, VARIATIONS, rng, deadline)
-            found = self._search.improve(varied.waypoints_m, reward.legs, reward, ITERATIONS, deadline)
-            waypoints, hit = found.waypoints_m, found.deadline_hit
-            gradients = varied.evaluations + found.evaluations
-        candidates = [self._candidate(step, state, waypoints, reward)]
-        if planner.tour_interval and not hit and reward.legs <= MOST_EXPLICIT:
-            candidates.append(self._bent(step, state, path, reward, deadline))
+        """Candidates after the start: the last path bent, and behind each of the heads the rest of the last tour.
+
+        A path that is too long to be told by its actions is told as a tour, and its waypoints are moved instead.
+        """
+        waypoints = self._warm(step, state, path)
+        if planner.tour_interval and reward.legs <= MOST_EXPLICIT:
+            candidates, gradients, hit = self._earlier(step, state, path, reward, floor, ITERATIONS, deadline)
+        else:
+            gradients, hit = 0, False
+            if planner.tour_interval:
+                found = self._search.improve(waypoints, reward.legs, reward, ITERATIONS, deadline)
+                waypoints, gradients, hit = found.waypoints_m, found.evaluations, found.deadline_hit
+            candidates = [self._candidate(step, state, waypoints, reward)]
         for actions in heads:
-            if deadline is not None and deadline():
+            if hit or (deadline is not None and deadline()):
                 return candidates, gradients, True
             candidates.append(self._headed(step, state, actions, waypoints, reward))
         return candidates, gradients, hit
@@ -308,19 +337,31 @@ class Touring:
         return self._valued(Plan.at(step, state, actions, NONE, tour), reward, "tour")
 
     def _bent(
-        self, step: int, state: Array, path: PlannedPath, reward: AnytimeReward, deadline: Callable[[], bool] | None
-    ) -> Candidate:
-        """The last path, displaced to where it brings more: by explicit actions, which keep its narrow turns."""
+        self,
+        step: int,
+        state: Array,
+        path: PlannedPath,
+        reward: AnytimeReward,
+        share: float,
+        iterations: int,
+        deadline: Callable[[], bool] | None,
+    ) -> tuple[Candidate, int, bool]:
+        """The last path, displaced to where it brings more: by explicit actions, which keep its narrow turns.
+
+        Returns:
+            The candidate, gradients computed, and whether the deadline ended the search.
+        """
         legs = reward.legs
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
         line = np.concatenate([np.asarray(state, dtype=float)[None, 1:], fine.reshape(-1, 2)])
         spacing = arc_m(line) / legs
-        found = self._search.bend(line, legs, reward, ITERATIONS, deadline)
+        found = self._search.bend(line, legs, reward.weighing(share), iterations, deadline)
         start = Plan.at(step, state, (), NONE).state
         actions = self._steering.along(start, found.waypoints_m, spacing, legs)
         if not self._space.path_feasible(state, actions, DETOUR_LEGS):
             actions = self._steering.along(start, found.waypoints_m, spacing, legs, around_shallows=True)
-        return self._valued(Plan.at(step, state, tuple(int(a) for a in actions), NONE), reward, "bent")
+        bent = self._valued(Plan.at(step, state, tuple(int(a) for a in actions), NONE), reward, "bent")
+        return bent, found.evaluations, found.deadline_hit
 
     def _headed(self, step: int, state: Array, actions: Actions, base_m: Array, reward: AnytimeReward) -> Candidate:
         """Actions, and the rest of a tour's waypoints after them, from the one that is nearest to where they end."""

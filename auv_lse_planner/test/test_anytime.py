@@ -123,15 +123,6 @@ def _dense_rough(case):
     return float(weights @ drops) * len(case.places_m) / len(case.coarse_m)
 
 
-def test_the_risk_left_agrees_with_the_dense_computation():
-    case = Case(**CASES["data"])
-    cells, risk = case.reward.risk_left(case.path_m.reshape(-1, 2))
-    measured = np.concatenate([case.planned_m, case.path_m.reshape(-1, 2)])
-    expected = expected_risk_of_each(case.level, *dense_posterior(case.config, case.known, measured, cells))
-    np.testing.assert_allclose(risk, expected, rtol=1e-6, atol=1e-9)
-    assert len(cells) > 20
-
-
 def expected_risk_of_each(level, mean, before, after):
     after = np.clip(after, 0.0, before)
     return level.expected_risk(mean, np.sqrt(before - after), np.sqrt(after))
@@ -173,9 +164,21 @@ def test_with_weight_0_it_is_the_drop_at_the_end(mates):
     assert value.end == pytest.approx(case.drop(everything), rel=1e-8)
 
 
+def test_of_a_share_of_the_weight_it_is_the_same_with_that_weight():
+    case = Case(mates=[(12, 20.0)])
+    whole, half, end = (case.reward.weighing(share).value(case.path_m) for share in (1.0, 0.5, 0.0))
+    assert whole == case.reward.value(case.path_m)
+    assert half.weighted == pytest.approx(0.5 * (whole.weighted + end.weighted), rel=1e-12), "J is linear in the weight"
+    assert half.end == end.end == whole.end
+    flat = case.path_m.reshape(-1, 2)
+    values, gradients = zip(*(case.reward.weighing(s).value_and_gradient(flat) for s in (1.0, 0.5, 0.0)), strict=True)
+    assert values[1] == pytest.approx(0.5 * (values[0] + values[2]), rel=1e-12)
+    assert gradients[1] == pytest.approx(0.5 * (gradients[0] + gradients[2]), rel=1e-9, abs=1e-12)
+
+
 def test_of_the_end_it_is_the_same_with_weight_0():
     case = Case(mates=[(12, 20.0)])
-    of_the_end = case.reward.of_the_end()
+    of_the_end = case.reward.weighing(0.0)
     assert of_the_end.value(case.path_m).weighted == pytest.approx(case.reward.value(case.path_m).end, rel=1e-12)
     assert of_the_end.risk_before == case.reward.risk_before
 

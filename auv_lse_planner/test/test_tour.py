@@ -119,39 +119,6 @@ def test_a_deadline_ends_with_the_best_so_far():
     assert found.value >= Basin(goals).value_and_gradient(search.places(begin, 40))[0] - 1e-9
 
 
-class Spots(Basin):
-    """Stand-in reward of a few spots far from one another: no gradient leads from one to the next."""
-
-    def __init__(self, spots_m):
-        self.spots = spots_m
-
-    def value_and_gradient(self, places_m):
-        near = np.exp(-0.5 * ((places_m[:, None] - self.spots) ** 2).sum(axis=2) / 15.0**2)
-        return float(near.max(axis=0).sum()), np.zeros_like(places_m)
-
-    def risk_left(self, places_m):
-        near = np.exp(-0.5 * ((places_m[:, None] - self.spots) ** 2).sum(axis=2) / 15.0**2)
-        return self.spots, 1.0 - near.max(axis=0)
-
-
-def test_changes_by_chance_find_what_gradients_do_not():
-    a, _, space, _ = world()
-    search = TourSearch(space, 1)
-    spots = np.array([[60.0, 400.0], [300.0, 60.0], [330.0, 420.0], [180.0, 250.0]])
-    reward, begin = Spots(spots), search.lanes(np.zeros(2), 60, 0.0, 2, (0, 1))
-    before = reward.value_and_gradient(search.places(begin, 60))[0]
-    found = search.vary(begin, 60, reward, 80, np.random.default_rng(1))
-    assert before < 2.5
-    assert found.value > before + 1.0
-    assert found.evaluations == 80
-    assert np.array_equal(found.waypoints_m[0], begin[0])
-    assert a.clearance_m(found.waypoints_m).min() > 0.0
-    again = search.vary(begin, 60, reward, 80, np.random.default_rng(1))
-    assert np.array_equal(again.waypoints_m, found.waypoints_m)
-    hurried = search.vary(begin, 60, reward, 80, np.random.default_rng(1), lambda: True)
-    assert (hurried.evaluations, hurried.deadline_hit) == (1, True)
-
-
 @pytest.mark.parametrize("vehicles", [1, 3])
 def test_starts_are_as_long_as_the_mission_and_within_the_area(vehicles):
     a, _, space, _ = world(vehicles=vehicles)

@@ -6,6 +6,7 @@ from planner_helpers import centers, settings
 
 from auv_lse_common.plan import Plan
 from auv_lse_planner.paths.naive_ids import FITTED
+from auv_lse_planner.touring import DETOUR_LEGS, EARLINESS, Touring
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 STEPS = 12
@@ -134,3 +135,36 @@ def test_between_optimizations_the_incumbent_is_followed_without_a_search():
     searched = [d.leg.step for d in decisions if d.statistics.evaluations > 1]
     assert searched == [0, 4, 8]
     assert all(d.bound.incumbent_kept for d in decisions if d.leg.step not in searched)
+
+
+def test_a_path_is_bent_for_what_comes_early_as_far_as_the_expected_end_allows(monkeypatch):
+    tried: dict[int, list[tuple[float, float]]] = {}
+    bent = Touring._bent
+
+    def spy(self, step, state, path, reward, share, *rest):
+        found = bent(self, step, state, path, reward, share, *rest)
+        tried.setdefault(step, []).append((share, found[0].value.end))
+        return found
+
+    monkeypatch.setattr(Touring, "_bent", spy)
+    planner = _planner()
+    _travel(planner, STEPS, _growing())
+    records = {r.step: r for r in planner.records}
+    for step in sorted(tried)[1:]:
+        floor = records[step].incumbent_value - records[step - 1].account
+        assert tuple(share for share, _ in tried[step]) == EARLINESS[: len(tried[step])]
+        assert all(end < floor for _, end in tried[step][:-1])
+        assert tried[step][-1][1] >= floor or len(tried[step]) == len(EARLINESS)
+    planner = _planner()
+    _travel(planner, 4, _growing())
+    planner._horizon._touring.balance = -1e9  # so that no path is good enough
+    tried.clear()
+    planner.decide(15.7 * 4)
+    assert [share for share, _ in tried[4]] == list(EARLINESS)
+
+
+def test_a_path_too_long_to_be_told_by_its_actions_stays_a_tour(monkeypatch):
+    monkeypatch.setattr("auv_lse_planner.touring.MOST_EXPLICIT", 5)
+    decisions = _travel(_planner(), STEPS, _growing())
+    assert all(len(d.plan.actions) <= DETOUR_LEGS for d in decisions if d.leg.step < STEPS - 5)
+    assert any(d.plan.tour is not None for d in decisions)

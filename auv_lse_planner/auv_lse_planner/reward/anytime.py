@@ -35,6 +35,7 @@ without cells whose risk hardly counts, with fewer checkpoints and with some of 
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -151,10 +152,14 @@ class AnytimeReward:
         self._rough: _Drop | None = None
         self.risk_before = self._exact.risk_before
 
-    def of_the_end(self) -> AnytimeReward:
-        """The same with no more for an early drop of risk than for a late one: w = 1."""
-        legs, step, steps, _ = self._time
-        return AnytimeReward(self._kept, self._level_set, self._mates, legs, step, steps, 0.0, self._coarse)
+    def weighing(self, share: float) -> AnytimeReward:
+        """The same with this share of the anytime weight; 0: no more for an early drop of risk than for a late one."""
+        legs, step, steps, weight = self._time
+        other = copy.copy(self)
+        other._time = (legs, step, steps, share * weight)
+        other._exact = self._exact.at_weights(*other._time)
+        other._rough = self._coarsely().at_weights(*other._time)
+        return other
 
     def _drop(self, kept: KeptColumns, every: int, checkpoints: int, share: float, often: bool) -> _Drop:
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self._mates]
@@ -208,15 +213,6 @@ class AnytimeReward:
     def risk_near(self, places_m: Array) -> float:
         """Risk before the first leg within `NEAR_M` of places (P, 2): a guess of what they bring, in no time."""
         return self._coarsely().risk_near(np.asarray(places_m, dtype=float).reshape(-1, 2))
-
-    def risk_left(self, places_m: Array) -> tuple[Array, Array]:
-        """Where risk is expected to be left at the mission's end: cells (M, 2) of the gradient's map, their risk (M,).
-
-        Args:
-            places_m: Measurement places (L * n, 2) of the L legs that are left, leg after leg.
-        """
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        return self._coarsely().risk_left(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
 
     def _coarsely(self) -> _Drop:
         if self._rough is None:
@@ -282,6 +278,12 @@ class _Drop:
         self._mates = _Measured(self._posterior, self._posterior.kernel.scale(mates_m), often)
         self._timetables: dict[bytes, _Timetable] = {}
 
+    def at_weights(self, legs: int, step: int, steps: int, weight: float) -> _Drop:
+        """The same with other weights of its checkpoints."""
+        other = copy.copy(self)
+        other.schedule = _Schedule.of(legs, step, steps, weight, len(self.schedule.checkpoints))
+        return other
+
     def drops(self, places_m: Array, legs: Array) -> Array:
         """Drop of risk up to each checkpoint since the one before (J,)."""
         if not len(places_m) + len(self._mates):
@@ -305,13 +307,6 @@ class _Drop:
         off = self._places_m[:, None] - places_m
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
         return float(self._risk[near].sum())
-
-    def risk_left(self, places_m: Array, legs: Array) -> tuple[Array, Array]:
-        """The cells (M, 2), and their expected risk (M,) after the last checkpoint."""
-        cells = self._cells
-        left = np.minimum(self._joint(places_m, legs).left(len(self.schedule.checkpoints))[-1], cells.data_var_m2)
-        risk = self._level_set.expected_risk(cells.mean_m, np.sqrt(cells.data_var_m2 - left), np.sqrt(left))
-        return self._places_m, np.asarray(risk)
 
     def _joint(self, places_m: Array, legs: Array) -> _Joint:
         key = legs.tobytes()

@@ -55,16 +55,6 @@ class Differentiable(Protocol):
         """Value of places (P, 2) in the order travelled, and its derivative by each of them (P, 2)."""
 
 
-class Varied(Protocol):
-    """A reward that also says where risk will be left."""
-
-    def coarse_value(self, places_m: Array) -> float:
-        """Value of places (P, 2) in the order travelled."""
-
-    def risk_left(self, places_m: Array) -> tuple[Array, Array]:
-        """Cells (M, 2) and their expected risk (M,) after places (P, 2) are measured."""
-
-
 @compiled
 def places_along(waypoints, first, spacing, count):
     """Places (count, 2) of a polyline (n + 1, 2), at `first`, then every `spacing` (m of arc); straight on behind it.
@@ -300,59 +290,6 @@ class TourSearch:
         """Measurement places (legs * n, 2) along a polyline."""
         spacing = self._leg_m / self._samples
         return np.asarray(places_along(waypoints_m, 0.5 * spacing, spacing, legs * self._samples)[0])
-
-    def vary(
-        self,
-        waypoints_m: Array,
-        legs: int,
-        reward: Varied,
-        tries: int,
-        rng: np.random.Generator,
-        deadline: Callable[[], bool] | None = None,
-    ) -> Found:
-        """Changes a polyline by chance, and keeps what is better: gradients do not lead from one place to another.
-
-        A change leaves out some waypoints, puts one in where risk is expected to be left (at the least detour), both,
-        or travels some in the other direction.
-        """
-        best_m = np.array(waypoints_m, dtype=float)
-        best = self._worth(best_m, legs, reward)
-        cells, risk = reward.risk_left(self.places(best_m, legs))
-        done, hit = 0, False
-        while done < tries and not hit and risk.sum() > 0.0:
-            changed = self._changed(best_m, cells[rng.choice(len(cells), p=risk / risk.sum())], rng)
-            changed = self.resampled(changed, legs)
-            value = self._worth(changed, legs, reward)
-            done += 1
-            if value > best:
-                best, best_m = value, changed
-                cells, risk = reward.risk_left(self.places(best_m, legs))
-            hit = deadline is not None and deadline()
-        return Found(best_m, best, done, hit)
-
-    def _worth(self, waypoints_m: Array, legs: int, reward: Varied) -> float:
-        places = self.places(waypoints_m, legs)
-        space = self._space
-        lack, _ = lack_of_room(space.raster, space.north0_m, space.east0_m, space.cell_m, ROOM_M, places)
-        value = reward.coarse_value(places)
-        return float(value - ROOM_WEIGHT * lack * abs(value))
-
-    @staticmethod
-    def _changed(waypoints_m: Array, goal_m: Array, rng: np.random.Generator) -> Array:
-        kind, count = int(rng.integers(4)), len(waypoints_m)
-        first = int(rng.integers(1, max(2, count - 1)))
-        behind = min(count, first + 1 + int(rng.integers(6)))
-        changed = waypoints_m
-        if kind == 3:
-            return np.concatenate([changed[:first], changed[first:behind][::-1], changed[behind:]])
-        if kind != 0 and count > 2 + behind - first:
-            changed = np.concatenate([changed[:first], changed[behind:]])
-        if kind != 1:
-            ends = np.hypot(*(changed - goal_m).T)
-            detour = ends[:-1] + ends[1:] - np.hypot(*np.diff(changed, axis=0).T)
-            at = 1 + int(np.argmin(detour))
-            changed = np.concatenate([changed[:at], goal_m[None], changed[at:]])
-        return changed
 
     def improve(
         self,
