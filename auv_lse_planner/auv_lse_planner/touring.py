@@ -4,11 +4,11 @@ A decision values everything by the same reward (`reward/anytime.py`), with the 
 
 - The incumbent is the last plan, continued. It stays unless another is worth more.
 - Every `planner.tour_interval` legs, and where the incumbent is void, the last path is bent to where it brings more
-  (`search/tour.py`), by explicit actions: a tour's equal segments do not hold its narrow turns. Beside that the
-  waypoints of what is left are changed by chance and then optimized, for what small changes do not reach, and a tree
-  search proposes heads: next legs, which rejoin them.
-- At the mission's start waypoints are optimized from several boustrophedons: for the mission's end alone, which is what
-  the account is about, and then, from the best of these, for what comes early, too. The naive paths are candidates.
+  (`search/tour.py`), by explicit actions: a tour's equal segments do not hold its narrow turns. It is bent for what
+  comes early by as much as the account allows. Beside that a tree search proposes heads: next legs, which rejoin the
+  tour's waypoints. The rest of a path that is too long to be told by its actions stays a tour, and is optimized.
+- At the mission's start waypoints are optimized from several boustrophedons for the mission's end alone, which is what
+  the account is about, and the best path of all is bent. The naive paths are candidates.
 
 The own path is valued at two places of each leg at least. By one, at the leg's end, the risk that a turning path leaves
 is overestimated twice as much as that of straight lanes (docs/planner.md), and these are chosen wrongly.
@@ -41,14 +41,14 @@ from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]
 
-#: Iterations that displace the last path.
+#: Iterations that bend the last path, and the best path at the mission's start.
 ITERATIONS = 14
+FIRST_BEND_ITERATIONS = 40
 #: Boustrophedons that are optimized at the start for the mission's end, iterations of each, and of the best of them
-#: after that; then those that make what it brings come earlier.
+#: after that.
 STARTS = 4
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
-EARLIER_ITERATIONS = 40
 #: Shares of the anytime weight that paths are bent by, one after the other until the expected end allows it.
 EARLINESS = (1.0, 0.5, 0.25, 0.0)
 #: A tour is rejoined at a waypoint at least so far (m) away.
@@ -232,7 +232,7 @@ class Touring:
         gradients, hit = sum(f.evaluations for f in found), found[-1].deadline_hit
         if reward.legs <= MOST_EXPLICIT and not hit:
             path = max(candidates, key=lambda c: c.value.end).path
-            bent, more, hit = self._earlier(step, state, path, reward, floor, EARLIER_ITERATIONS, deadline)
+            bent, more, hit = self._earlier(step, state, path, reward, floor, FIRST_BEND_ITERATIONS, deadline)
             candidates += bent
             gradients += more
         return candidates, floor, gradients, hit
