@@ -11,13 +11,15 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pyarrow import parquet
 
+from auv_lse_sim.campaign.rows import by_group
+from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.campaign.statistics import interval
 
 #: Columns: of a row, and heading.
@@ -39,12 +41,19 @@ def value(row: Row, name: str) -> float:
     return math.nan if found is None else float(np.sqrt(np.mean(np.square(found))))
 
 
-def table(rows: Sequence[Row]) -> list[str]:
-    """The table's lines, in Markdown."""
+def rows_of(folders: Sequence[Path]) -> dict[str, dict[int, Row]]:
+    """Rows of the finished missions in campaigns' folders, by setting, in the campaign's order, and seed."""
     groups: dict[str, dict[int, Row]] = {}
-    for row in rows:
-        if row["status"] == "ok":
-            groups.setdefault(row["group"], {})[row["seed"]] = row
+    for folder in folders:
+        rows = [row for path in folder.glob("rows/*.parquet") for row in parquet.read_table(path).to_pylist()]
+        if rows:
+            for label, found in by_group(CampaignSpec.load(folder / "campaign.yaml"), rows).items():
+                groups.setdefault(label, {}).update((row["seed"], row) for row in found)
+    return groups
+
+
+def table(groups: Mapping[str, Mapping[int, Row]]) -> list[str]:
+    """The table's lines, in Markdown."""
     titles = " | ".join(title for _, title in COLUMNS)
     lines = [f"| setting | missions | {titles} | isobath, paired (m) | risk, paired (%) |"]
     lines.append("|---" * (len(COLUMNS) + 4) + "|")
@@ -66,12 +75,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.places_table", description=__doc__)
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="the campaign, or parts of it")
     folders = parser.parse_args(arguments).folders
-    files = [path for folder in folders for path in sorted(folder.glob("rows/*.parquet"))]
-    rows = [row for path in files for row in parquet.read_table(path).to_pylist()]
-    if not rows:
+    groups = rows_of(folders)
+    if not groups:
         print(f"error: {', '.join(map(str, folders))}: no rows; expected the folder of a campaign", file=sys.stderr)
         return 2
-    print("\n".join(table(rows)))
+    print("\n".join(table(groups)))
     return 0
 
 

@@ -140,14 +140,27 @@ def test_settings_of_a_campaign_are_compared_with_their_first():
     from benchmarks.places_table import table
 
     names = ("isobath_error_m", "isobath_error_true_positions_m", "risk_after", "loss_after", "error_over_std")
-    rows = [
-        dict.fromkeys(names, value + seed) | {"group": group, "seed": seed, "status": "ok", "place_error_m": [3.0, 4.0]}
+    groups = {
+        group: {seed: dict.fromkeys(names, value + seed) | {"place_error_m": [3.0, 4.0]} for seed in (1, 2)}
         for group, value in (("x1, as before", 2.0), ("x1, corrected", 1.0))
-        for seed in (1, 2)
-    ]
-    lines = table(rows)
+    }
+    lines = table(groups)
     assert "| -1 |" in lines[3]
     assert "3.536" in lines[2]
+
+
+def test_methods_are_compared_scene_by_scene():
+    from benchmarks import headline_table
+
+    names = (*(name for name, _, _ in headline_table.COLUMNS), "mowing_risk")
+    groups = {
+        "one: tour": {1: dict.fromkeys(names, 1.0), 2: dict.fromkeys(names, 3.0)},
+        "one: lanes": {1: dict.fromkeys(names, 2.0), 2: dict.fromkeys(names, 4.0), 3: dict.fromkeys(names, 9.0)},
+        "two: tour": {1: dict.fromkeys(names, 1.0)},
+    }
+    assert headline_table.means(groups)[3].startswith("| one: lanes | 3 | 5.00 | 5.000 |")
+    (line,) = headline_table.pairs(groups)[2:]
+    assert line.startswith("| one: tour against lanes | 2 | -38 % (-196..+121; worst -25; lower on 2) |")
 
 
 def test_missions_below_their_bound_are_counted(tmp_path, capsys):

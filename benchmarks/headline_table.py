@@ -1,0 +1,100 @@
+"""The tables of docs/planner.md: methods compared lake by lake, from the rows of config/campaigns/headline.yaml.
+
+    scripts/campaign config/campaigns/headline.yaml
+    python -m benchmarks.headline_table runs/campaigns/headline
+
+Settings whose labels begin alike, up to the colon, are one scene. Its first one is compared with each of the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from auv_lse_sim.campaign.statistics import Interval, interval
+from benchmarks.places_table import Row, rows_of, value
+
+#: Columns of the means: of a row, heading, and decimal places.
+COLUMNS = (
+    ("risk_third", "risk at 1/3", 2),
+    ("risk_after", "at the end", 3),
+    ("loss_after", "true loss", 3),
+    ("isobath_error_m", "isobath m", 1),
+    ("isobath_found", "found", 2),
+    ("isobath_found_error_m", "found: off by m", 1),
+    ("place_error_m", "places off m", 1),
+    ("error_over_std", "(error/std)^2", 2),
+)
+#: What is compared in pairs.
+PAIRED = COLUMNS[:4]
+
+Groups = Mapping[str, Mapping[int, Row]]
+
+
+def _mean(rows: Mapping[int, Row], name: str) -> float:
+    return interval([value(row, name) for row in rows.values()]).mean
+
+
+def means(groups: Groups) -> list[str]:
+    """Means of all settings, and how many missions ended above what mowing was expected to leave, in Markdown."""
+    lines = ["| setting | lakes | " + " | ".join(title for _, title, _ in COLUMNS) + " | above mowing's expected end |"]
+    lines.append("|---" * (len(COLUMNS) + 3) + "|")
+    for label, rows in groups.items():
+        cells = [f"{_mean(rows, name):.{places}f}" for name, _, places in COLUMNS]
+        above = sum(value(row, "risk_after") > value(row, "mowing_risk") for row in rows.values())
+        lines.append(f"| {label} | {len(rows)} | " + " | ".join(cells) + f" | {above} of {len(rows)} |")
+    return lines
+
+
+def pairs(groups: Groups) -> list[str]:
+    """The first setting of each scene against the others, in percent, lake by lake, in Markdown."""
+    lines = ["| against | lakes | " + " | ".join(title for _, title, _ in PAIRED) + " |"]
+    lines.append("|---" * (len(PAIRED) + 2) + "|")
+    first: dict[str, str] = {}
+    for label in groups:
+        own = first.setdefault(label.split(":")[0], label)
+        both = sorted(set(groups[own]) & set(groups[label]))
+        if own == label or not both:
+            continue
+        cells = [_compared([_change(groups[own][s], groups[label][s], name) for s in both]) for name, _, _ in PAIRED]
+        lines.append(f"| {own} against {label.split(':')[-1].strip()} | {len(both)} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _change(row: Row, base: Row, name: str) -> float:
+    """Change of a figure in percent; NaN where it is not known or was 0."""
+    before = value(base, name)
+    return 100.0 * (value(row, name) / before - 1.0) if before else math.nan
+
+
+def _compared(changes: Sequence[float]) -> str:
+    known = [c for c in changes if not math.isnan(c)]
+    found: Interval = interval(known)
+    if not known:
+        return "–"
+    lower = sum(c < 0.0 for c in known)
+    return f"{found.mean:+.0f} % ({found.low:+.0f}..{found.high:+.0f}; worst {max(known):+.0f}; lower on {lower})"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Prints the tables. Returns 0, or 2 if there are no rows."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.headline_table",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="the campaign, or parts of it")
+    folders = parser.parse_args(arguments).folders
+    groups = rows_of(folders)
+    if not groups:
+        print(f"error: {', '.join(map(str, folders))}: no rows; expected the folder of a campaign", file=sys.stderr)
+        return 2
+    print("\n".join([*means(groups), "", *pairs(groups)]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
