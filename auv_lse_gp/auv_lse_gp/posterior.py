@@ -290,11 +290,9 @@ class Posterior:
         n = self.data_rows
         if not n:
             return mean
-        weights = self._factor.solve_transposed(self._whitened, n)  # line 3: alpha = L^T \ (L \ y)
+        weights = self._factor.solve_transposed(-self._whitened, n)  # line 3: alpha = L^T \ (L \ y)
         scaled = self.kernel.scale(places)
-        for begin in range(0, len(scaled), CHUNK):
-            part = slice(begin, begin + CHUNK)
-            mean[part] += weights @ self.kernel.of_scaled(self._scaled[:n], scaled[part])  # line 4
+        self.kernel.subtract_weighted(self._scaled[:n], weights[:, None], scaled, mean[None])  # line 4
         return mean
 
     # ---------------------------------------------------------------- joint covariance

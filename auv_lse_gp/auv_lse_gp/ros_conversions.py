@@ -134,10 +134,12 @@ def _line_list(
     marker.pose.orientation.w = 1.0
     marker.scale.x = 1.0
     marker.color = ColorRGBA(r=color[0], g=color[1], b=color[2], a=1.0)
+    ends: list[Point] = []
     for line in lines:
-        points = [Point(x=float(east), y=float(north), z=-level_m) for north, east in line]
+        points = [Point(x=east, y=north, z=-level_m) for north, east in line.tolist()]
         for begin, end in pairwise(points):
-            marker.points += [begin, end]
+            ends += [begin, end]
+    marker.points = ends  # once: the message checks all of its points whenever it is given some
     return marker
 
 

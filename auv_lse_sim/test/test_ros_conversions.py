@@ -35,8 +35,14 @@ from auv_lse_common.ros_conversions import (
 )
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.centers import Centers
-from auv_lse_gp.depth_map import DepthField
-from auv_lse_gp.ros_conversions import centers_from_message, centers_message, field_message, risk_map_message
+from auv_lse_gp.depth_map import DepthField, Isobath
+from auv_lse_gp.ros_conversions import (
+    centers_from_message,
+    centers_message,
+    field_message,
+    isobath_markers,
+    risk_map_message,
+)
 from auv_lse_msgs.msg import Waypoint
 from auv_lse_planner.config import MotionConfig
 from auv_lse_planner.paths.motion import MotionTable
@@ -131,6 +137,15 @@ def test_maps_have_south_west_first_and_unknown_outside() -> None:
     assert set(np.unique(cells)) == {-1, 50}
     assert np.array_equal(cells == -1, ~grid.inside)
     assert risk.info.origin.position.x == pytest.approx(grid.east_m[0] - 5.0)
+
+
+def test_an_isobath_becomes_segments_between_its_vertices() -> None:
+    lines = [np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]), np.array([[9.0, 8.0], [7.0, 6.0]])]
+    markers = isobath_markers(1.0, Isobath(lines, [], lines[:1], 0.95), 15.0)
+    ends = [[(p.x, p.y) for p in marker.points] for marker in markers]
+    first = [(1.0, 0.0), (3.0, 2.0), (3.0, 2.0), (5.0, 4.0)]
+    assert ends == [[*first, (8.0, 9.0), (6.0, 7.0)], [], first]
+    assert all(p.z == -15.0 for p in markers[0].points)
 
 
 def test_no_echo_is_infinite_and_depth_is_pressure() -> None:

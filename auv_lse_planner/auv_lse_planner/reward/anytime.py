@@ -269,7 +269,7 @@ class _Drop:
         self._before = float(self._risk.sum())
         self._cells = _Cells(
             columns.scaled[counted],
-            np.ascontiguousarray(columns.white.T[:, counted]),
+            np.take(columns.white.T, counted, axis=1),
             columns.mean_m[counted],
             columns.data_var_m2[counted],
             columns.planned_var_m2[counted],
