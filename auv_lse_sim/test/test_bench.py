@@ -136,6 +136,16 @@ def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys
     assert capsys.readouterr().out == first
 
 
+def test_the_time_of_a_fix_and_the_memory_of_a_planner_are_measured(monkeypatch, capsys):
+    from benchmarks import planner_memory, surfacing_time
+
+    monkeypatch.setattr(surfacing_time, "PARTS", (0.5,))
+    assert surfacing_time.main(["--seeds", "7500", "1", "--steps", "6"]) == 0
+    assert capsys.readouterr().out.splitlines()[2].startswith("| 50% | 1 | ")
+    assert planner_memory.main(["--most", "100"]) in (0, 1)
+    assert capsys.readouterr().out.splitlines()[2].startswith("| 100 | ")
+
+
 def test_settings_of_a_campaign_are_compared_with_their_first():
     from benchmarks.places_table import table
 

@@ -1,0 +1,81 @@
+"""Memory of a planner by the number of kernel centers, up to `gp.max_centers`, and whether it grows beyond.
+
+    python -m benchmarks.planner_memory
+
+A planner of the default method decides on maps of random centers. At the cap the map is made again and again, as by a
+correction of places, which moves every center.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import re
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from auv_lse_common.seeds import stream
+from auv_lse_gp.centers import Centers
+from auv_lse_planner.intake import PlannerIntake
+from auv_lse_planner.vehicle_planner import VehiclePlanner
+from auv_lse_sim.settings import Settings
+
+_SIZES = (300, 1000, 2000)
+_AGAIN = 12
+
+
+def private_mb() -> float:
+    """Memory of this process's own (MB) (Linux)."""
+    text = Path("/proc/self/smaps_rollup").read_text()
+    return sum(int(n) for n in re.findall(r"^Private_\w+:\s+(\d+) kB", text, re.MULTILINE)) / 1e3
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Prints the table. Returns 0, or 1 if a full map made again takes ever more memory."""
+    p = argparse.ArgumentParser(prog="python -m benchmarks.planner_memory", description=__doc__)
+    p.add_argument("--most", type=int, metavar="N", help="centers at most (default: gp.max_centers)")
+    options = p.parse_args(arguments)
+    settings = Settings.load(None, {"mission.vehicles": 2})
+    own = settings.planner_settings(1)
+    most = options.most or own.gp.max_centers
+    planner = VehiclePlanner(1, own, stream(7, "planner", 1))
+    intake = PlannerIntake(planner)
+    rng = np.random.default_rng(1)
+    corners = np.reshape(settings.area.polygon_m, (-1, 2))
+    places = rng.uniform(corners.min(axis=0), corners.max(axis=0), (most, 2))
+    depths, effects = 20.0 + 3.0 * rng.standard_normal(most), 0.1 * rng.standard_normal((most, 8))
+    vehicle, now_s = own.vehicle, 0.0
+    print("| centers | memory of its own | longest decision, processor time |\n|---|---|---|")
+
+    def decided(n: int, times: int) -> float:
+        nonlocal now_s
+        longest_s = 0.0
+        for _ in range(times):
+            now_s += 16.0
+            moved = places[:n] + rng.normal(0.0, 0.5, (n, 2))
+            planner.set_centers(Centers(moved, depths[:n], np.full(n, 0.3), effects[:n]), now_s)
+            intake.set_odometry(now_s, 0.0, vehicle.start_north_m, vehicle.start_east_m)
+            intake.take(now_s)
+            began_s = time.process_time()
+            planner.decide(now_s)
+            longest_s = max(longest_s, time.process_time() - began_s)
+        gc.collect()
+        return longest_s
+
+    def line(what: str, n: int, times: int) -> float:
+        longest_s, size_mb = decided(n, times), private_mb()
+        print(f"| {what} | {size_mb:.0f} MB | {longest_s:.1f} s |", flush=True)
+        return size_mb
+
+    for n in (*(size for size in _SIZES if size < most), most):
+        first_mb = line(f"{n}", n, 2)
+    last_mb = line(f"{most}, map made again {_AGAIN} times", most, _AGAIN)
+    return 0 if last_mb < 1.4 * first_mb else 1  # what the allocator keeps goes up and down by a fifth
+
+
+if __name__ == "__main__":
+    sys.exit(main())
