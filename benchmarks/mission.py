@@ -126,7 +126,7 @@ def _processes(flight: _Flight) -> list[Row]:
     start: dict[str, float] = defaultdict(float)
     flying: dict[str, float] = defaultdict(float)
     for name, seconds in flight.processor_s.items():
-        kind = name.split(".")[-1]
+        kind = name.split(".")[-1] if name.endswith("_node") else "the vehicles' nodes"
         start[kind] += flight.start_s.get(name, 0.0)
         flying[kind] += seconds - flight.start_s.get(name, 0.0)
     whole_s = flight.whole_processor_s

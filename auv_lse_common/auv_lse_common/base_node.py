@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -487,17 +487,35 @@ def prepare() -> None:
                     kind.__import_type_support__()
 
 
-def spin(node: Node) -> None:
-    """Serves the node's callbacks until shutdown: the one place that chooses the executor."""
+def spin(*nodes: Node) -> None:
+    """Serves the nodes' callbacks until shutdown: the one place that chooses the executor."""
     executor = make_executor()
     try:
-        executor.add_node(node)
+        for node in nodes:
+            executor.add_node(node)
         heartbeat = Heartbeat(os.environ)
         if heartbeat.wanted:
-            node.create_timer(BEAT_PERIOD_S, heartbeat.beat, clock=_STEADY)
+            nodes[0].create_timer(BEAT_PERIOD_S, heartbeat.beat, clock=_STEADY)
         executor.spin()
     finally:
         executor.shutdown()
+
+
+#: While mains are called to learn which nodes they make (`run_together`): what makes them.
+_gathered: list[Callable[[], Node]] | None = None
+
+
+def run_together(mains: Sequence[Callable[[], int]]) -> int:
+    """Runs the nodes of several mains in this process, served by one thread: one participant in the ROS domain.
+
+    They share the command line, and so the namespace. Returns the exit code, as `run`.
+    """
+    global _gathered
+    _gathered = []
+    for main in mains:
+        main()
+    makes, _gathered = _gathered, None
+    return _run(makes, sys.argv)
 
 
 def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:
@@ -506,23 +524,31 @@ def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:
     Returns:
         Exit code: 0 after an ordinary end, 2 if the node could not be made from its parameters.
     """
+    if _gathered is not None:
+        _gathered.append(make)
+        return 0
     if arguments is None:
         arguments = sys.argv
     if "-h" in arguments or "--help" in arguments:
         print(f"{make.__doc__ or ''}\nParameters: --ros-args --params-file MISSION.yaml -r __ns:=/auv1")
         return 0
+    return _run([make], arguments)
+
+
+def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     # A script in the background ignores SIGINT, and its children inherit that: take the signal back.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     rclpy.init(args=arguments)
-    node: Node | None = None
+    nodes: list[Node] = []
     try:
         try:
-            node = make()
+            for make in makes:
+                nodes.append(make())
         except ParameterError:
             raise
         except ValueError as error:  # a part that checks its own arguments: here they come from the parameters
             raise ParameterError(str(error)) from error
-        spin(node)
+        spin(*nodes)
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return 2
@@ -531,7 +557,7 @@ def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:
     finally:
         # A second Ctrl-C while closing must not lose what is being written.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        if node is not None:
+        for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0

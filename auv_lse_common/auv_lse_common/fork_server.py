@@ -24,7 +24,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from pathlib import Path
 from typing import Any
@@ -117,7 +117,7 @@ class ForkServer:
         self.log = log
         self._started: list[ForkedProcess] = []
         self._rest = b""
-        modules = sorted({module for p in processes if (module := _entry_of(p).module)})
+        modules = sorted({entry.module for p in processes for entry in _entries_of(p)})
         command = [sys.executable, "-m", __name__, *modules, " " * _COMMAND_ROOM]
         with log.open("ab") as output:  # after what one before it left there
             self._server = subprocess.Popen(
@@ -132,10 +132,10 @@ class ForkServer:
 
     def start(self, process: Process, command: Sequence[str], log: Path, *, append: bool = False) -> ForkedProcess:
         """Asks for a process; its output goes to the file `log`, after what is in it if `append`."""
-        number, entry = len(self._started), _entry_of(process)
+        number = len(self._started)
         request = {
             "number": number,
-            "entry": entry.value,
+            "entries": [entry.value for entry in _entries_of(process)],
             "command": list(command),
             "log": str(log),
             "append": append,
@@ -198,7 +198,7 @@ class ForkServer:
 def can_fork(process: Process) -> bool:
     """Whether a fork server finds what is behind a process's executable: it is a Python package's entry point."""
     try:
-        _entry_of(process)
+        _entries_of(process)
     except LaunchError:
         return False
     return True
@@ -210,16 +210,20 @@ def _executables() -> EntryPoints:
     return entry_points(group="console_scripts")
 
 
-def _entry_of(process: Process) -> EntryPoint:
-    """The entry point behind a process's executable.
+def _entries_of(process: Process) -> list[EntryPoint]:
+    """The entry points behind the executables of a process's nodes.
 
     Raises:
-        LaunchError: if no installed package has it.
+        LaunchError: if no installed package has one.
     """
-    for entry in _executables().select(name=process.executable):
-        if entry.module.split(".")[0] == process.package:
+    return [_entry_of(package, name) for package, name in ((process.package, process.executable), *process.beside)]
+
+
+def _entry_of(package: str, executable: str) -> EntryPoint:
+    for entry in _executables().select(name=executable):
+        if entry.module.split(".")[0] == package:
             return entry
-    raise LaunchError(f"{process.package} has no executable {process.executable}; build the workspace: scripts/setup")
+    raise LaunchError(f"{package} has no executable {executable}; build the workspace: scripts/setup")
 
 
 # ---------------------------------------------------------------------- the server's side
@@ -294,8 +298,8 @@ def _run(request: Mapping[str, Any]) -> None:
             os.dup2(source, target)
         show_command(request["command"])
         sys.argv = list(request["command"])
-        entry = EntryPoint(name="node", value=request["entry"], group="console_scripts")
-        code = int(entry.load()() or 0)
+        mains = [EntryPoint(name="node", value=value, group="console_scripts").load() for value in request["entries"]]
+        code = int((mains[0]() if len(mains) == 1 else _together(mains)) or 0)
     except SystemExit as error:
         code = error.code if isinstance(error.code, int) else int(error.code is not None)
     except BaseException:  # as the interpreter would: the trace goes to the process's log
@@ -305,6 +309,13 @@ def _run(request: Mapping[str, Any]) -> None:
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
         os._exit(code)
+
+
+def _together(mains: Sequence[Callable[[], int]]) -> int:
+    """Runs the nodes of several mains in this process."""
+    from auv_lse_common.base_node import run_together  # ROS, which the server imports with the nodes
+
+    return run_together(mains)
 
 
 def show_command(command: Sequence[str]) -> None:

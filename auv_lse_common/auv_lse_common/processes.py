@@ -25,22 +25,24 @@ class LaunchError(RuntimeError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Process:
-    """One process of a mission: what `ros2 run` would start.
+    """One process of a mission: what `ros2 run` would start, or several such nodes in one process.
 
     Attributes:
         package: ROS 2 package.
         executable: Its entry point, which is also the node's name.
         namespace: Node namespace, "/auv1" or "/".
+        beside: Package and executable of further nodes in the same process.
     """
 
     package: str
     executable: str
     namespace: str
+    beside: tuple[tuple[str, str], ...] = ()
 
     @property
     def name(self) -> str:
-        """Name for people and log files: "auv1.gp_node", "sim_node"."""
-        return f"{self.namespace.strip('/')}.{self.executable}".strip(".")
+        """Name for people and log files: "auv1.gp_node", "sim_node"; of several nodes "auv1"."""
+        return (self.namespace.strip("/") + ("" if self.beside else f".{self.executable}")).strip(".")
 
     @property
     def ros_arguments(self) -> tuple[str, ...]:

@@ -35,8 +35,8 @@ class ProcessGroup:
         Raises:
             LaunchError: if it is not installed.
         """
-        path = executable_path(process)
-        command = [str(path), "--ros-args", "--params-file", str(parameter_file), *process.ros_arguments, *extra]
+        path = "+".join((str(executable_path(process)), *(name for _, name in process.beside)))
+        command = [path, "--ros-args", "--params-file", str(parameter_file), *process.ros_arguments, *extra]
         self._running[process.name] = self._server.start(process, command, self.log(process.name))
 
     def log(self, name: str) -> Path:

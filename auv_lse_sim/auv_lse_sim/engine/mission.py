@@ -71,7 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/operations.md)")
         return 0
     _say(console, f"run folder: {folder}")
-    processes = mission_processes(settings.mission.vehicles, options.modem, options.vehicle_link)
+    vehicles, together = settings.mission.vehicles, settings.sim.lockstep
+    processes = mission_processes(vehicles, options.modem, options.vehicle_link, together=together)
     with ExitStack() as beside:
         live = beside if options.live else None
         return fly(settings, folder, console, processes, own_domain(), report=not options.no_report, live=live)

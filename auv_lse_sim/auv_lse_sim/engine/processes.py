@@ -9,7 +9,11 @@ RECORDER_LAG_TICKS = 20
 
 
 def mission_processes(
-    vehicles: int, modem: str = "direct", vehicle_link: str = "direct", record: bool = True
+    vehicles: int,
+    modem: str = "direct",
+    vehicle_link: str = "direct",
+    record: bool = True,
+    together: bool = False,
 ) -> list[Process]:
     """Every process of a mission, the simulator last.
 
@@ -19,6 +23,8 @@ def mission_processes(
             emulated Micromodem-2 per vehicle between them).
         vehicle_link: "direct", or "mavlink" (vehicle_link_node and a simulated MAVLink vehicle between them).
         record: Whether a recorder runs.
+        together: Whether the nodes of a vehicle that are not drivers share a process. In lockstep they hardly ever
+            work at the same time, and a mission of many vehicles starts far sooner, as ROS finds fewer processes.
     """
     processes: list[Process] = []
     if record:
@@ -26,6 +32,11 @@ def mission_processes(
     for vehicle in range(1, vehicles + 1):
         namespace = f"/auv{vehicle}"
         nodes = vehicle_nodes(modem == "emulated", vehicle_link == "mavlink")
+        if together:
+            (package, executable), *beside = vehicle_nodes(modem=False, link=False)
+            nodes = nodes[1 + len(beside) :]
+            first = Process(package=package, executable=executable, namespace=namespace, beside=tuple(beside))
+            processes.append(first)
         processes += [Process(package=p, executable=e, namespace=namespace) for p, e in nodes]
     processes.append(Process(package="auv_lse_sim", executable="sim_node", namespace="/"))
     return processes
