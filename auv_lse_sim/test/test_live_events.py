@@ -88,7 +88,7 @@ def test_a_plan_becomes_a_line_through_the_ends_of_its_legs(settings):
     plan = Plan(step=20, heading_rad=0.0, north_m=50.0, east_m=60.0, actions=(5, 10, 5), naive_path=0xF0)
     told = lines.lines(plan)
     points = np.array(told["line"]).reshape(-1, 2) / 10.0
-    assert (told["step"], told["own"], told["continued"]) == (20, 3, "naive path 0xF0")
+    assert (told["step"], told["own"], told["continued"]) == (20, 3, "lanes of a lawnmower")
     assert len(points) == 1 + POINTS_PER_LEG * 10, "to the mission's end"
     radius = planner.motion.turn_radius_m
     leg_m = radius * np.pi / 2.0

@@ -14,6 +14,7 @@ from auv_lse_planner.config import PlannerSettings
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.naive_ids import HOLD, STRAIGHT_ON
 from auv_lse_planner.paths.rollout import Rollout
 
 Array = NDArray[np.float64]
@@ -64,13 +65,17 @@ class PlanLines:
         }
 
 
+#: What naive paths are called that are no lanes.
+_NAIVE = {STRAIGHT_ON: "a straight line", HOLD: "a loop"}
+
+
 def _continued(plan: Plan) -> str:
     """What continues a plan's actions, for a reader."""
     parts = []
     if plan.tour is not None:
         parts.append(f"a tour of {len(plan.tour.bearings)} segments")
     if plan.naive_path != NONE:
-        parts.append(f"naive path 0x{plan.naive_path:02X}")
+        parts.append(_NAIVE.get(plan.naive_path, "lanes of a lawnmower"))
     return ", then ".join(parts)
 
 
