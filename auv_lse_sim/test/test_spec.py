@@ -100,10 +100,12 @@ def test_the_campaigns_of_the_project_can_be_flown(path):
     assert len(dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()) > 1
 
 
-def test_vehicles_of_the_campaign_of_places_surface_by_the_clock_alone():
-    """Its settings differ in that: a surfacing that the planner adds would be one too many in each."""
+def test_in_the_campaign_of_places_only_those_surface_that_say_so():
     path = Path(__file__).parents[2] / "config/campaigns/places.yaml"
     spec = CampaignSpec.load(path)
-    jobs = dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()
-    surfacings = [own.vehicle.surfacings for job in jobs for own in Settings.from_patterns(job.patterns, "").vehicles]
-    assert set(surfacings) == {0}
+    for job in dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs():
+        settings = Settings.from_patterns(job.patterns, "")
+        wanted = 1 if "one surfacing each" in job.group else 0
+        assert [own.vehicle.surfacings for own in settings.vehicles] == [wanted] * 3
+        assert [settings.places_in_force(v).correct for v in (1, 2, 3)] == ["as booked" not in job.group] * 3
+        assert settings.sim.gps.surface_every_s == 0.0
