@@ -60,11 +60,7 @@ class BaseNode(Node):
     Attributes:
         where: Where its parameters come from, for messages.
         parameters: Its parameters, nested by section.
-        rest_s: Wall clock (s) that the node may rest after what has come in, for one that nobody waits for: it then
-            takes more at once, in less processor time.
     """
-
-    rest_s = 0.0
 
     def __init__(self, name: str) -> None:
         """Reads the parameters given to the node; refuses a top-level section that nobody owns."""
@@ -500,11 +496,7 @@ def spin(*nodes: Node) -> None:
         heartbeat = Heartbeat(os.environ)
         if heartbeat.wanted:
             nodes[0].create_timer(BEAT_PERIOD_S, heartbeat.beat, clock=_STEADY)
-        rest_s = min(getattr(node, "rest_s", 0.0) for node in nodes)
-        while rclpy.ok():
-            executor.spin_once()
-            if rest_s:
-                time.sleep(rest_s)
+        executor.spin()
     finally:
         executor.shutdown()
 

@@ -28,8 +28,6 @@ from auv_lse_sim.record.software import mission_text, version
 _DISCOVERY_PERIOD_S = 2.0
 #: How often (s) the space on the disk is looked at.
 _LOOK_PERIOD_S = 2.0
-#: In lockstep, where each message carries the time that counts, the recorder rests so long (s): about a tick.
-_REST_S = 0.02
 
 
 class RecorderNode(BaseNode):
@@ -58,7 +56,6 @@ class RecorderNode(BaseNode):
         for name, topic in recorded_topics(mission.vehicles).items():
             self._record(name, topic.kind, latched=topic.latched)
         if self.lockstep:
-            self.rest_s = _REST_S
             self._done = self.create_publisher(LockstepDone, "/lockstep/done", EVERY)
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
         self._said = False
