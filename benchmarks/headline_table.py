@@ -8,14 +8,12 @@ Settings whose labels begin alike, up to the colon, are one scene. Its first one
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from auv_lse_sim.campaign.statistics import Interval, interval
-from benchmarks.places_table import Row, rows_of, value
+from benchmarks.places_table import Arguments, Row, print_rows, value
 
 #: Columns of the means: of a row, heading, and decimal places.
 COLUMNS = (
@@ -79,21 +77,9 @@ def _compared(changes: Sequence[float]) -> str:
     return f"{found.mean:+.0f} % ({found.low:+.0f}..{found.high:+.0f}; worst {max(known):+.0f}; lower on {lower})"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints the tables. Returns 0, or 2 if there are no rows."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.headline_table",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="the campaign, or parts of it")
-    folders = parser.parse_args(arguments).folders
-    groups = rows_of(folders)
-    if not groups:
-        print(f"error: {', '.join(map(str, folders))}: no rows; expected the folder of a campaign", file=sys.stderr)
-        return 2
-    print("\n".join([*means(groups), "", *pairs(groups)]))
-    return 0
+def main(arguments: Arguments = None) -> int:
+    """Prints both tables."""
+    return print_rows("benchmarks.headline_table", __doc__, lambda g: [*means(g), "", *pairs(g)], arguments)
 
 
 if __name__ == "__main__":

@@ -11,15 +11,14 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from pyarrow import parquet
 
-from auv_lse_sim.campaign.rows import by_group
-from auv_lse_sim.campaign.spec import CampaignSpec
 from auv_lse_sim.campaign.statistics import interval
 
 #: Columns: of a row, and heading.
@@ -33,6 +32,7 @@ COLUMNS = (
 )
 
 Row = dict[str, Any]
+Arguments = Sequence[str] | None
 
 
 def value(row: Row, name: str) -> float:
@@ -46,9 +46,14 @@ def rows_of(folders: Sequence[Path]) -> dict[str, dict[int, Row]]:
     groups: dict[str, dict[int, Row]] = {}
     for folder in folders:
         rows = [row for path in folder.glob("rows/*.parquet") for row in parquet.read_table(path).to_pylist()]
+        # not as a CampaignSpec: its mission file is named as seen from where the campaign's file was
+        listed = []
         if rows:
-            for label, found in by_group(CampaignSpec.load(folder / "campaign.yaml"), rows).items():
-                groups.setdefault(label, {}).update((row["seed"], row) for row in found)
+            listed = [setting["label"] for setting in yaml.safe_load((folder / "campaign.yaml").read_text())["list"]]
+        for label in (*listed, *sorted({row["group"] for row in rows} - set(listed))):
+            found = {row["seed"]: row for row in rows if row["group"] == label and row["status"] == "ok"}
+            if found:
+                groups.setdefault(label, {}).update(found)
     return groups
 
 
@@ -70,17 +75,26 @@ def table(groups: Mapping[str, Mapping[int, Row]]) -> list[str]:
     return lines
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints the table. Returns 0, or 2 if there are no rows."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.places_table", description=__doc__)
+def print_rows(
+    module: str, about: str | None, lines: Callable[[Mapping[str, Mapping[int, Row]]], list[str]], given: Arguments
+) -> int:
+    """Command line of a table over campaigns' folders. Returns 0, or 2 if there are no rows."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m {module}", description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="the campaign, or parts of it")
-    folders = parser.parse_args(arguments).folders
+    folders = parser.parse_args(given).folders
     groups = rows_of(folders)
     if not groups:
         print(f"error: {', '.join(map(str, folders))}: no rows; expected the folder of a campaign", file=sys.stderr)
         return 2
-    print("\n".join(table(groups)))
+    print("\n".join(lines(groups)))
     return 0
+
+
+def main(arguments: Arguments = None) -> int:
+    """Prints the table."""
+    return print_rows("benchmarks.places_table", __doc__, table, arguments)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,8 @@ import warnings
 
 import numpy as np
 import pytest
+import yaml
+from pyarrow import Table, parquet
 
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
@@ -171,6 +173,24 @@ def test_methods_are_compared_scene_by_scene():
     assert headline_table.means(groups)[3].startswith("| one: lanes | 3 | 5.00 | 5.000 |")
     (line,) = headline_table.pairs(groups)[2:]
     assert line.startswith("| one: tour against lanes | 2 | -38 % (-196..+121; worst -25; lower on 2) |")
+
+
+def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, capsys):
+    from benchmarks import headline_table, places_table
+
+    (tmp_path / "rows").mkdir()
+    labels = ("two: tour", "two: lanes", "one: tour")
+    listed = [{"label": label} for label in labels]
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump({"mission": "../missions/default.yaml", "list": listed}))
+    names = {*(name for name, _, _ in headline_table.COLUMNS), "mowing_risk", "isobath_error_true_positions_m"}
+    for number, label in enumerate(sorted(labels)):
+        row = dict.fromkeys(sorted(names), 1.0 + number) | {"group": label, "seed": 1, "status": "ok"}
+        parquet.write_table(Table.from_pylist([row]), tmp_path / "rows" / f"{number}.parquet")
+    assert list(places_table.rows_of([tmp_path])) == list(labels)
+    assert headline_table.main([str(tmp_path)]) == 0
+    assert "| two: tour against lanes | 1 | +50 %" in capsys.readouterr().out
+    assert places_table.main([str(tmp_path)]) == 0
+    assert places_table.main([str(tmp_path / "none")]) == 2
 
 
 def test_missions_below_their_bound_are_counted(tmp_path, capsys):
