@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import dataclasses
+import math
 import os
 import signal
 import sys
@@ -45,6 +46,11 @@ _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 #: Without lockstep, how often (s) a vehicle's node handles what has come in.
 _STEP_PERIOD_S = 0.1
+#: How often (s) a node that waits for its readers looks for them.
+_MATCHED_PERIOD_S = 0.05
+#: Without lockstep, how long (s) a recorded node waits for its readers before it handles anything: what a node tells
+#: before the recorder hears it is in no recording, and a planner decides within 0.2 s of its start.
+_RECORDER_WAIT_S = 3.0
 #: In lockstep, wall clock (s) without a simulator after which a node says what it waits for.
 _NO_SIMULATOR_S = 30.0
 
@@ -103,8 +109,16 @@ class BaseNode(Node):
         """Seconds of the node's ROS clock."""
         return self.get_clock().now().nanoseconds * 1e-9
 
-    def when_matched(self, readers: Mapping[Publisher, int], then: Callable[[], None]) -> None:
-        """Calls `then` once each publisher has at least its number of matched readers (discovery takes up to 3 s)."""
+    def when_matched(
+        self, readers: Mapping[Publisher, int], then: Callable[[], None], patience_s: float = math.inf
+    ) -> None:
+        """Calls `then` once each publisher has at least its number of matched readers (discovery takes up to 3 s).
+
+        Args:
+            readers: The number of readers each publisher waits for.
+            then: What comes next.
+            patience_s: Wall clock (s) after which it comes without those readers that are not there.
+        """
         checks = 0
 
         def check() -> None:
@@ -112,13 +126,13 @@ class BaseNode(Node):
             checks += 1
             counts = {p.topic: (p.get_subscription_count(), number) for p, number in readers.items()}
             waiting = {topic: f"{now} of {number}" for topic, (now, number) in counts.items() if now < number}
-            if not waiting:
+            if not waiting or checks * _MATCHED_PERIOD_S >= patience_s:
                 timer.cancel()
                 then()
             elif checks % 200 == 0:  # every 10 s
                 self.get_logger().warning(f"still waiting for readers of {waiting}")
 
-        timer = self.create_timer(0.05, check)
+        timer = self.create_timer(_MATCHED_PERIOD_S, check)
 
     def show_parameters(
         self,
@@ -368,7 +382,8 @@ class VehicleNode(BaseNode):
     def begin(self) -> None:
         """Starts handling the phases; to be called when every topic is wired and every phase added."""
         if not self.lockstep:
-            self.create_timer(_STEP_PERIOD_S, self._handle_all)
+            patience_s = _RECORDER_WAIT_S if self.recorded else 0.0
+            self.when_matched(self._readers, self._handle_from_now_on, patience_s)
             return
         self._ticks = Ticks(tuple(self._parts))
         self._check_reader("/lockstep/tick", MISSION_TOPICS["/lockstep/tick"])
@@ -449,6 +464,9 @@ class VehicleNode(BaseNode):
             self._at_work = True
             self.get_logger().info(f"at work after {time.process_time():.2f} s of processor time")
 
+    def _handle_from_now_on(self) -> None:
+        self.create_timer(_STEP_PERIOD_S, self._handle_all)
+
     def _handle_all(self) -> None:
         self.note_at_work()
         now_s = self.now_s()
@@ -501,44 +519,38 @@ def spin(*nodes: Node) -> None:
         executor.shutdown()
 
 
-#: While mains are called to learn which nodes they make (`run_together`): what makes them.
-_gathered: list[Callable[[], Node]] | None = None
+@dataclass(frozen=True, slots=True)
+class Main:
+    """A node's entry point, to be called.
 
-
-def run_together(mains: Sequence[Callable[[], int]]) -> int:
-    """Runs the nodes of several mains in this process, served by one thread: one participant in the ROS domain.
-
-    They share the command line, and so the namespace. Returns the exit code, as `run`.
+    Attributes:
+        make: Makes the node.
     """
-    global _gathered
-    _gathered = []
-    for main in mains:
-        main()
-    makes, _gathered = _gathered, None
-    return _run(makes, sys.argv)
 
+    make: Callable[[], Node]
 
-def run(make: Callable[[], Node], arguments: list[str] | None = None) -> int:
-    """A node's main: makes it, serves it until SIGINT, SIGTERM or shutdown, and cleans up.
+    def __call__(self, *beside: Main, arguments: Sequence[str] | None = None) -> int:
+        """Makes the node, serves it until SIGINT, SIGTERM or shutdown, and cleans up.
 
-    Returns:
-        Exit code: 0 after an ordinary end, 2 if the node could not be made from its parameters.
-    """
-    if _gathered is not None:
-        _gathered.append(make)
-        return 0
-    if arguments is None:
-        arguments = sys.argv
-    if "-h" in arguments or "--help" in arguments:
-        print(f"{make.__doc__ or ''}\nParameters: --ros-args --params-file MISSION.yaml -r __ns:=/auv1")
-        return 0
-    return _run([make], arguments)
+        Args:
+            beside: Further nodes for this process: one thread serves all, and they are one participant in the ROS
+                domain. They share the command line, and so the namespace.
+            arguments: The command line; None: that of the process.
+
+        Returns:
+            Exit code: 0 after an ordinary end, 2 if a node could not be made from its parameters.
+        """
+        arguments = sys.argv if arguments is None else arguments
+        if "-h" in arguments or "--help" in arguments:
+            print(f"{self.make.__doc__ or ''}\nParameters: --ros-args --params-file MISSION.yaml -r __ns:=/auv1")
+            return 0
+        return _run([main.make for main in (self, *beside)], arguments)
 
 
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     # A script in the background ignores SIGINT, and its children inherit that: take the signal back.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    rclpy.init(args=arguments)
+    rclpy.init(args=list(arguments))
     nodes: list[Node] = []
     try:
         try:

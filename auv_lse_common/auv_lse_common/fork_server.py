@@ -24,7 +24,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from pathlib import Path
 from typing import Any
@@ -299,7 +299,7 @@ def _run(request: Mapping[str, Any]) -> None:
         show_command(request["command"])
         sys.argv = list(request["command"])
         mains = [EntryPoint(name="node", value=value, group="console_scripts").load() for value in request["entries"]]
-        code = int((mains[0]() if len(mains) == 1 else _together(mains)) or 0)
+        code = int(mains[0](*mains[1:]) or 0)
     except SystemExit as error:
         code = error.code if isinstance(error.code, int) else int(error.code is not None)
     except BaseException:  # as the interpreter would: the trace goes to the process's log
@@ -309,13 +309,6 @@ def _run(request: Mapping[str, Any]) -> None:
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
         os._exit(code)
-
-
-def _together(mains: Sequence[Callable[[], int]]) -> int:
-    """Runs the nodes of several mains in this process."""
-    from auv_lse_common.base_node import run_together  # ROS, which the server imports with the nodes
-
-    return run_together(mains)
 
 
 def show_command(command: Sequence[str]) -> None:

@@ -20,8 +20,9 @@ from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 
 from auv_lse_common import base_node
-from auv_lse_common.base_node import BaseNode, run
+from auv_lse_common.base_node import BaseNode, Main, VehicleNode
 from auv_lse_common.params import parameter, section
+from auv_lse_msgs.msg import Bound
 
 pytestmark = pytest.mark.ros
 
@@ -116,7 +117,7 @@ def test_a_node_that_cannot_be_made_ends_with_words(capfd: pytest.CaptureFixture
     def make() -> BaseNode:
         raise ValueError("vehicle: got 4; expected 1 to mission.vehicles = 3")
 
-    assert run(make, []) == 2
+    assert Main(make)(arguments=[]) == 2
     assert capfd.readouterr().err == "error: vehicle: got 4; expected 1 to mission.vehicles = 3\n"
 
 
@@ -138,3 +139,46 @@ def test_in_lockstep_without_a_simulator_a_node_says_so_once(
     while time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.05)
     assert capfd.readouterr().err.count("sim.lockstep is true") == int(lockstep)
+
+
+@pytest.mark.parametrize("recorder_comes", [True, False])
+def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recorder_comes: bool
+) -> None:
+    monkeypatch.setattr(base_node, "_RECORDER_WAIT_S", 60.0 if recorder_comes else 0.5)
+    path = tmp_path / "p.yaml"
+    path.write_text(f"/**:\n  ros__parameters:\n    record: {{folder: {tmp_path}}}\n")
+    rclpy.init(args=["--ros-args", "--params-file", str(path), "-r", "__ns:=/auv1"])
+    node = VehicleNode("planner_node")
+    recorder = rclpy.create_node("recorder_node", use_global_arguments=False)
+    heard: list[int] = []
+    try:
+        bound = node.publisher(Bound, "planner/bound")
+        told = 0
+
+        def tell(now_s: float) -> None:
+            nonlocal told
+            bound.publish(Bound(step=told))
+            told += 1
+
+        node.phase("planner", tell)
+        node.begin()
+
+        def spin(until: Callable[[], bool], within_s: float) -> bool:
+            end = time.monotonic() + within_s
+            while not until() and time.monotonic() < end:
+                rclpy.spin_once(node, timeout_sec=0.02)
+                rclpy.spin_once(recorder, timeout_sec=0.0)
+            return until()
+
+        if recorder_comes:
+            spin(lambda: False, 0.5)
+            recorder.create_subscription(Bound, "/auv1/planner/bound", lambda m: heard.append(m.step), 10)
+            assert spin(lambda: bool(heard), 10.0)
+            assert heard[0] == 0, "the first is heard"
+        else:
+            assert spin(lambda: told > 0, 10.0), "it goes on without a recorder"
+    finally:
+        recorder.destroy_node()
+        node.destroy_node()
+        rclpy.try_shutdown()

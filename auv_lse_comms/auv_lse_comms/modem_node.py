@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 
-from auv_lse_common.base_node import VehicleNode, run
+from auv_lse_common.base_node import Main, VehicleNode
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import (
@@ -185,6 +185,5 @@ class ModemNode(VehicleNode):
             self._published["packets"] += 1
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_comms modem_node`."""
-    return run(ModemNode)
+#: Entry point of `ros2 run auv_lse_comms modem_node`.
+main = Main(ModemNode)

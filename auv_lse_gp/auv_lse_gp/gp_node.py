@@ -9,7 +9,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from visualization_msgs.msg import Marker
 
 from auv_lse_common import compiled
-from auv_lse_common.base_node import VehicleNode, run
+from auv_lse_common.base_node import Main, VehicleNode
 from auv_lse_common.health import Recent
 from auv_lse_common.params import section
 from auv_lse_common.ros_conversions import (
@@ -122,6 +122,5 @@ def prepare() -> None:
         compiled_risk()
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_gp gp_node`."""
-    return run(GpNode)
+#: Entry point of `ros2 run auv_lse_gp gp_node`.
+main = Main(GpNode)

@@ -10,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 
-from auv_lse_common.base_node import NEWEST, VehicleNode, run
+from auv_lse_common.base_node import NEWEST, Main, VehicleNode
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import section
 from auv_lse_common.plan import Plan as CorePlan
@@ -182,6 +182,5 @@ def prepare() -> None:
     rehearse(PlannerSettings.from_parameters({}, "rehearsal", 1), 1)
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_planner planner_node`."""
-    return run(PlannerNode)
+#: Entry point of `ros2 run auv_lse_planner planner_node`.
+main = Main(PlannerNode)

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Range
 
-from auv_lse_common.base_node import NEWEST, VehicleNode, run
+from auv_lse_common.base_node import NEWEST, Main, VehicleNode
 from auv_lse_common.health import NewProblems
 from auv_lse_common.mission_run import Command
 from auv_lse_common.params import section
@@ -120,6 +120,5 @@ class SafetyNode(VehicleNode):
             self._diagnostics.publish(diagnostics(now_s, name, self.with_journal(self._safety.health())))
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_planner safety_node`."""
-    return run(SafetyNode)
+#: Entry point of `ros2 run auv_lse_planner safety_node`.
+main = Main(SafetyNode)

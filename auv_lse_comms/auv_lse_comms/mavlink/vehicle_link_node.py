@@ -5,7 +5,7 @@ from __future__ import annotations
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import FluidPressure, Range
 
-from auv_lse_common.base_node import run
+from auv_lse_common.base_node import Main
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import (
@@ -145,6 +145,5 @@ class VehicleLinkNode(DriverNode):
                 log.warning(event.text)
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_comms vehicle_link_node`."""
-    return run(VehicleLinkNode)
+#: Entry point of `ros2 run auv_lse_comms vehicle_link_node`.
+main = Main(VehicleLinkNode)

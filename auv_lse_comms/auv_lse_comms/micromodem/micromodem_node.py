@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from auv_lse_common.base_node import run
+from auv_lse_common.base_node import Main
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import header, seconds
 from auv_lse_comms.driver_node import DriverNode
@@ -107,6 +107,5 @@ class MicromodemNode(DriverNode):
                 log.warning(event.text)
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_comms micromodem_node`."""
-    return run(MicromodemNode)
+#: Entry point of `ros2 run auv_lse_comms micromodem_node`.
+main = Main(MicromodemNode)

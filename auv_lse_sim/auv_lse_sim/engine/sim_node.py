@@ -10,7 +10,7 @@ import rclpy
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from auv_lse_common.base_node import EVERY, BaseNode, quality_of, run
+from auv_lse_common.base_node import EVERY, BaseNode, Main, quality_of
 from auv_lse_common.ros_conversions import seconds, stamp, standing_of, stop_of
 from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, reader_count
 from auv_lse_comms.transport import PortWatcher
@@ -188,6 +188,5 @@ class SimNode(BaseNode):
         super().destroy_node()
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_sim sim_node`."""
-    return run(SimNode)
+#: Entry point of `ros2 run auv_lse_sim sim_node`.
+main = Main(SimNode)

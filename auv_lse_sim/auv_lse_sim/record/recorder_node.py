@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from auv_lse_common.base_node import EVERY, BaseNode, run
+from auv_lse_common.base_node import EVERY, BaseNode, Main
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_common.topics import recorded_topics
@@ -140,6 +140,5 @@ class RecorderNode(BaseNode):
         super().destroy_node()
 
 
-def main() -> int:
-    """Entry point of `ros2 run auv_lse_sim recorder_node`."""
-    return run(RecorderNode)
+#: Entry point of `ros2 run auv_lse_sim recorder_node`.
+main = Main(RecorderNode)
