@@ -5,9 +5,8 @@ that it has passed, over the distance between the two:
 
 - *jump*: the depth differs by more than `SLOPE` times the distance and `SPREAD_M`. Where `AGREEING` jumps in a row
   agree with one another it is the ground, or another reading of the sensor that lasts: they pass from there on.
-- *frozen*: the same depth to the last digit, more than `REPEATS` times in a row, over more ground than can be as flat:
-  it rises at least `FLATTEST`, so that a sounder with steps of a decimetre repeats itself over 50 m. How fine the steps
-  are shows in the smallest difference of two soundings; until there is one they count as `COARSEST_M`.
+- *frozen*: the same depth to the last digit over more ground than can be as flat (`hanging.py`): it rises at least
+  `FLATTEST`, so that a sounder with steps of a decimetre repeats itself over 50 m.
 - *late*: a stamp before that of the last one: time runs backwards. After `AGREEING` of them in a row the clock has been
   set, and they pass.
 
@@ -20,17 +19,15 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from auv_lse_common.hanging import HangingSensor
+
 #: Steepest ground (m per m) along a track, and what noise and a wrong place may add (m).
 SLOPE = 1.0
 SPREAD_M = 2.0
 #: Refused soundings in a row that agree with one another are believed.
 AGREEING = 4
-#: A depth that comes this often in a row, while the vehicle moves as far (m) at least, is a sensor that hangs.
-REPEATS = 10
-MOVED_M = 5.0
-#: Flattest ground (m per m) that is believed, and the coarsest steps (m) of an honest sensor.
+#: Flattest ground (m per m) that is believed.
 FLATTEST = 0.002
-COARSEST_M = 0.1
 
 
 class SoundingGate:
@@ -46,9 +43,7 @@ class SoundingGate:
         self._last: Sequence[float] | None = None
         self._refused: Sequence[float] | None = None  # the last one refused
         self._in_a_row = 0
-        self._same: Sequence[float] | None = None  # the first with the depth that is repeated
-        self._repeats = 0
-        self._step_m = COARSEST_M  # smallest difference of two soundings in a row
+        self._sounder = HangingSensor(FLATTEST)
 
     def passed(self, rows: Iterable[Sequence[float]]) -> list[Sequence[float]]:
         """Those that pass, in their order.
@@ -61,7 +56,7 @@ class SoundingGate:
     def _passes(self, row: Sequence[float]) -> bool:
         if not all(map(math.isfinite, row[:4])):
             return True
-        if self._hangs(row):
+        if self._sounder.hangs(row[3], row[1], row[2]):
             self.counts["frozen"] += 1
             return False
         last = self._last
@@ -77,15 +72,6 @@ class SoundingGate:
 
     def _agrees(self, row: Sequence[float]) -> bool:
         return self._refused is not None and not _problem(self._refused, row)
-
-    def _hangs(self, row: Sequence[float]) -> bool:
-        if self._same is None or row[3] != self._same[3]:
-            if self._same is not None:
-                self._step_m = min(self._step_m, abs(row[3] - self._same[3]))
-            self._same, self._repeats = row, 0
-            return False
-        self._repeats += 1
-        return self._repeats > REPEATS and _apart_m(self._same, row) > max(MOVED_M, self._step_m / FLATTEST)
 
 
 def _apart_m(a: Sequence[float], b: Sequence[float]) -> float:

@@ -28,14 +28,17 @@ class Vehicle:
         self.now_s = 1000.0
         self.place = (50.0, 50.0, 4.0)
         self.blind = self.frozen = False
-        self.heading_rad, self.speed_mps = 0.3, 1.0
+        self.heading_rad, self.speed_mps, self.jitter_m = 0.3, 1.0, 1e-6
 
     def wait(self, seconds: float, step_s: float = 0.1) -> Vehicle:
         for _ in range(round(seconds / step_s)):
             self.now_s += step_s
             if not self.blind:
-                self.heading_rad = -self.heading_rad + 1e-9  # an estimate never stands still
-                self.watch.odometry(0.3 if self.frozen else self.heading_rad, *self.place, self.speed_mps)
+                self.jitter_m = -self.jitter_m  # an estimate never stands still
+                north_m, east_m, depth_m = self.place
+                north_m += 0.0 if self.frozen else self.jitter_m
+                self.heading_rad = (self.heading_rad + 0.01) % 6.0
+                self.watch.odometry(self.heading_rad, north_m, east_m, depth_m, self.speed_mps)
             self.watch.step(self.now_s, self.run)
         return self
 
@@ -151,6 +154,42 @@ def test_an_altimeter_that_stops_is_told_and_trips_nothing() -> None:
     assert vehicle.wait(0.2).watch.warnings == {}
 
 
+def cruise(vehicle: Vehicle, metres: float, altitude_m: float | None = None, depth_m: float | None = None) -> Vehicle:
+    """Moves to the east at 1 m/s; altitude and depth vary by centimetres unless they are given."""
+    for second in range(round(metres)):
+        north_m, east_m, _ = vehicle.place
+        vehicle.place = (north_m, east_m + 1.0, 4.0 + 0.01 * (second % 3) if depth_m is None else depth_m)
+        vehicle.watch.altitude(12.0 + 0.01 * (second % 5) if altitude_m is None else altitude_m)
+        vehicle.wait(1.0, 1.0)
+    return vehicle
+
+
+def test_an_altimeter_that_hangs_while_the_vehicle_moves_counts_as_none() -> None:
+    vehicle = cruise(Vehicle(), 40.0)
+    assert vehicle.watch.warnings == {}
+    cruise(vehicle, 11.0, altitude_m=12.3)
+    assert vehicle.watch.warnings == {}, "flat ground"
+    cruise(vehicle, 2.0, altitude_m=12.3)
+    assert vehicle.watch.warnings == {"altimeter": "the altitude is 12.3 m to the last digit for 12 m of way: it hangs"}
+    vehicle.wait(40.0)
+    assert "no altitude for" in vehicle.watch.warnings["altimeter"], "then it fell silent"
+    assert cruise(vehicle, 3.0).watch.warnings == {}
+    assert vehicle.run.limits == {}
+    assert cruise(Vehicle(), 60.0, altitude_m=math.inf).watch.warnings == {}, "no ground in reach all the way"
+
+
+def test_a_depth_gauge_that_hangs_while_the_vehicle_moves_is_told() -> None:
+    vehicle = cruise(Vehicle(), 20.0)
+    assert cruise(vehicle, 49.0, depth_m=4.25).watch.warnings == {}
+    cruise(vehicle, 4.0, depth_m=4.25)
+    assert vehicle.watch.warnings == {"depth gauge": "the depth is 4.25 m to the last digit for 52 m of way: it hangs"}
+    assert cruise(vehicle, 1.0).watch.warnings == {}
+    assert vehicle.run.limits == {}
+    assert cruise(vehicle, 140.0, depth_m=0.0).watch.warnings == {}, "at the surface it is the same all the time"
+    ideal = cruise(Vehicle(), 220.0, depth_m=4.0)
+    assert ideal.watch.warnings == {}, "of an ideal vehicle in the simulator it never varies"
+
+
 def test_a_vehicle_that_is_found_submerged_before_its_mission_is_watched() -> None:
     """Its computer has started again under water, on call: nobody is there to say GO."""
     vehicle = Vehicle(has_autopilot=True, at_once=False)
@@ -207,7 +246,7 @@ def test_odometry_that_hangs_counts_as_none_once_the_vehicle_has_moved() -> None
     vehicle.frozen = True
     assert vehicle.wait(60.0).run.limits == {}, "it waits at its start"
     vehicle.place = (55.0, 50.0, 4.0)
-    assert set(vehicle.wait(60.0).run.limits) == {"odometry"}
+    assert set(vehicle.wait(60.0).run.limits) == {"odometry"}, "though its heading goes on changing"
 
 
 def test_odometry_that_says_it_stands_still_may_stand_still() -> None:

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from auv_lse_common.sounding_gate import AGREEING, REPEATS, SoundingGate
+from auv_lse_common.hanging import REPEATS
+from auv_lse_common.sounding_gate import AGREEING, SoundingGate
 
 Row = tuple[float, float, float, float]
 

@@ -218,6 +218,24 @@ def test_a_link_started_again_sends_the_vehicle_nowhere_before_it_knows_how_the_
         assert [target.step for target in link.targets] == [7], "for when it goes on"
 
 
+def test_a_link_started_again_takes_no_short_cut_to_a_waypoint_that_was_decided_since(tmp_path: Path) -> None:
+    """Its first waypoint may be younger than it is: the end of the leg before may still be to come."""
+    here = AutopilotEstimate(
+        stamp_s=1.0, heading_rad=0.0, north_m=-3.0, east_m=2.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0
+    )
+    young = Waypoint(header=header(time.time() + 9.0), step=7, straight_m=20.0, turn_radius_m=15.0, end_north_m=20.0)
+    next_one = Waypoint(header=header(time.time() + 10.0), step=8, end_north_m=40.0, then_north_m=math.nan)
+    with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
+        link = s.node._autopilot.link
+        s.node._on_waypoint(young)
+        s.node._on_waypoint(next_one)
+        s.node._on_state(mission_state(1.0, 1, Standing(state=RunState.RUNNING, stop=None), []))
+        s.node.on_event(here)
+        assert [target.step for target in link.targets] == [6, 7, 8]
+        s.node._on_waypoint(next_one)
+        assert link.counts["targets_replaced"] == 0, "said again by a planner that was started again"
+
+
 @pytest.mark.parametrize(
     ("place_m", "steps"),
     [((10.0, 1.0), [7]), ((12.0, 9.0), [7]), ((-3.0, 2.0), [6, 7])],

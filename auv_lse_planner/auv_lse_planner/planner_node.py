@@ -12,6 +12,7 @@ from nav_msgs.msg import Odometry, Path
 
 from auv_lse_common.base_node import NEWEST, Main, VehicleNode
 from auv_lse_common.health import NewProblems
+from auv_lse_common.leg import Leg
 from auv_lse_common.params import section
 from auv_lse_common.plan import Plan as CorePlan
 from auv_lse_common.ros_conversions import diagnostics, header, plan_from_message, plan_message, seconds, standing_of
@@ -81,7 +82,10 @@ class PlannerNode(VehicleNode):
         self.begin()
 
     def _go_on(self) -> None:
-        """After a restart: goes on after the last decision in the journal, with the team's plans heard until then."""
+        """After a restart: goes on after the last decision in the journal, with the team's plans heard until then.
+
+        Plan and waypoint are said again, with the stamps that they had: readers that start later get them from here.
+        """
         decided: list[Any] | None = None
         for kind, *values in self.journal.records:
             if kind == "decided":
@@ -93,6 +97,9 @@ class PlannerNode(VehicleNode):
             snapshot, stamp_s, plan = decided
             self._planner.restore(snapshot)
             self._plan.publish(plan_message(stamp_s, self.vehicle, CorePlan.from_mapping(plan)))
+            leg = self._planner.decided_leg
+            assert leg is not None  # it was decided
+            self._publish_waypoint(stamp_s, leg)
 
     def _tune(self, parameters: dict[str, Any]) -> None:
         self._planner.set_planner(section(PlannerConfig, parameters, "planner", self.where))
@@ -143,17 +150,20 @@ class PlannerNode(VehicleNode):
         self._diagnose(now_s)
 
     def _publish(self, now_s: float, decision: Decision) -> None:
-        vehicle = self._settings.vehicle
-        last = decision.leg.step == self._settings.mission.steps - 1
-        then = vehicle.stop_at_end if last else None
         self._plan.publish(plan_message(now_s, self.vehicle, decision.plan))
-        self._waypoint.publish(waypoint_message(now_s, decision.leg, vehicle.speed_mps, vehicle.depth_m, then))
+        self._publish_waypoint(now_s, decision.leg)
         self._bound.publish(bound_message(now_s, decision.bound, self._planning_s, self._intake.taken))
         if self._planner.path is not None:
-            self._path.publish(path_message(now_s, self._planner.path.states, vehicle.depth_m))
+            self._path.publish(path_message(now_s, self._planner.path.states, self._settings.vehicle.depth_m))
         self._published += 1
         for warning in warnings_of(decision, self._planner.planner.deadline_s):
             self.get_logger().warning(warning)
+
+    def _publish_waypoint(self, stamp_s: float, leg: Leg) -> None:
+        vehicle = self._settings.vehicle
+        last = leg.step == self._settings.mission.steps - 1
+        then = vehicle.stop_at_end if last else None
+        self._waypoint.publish(waypoint_message(stamp_s, leg, vehicle.speed_mps, vehicle.depth_m, then))
 
     def _diagnose(self, now_s: float) -> None:
         problems = self._planner.problems(now_s)

@@ -43,16 +43,17 @@ def of_state(silent_s: float) -> dict[str, str]:
 
 
 def of_counts(totals: Mapping[str, int], recent: Mapping[str, int]) -> dict[str, str]:
-    """What was ignored lately: odometry that no vehicle can have, plans that cannot be followed.
+    """What was ignored or given up lately: odometry, plans that cannot be followed, legs not finished in time.
 
     Args:
-        totals: How many were ignored in all: "odometry absurd", "odometry jumps", "plans refused".
+        totals: How many in all: "odometry absurd", "odometry jumps", "plans refused", "legs given up".
         recent: How many of them lately (`Recent`).
     """
     texts = {
         "odometry absurd": "odometry: {} messages ignored: not finite, or more than 1000 km from the origin",
         "odometry jumps": "odometry: {} places refused that the vehicle cannot have reached",
         "plans refused": "team: {} received plans could not be rebuilt and were ignored",
+        "legs given up": "travel: the end of {} legs was not passed in time; the mission went on without",
     }
     return {key: text.format(f"{recent[key]} (of {totals[key]})") for key, text in texts.items() if recent.get(key)}
 

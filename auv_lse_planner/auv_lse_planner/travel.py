@@ -52,6 +52,7 @@ class Travel:
         running: Whether the mission goes: while it does not, nothing is due, and no leg's time runs.
         gate: What estimates pass: no jumps.
         absurd: Number of estimates that no vehicle can have; they are ignored.
+        given_up: Legs whose end was not passed in time (`overdue`), with the next one decided, or none to come.
         finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
     """
 
@@ -63,7 +64,7 @@ class Travel:
         self.leg: Leg | None = None
         self.leg_started_s = math.nan
         self.decided = 0
-        self.absurd = 0
+        self.absurd = self.given_up = 0
         self.gate = OdometryGate(vehicle.speed_mps)
         self.finished = False
         self.running = True
@@ -79,7 +80,11 @@ class Travel:
         self.running = running
 
     def move(self, estimate: EstimatedState) -> None:
-        """Takes an estimated state; the next leg begins where the present one has ended."""
+        """Takes an estimated state; the next leg begins where the present one has ended, or when its time is up.
+
+        A vehicle may never pass the end: its autopilot holds just before it, or was told of another place. For the leg
+        decided next, or the mission's end, that is no reason to wait for ever.
+        """
         e = estimate
         if not math.isfinite(e.now_s) or not is_possible(e.heading_rad, e.north_m, e.east_m):
             self.absurd += 1
@@ -90,10 +95,18 @@ class Travel:
         if not self.running:
             return
         leg, following = self.leg, self._next_leg
-        if leg is not None and following is not None and self._remaining_m(leg, estimate) <= AT_END_M:
+        if leg is not None and following is not None and self._over(leg, estimate):
             self._begin(following, estimate.now_s)
-        if self.leg is not None and self._next_leg is None and self.decided >= self._steps:
-            self.finished = self.finished or self._remaining_m(self.leg, estimate) <= AT_END_M
+        if self.leg is not None and self._next_leg is None and self.decided >= self._steps and not self.finished:
+            self.finished = self._over(self.leg, estimate)
+
+    def _over(self, leg: Leg, estimate: EstimatedState) -> bool:
+        """Whether the present leg is travelled, or given up."""
+        if self._remaining_m(leg, estimate) <= AT_END_M:
+            return True
+        overdue = self.overdue(estimate.now_s)
+        self.given_up += overdue
+        return overdue
 
     def take(self, leg: Leg, now_s: float, at_once: bool) -> None:
         """Takes the leg decided: it begins `at_once` (as the first does), or when the present one ends."""
@@ -139,6 +152,11 @@ class Travel:
     def _begin(self, leg: Leg, now_s: float) -> None:
         self._held_up_s = self._vehicle.surfacing_s if self.leg is not None and self.leg.surface else 0.0
         self.leg, self.leg_started_s, self._next_leg = leg, now_s, None
+
+    @property
+    def decided_leg(self) -> Leg | None:
+        """The leg decided last; None before the first decision."""
+        return self.leg if self._next_leg is None else self._next_leg
 
     @staticmethod
     def _remaining_m(leg: Leg, estimate: EstimatedState) -> float:

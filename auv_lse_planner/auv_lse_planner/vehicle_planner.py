@@ -180,6 +180,11 @@ class VehiclePlanner:
         return self._travel.leg
 
     @property
+    def decided_leg(self) -> Leg | None:
+        """The leg decided last, which may still be to come; None before the first decision."""
+        return self._travel.decided_leg
+
+    @property
     def path(self) -> PlannedPath | None:
         """The path of the plan from the next decision's step on; None before the first."""
         path = self._horizon.path
@@ -209,6 +214,7 @@ class VehiclePlanner:
             "odometry absurd": self._travel.absurd,
             "odometry jumps": self._travel.gate.jumps,
             "plans refused": self.plans_refused,
+            "legs given up": self._travel.given_up,
         }
         return found | problems.of_counts(totals, self._recent.of(now_s, totals))
 

@@ -68,6 +68,30 @@ def test_a_leg_from_odometry_begins_at_once():
     assert (travel.leg, travel.leg_started_s, travel.decided) == (_leg(1), 7.0, 2)
 
 
+def test_a_leg_whose_end_is_never_passed_holds_the_mission_up_for_a_while_and_not_for_ever():
+    travel = _on_the_first_leg(steps=2)
+    travel.take(_leg(1), 16.0, at_once=False)
+    travel.move(_at(89.0, 29.9))  # as an autopilot that holds just before the end: overdue after 4 x 20 s + 10 s
+    assert travel.leg == _leg(0)
+    travel.move(_at(91.0, 29.9))
+    assert (travel.leg, travel.leg_started_s) == (_leg(1), 91.0)
+    assert travel.given_up == 1
+    travel.move(_at(180.0, 59.0))
+    assert not travel.finished
+    travel.move(_at(182.0, 59.0))
+    assert travel.finished, "the last leg's time is up: the mission ends"
+    assert travel.given_up == 2
+
+
+def test_a_hold_takes_no_time_of_a_leg_that_is_given_up():
+    travel = _on_the_first_leg(steps=1)
+    travel.run(10.0, False)
+    travel.move(_at(500.0, 10.0))
+    travel.run(500.0, True)
+    travel.move(_at(501.0, 10.0))
+    assert not travel.finished
+
+
 def test_it_is_finished_at_the_end_of_the_last_leg_and_stays_so():
     travel = _on_the_first_leg(steps=1)
     travel.move(_at(19.0, 29.0))

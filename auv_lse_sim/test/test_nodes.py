@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -25,6 +27,7 @@ from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 
 from auv_lse_common.base_node import LATCHED
+from auv_lse_common.journal import FOLDER_VARIABLE
 from auv_lse_common.plan import Plan as MatePlan
 from auv_lse_common.ros_conversions import header, mate_navigation_from_message
 from auv_lse_common.security_policy import policy as policy_of
@@ -195,7 +198,10 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
         assert "only at the start" in set_parameter(b, "/auv1/modem_node", "mission.steps", 5).reason
 
 
-def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> None:
+def test_planner_node_plans_says_so_when_odometry_stops_and_goes_on_when_started_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "journal"))
     with bench(tmp_path) as b:
         b.start("auv_lse_planner", "planner_node", PARAMETERS)
         odometry = b.publisher(Odometry, "/auv1/odometry", qos_profile_sensor_data)  # as INS drivers publish
@@ -235,6 +241,12 @@ def test_planner_node_plans_and_says_so_when_odometry_stops(tmp_path: Path) -> N
         b.until(future.done, "answer")
         iterations, radius, seed = future.result().values
         assert (iterations.integer_value, radius.double_value, seed.integer_value) == (77, 15.0, 7)
+        os.kill(b.group._running["auv1.planner_node"].pid, signal.SIGKILL)
+        b.start("auv_lse_planner", "planner_node", PARAMETERS)
+        again = b.collect(Waypoint, "/auv1/waypoint", LATCHED)
+        b.until(lambda: again, "the last waypoint, for a link that was started again, too")
+        assert (again[0].header, again[0].step) == (waypoints[-1].header, waypoints[-1].step)
+        assert again[0].end_north_m == waypoints[-1].end_north_m
 
 
 def test_recorder_node_hears_a_driver_that_publishes_best_effort(tmp_path: Path) -> None:

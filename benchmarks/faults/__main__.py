@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import signal
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 
@@ -45,7 +47,10 @@ def parser() -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument("--seed", type=int, default=1, help="seed of everything random (default: %(default)s)")
     common.add_argument(
-        "--out", type=Path, metavar="DIR", help="new folder for what it leaves (default: a temporary one)"
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="new folder for what it leaves (default: a temporary one, kept if something broke)",
     )
     kinds = p.add_subparsers(dest="kind", required=True, metavar="KIND")
     one = kinds.add_parser("kills", parents=[common], help="kills random nodes of two vehicles in one paced mission")
@@ -82,17 +87,41 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"  {time.monotonic() - began_s:6.0f} s  {text}", file=sys.stderr, flush=True)
 
     try:
-        with tempfile.TemporaryDirectory() as temporary:
-            lines, good = options.run(options, (options.out or Path(temporary) / "faults").resolve(), say)
+        with _folder(options.out) as folder:
+            lines, good = options.run(options, folder, say)
+            print("\n".join(lines))
+            if not good:
+                raise _Broken("not all as it should be")
     except KeyboardInterrupt:
         return 130
     except (OSError, RuntimeError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    print("\n".join(lines))
-    if not good:
-        print("scripts/faults: not all as it should be", file=sys.stderr)
-    return 0 if good else 1
+    return 0
+
+
+class _Broken(RuntimeError):
+    """Something was lost, or broke."""
+
+
+@contextmanager
+def _folder(out: Path | None) -> Iterator[Path]:
+    """The folder for what is left: `out`, or a temporary one, which stays if something broke, and is then named."""
+    if out is not None:
+        yield out.resolve()
+        return
+    temporary = Path(tempfile.mkdtemp(prefix="auv_lse_faults_"))
+    keep = False
+    try:
+        yield temporary / "faults"
+    except (OSError, RuntimeError, ValueError):
+        keep = (temporary / "faults").exists()
+        if keep:
+            print(f"logs, journals and recordings are kept in {temporary / 'faults'}", file=sys.stderr)
+        raise
+    finally:
+        if not keep:
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from auv_lse_common.domain import own_domain
+from auv_lse_common.processes import last_lines
 from auv_lse_common.recording import Recording, recording_in
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
@@ -153,6 +154,7 @@ def _fly(
     say: Callable[[str], None],
     domains: Sequence[int],
 ) -> Flight:
+    folder.mkdir(parents=True)
     run = folder / "run"
     sets = [f"--set={name}={value}" for name, value in more.items()]
     team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
@@ -189,8 +191,9 @@ def _fly(
         for process in processes[1:]:
             process.wait(40.0)
     finally:
-        for process in processes:
+        for process, name in zip(processes, ("simulator", "auv1", "auv2"), strict=False):
             process.process.kill()
+            (folder / f"{name}.output").write_text("".join(process.text))
     flight.outputs = ["".join(process.text) for process in processes]
     flight.codes = [process.process.returncode for process in processes]
     for k in (1, 2):
@@ -205,7 +208,8 @@ def _await_end(simulator: subprocess.Popen[str], folder: Path, seconds: float) -
     until, ended_s = time.monotonic() + seconds, math.inf
     while simulator.poll() is None:
         if time.monotonic() > until:
-            raise TimeoutError(f"the mission has not ended within {seconds:.0f} s")
+            stand = "; ".join(f"{log.stem}: {last_lines(log, 1)}" for log in logs)
+            raise TimeoutError(f"the mission has not ended within {seconds:.0f} s: {stand}")
         if math.isinf(ended_s) and all("mission ENDED" in log.read_text() for log in logs):
             ended_s = time.monotonic()
         if time.monotonic() > ended_s + 8.0:

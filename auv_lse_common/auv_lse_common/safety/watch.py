@@ -20,9 +20,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from auv_lse_common.frames import is_possible
+from auv_lse_common.hanging import HangingSensor
 from auv_lse_common.mission_run import STOPS, MissionRun, RunState, Stop
 from auv_lse_common.safety.config import SafetyConfig
 from auv_lse_common.safety.fence import Fence
+from auv_lse_common.sounding_gate import FLATTEST
 
 #: A step this long (s) after the last one, or before it, is a clock that was set.
 LONGEST_STEP_S = 10.0
@@ -32,6 +34,9 @@ MOVED_M = 1.0
 AFLOAT_M = 2.0
 #: Slower than this (m/s) a vehicle may stand still.
 STANDING_MPS = 0.05
+#: No vehicle keeps its depth better than this (m per m of way), nor to the last digit of its gauge for so long (m).
+STEADIEST = 0.0005
+STEADY_M = 50.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +89,7 @@ class SafetyWatch:
         self._config, self._fence, self._deepest_m = config, fence, deepest_m
         self._responses = {
             "depth": config.depth_response,
+            "depth gauge": "warn",
             "altitude": config.altitude_response,
             "altimeter": "warn",
             "fence": config.fence_response,
@@ -95,11 +101,13 @@ class SafetyWatch:
         }
         self._place: tuple[float, float, float] | None = None  # north, east, depth (m)
         self._first: tuple[float, float, float] | None = None  # heading (rad), north, east (m), as first told
-        self._state: tuple[float, float, float] | None = None  # the same, as last told
         self._has_moved = False
         self._altitude_m = math.nan
         self._altitude_s = math.nan  # when it came; NaN before the first
         self._new_altitude = False
+        self._altimeter = HangingSensor(FLATTEST)
+        self._depth_gauge = HangingSensor(STEADIEST, STEADY_M)
+        self._altitude_hangs = self._depth_hangs = False
         self._autopilot: AutopilotSays | None = AutopilotSays(heard=False, armed=False) if has_autopilot else None
         self._link_known = False  # the autopilot has been heard once
         self._new_odometry = False
@@ -114,23 +122,32 @@ class SafetyWatch:
     def odometry(self, heading_rad: float, north_m: float, east_m: float, depth_m: float, speed_mps: float) -> None:
         """Takes the vehicle's estimate of where it is; one that no vehicle can have counts as none.
 
-        So does one that is the last to the last digit and tells of motion, once the vehicle has moved: its estimator
-        hangs.
+        So does one whose place is the last one's to the last digit and that tells of motion, once the vehicle has
+        moved: its estimator hangs. A depth that has varied and then stays the same under water, however far the vehicle
+        moves, is warned of.
         """
         if not is_possible(heading_rad, north_m, east_m) or not math.isfinite(depth_m):
             return
         state = (heading_rad, north_m, east_m)
         self._first = self._first or state
         self._has_moved = self._has_moved or math.dist(state[1:], self._first[1:]) > MOVED_M
-        if self._has_moved and state == self._state and abs(speed_mps) > STANDING_MPS:
+        still = self._place is not None and self._place[:2] == (north_m, east_m)
+        if self._has_moved and still and abs(speed_mps) > STANDING_MPS:
             return
-        self._state, self._place = state, (north_m, east_m, depth_m)
+        self._place = (north_m, east_m, depth_m)
         self._new_odometry = True
+        hangs = self._depth_gauge.hangs(depth_m, north_m, east_m)
+        self._depth_hangs = hangs and self._depth_gauge.has_varied and not self._afloat
 
     def altitude(self, altitude_m: float) -> None:
-        """Takes the height over the ground (m); NaN or infinite: no echo. Once told, it is missed when it stops."""
+        """Takes the height over the ground (m); NaN or infinite: no echo. Once told, it is missed when it stops.
+
+        One that stays the same to the last digit, farther than ground can be flat, is warned of.
+        """
         self._altitude_m = altitude_m
         self._new_altitude = True
+        north_m, east_m, _ = self._place or (0.0, 0.0, 0.0)
+        self._altitude_hangs = math.isfinite(altitude_m) and self._altimeter.hangs(altitude_m, north_m, east_m)
 
     def autopilot(self, says: AutopilotSays) -> None:
         """Takes what the autopilot says of itself."""
@@ -216,6 +233,10 @@ class SafetyWatch:
                 )
         if 0.0 < self._altitude_m < config.min_altitude_m:
             found["altitude"] = f"altitude {self._altitude_m:.1f} m; expected at least {config.min_altitude_m:.1f} m"
+        if self._depth_hangs and self._place is not None:
+            found["depth gauge"] = _hanging("depth", self._place[2], self._depth_gauge)
+        if self._altitude_hangs:
+            found["altimeter"] = _hanging("altitude", self._altitude_m, self._altimeter)
         if (age_s := self._now_s - self._altitude_s) > config.odometry_age_s:
             found["altimeter"] = f"no altitude for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:
@@ -229,3 +250,7 @@ class SafetyWatch:
         if 0.0 < config.mission_time_s < self._ran_s:
             found["mission time"] = f"it has run {self._ran_s:.0f} s; expected at most {config.mission_time_s:g} s"
         return found
+
+
+def _hanging(what: str, value_m: float, sensor: HangingSensor) -> str:
+    return f"the {what} is {value_m:g} m to the last digit for {sensor.moved_m:.0f} m of way: it hangs"

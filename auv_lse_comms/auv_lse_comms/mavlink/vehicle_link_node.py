@@ -55,7 +55,8 @@ class VehicleLinkNode(DriverNode):
         self._waypoints = 0
         self._status = self.publisher(AutopilotStatus, "autopilot")
         self._started_s = self.now_s()
-        self._late: Waypoint | None = None
+        self._last: tuple[int, float] | None = None  # step and stamp of the last waypoint
+        self._late: list[Waypoint] = []
         self._told = False  # how it stands with the mission
         self._odometry = self.publisher(Odometry, "odometry")
         self._fix = self.publisher(FixMessage, "fix")
@@ -69,12 +70,15 @@ class VehicleLinkNode(DriverNode):
         self.drive(self._autopilot)
 
     def _on_waypoint(self, message: Waypoint) -> None:
-        if not self._waypoints and seconds(message.header.stamp) < self._started_s:
-            self._late = message  # this node was started again under way: place and mission's state decide
-        else:
-            self._late = None
-            self._command(message.step, [target_of_waypoint(message)])
         self._waypoints += 1
+        decided = message.step, seconds(message.header.stamp)
+        if decided == self._last:
+            return  # planner_node was started again, and has said its last one again
+        first, self._last = self._last is None, decided
+        if self._late or (first and (message.step or decided[1] < self._started_s)):
+            self._late.append(message)  # this node was started again under way: place and mission's state decide
+        else:
+            self._command(message.step, [target_of_waypoint(message)])
         self.owe("vehicle_link")  # what was answered for this tick did not count the waypoint
 
     def _on_state(self, message: MissionState) -> None:
@@ -113,9 +117,11 @@ class VehicleLinkNode(DriverNode):
                     depth_m=event.depth_m,
                 )
                 self._dead_reckoning.publish(dead_reckoning_message(raw, self.vehicle))
-                if self._late is not None and self._told:
-                    late, self._late = self._late, None
-                    self._command(late.step, ends_to_reach(late, event.north_m, event.east_m))
+                if self._late and self._told:
+                    (first, *later), self._late = self._late, []
+                    self._command(first.step, ends_to_reach(first, event.north_m, event.east_m))
+                    for waypoint in later:
+                        self._command(waypoint.step, [target_of_waypoint(waypoint)])
                 self.arrived("odometry")
             case events.AutopilotState():
                 self._status.publish(status_message(event))

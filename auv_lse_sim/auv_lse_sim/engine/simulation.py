@@ -92,6 +92,7 @@ class Simulation:
         self._lockstep, self._recorded = lockstep, recorded
         self._finished = [False] * len(self.vehicles)
         self._transmissions: list[tuple[float, int, bytes]] = []
+        self._legs: dict[int, Leg] = {}  # the last one of each vehicle
         self._begun = False
         self._held_s = 0.0  # time in which no vehicle's mission went
         self._greeted: set[tuple[int, str]] = set()
@@ -205,7 +206,7 @@ class Simulation:
     # ------------------------------------------------------------------ what the vehicles do
 
     def take_waypoint(self, k: int, leg: Leg | None, speed_mps: float = math.nan, then: Stop | None = None) -> None:
-        """Vehicle `k` is to travel `leg` next; None: a waypoint that cannot be used.
+        """Vehicle `k` is to travel `leg` next; None: a waypoint that cannot be used. One that is said again is known.
 
         Args:
             k: Number of the vehicle.
@@ -213,7 +214,8 @@ class Simulation:
             speed_mps: Speed through the water; NaN: the vehicle's own.
             then: What follows the mission's last leg.
         """
-        if leg is not None:
+        if leg is not None and leg != self._legs.get(k):
+            self._legs[k] = leg
             try:
                 self.world.command(k, leg, None if math.isnan(speed_mps) else speed_mps, then)
             except ValueError as error:
