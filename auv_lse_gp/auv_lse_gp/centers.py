@@ -19,7 +19,8 @@ class Centers:
         depths_m: Depth (n,).
         noise_std_m: Standard deviation of each depth as a measurement (n,).
         place_effect_m: How much each way in which all their places may be wrong together, at one standard deviation, is
-            worth in depth (n, r); None: their places count as known.
+            worth in depth (n, r); None: their places count as known. The first two ways are those that a fix of the
+            map's vehicle would take away.
     """
 
     places_m: Array

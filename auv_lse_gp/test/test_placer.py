@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from places_helpers import Ground, Sailed, messages, sail, surface
 
-from auv_lse_common.dead_reckoning import DeadReckoning
+from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
@@ -221,3 +221,43 @@ def test_places_fly_unless_the_paper_is_flown():
     assert places_of({"planner": {"method": "plain"}}, "file").correct is False
     assert places_of({"planner": {"method": "plain"}, "places": {"correct": True}}, "file").correct is True
     assert places_of({"planner": {"method": "plain"}, "places": {"correct": False}}, "file").correct is False
+
+
+def test_the_first_two_ways_are_those_that_a_fix_takes_away():
+    """A fix where the track ends, in the middle of the mean: it moves nothing, and the variance falls by these two."""
+    rng = np.random.default_rng(33)
+    ground = Ground(rng, GP)
+    config = PlacesConfig(correct=True, terrain=False, moved_m=1e9)
+    intake = played([sail(rng, CONFIG, 12, box_m=300.0)], ground, config)
+    placer = intake.placer
+    assert placer is not None
+    placer.correct()
+    assert placer.correction is not None
+    track = placer.smoother.tracks[1]
+    place = placer.correction.places(1, np.array([track.end_s]), track.nodes[-1:, 1:3])[0]
+    at = intake.map.grid.places_m[::37]
+    before = _place_parts(intake, at)
+    north_m, east_m = place.tolist()
+    raw_north_m, raw_east_m = track.nodes[-1, 1:3].tolist()
+    placer.fixed(
+        Fix(
+            stamp_s=track.end_s,
+            north_m=north_m,
+            east_m=east_m,
+            raw_north_m=raw_north_m,
+            raw_east_m=raw_east_m,
+            std_m=config.fix_std_m,
+        )
+    )
+    placer.correct()
+    after = _place_parts(intake, at)
+    assert before[:, :2].sum() > 0.5 * before.sum()
+    assert after.sum(axis=1) == pytest.approx(before[:, 2:].sum(axis=1), rel=0.02, abs=1e-4 * before.max())
+    assert after[:, :2].sum() < 0.7 * after.sum()
+
+
+def _place_parts(intake: MapIntake, places_m: np.ndarray) -> np.ndarray:
+    """What each way in which places may be wrong adds to the variance of places (P, 2), (P, ways)."""
+    posterior = Posterior(GP)
+    posterior.follow(intake.map.centers)
+    return (posterior.columns(places_m).white @ posterior.place_white) ** 2

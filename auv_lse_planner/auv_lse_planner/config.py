@@ -37,6 +37,8 @@ def from_method(paper: Any, **options: Any) -> Any:
     return field(default=None, metadata={**declared.metadata, "paper": paper})
 
 
+#: Surfacings for a fix in a mission at most, where `vehicle.surfacings` is left out.
+MOST_SURFACINGS = 2
 #: Depths (m) that vehicles without one of their own take in turn (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
 
@@ -90,10 +92,11 @@ class VehicleConfig:
         None,
         low=0,
         high=10,
-        help="fixes for which it surfaces in a mission, far from its start; 0 for a vehicle that must not; left out: "
-        "1, but 0 with the paper's methods (planner.method augmented, exponential_quadratic, plain), with an "
-        "autopilot (link.kind mavlink), of which its owner must say that it has GPS and may come up, and with ideal "
-        "simulated navigation; none where a mission is too short",
+        help="fixes for which it surfaces in a mission at most, where they bring more than the legs that they cost; 0 "
+        "for a vehicle that must not; left out: 2, but 0 with the paper's methods (planner.method augmented, "
+        "exponential_quadratic, plain), with an autopilot (link.kind mavlink), of which its owner must say that it has "
+        "GPS and may come up, and with ideal simulated navigation; none without places.correct, which tells what they "
+        "bring",
     )
     surfacing_s: float = parameter(
         60.0,

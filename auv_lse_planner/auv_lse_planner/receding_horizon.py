@@ -30,12 +30,13 @@ from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.proposals import naive_only, one_leg, search_path
 from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.fix import worth_of_fix
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.dec_mcts import JOINT_DRAWS, search_dec_mcts
 from auv_lse_planner.search.uct import Actions
 from auv_lse_planner.situation import Proposal, Situation
 from auv_lse_planner.team import Team
-from auv_lse_planner.touring import Touring
+from auv_lse_planner.touring import OWN_PLACES, Touring
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,24 @@ class Incumbent:
     path: PlannedPath
     value: float
     infeasible: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Weighing:
+    """What a surfacing brings, and what it costs, both in the unit of the map's risk.
+
+    Attributes:
+        brings: Drop of what is lost by places in doubt.
+        costs: Drop of the map's expected risk by the legs that are then missing.
+    """
+
+    brings: float
+    costs: float
+
+    @property
+    def pays(self) -> bool:
+        """Whether it brings more than it costs."""
+        return self.brings > self.costs
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +217,35 @@ class RecedingHorizon:
         """Goes on from another plan than the one just decided for mission step `step`; the account stays."""
         self._plan, self.path = plan, self._rollout.follow(plan).from_step(step)
 
+    def weigh_surfacing(self, now_s: float, legs: int) -> Weighing:
+        """What a fix at the end of the leg just decided would bring, and what the last `legs` of the plan would."""
+        if self.path is None:
+            return Weighing(0.0, 0.0)
+        brings = worth_of_fix(self._map_columns(), self._settings.level_set)
+        reward = self._anytime(now_s, self.path.step)
+        each = max(OWN_PLACES, self._rollout.samples_per_leg)
+        places = self._rollout.leg_places(self.path.states[:-1], self.path.actions, each)
+        left = max(len(places) - legs, 0)
+        return Weighing(brings, reward.value(places).end - reward.value(places[:left]).end)
+
+    def charge(self, weighing: Weighing, bound: BoundRecord) -> BoundRecord:
+        """Enters a surfacing into the account of `tour`: the record of the decision that it belongs to, as it is then.
+
+        What it costs is taken from the account. What the account does not hold, the bound loses.
+        """
+        if not self.planner.counts_the_map:
+            return bound
+        self._touring.balance = max(0.0, self._touring.balance - weighing.costs)
+        jbar, account = bound.jbar - weighing.costs, self._touring.balance
+        return dataclasses.replace(
+            bound,
+            jbar=jbar,
+            account=account,
+            naive_part=jbar - account,
+            lower_bound=bound.reward_so_far + jbar - account,
+            promised=bound.reward_so_far + jbar,
+        )
+
     def delay(self, legs: int, told: Plan) -> Plan:
         """The vehicle stops for the time of so many legs: its path goes on as many steps later, and ends as it must.
 
@@ -233,22 +281,13 @@ class RecedingHorizon:
         self, now_s: float, step: int, state: Array, reanchored: bool, deadline: Callable[[], bool] | None
     ) -> Decision:
         """A decision of the method `tour` (`touring.py`)."""
-        steps, escape = self._settings.mission.steps, not self._space.feasible(state).size
+        escape = not self._space.feasible(state).size
         last = None if self._plan is None or self.path is None else (self._plan, self.path.from_step(step))
         void = "off the plan" if reanchored and last is not None else ""
         if last is not None and not void and not self._space.path_feasible(state, last[1].actions, LOOK_AHEAD):
             void = "shallow ground"
-        mates = self._team.in_time_order(now_s + self.planner.replan_lead_s)
-        reward = AnytimeReward(
-            self._map_columns(),
-            self._settings.level_set,
-            mates,
-            steps - step,
-            step,
-            steps,
-            self.planner.anytime_weight,
-            self._coarse_columns(),
-        )
+        reward = self._anytime(now_s, step)
+        mates = reward.mates
         self._account.measure(reward.risk_before)
         planned = np.concatenate([np.empty((0, 2)), *(places for _, places in mates)])
         due = last is not None and self._touring.due(self.planner, step, bool(void))
@@ -296,6 +335,20 @@ class RecedingHorizon:
             incumbent_infeasible=void == "shallow ground",
         )
         return Decision(plan=chosen.plan, leg=leg, bound=bound, statistics=statistics)
+
+    def _anytime(self, now_s: float, step: int) -> AnytimeReward:
+        """What paths from mission step `step` on bring to the map, beside the team mates' plans."""
+        steps = self._settings.mission.steps
+        return AnytimeReward(
+            self._map_columns(),
+            self._settings.level_set,
+            self._team.in_time_order(now_s + self.planner.replan_lead_s),
+            steps - step,
+            step,
+            steps,
+            self.planner.anytime_weight,
+            self._coarse_columns(),
+        )
 
     def _heads(self, step: int, state: Array, planned_m: Array, deadline: Callable[[], bool] | None) -> list[Actions]:
         """The best sequences of a tree search on the own places' reward, beyond what is planned at `planned_m`."""

@@ -1,79 +1,88 @@
-"""When a vehicle surfaces for a fix: planned with its path, and paid for with legs.
+"""When a vehicle surfaces for a fix: where that brings more than the legs that it costs.
 
 Dead reckoning errs by a turn and a stretch about the start, so that a fix tells most far from there; soundings before
-it can then be booked anew, and those after it begin right. The rule is simple. A mission of n surfacings has n equal
-parts, and in each of them the vehicle surfaces between 30 % and 60 % of the part: where that leg ends that by its own
-plan leads farthest from the start. As the plan changes, the rule looks at what is still ahead of it.
+it can then be booked anew, and those after it begin right. So a vehicle asks what a fix would bring
 
-A surfacing takes the time of some legs, which are then missing at the mission's end. It is not worth that if it takes
-more than `DEAREST` of the mission, or if the vehicle has not come `FAR_M` from its start, where GPS knows little more
-than dead reckoning.
+- not before `FIRST` of its mission, and each vehicle of a team a little later than the one before it: the fix of one
+  serves all through ranges, and the next knows by then how little its own would add;
+- where a leg ends that leads farther from the start than the next `LOOK_AHEAD` ones by its plan;
+- `AGAIN` of the mission after its last surfacing at the earliest: the map does not know at once what that has brought.
+
+What a fix brings is the drop of what is lost by places in doubt (`reward/fix.py`), what it costs is what the legs bring
+that are then missing at the mission's end, as the plan has it. Both are in the unit of the map's risk.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from auv_lse_planner.config import VehicleConfig
 from auv_lse_planner.paths.rollout import PlannedPath
 
-#: Part of a surfacing's share of the mission in which it may come.
-WINDOW = (0.3, 0.6)
-#: Largest part of the mission that a surfacing may take.
-DEAREST = 0.06
-#: Nearer to the start than this (m) a fix is not worth its time.
-FAR_M = 100.0
+#: Parts of the mission: before the first surfacing of the first vehicle, from each vehicle's turn to the next one's,
+#: and between surfacings.
+FIRST, TURN, AGAIN = 0.3, 0.1, 0.2
+#: Vehicles that have turns of their own; those after them share them.
+TURNS = 3
+#: Legs ahead that must not lead farther from the start.
+LOOK_AHEAD = 10
 
 
 class Surfacings:
-    """The planned surfacings of one vehicle.
+    """The surfacings of one vehicle.
 
     Attributes:
         legs: Legs that one takes.
-        wanted: How many there are to be.
-        done: How many are decided, or were not worth it.
+        most: How many there may be.
+        done: How many are decided.
     """
 
-    def __init__(self, vehicle: VehicleConfig, wanted: int, steps: int, leg_m: float) -> None:
+    def __init__(self, vehicle: int, config: VehicleConfig, most: int, steps: int, leg_m: float) -> None:
         """Before the first of so many steps.
 
         Args:
-            vehicle: Section `vehicle`.
-            wanted: How many there are to be, if the mission is long enough.
+            vehicle: Number of the vehicle, from 1.
+            config: Section `vehicle`.
+            most: How many there may be.
             steps: Steps of the mission.
             leg_m: Length of a leg (m).
         """
-        self.legs = math.ceil(vehicle.surfacing_s * vehicle.speed_mps / leg_m)
-        self.wanted = wanted if self.legs <= DEAREST * steps else 0
+        self.legs = math.ceil(config.surfacing_s * config.speed_mps / leg_m)
+        self.most = most
         self.done = 0
         self._steps = steps
-        self._start_m = np.array([vehicle.start_north_m, vehicle.start_east_m])
+        self._start_m = np.array([config.start_north_m, config.start_east_m])
+        self._earliest = round((FIRST + TURN * ((vehicle - 1) % TURNS)) * steps)
 
-    def due(self, path: PlannedPath) -> bool:
-        """Whether the vehicle surfaces where the first leg of `path` ends, its path to the mission's end."""
+    def due(self, path: PlannedPath, pays: Callable[[], bool]) -> bool:
+        """Whether the vehicle surfaces where the first leg of `path` ends, its path to the mission's end.
+
+        Args:
+            path: The path.
+            pays: Says whether a fix there brings more than it costs; asked only where one may be due.
+        """
         end = path.step + 1
-        while self.done < self.wanted:
-            share = self._steps / self.wanted
-            first, last = (round((self.done + part) * share) for part in WINDOW)
-            if end > last:
-                self.done += 1  # it never was far enough
-                continue
-            if end < first or not len(path):
-                return False
-            ahead = path.states[1 : last - path.step + 1, 1:] - self._start_m
-            far_m = np.hypot(ahead[:, 0], ahead[:, 1])
-            due = bool(far_m[0] >= FAR_M and far_m[0] >= far_m.max())
-            self.done += due
-            return due
-        return False
+        if self.done >= self.most or end < self._earliest or len(path) <= self.legs:
+            return False
+        ahead = path.states[1 : LOOK_AHEAD + 2, 1:] - self._start_m
+        far_m = np.hypot(ahead[:, 0], ahead[:, 1])
+        if far_m[0] < far_m.max() or not pays():
+            return False
+        self.surfaced(end)
+        return True
 
-    def snapshot(self) -> int:
-        """How many are decided, for a journal."""
-        return self.done
+    def surfaced(self, step: int) -> None:
+        """The vehicle surfaces at the end of the leg to mission step `step`."""
+        self.done += 1
+        self._earliest = step + round(AGAIN * self._steps)
 
-    def restore(self, value: Any) -> None:
+    def snapshot(self) -> list[int]:
+        """How many are decided, and the earliest step of the next, for a journal."""
+        return [self.done, self._earliest]
+
+    def restore(self, value: Sequence[int]) -> None:
         """Goes on from what `snapshot` gave."""
-        self.done = int(value)
+        self.done, self._earliest = value

@@ -33,14 +33,14 @@ from auv_lse_gp.factor import IllConditionedError
 from auv_lse_gp.posterior import Posterior
 from auv_lse_planner import problems
 from auv_lse_planner.account import BoundRecord
-from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_planner.config import MOST_SURFACINGS, PlannerConfig, PlannerSettings
 from auv_lse_planner.decision import Decision
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.naive_ids import FITTED
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.receding_horizon import LOOK_AHEAD, RecedingHorizon
+from auv_lse_planner.receding_horizon import LOOK_AHEAD, RecedingHorizon, Weighing
 from auv_lse_planner.search.dec_mcts import KEPT_PLANS
 from auv_lse_planner.surfacing import Surfacings
 from auv_lse_planner.team import Team
@@ -105,8 +105,8 @@ class VehiclePlanner:
         self.records: list[BoundRecord] = []
         wanted = settings.vehicle.surfacings
         if wanted is None:
-            wanted = 0 if planner.method in PAPERS_METHODS else 1
-        self._surfacings = Surfacings(settings.vehicle, wanted, mission.steps, self.motion.leg_length_m)
+            wanted = 0 if planner.method in PAPERS_METHODS else MOST_SURFACINGS
+        self._surfacings = Surfacings(vehicle, settings.vehicle, wanted, mission.steps, self.motion.leg_length_m)
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         self._horizon = RecedingHorizon(
             vehicle,
@@ -126,6 +126,7 @@ class VehiclePlanner:
         self._held = ""
         self._recent = Recent()
         self._surfaced = False  # where the leg decided last ends
+        self._surfacings_before = self._surfacings.snapshot()  # before that decision
 
     @property
     def planner(self) -> PlannerConfig:
@@ -276,18 +277,29 @@ class VehiclePlanner:
         """
         self._travel.replace(leg)
         self._horizon.adopt(plan, leg.step + (self._surfacings.legs if leg.surface else 0))
+        self._surfacings.restore(self._surfacings_before)
+        if leg.surface:
+            self._surfacings.surfaced(leg.step + 1)
         more = int(leg.surface) - int(self._surfaced)
-        self._surfacings.done += more
         self._horizon.delayed(more * self._surfacings.legs)
         self._surfaced = leg.surface
 
     def _taken(self, decision: Decision, now_s: float, reanchored: bool) -> Decision:
-        path = self._horizon.path
-        self._surfaced = path is not None and self._surfacings.due(path)
-        if self._surfaced:
+        path, legs = self._horizon.path, self._surfacings.legs
+        weighing: Weighing | None = None
+
+        def pays() -> bool:
+            nonlocal weighing
+            weighing = self._horizon.weigh_surfacing(now_s, legs)
+            return weighing.pays
+
+        self._surfacings_before = self._surfacings.snapshot()
+        self._surfaced = path is not None and self._surfacings.due(path, pays)
+        if self._surfaced and weighing is not None:
             leg = dataclasses.replace(decision.leg, surface=True)
-            plan = self._horizon.delay(self._surfacings.legs, decision.plan)
-            decision = dataclasses.replace(decision, leg=leg, plan=plan)
+            bound = self._horizon.charge(weighing, decision.bound)
+            plan = self._horizon.delay(legs, decision.plan)
+            decision = dataclasses.replace(decision, leg=leg, plan=plan, bound=bound)
         self._travel.take(decision.leg, now_s, at_once=reanchored)
         self.records.append(decision.bound)
         return decision

@@ -68,10 +68,17 @@ def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
         planner.decide(1e6)
 
 
+def surfacing_pays(planner):
+    """The planner, to which a fix brings more than any legs that it costs."""
+    weigh = planner._horizon.weigh_surfacing
+    planner._horizon.weigh_surfacing = lambda now_s, legs: dataclasses.replace(weigh(now_s, legs), brings=math.inf)
+    return planner
+
+
 def test_a_lawnmower_goes_on_along_its_lanes_after_a_surfacing():
     """Lanes are fitted to the legs that are left: with fewer of them they would begin anew."""
-    s = settings({"method": "lawnmower"}, steps=80)
-    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    s = settings({"method": "lawnmower"}, steps=80, vehicle={"surfacings": 1})
+    planner = surfacing_pays(VehiclePlanner(1, s, np.random.default_rng(1)))
     decisions = _fly(planner, ticks=3000)
     without = settings({"method": "lawnmower"}, steps=80, vehicle={"surfacings": 0})
     through = _fly(VehiclePlanner(1, without, np.random.default_rng(1)), ticks=3000)
@@ -86,8 +93,8 @@ def test_a_lawnmower_goes_on_along_its_lanes_after_a_surfacing():
 @pytest.fixture(scope="module")
 def surfaced():
     """Settings, planner and decisions of a mission by tours, with a surfacing."""
-    s = settings({"method": "tour", "iterations": 20}, steps=80)
-    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    s = settings({"method": "tour", "iterations": 20}, steps=80, vehicle={"surfacings": 1})
+    planner = surfacing_pays(VehiclePlanner(1, s, np.random.default_rng(1)))
     return s, planner, _fly(planner, ticks=3000)
 
 
@@ -108,6 +115,17 @@ def test_team_mates_are_told_when_a_plan_goes_on_after_a_surfacing(surfaced):
     mate.hear(gone_s, 1, decision.plan)
     ahead = mate.team.places_ahead(gone_s + 5.0 * leg_s, 1)
     assert ahead[0] == pytest.approx(told.places_m[0], abs=1e-3)
+
+
+def test_the_account_of_a_tour_pays_for_a_surfacing(surfaced):
+    """What its legs would have brought is missing from what is promised, and from the account as far as it holds it."""
+    _, _, decisions = surfaced
+    at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
+    before, now, after = (decisions[i].bound for i in (at - 1, at, at + 1))
+    assert now.promised < before.promised
+    assert 0.0 <= now.account < before.account or now.account == 0.0
+    assert now.lower_bound == pytest.approx(now.promised - now.account)
+    assert after.promised == pytest.approx(now.promised, rel=0.02), "the plan promises as much with fewer legs"
 
 
 def test_a_replay_surfaces_where_the_recorded_vehicle_did(surfaced):

@@ -105,7 +105,7 @@ def test_in_the_campaign_of_places_only_those_surface_that_say_so():
     spec = CampaignSpec.load(path)
     for job in dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs():
         settings = Settings.from_patterns(job.patterns, "")
-        wanted = 1 if "one surfacing each" in job.group else 0
+        wanted = 2 if "surfacing where it pays" in job.group else 0
         assert [own.vehicle.surfacings for own in settings.vehicles] == [wanted] * 3
         assert [settings.places_in_force(v).correct for v in (1, 2, 3)] == ["as booked" not in job.group] * 3
         assert settings.sim.gps.surface_every_s == 0.0

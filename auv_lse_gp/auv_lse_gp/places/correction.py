@@ -68,6 +68,19 @@ class Correction:
             out[:, :, self._model.vehicles[vehicle].block] = self._sums(vehicle, stamps_s, raw).jacobian(self.theta)
         return out
 
+    def by_a_fix(self, vehicle: int) -> Array:
+        """What a fix of a vehicle where its track ends would tell, (2, unknowns): its rows F.
+
+        The unknowns' covariance would fall from C to C - C F' F C, with the two rows F = U^-1 A, U U' = A C A' + R, A
+        the derivatives of that place, and R the covariance of a fix. An unknown vehicle's tells nothing.
+        """
+        if vehicle not in self._model.vehicles or not len(self._model.vehicles[vehicle].track):
+            return np.zeros((2, self._model.size))
+        track = self._model.vehicles[vehicle].track
+        place = self.jacobian(vehicle, np.array([track.end_s]), track.nodes[-1:, 1:3])[0]
+        measured = place @ self.covariance @ place.T + self._model.config.fix_std_m**2 * np.eye(2)
+        return np.asarray(np.linalg.solve(np.linalg.cholesky(measured), place))
+
     def place_std_m(self, vehicle: int, stamps_s: Array, raw_places_m: Array) -> Array:
         """Standard deviations (n, 2) of `places`, north and east; NaN for an unknown vehicle."""
         if vehicle not in self._model.vehicles:

@@ -12,7 +12,8 @@ from auv_lse_gp.places.correction import Correction
 
 Array = NDArray[np.float64]
 
-#: Ways in which all places may be wrong together that the map is told of: the strongest.
+#: Ways in which all places may be wrong together that the map is told of beside those that a fix would take away: the
+#: strongest.
 MODES = 8
 
 
@@ -66,21 +67,32 @@ class PlacedMap:
             samples = np.column_stack([places_m[theirs], depths[theirs]])
             self._remember(self.map.add_samples(samples, mate), theirs)
 
-    def inform(self, correction: Correction) -> None:
-        """Tells the map in which ways the places of its centers may still be wrong together."""
-        self.map.gp.set_place_effect(self._effect(correction))
+    def inform(self, correction: Correction, vehicle: int = 0) -> None:
+        """Tells the map in which ways the places of its centers may still be wrong together.
+
+        Args:
+            correction: The places.
+            vehicle: The vehicle whose fix would take away the first two of these ways (`Centers.place_effect_m`); 0:
+                nobody's, and these two are nothing.
+        """
+        self.map.gp.set_place_effect(self._effect(correction, vehicle))
 
     def _remember(self, outcomes: list[Outcome | None], numbers: NDArray[np.int64]) -> None:
         self._seeds += [int(n) for n, outcome in zip(numbers, outcomes, strict=True) if outcome is Outcome.KEPT]
 
-    def _effect(self, correction: Correction) -> Array | None:
-        """What the strongest ways in which the centers' places may be wrong together are worth in depth (n, modes)."""
+    def _effect(self, correction: Correction, vehicle: int) -> Array | None:
+        """What the ways in which the centers' places may be wrong together are worth in depth (n, 2 + modes).
+
+        The first two are those that a fix of the vehicle would take away, the others the strongest that it would leave.
+        """
         gp, seeds = self.map.gp, np.array(self._seeds, dtype=np.int64)
         if not len(seeds):
             return None
         rows = self.book.derivatives(correction, gp.posterior.slopes(gp.centers.places_m), seeds)
-        spread = rows @ np.linalg.cholesky(correction.covariance)
-        values, ways = np.linalg.eigh(spread.T @ spread)
-        effect = spread @ ways[:, ::-1][:, : min(MODES, len(values))]
+        root = np.linalg.cholesky(correction.covariance)
+        spread, told = rows @ root, correction.by_a_fix(vehicle) @ root
+        left = spread @ np.linalg.cholesky(np.eye(len(root)) - told.T @ told)
+        values, ways = np.linalg.eigh(left.T @ left)
+        effect = np.column_stack([spread @ told.T, left @ ways[:, ::-1][:, : min(MODES, len(values))]])
         # As the planner is told: a message has 32 bits for each.
         return np.asarray(effect.astype(np.float32).astype(float))

@@ -93,4 +93,4 @@ class Placer:
         if self.placed.moved_m(places) > self.config.moved_m:
             self.placed.lay_out(places)
             self.rebooked += 1
-        self.placed.inform(self.correction)
+        self.placed.inform(self.correction, self.vehicle)

@@ -117,6 +117,7 @@ class AnytimeReward:
     Attributes:
         legs: Legs that the own vehicle has still to travel.
         risk_before: Risk of the map before the first of them, R_0.
+        mates: Of each mate, when it measures, in legs of the own vehicle (P,), and where (P, 2).
     """
 
     def __init__(
@@ -146,7 +147,7 @@ class AnytimeReward:
         self.legs = legs
         self._kept, self._coarse = kept, coarse or kept
         self._level_set = replace(level_set, method="exact")
-        self._mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
+        self.mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
         self._time = (legs, step, steps, weight)
         self._exact = self._drop(self._kept, 1, -(-legs // LEGS_APART), NO_RISK, often=False)
         self._rough: _Drop | None = None
@@ -162,7 +163,7 @@ class AnytimeReward:
         return other
 
     def _drop(self, kept: KeptColumns, every: int, checkpoints: int, share: float, often: bool) -> _Drop:
-        mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self._mates]
+        mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self.mates]
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
         scale = len(self._kept.places_m) / len(kept.places_m)
