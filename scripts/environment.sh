@@ -19,6 +19,12 @@ environment_fingerprint() {
     } 2>/dev/null | sha256sum
 }
 
+# Text that changes when inner loops have to be compiled again: numba goes by size and time of their files.
+loops_fingerprint() {
+    grep -rl --include='*.py' '^@compiled' "$ROOT"/auv_lse_*/auv_lse_* 2> /dev/null | LC_ALL=C sort |
+        xargs -r -d '\n' stat -c '%n %s %Y' | sha256sum
+}
+
 # Sets up when needed (quiet when there is nothing to do), then puts the environment into this shell. Returns what
 # scripts/setup returned if that failed. Leaves the shell's own settings as they were.
 use_environment() {

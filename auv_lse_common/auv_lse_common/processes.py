@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+#: What takes long before the first node runs, said after so long (s).
+LOADING = "loading the nodes: code of theirs that has changed is compiled first, which takes up to some minutes"
+LOADING_TOLD_S = 10.0
 _STOP_S = 3.0
 #: A recorder writes what has come in and closes its file: with many vehicles on a busy machine that takes longer (s).
 RECORDER_STOP_S = 30.0

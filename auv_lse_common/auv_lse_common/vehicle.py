@@ -22,7 +22,7 @@ import yaml
 from auv_lse_common.domain import DomainError, local_environment, vehicle_environment, wanted_domain
 from auv_lse_common.journal import FOLDER_VARIABLE
 from auv_lse_common.params import ParameterError, check_sections, merge, parameters_for, read_parameter_file
-from auv_lse_common.processes import LaunchError, Process, executable_path, vehicle_nodes
+from auv_lse_common.processes import LOADING, LOADING_TOLD_S, LaunchError, Process, executable_path, vehicle_nodes
 from auv_lse_common.project_folder import project_folder
 from auv_lse_common.supervisor import REFUSED, SILENT_S, Supervisor, Task
 
@@ -232,7 +232,8 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
     # in lockstep a node may take as long as it likes, and none can be started again
     silent_s = math.inf if crew.lockstep else SILENT_S
     supervisor = Supervisor(tasks, logs, environment, _say, silent_s)
-    began_s = time.monotonic()
+    began_s = called_s = time.monotonic()
+    told = False
     with ExitStack() as stack:
         stack.callback(_say, f"auv{crew.vehicle}: every node has ended")
         stack.callback(supervisor.stop)
@@ -241,6 +242,9 @@ def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: di
             died = supervisor.tick(time.monotonic())
             if supervisor.loading:
                 began_s = time.monotonic()
+                if not told and began_s - called_s > LOADING_TOLD_S:
+                    _say(f"auv{crew.vehicle}: still {LOADING}")
+                    told = True
             early = time.monotonic() - began_s < _FIRST_START_S
             for name, code in died:
                 if code == REFUSED and early and supervisor.starts[name] == 1:

@@ -60,6 +60,38 @@ def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: P
     assert shell(tmp_path / "q", script).stdout.strip() == "", "without ROS our own Python has them anyway"
 
 
+def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Path) -> None:
+    """As after a pull: else every node of the next mission would compile them, and be late."""
+    project = tmp_path / "p"
+    for folder in ("scripts", ".venv/bin", "ros_ws/install", "auv_lse_a/auv_lse_a"):
+        (project / folder).mkdir(parents=True)
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, project / "scripts")
+    for name in ("setup.bash", "local_setup.bash"):
+        (project / "ros_ws" / "install" / name).touch()
+    loops = project / "auv_lse_a" / "auv_lse_a" / "inner.py"
+    loops.write_text("@compiled\ndef one(): ...\n")
+    python = project / ".venv" / "bin" / "python"
+    python.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\n')
+    python.chmod(0o755)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
+    made = '. scripts/environment.sh; environment_fingerprint > .venv/setup.done'
+    subprocess.run(["bash", "-c", made], cwd=project, env=plain, check=True, timeout=30)
+
+    def words() -> str:
+        command = [project / "scripts" / "setup", "--quiet"]
+        process = subprocess.run(command, capture_output=True, text=True, env=plain, timeout=30, check=False)
+        assert process.returncode == 0, process.stderr
+        return process.stderr
+
+    assert "the code of the inner loops has changed" in words()
+    assert words() == ""
+    loops.write_text("@compiled\ndef another(): ...\n")
+    assert "the code of the inner loops has changed" in words()
+    assert words() == ""
+    assert (tmp_path / "calls").read_text().splitlines() == ["-m auv_lse_sim.engine.warm_up"] * 2
+
+
 def test_a_machine_that_the_wheels_are_not_for_is_named(tmp_path: Path) -> None:
     """Their hashes are those of x86-64: pip alone would say that it finds no version, as without a network."""
     project, programs = tmp_path / "p", tmp_path / "bin"

@@ -166,7 +166,7 @@ def _fly(
             own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
             processes.append(Program("auv_lse_common.vehicle", *own, "--domain", str(domains[k])))
         _until(
-            lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 60.0, "the vehicles' nodes did not start"
+            lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 300.0, "the vehicles' nodes did not start"
         )
         under_way_s = time.time() + 10.0
         for after_s, vehicle, node in kills(steps * 15.7):

@@ -13,7 +13,7 @@ from types import FrameType
 
 from rich.console import Console
 
-from auv_lse_common.processes import Process
+from auv_lse_common.processes import LOADING, LOADING_TOLD_S, Process
 from auv_lse_sim.engine.display import Display, MissionProgress, reward_shown
 from auv_lse_sim.engine.launcher import ProcessGroup
 from auv_lse_sim.engine.watch_node import MissionWatch
@@ -62,7 +62,8 @@ def conduct(
         console: Where the progress is shown.
         interrupt: Ends the mission early.
         processes: What to start (`processes.mission_processes`); the mission's other nodes are started elsewhere.
-        start_s: Longest time (s) until all nodes have found each other; None: as long as a team of that size needs.
+        start_s: Longest time (s) until all nodes have found each other, from when they are loaded; None: as long as a
+            team of that size needs.
         when_running: Called once when the first tick has come.
 
     Returns:
@@ -79,6 +80,7 @@ def conduct(
         reward=reward_shown(settings.planner_settings(1).planner),
     )
     marks = {"began": time.monotonic()}
+    forked_s, told = marks["began"], False
     started_s: dict[str, float] = {}
     group = ProcessGroup(folder / "logs", environment, processes)
     with contextlib.ExitStack() as stack:
@@ -90,7 +92,12 @@ def conduct(
         display = stack.enter_context(Display(progress, console))
         while not interrupt.came and progress.phase != "finished":
             state, message = watch.wait(0.1)
-            _check(state, message, group, folder, time.monotonic() - marks["began"] > start_s)
+            if group.loading:
+                forked_s = time.monotonic()
+                if not told and forked_s - marks["began"] > LOADING_TOLD_S:
+                    console.print(f"still {LOADING}")
+                    told = True
+            _check(state, message, group, folder, time.monotonic() - forked_s > start_s)
             if state in ("running", "finished"):
                 progress.phase = state
                 if "running" not in marks:

@@ -43,6 +43,11 @@ class ProcessGroup:
         """The file with the output of a process."""
         return self._logs / f"{name}.log"
 
+    @property
+    def loading(self) -> bool:
+        """Whether a process waits for the fork server, which loads, or even compiles, before it forks the first one."""
+        return any(process.poll() is None and not process.begun for process in self._running.values())
+
     def ended(self) -> list[tuple[str, int]]:
         """Name and exit code of the processes that have ended by themselves."""
         codes = {name: process.poll() for name, process in self._running.items()}
