@@ -36,7 +36,7 @@ _COMMAND_ROOM = 4000
 #: Longest wait (s) for the server to fork a process: without numba's cache it compiles first, for minutes where slow.
 _START_S = 600.0
 #: Prepares what all nodes have in common, after the modules of the nodes.
-_OF_ALL = "auv_lse_common.base_node"
+_OF_ALL = "auv_lse_common.entry_point"
 
 
 class ForkedProcess:

@@ -9,7 +9,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.base_node import LATCHED
+from auv_lse_common.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
 
 _ENDS = {SimStatus.FINISHED: "finished", SimStatus.FAILED: "failed"}

@@ -37,7 +37,7 @@ _SILENT_AT_FIRST_S = 4.0 * SILENT_S
 _DEATH_S = 10.0
 #: A tick counts for this much silence (s) at most.
 _LONGEST_TICK_S = 1.0
-#: Exit code of a node that refuses its parameters (`auv_lse_common.base_node.Main`).
+#: Exit code of a node that refuses its parameters (`auv_lse_common.entry_point.Main`).
 REFUSED = 2
 _SIGNALS = {sign.value: sign.name for sign in signal.Signals}  # real-time signals between the first and last have none
 

@@ -19,9 +19,11 @@ import rclpy
 from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 
-from auv_lse_common import base_node
-from auv_lse_common.base_node import BaseNode, Main, VehicleNode
+from auv_lse_common import base_node, vehicle_node
+from auv_lse_common.base_node import BaseNode
+from auv_lse_common.entry_point import Main
 from auv_lse_common.params import parameter, section
+from auv_lse_common.vehicle_node import VehicleNode
 from auv_lse_msgs.msg import Bound
 
 pytestmark = pytest.mark.ros
@@ -145,7 +147,7 @@ def test_in_lockstep_without_a_simulator_a_node_says_so_once(
 def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, recorder_comes: bool
 ) -> None:
-    monkeypatch.setattr(base_node, "_RECORDER_WAIT_S", 60.0 if recorder_comes else 0.5)
+    monkeypatch.setattr(vehicle_node, "_RECORDER_WAIT_S", 60.0 if recorder_comes else 0.5)
     path = tmp_path / "p.yaml"
     path.write_text(f"/**:\n  ros__parameters:\n    record: {{folder: {tmp_path}}}\n")
     rclpy.init(args=["--ros-args", "--params-file", str(path), "-r", "__ns:=/auv1"])

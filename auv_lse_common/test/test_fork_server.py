@@ -100,10 +100,10 @@ def test_what_nodes_load_is_loaded_once_before_the_forks(tmp_path: Path, monkeyp
     (tmp_path / "prepared_node.py").write_text("calls = []\ndef prepare():\n    calls.append(1)\n")
     (tmp_path / "broken_node.py").write_text("def prepare():\n    raise RuntimeError\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    prepare(["broken_node", "no_such_node", "prepared_node", "auv_lse_common.base_node"])
+    prepare(["broken_node", "no_such_node", "prepared_node", "auv_lse_common.entry_point"])
     assert importlib.import_module("prepared_node").calls == [1]
     message = importlib.import_module("auv_lse_msgs.msg").LockstepTick
-    assert message.__class__._TYPE_SUPPORT is not None, "base_node prepares the types of all messages"
+    assert message.__class__._TYPE_SUPPORT is not None, "entry_point prepares the types of all messages"
 
 
 def _running(supervisor: Supervisor, now_s: float) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 
-from auv_lse_common.base_node import Main, VehicleNode
+from auv_lse_common.entry_point import Main
 from auv_lse_common.health import NewProblems
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import (
@@ -22,6 +22,7 @@ from auv_lse_common.ros_conversions import (
     raw_sounding_row,
     seconds,
 )
+from auv_lse_common.vehicle_node import VehicleNode
 from auv_lse_comms.bridge import EVENTS, Received
 from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_health, bridge_problems

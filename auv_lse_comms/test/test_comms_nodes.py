@@ -24,11 +24,11 @@ from pymavlink.dialects.v20 import common as mavlink
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.dead_reckoning import DeadReckoning
 from auv_lse_common.mission_run import Action, RunState, Standing, Stop
 from auv_lse_common.params import ParameterError
 from auv_lse_common.plan import Plan as PlanOfMate
+from auv_lse_common.quality import EVERY, LATCHED
 from auv_lse_common.ros_conversions import header, mission_state
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.config import PacketConfig, TdmaConfig

@@ -9,7 +9,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from visualization_msgs.msg import Marker
 
 from auv_lse_common import compiled
-from auv_lse_common.base_node import Main, VehicleNode
+from auv_lse_common.entry_point import Main
 from auv_lse_common.health import Recent
 from auv_lse_common.params import section
 from auv_lse_common.ros_conversions import (
@@ -20,6 +20,7 @@ from auv_lse_common.ros_conversions import (
     raw_sounding_row,
     seconds,
 )
+from auv_lse_common.vehicle_node import VehicleNode
 from auv_lse_gp.area import AreaConfig, OperatingArea
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap

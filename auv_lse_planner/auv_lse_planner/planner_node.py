@@ -10,13 +10,15 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 
-from auv_lse_common.base_node import NEWEST, Main, VehicleNode
+from auv_lse_common.entry_point import Main
 from auv_lse_common.health import NewProblems
 from auv_lse_common.leg import Leg
 from auv_lse_common.params import section
 from auv_lse_common.plan import Plan as CorePlan
+from auv_lse_common.quality import NEWEST
 from auv_lse_common.ros_conversions import diagnostics, header, plan_from_message, plan_message, seconds, standing_of
 from auv_lse_common.seeds import stream
+from auv_lse_common.vehicle_node import VehicleNode
 from auv_lse_gp.ros_conversions import centers_from_message
 from auv_lse_msgs.msg import Bound, KernelCenters, MissionCommand, MissionState, Plan, Waypoint
 from auv_lse_planner.config import PlannerConfig, PlannerSettings

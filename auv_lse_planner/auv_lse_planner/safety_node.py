@@ -8,12 +8,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Range
 
-from auv_lse_common.base_node import NEWEST, Main, VehicleNode
+from auv_lse_common.entry_point import Main
 from auv_lse_common.health import NewProblems
 from auv_lse_common.mission_run import Command
 from auv_lse_common.params import section
+from auv_lse_common.quality import NEWEST
 from auv_lse_common.ros_conversions import diagnostics, mission_state
 from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.vehicle_node import VehicleNode
 from auv_lse_msgs.msg import AutopilotStatus, MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
 from auv_lse_planner.config import VehicleConfig

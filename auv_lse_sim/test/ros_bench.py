@@ -13,9 +13,9 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from auv_lse_common.base_node import EVERY
 from auv_lse_common.domain import local_environment, own_domain
 from auv_lse_common.processes import Process
+from auv_lse_common.quality import EVERY
 from auv_lse_sim.engine.launcher import ProcessGroup
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -20,7 +20,7 @@ from nav_msgs.msg import Odometry
 from ros_bench import Bench, bench
 from sensor_msgs.msg import FluidPressure, Range
 
-from auv_lse_common.base_node import LATCHED
+from auv_lse_common.quality import LATCHED
 from auv_lse_common.ros_conversions import header
 from auv_lse_comms.mavlink.datum import Origin
 from auv_lse_comms.micromodem.config import ModemConfig

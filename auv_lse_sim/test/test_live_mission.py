@@ -16,9 +16,9 @@ from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.node import Node
 
-from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.domain import local_environment, note_run, own_domain, run_on
 from auv_lse_common.project_folder import project_folder
+from auv_lse_common.quality import EVERY, LATCHED
 from auv_lse_common.ros_conversions import header
 from auv_lse_msgs.msg import SimStatus
 from auv_lse_sim.live.running import MissionFollower, RunningMission, newest_mission

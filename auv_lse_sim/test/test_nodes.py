@@ -26,9 +26,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from ros_bench import Bench, bench
 
-from auv_lse_common.base_node import LATCHED
 from auv_lse_common.journal import FOLDER_VARIABLE
 from auv_lse_common.plan import Plan as MatePlan
+from auv_lse_common.quality import LATCHED
 from auv_lse_common.ros_conversions import header, mate_navigation_from_message
 from auv_lse_common.security_policy import policy as policy_of
 from auv_lse_comms.packet.codec import Packet, decode, encode

@@ -33,7 +33,7 @@ def subscriptions() -> dict[str, set[str]]:
 
 def test_every_reader_in_the_table_subscribes_and_every_subscriber_is_in_the_table() -> None:
     by_code = subscriptions()
-    assert by_code.pop("base_node") == {"/lockstep/tick"}, "and each lockstep topic that the node is to read"
+    assert by_code.pop("vehicle_node") == {"/lockstep/tick"}, "and each lockstep topic that the node is to read"
     listed: dict[str, set[str]] = {}
     for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items():
         for reader in (node for entry in topic.readers for node in entry.split("|")):

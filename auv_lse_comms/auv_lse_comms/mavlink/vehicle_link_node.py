@@ -5,8 +5,8 @@ from __future__ import annotations
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import FluidPressure, Range
 
-from auv_lse_common.base_node import Main
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.entry_point import Main
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import (
     dead_reckoning_message,

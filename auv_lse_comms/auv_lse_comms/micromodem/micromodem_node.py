@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from auv_lse_common.base_node import Main
+from auv_lse_common.entry_point import Main
 from auv_lse_common.params import ParameterError, section
 from auv_lse_common.ros_conversions import header, seconds
 from auv_lse_comms.driver_node import DriverNode

@@ -10,7 +10,9 @@ import rclpy
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from auv_lse_common.base_node import EVERY, BaseNode, Main, quality_of
+from auv_lse_common.base_node import BaseNode
+from auv_lse_common.entry_point import Main
+from auv_lse_common.quality import EVERY, quality_of
 from auv_lse_common.ros_conversions import seconds, stamp, standing_of, stop_of
 from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, reader_count
 from auv_lse_comms.transport import PortWatcher

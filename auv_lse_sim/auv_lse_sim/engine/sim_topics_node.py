@@ -6,7 +6,8 @@ from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import FluidPressure, Range
 
-from auv_lse_common.base_node import BaseNode, quality_of
+from auv_lse_common.base_node import BaseNode
+from auv_lse_common.quality import quality_of
 from auv_lse_common.ros_conversions import dead_reckoning_message, fix_message, sounding_message
 from auv_lse_common.topics import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, reader_count
 from auv_lse_msgs.msg import Fix, MissionCommand, ModemRx, Sounding

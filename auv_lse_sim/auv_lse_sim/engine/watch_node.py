@@ -9,8 +9,8 @@ from types import TracebackType
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.base_node import EVERY, LATCHED
 from auv_lse_common.executor import make_executor
+from auv_lse_common.quality import EVERY, LATCHED
 from auv_lse_common.ros_conversions import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
 from auv_lse_sim.engine.display import MissionProgress

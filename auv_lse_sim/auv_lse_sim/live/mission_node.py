@@ -14,8 +14,8 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from auv_lse_common.base_node import LATCHED, NEWEST, quality_of
 from auv_lse_common.executor import make_executor
+from auv_lse_common.quality import LATCHED, NEWEST, quality_of
 from auv_lse_common.topics import TRUTH_TOPIC, VEHICLE_TOPICS
 from auv_lse_msgs.msg import SimStatus
 from auv_lse_sim.live.events import topics_of

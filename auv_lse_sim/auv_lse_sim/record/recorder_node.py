@@ -13,8 +13,10 @@ from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
-from auv_lse_common.base_node import EVERY, BaseNode, Main
+from auv_lse_common.base_node import BaseNode
+from auv_lse_common.entry_point import Main
 from auv_lse_common.params import ParameterError, section
+from auv_lse_common.quality import EVERY
 from auv_lse_common.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_common.topics import recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick

@@ -13,7 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
-from auv_lse_common.base_node import EVERY
+from auv_lse_common.quality import EVERY
 from auv_lse_common.recording import RecordedTopic, Recording
 from auv_lse_common.ros_conversions import stamp
 from auv_lse_sim.replay.keys import Keys
