@@ -12,9 +12,10 @@ destroyed (rclpy tells an executor so by `wake`). One round:
    one message each, until all are empty or have had `_TURNS`, so that none keeps timers and services waiting. A
    callback that makes or destroys an entity ends the round; what was ready still is in the next one.
 
-Handlers of an incompatible reader or writer, which rclpy makes for every publisher and subscription and which have
-something to say at discovery alone, join the wait set when no message has come for a second, and at least once a
-second.
+Services, of which every node has seven for its parameters, and handlers of an incompatible reader or writer, which
+rclpy makes for every publisher and subscription and which have something to say at discovery alone, join the wait set
+when no message has come for `_RARE_PERIOD_S`, and at least once in that time: filling and waiting take as long as the
+wait set is.
 
 What may need a coroutine (a service, a client, a waitable, an `async def` callback) runs as rclpy runs it, and while a
 task is pending rclpy's own rounds are used.
@@ -42,8 +43,8 @@ from rclpy.waitable import NumberOfEntities, Waitable
 CHOICE = "AUV_LSE_EXECUTOR"
 #: Messages of one subscription taken before timers and services have their turn again.
 _TURNS = 100
-#: Wall clock (s) after which a busy node looks whether a reader or writer is incompatible.
-_RARE_PERIOD_S = 1.0
+#: Wall clock (s) after which a busy node looks whether a service is called, or a reader or writer incompatible.
+_RARE_PERIOD_S = 0.1
 _RARE = (
     "RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS",
     "RCL_PUBLISHER_INCOMPATIBLE_TYPE",
@@ -287,7 +288,7 @@ class _Entities:
 
     Attributes:
         node_guards: The nodes' guard conditions.
-        rare: Whether there are handlers of incompatible readers or writers.
+        rare: Whether there are services, or handlers of incompatible readers or writers.
     """
 
     def __init__(self, context: Any, nodes: Sequence[Node], own_guards: Sequence[Any]) -> None:
@@ -305,7 +306,7 @@ class _Entities:
         waitables = [(waitable, node) for node in nodes for waitable in node.waitables if self._enter(waitable)]
         self._rare = [served for served in waitables if _is_rare(served[0])]
         self._frequent = [served for served in waitables if not _is_rare(served[0])]
-        self.rare = bool(self._rare)
+        self.rare = bool(self._rare or handles["service"])
         counts = NumberOfEntities(*(len(handles[kind]) for kind in _KINDS))
         for waitable, _ in waitables:
             counts += waitable.get_num_entities()
@@ -318,7 +319,9 @@ class _Entities:
             counts.num_events,
             context.handle,
         )
-        self._adds = [(getattr(self._wait_set, f"add_{kind}"), handle) for kind in _KINDS for handle in handles[kind]]
+        adds = {kind: [(getattr(self._wait_set, f"add_{kind}"), h) for h in handles[kind]] for kind in _KINDS}
+        self._rare_adds = adds.pop("service")
+        self._frequent_adds = [add for of_kind in adds.values() for add in of_kind]
         self._waited_for = waitables
 
     def _enter(self, handle: Any) -> bool:
@@ -339,7 +342,9 @@ class _Entities:
             if guard._executor_triggered:  # its callback was not run
                 guard.trigger()
         self._wait_set.clear_entities()
-        for add, handle in self._adds:
+        for add, handle in self._frequent_adds:
+            add(handle)
+        for add, handle in self._rare_adds if with_rare else ():
             add(handle)
         self._waited_for = [*self._frequent, *self._rare] if with_rare else self._frequent
         for waitable, _ in self._waited_for:

@@ -87,6 +87,20 @@ def test_every_message_arrives_once_and_in_order_beside_timers_and_services(
     assert answer.result().message == "heard"
 
 
+def test_a_service_is_served_by_a_node_whose_messages_never_stop(node: Node, executor: StandingExecutor) -> None:
+    publisher = node.create_publisher(Int32, "busy", EVERY)
+    node.create_subscription(Int32, "busy", publisher.publish, EVERY)  # each message brings the next
+    node.create_service(Trigger, "ask", lambda request, response: Trigger.Response(success=True))
+    client = node.create_client(Trigger, "ask")
+    assert spin_until(executor, lambda: client.service_is_ready() and bool(publisher.get_subscription_count()))
+    publisher.publish(Int32())
+    for _ in range(3):
+        answer, end = client.call_async(Trigger.Request()), time.monotonic() + PATIENCE_S
+        while not answer.done() and time.monotonic() < end:
+            executor.spin_once()  # without a timeout, as `spin` does it
+        assert answer.result().success
+
+
 def test_what_callbacks_make_is_served_and_what_they_destroy_is_let_go(node: Node, executor: StandingExecutor) -> None:
     heard: list[int] = []
     made: list[Any] = []
