@@ -157,6 +157,23 @@ def test_a_hundred_legs_through_the_link_are_the_planners_legs(mode):
     assert len(sea.of(AutopilotEstimate)) == 101
 
 
+def test_a_path_that_leads_back_to_where_it_was_is_flown():
+    """Four quarter turns: their last end is where they began, and the vehicle goes round once more."""
+    sea = Sea()
+    sea.tick()
+    state = START
+    for step in range(9):
+        leg = MOTION.leg(step, state, len(MOTION.turns_rad) - 1)
+        assert leg.action_rad == pytest.approx(math.pi / 2)
+        sea.link.command(sea.now_s, end_of(leg))
+        sea.flow()
+        state = tuple(float(x) for x in leg.end_state)
+        for along_m in range(2, 23, 2):
+            heading, north, east = leg.state_at(float(along_m))
+            sea.tick(float(north), float(east), float(heading))
+    assert len(sea.legs) == 9
+
+
 @pytest.mark.parametrize("mode", ["position_target", "mission"])
 @pytest.mark.parametrize("seed", range(6))
 def test_datagrams_that_are_lost_delay_but_do_not_change_the_path(mode, seed):

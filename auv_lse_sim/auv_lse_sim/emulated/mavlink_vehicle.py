@@ -37,8 +37,10 @@ SAME_RAD = 0.1
 REPORTS = 8
 #: A target less deep than this brings the vehicle to the surface (m).
 SURFACE_M = 0.5
-#: Targets remembered to recognize their repetition.
+#: Targets remembered to recognize their repetition: of items, which come again with each upload, and of position targets.
+#: Of these no more than the last few: four quarter turns lead back to a place, and that is another target.
 REMEMBERED = 8
+REPEATED = 3
 #: A mission has at most this many items.
 MAX_ITEMS = 512
 #: The uploader is asked again for an item after so long without it (s), so often.
@@ -235,8 +237,9 @@ class MavlinkVehicle:
 
     # ------------------------------------------------------------------ targets
 
-    def _go(self, target: Target) -> None:
-        known = any(_apart_m(target, (recent.north_m, recent.east_m)) <= SAME_M for recent in self._recent)
+    def _go(self, target: Target, remembered: int = REMEMBERED) -> None:
+        recent = list(self._recent)[-remembered:]
+        known = any(_apart_m(target, (last.north_m, last.east_m)) <= SAME_M for last in recent)
         if target.depth_m <= SURFACE_M:  # where it comes up makes no difference
             self._tell(Stop(action=Action.SURFACE))
             return
@@ -280,7 +283,7 @@ class MavlinkVehicle:
             self.counts["refused"] += 1
             self._send_text(mavlink.MAV_SEVERITY_WARNING, f"position target: {error}")
             return
-        self._go(target)
+        self._go(target, REPEATED)
 
     # ------------------------------------------------------------------ mission protocol, as the vehicle
 
