@@ -35,7 +35,7 @@ GROWTH_MB = 150.0
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One look: mission time (s), memory (MB), kernel centers; longest decision and tick (s of processor time) since."""
+    """One look: mission time (s), memory (MB), kernel centers; longest decision and tick since (s of processor)."""
 
     now_s: float
     memory_mb: float

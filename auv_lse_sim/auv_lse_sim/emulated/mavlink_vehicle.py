@@ -37,8 +37,8 @@ SAME_RAD = 0.1
 REPORTS = 8
 #: A target less deep than this brings the vehicle to the surface (m).
 SURFACE_M = 0.5
-#: Targets remembered to recognize their repetition: of items, which come again with each upload, and of position targets.
-#: Of these no more than the last few: four quarter turns lead back to a place, and that is another target.
+#: Targets remembered to recognize their repetition: of items, which come again with each upload; and of position
+#: targets, no more than the last few, since four quarter turns lead back to a place, and that is another target.
 REMEMBERED = 8
 REPEATED = 3
 #: A mission has at most this many items.
