@@ -265,15 +265,18 @@ class Touring:
     def _from_starts(
         self, starts: Sequence[Array], aim: AnytimeReward, deadline: Callable[[], bool] | None
     ) -> list[Found]:
-        """Tours optimized from the best of several starts, and behind them what the best becomes with more."""
+        """Tours optimized from the best of several starts, and behind them what the best becomes with more.
+
+        Which of them is best shows with fewer places on each leg as well.
+        """
         worth = []
         for waypoints in starts:
-            worth.append(aim.coarse_value(self._finer.places(waypoints, aim.legs)))
+            worth.append(aim.coarse_value(self._search.places(waypoints, aim.legs)))
             if deadline is not None and deadline():
                 break
         found: list[Found] = []
         for i in sorted(range(len(worth)), key=lambda i: -worth[i])[:STARTS]:
-            found.append(self._finer.improve(starts[i], aim.legs, aim, START_ITERATIONS, deadline))
+            found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, deadline))
             if found[-1].deadline_hit:
                 return [max(found, key=lambda f: f.value)]
         best = max(found, key=lambda f: f.value)

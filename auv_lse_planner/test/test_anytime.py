@@ -105,7 +105,8 @@ def test_gradient_agrees_with_finite_differences(name, numba, monkeypatch):
             for k in (1, 2)
         ]
         slope = (8 * differences[0] - differences[1]) / (12 * 0.02)  # fourth order
-        assert (gradient * aside).sum() == pytest.approx(slope, rel=1e-6, abs=1e-6 * scale)
+        # single precision, with what the covariances' conditions cost
+        assert (gradient * aside).sum() == pytest.approx(slope, rel=1e-4, abs=1e-4 * scale)
 
 
 def _dense_rough(case):
@@ -136,7 +137,7 @@ def test_gradient_of_every_kernel(kernel):
     aside = np.random.default_rng(0).normal(size=places.shape)
     values = [case.reward.value_and_gradient(places + k * 0.01 * aside)[0] for k in (-2, -1, 1, 2)]
     slope = (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / 0.12
-    assert (gradient * aside).sum() == pytest.approx(slope, rel=1e-6)
+    assert (gradient * aside).sum() == pytest.approx(slope, rel=1e-4)  # single precision
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -149,9 +150,11 @@ def test_compiled_agrees_with_numpy(name, monkeypatch):
         case = Case(**CASES[name])
         value, gradient = case.reward.value_and_gradient(case.path_m.reshape(-1, 2))
         exact = case.reward.value(case.path_m)
-        results.append(np.array([value, exact.weighted, exact.end, *gradient.ravel()]))
+        results.append((np.array([value, exact.weighted, exact.end]), gradient))
     # 1e-12 of the variances, through roots of what is left of them
-    assert results[0] == pytest.approx(results[1], rel=1e-8, abs=1e-9)
+    assert results[0][0] == pytest.approx(results[1][0], rel=1e-8, abs=1e-9)
+    largest = np.abs(results[1][1]).max()
+    assert results[0][1] == pytest.approx(results[1][1], abs=1e-4 * largest)  # single precision
 
 
 @pytest.mark.parametrize("mates", [(), ((6, 12.0), (8, 40.0))])
@@ -173,7 +176,8 @@ def test_of_a_share_of_the_weight_it_is_the_same_with_that_weight():
     flat = case.path_m.reshape(-1, 2)
     values, gradients = zip(*(case.reward.weighing(s).value_and_gradient(flat) for s in (1.0, 0.5, 0.0)), strict=True)
     assert values[1] == pytest.approx(0.5 * (values[0] + values[2]), rel=1e-12)
-    assert gradients[1] == pytest.approx(0.5 * (gradients[0] + gradients[2]), rel=1e-9, abs=1e-12)
+    largest = np.abs(gradients[1]).max()  # single precision
+    assert gradients[1] == pytest.approx(0.5 * (gradients[0] + gradients[2]), abs=1e-4 * largest)
 
 
 def test_of_the_end_it_is_the_same_with_weight_0():

@@ -18,12 +18,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from auv_lse_common import compiled
 from auv_lse_common.domain import DomainError, local_environment, note_run, own_domain
 from auv_lse_common.failure import words_of
 from auv_lse_common.missing import missing
 from auv_lse_common.params import describe
 from auv_lse_common.processes import LaunchError, Process
 from auv_lse_common.project_folder import project_folder
+from auv_lse_gp.lazy import compiled_gp, compiled_risk
 from auv_lse_sim.engine.conductor import Interrupt, MissionError, conduct
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.options import overrides_of, parser
@@ -170,9 +172,13 @@ def print_parameters(console: Console) -> None:
 
 
 def load_judges() -> None:
-    """Imports what the report needs, which takes some seconds; what is missing is told when it is used."""
+    """Loads what the report needs, which takes some seconds; what is missing is told when it is used."""
     with contextlib.suppress(ImportError):
         importlib.import_module("auv_lse_sim.judge.report")
+        importlib.import_module("rosbags.highlevel")
+    if compiled.USE_NUMBA:
+        compiled_gp()
+        compiled_risk()
 
 
 def conclude(

@@ -103,7 +103,8 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
 
     Args:
         run: The mission.
-        bounds: Number of steps at which the reward's bounds are recomputed (0 is raised to 2: start and end).
+        bounds: Number of steps at which the bounds of the paper's own reward are recomputed for its methods; for
+            others, and at the least, at start and end.
 
     Raises:
         ValueError: if there is no vehicle, or the true ground is not on the map's grid.
@@ -123,7 +124,8 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
         scored &= np.isfinite(run.ground.depth_m)
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
     some = _thinned(team.field.grid, scored)
-    curves = reward_curves(run, settings, area, bounds, some)
+    papers = first.planner.method in PAPERS_METHODS
+    curves = reward_curves(run, settings, area, bounds if papers else 2, some)
     return Evaluation(
         run=run,
         settings=settings,
