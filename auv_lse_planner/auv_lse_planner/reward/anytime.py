@@ -112,6 +112,11 @@ class _Schedule:
         following: Array = np.append(self.weights[1:], 0.0)
         return self.weights - following
 
+    @property
+    def counting(self) -> Ints:
+        """The checkpoints whose risk has a part in J: the last one alone if every leg weighs the same."""
+        return np.flatnonzero(self.share)
+
 
 class AnytimeReward:
     """Anytime reward for one decision: data, mates and time are fixed.
@@ -210,8 +215,7 @@ class AnytimeReward:
     def coarse_value(self, places_m: Array) -> float:
         """The value of `value_and_gradient` alone."""
         places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        drops = self._coarsely().drops(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
-        return float(self._coarsely().schedule.weights @ drops)
+        return self._coarsely().weighted(*self._timed(places.reshape(max(self.legs, 1), -1, 2)))
 
     def risk_near(self, places_m: Array) -> float:
         """Risk before the first leg within `NEAR_M` of places (P, 2): a guess of what they bring, in no time."""
@@ -291,19 +295,27 @@ class _Drop:
         """Drop of risk up to each checkpoint since the one before (J,)."""
         if not len(places_m) + len(self._mates):
             return np.zeros(len(self.schedule.checkpoints))
-        left = self._joint(places_m, legs).left(len(self.schedule.checkpoints))
-        return self._drops(self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left))
+        left = self._joint(places_m, legs).left(np.arange(len(self.schedule.checkpoints)))
+        risks = self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left)
+        return np.asarray(-self._scale * np.diff(risks, prepend=self._before))
+
+    def weighted(self, places_m: Array, legs: Array) -> float:
+        """J."""
+        if not len(places_m) + len(self._mates) or not len(self.schedule.checkpoints):
+            return 0.0
+        left = self._joint(places_m, legs).left(self.schedule.counting)
+        return self._weighted(self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left))
 
     def weighted_and_gradient(self, places_m: Array, legs: Array) -> tuple[float, Array]:
         """J, and its gradient with respect to the own places (P, 2)."""
         if not len(places_m) or not len(self.schedule.checkpoints):
             return 0.0, np.zeros_like(places_m)
-        joint, cells = self._joint(places_m, legs), self._cells
-        left = joint.left(len(self.schedule.checkpoints))
+        joint, cells, counting = self._joint(places_m, legs), self._cells, self.schedule.counting
+        left = joint.left(counting)
         risks, slopes = self._level_set.risk_sums_and_slopes(cells.mean_m, cells.data_var_m2, left)
-        slopes *= self._scale * self.schedule.share[:, None]
+        slopes *= self._scale * self.schedule.share[counting, None]
         later = np.cumsum(slopes[::-1], axis=0)[::-1]  # of all checkpoints that include a row
-        return float(self.schedule.weights @ self._drops(risks)), joint.gradient(later)
+        return self._weighted(risks), joint.gradient(later, counting)
 
     def risk_near(self, places_m: Array) -> float:
         """Risk of the cells that lie near places (P, 2)."""
@@ -319,8 +331,10 @@ class _Drop:
         own = _Measured(self._posterior, self._posterior.kernel.scale(places_m), self._often)
         return _Joint(self._posterior, self._cells, own, self._timetables[key])
 
-    def _drops(self, risks: Array) -> Array:
-        return np.asarray(-self._scale * np.diff(risks, prepend=self._before))
+    def _weighted(self, risks: Array) -> float:
+        """J of the risks at the checkpoints that count."""
+        schedule = self.schedule
+        return float(self._scale * (schedule.weights[0] * self._before - schedule.share[schedule.counting] @ risks))
 
 
 @dataclass(frozen=True)
@@ -438,18 +452,18 @@ class _Joint:
             raise ValueError(not_positive_definite(len(matrix)))
         self._reductions = _solve_in_place(self._lower, timetable.cross(own, cells))  # Y
 
-    def left(self, checkpoints: int) -> Array:
-        """Variance left at the cells after each checkpoint (J, M)."""
-        bounds = np.searchsorted(self._timetable.groups, np.arange(checkpoints + 1))
-        left = np.empty((checkpoints, len(self._cells.mean_m)))
-        now = self._cells.planned_var_m2
-        for j in range(checkpoints):
-            part = self._reductions[bounds[j] : bounds[j + 1]]
+    def left(self, checkpoints: Ints) -> Array:
+        """Variance left at the cells after each of some checkpoints (J, M), ascending."""
+        ends = np.searchsorted(self._timetable.groups, checkpoints, side="right")
+        left = np.empty((len(checkpoints), len(self._cells.mean_m)))
+        now, begin = self._cells.planned_var_m2, 0
+        for j, end in enumerate(ends):
+            part = self._reductions[begin:end]
             np.maximum(now - np.einsum("pm,pm->m", part, part), 0.0, out=left[j])
-            now = left[j]
+            now, begin = left[j], end
         return left
 
-    def gradient(self, later: Array) -> Array:
+    def gradient(self, later: Array, checkpoints: Ints) -> Array:
         """Gradient (P, 2) with respect to the own places.
 
         Only what is not zero is computed of products with triangles, a block of rows at a time, and in single
@@ -457,10 +471,12 @@ class _Joint:
 
         Args:
             later: -dJ / ds_q^2 of the cells, summed over each checkpoint and those after it, (J, M).
+            checkpoints: Numbers of these checkpoints, the last one among them, (J,).
         """
         kernel, scaled, timetable = self._posterior.kernel, self._own.scaled, self._timetable
         y, lower = self._reductions.astype(np.float32), self._lower.astype(np.float32)
-        y_bar = np.take(later.astype(np.float32), timetable.groups, axis=0, out=timetable.spare, mode="clip")
+        first = np.searchsorted(checkpoints, timetable.groups)  # that includes a row
+        y_bar = np.take(later.astype(np.float32), first, axis=0, out=timetable.spare, mode="clip")
         y_bar *= y
         inverse_v = _inverse(lower)
         phi = np.empty(lower.shape, dtype=np.float32)  # less its factor -1/2, and that of 2 of Ybar; with its transpose
