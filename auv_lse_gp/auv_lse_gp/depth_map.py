@@ -104,7 +104,6 @@ class DepthMap:
         self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
         self._moments = KeptMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
-        self._scaled = self.gp.kernel.scale(self._places_m)
         self._field: DepthField | None = None
 
     @property
@@ -203,7 +202,7 @@ class DepthMap:
             return self.gp.predict(self._places_m)
         _ = self.gp.posterior  # brought up to date
         mean, variance = self._moments.update()
-        return mean, np.sqrt(variance + self.gp.posterior.place_variance(self._scaled))
+        return mean, np.sqrt(variance)
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

@@ -71,13 +71,14 @@ class KeptColumns:
 
 
 class KeptMoments:
-    """Mean and variance at fixed places given the data, whose places count as known (`Posterior.place_variance`).
+    """Mean and variance at fixed places given the data.
 
     Theory of operation. New measurements are conditioned on all at once: with the rows
     R = L22^-1 (k(new, places) - L21 L11^-1 k(old, places)) of the whitened covariance that they add, the mean grows by
     R^T b_new and the variance shrinks by the sum of R^2. L21 L11^-1 is one small solve, so an update costs one pass of
     k(old, places), whatever the number of new measurements. The last `provisional` ones may still change: the state
-    before them is kept, and they are conditioned on anew each time.
+    before them is kept, and they are conditioned on anew each time. What the centers' uncertain places add to the
+    variance (`Posterior.place_variance`) changes as a whole, and is computed anew too: from R where all of it is there.
     """
 
     def __init__(self, posterior: Posterior, places_m: Array, provisional: int = 0) -> None:
@@ -102,7 +103,7 @@ class KeptMoments:
         self._variance = np.array(self.posterior.kernel.variance(self._places_m))
 
     def update(self) -> tuple[Array, Array]:
-        """Mean and variance (P,), (P,) as they are now; planned places count in the variance."""
+        """Mean and variance (P,), (P,) as they are now; planned and uncertain places count in the variance."""
         posterior = self.posterior
         rows, residuals = posterior.rows, posterior.whitened_residuals
         n, old = len(rows), len(self._rows)
@@ -110,35 +111,42 @@ class KeptMoments:
             self._start_anew()
             old = 0
         if n == old:
-            return self._mean.copy(), np.maximum(self._variance, 0.0)
+            return self._mean.copy(), np.maximum(self._variance, 0.0) + posterior.place_variance(self._scaled)
         settled = max(old, n - self._provisional)
-        mean, variance = self._condition(old, settled, n)
+        mean, variance, of_places = self._condition(old, settled, n)
         self._rows, self._residuals = rows[:settled], residuals[:settled].copy()
-        return mean, np.maximum(variance, 0.0)
+        return mean, np.maximum(variance, 0.0) + of_places
 
-    def _condition(self, old: int, settled: int, new: int) -> tuple[Array, Array]:
-        """Conditions on measurements old..settled for good, and on settled..new for the answer only."""
+    def _condition(self, old: int, settled: int, new: int) -> tuple[Array, Array, Array]:
+        """Conditions on measurements old..settled for good, and on settled..new for the answer only.
+
+        Returns:
+            Mean and variance (P,), (P,), and what the centers' uncertain places add to the variance (P,).
+        """
         posterior = self.posterior
-        if old == 0 and settled == new:
-            posterior.condition_moments(self._scaled, self._mean, self._variance)
-            return self._mean.copy(), self._variance.copy()
+        of_places = np.zeros(len(self._scaled)) if old == 0 else posterior.place_variance(self._scaled)
         kernel, factor, residuals = posterior.kernel, posterior.factor, posterior.whitened_residuals
         lower, measured = factor.lower, posterior.scaled
         weights = factor.solve_transposed(lower[old:new, :old].T, old) if old else None  # (old, m): L11^-T L21^T
         own, kept = lower[old:new, old:new], settled - old
         mean, variance = np.empty_like(self._mean), np.empty_like(self._variance)
+        memory = np.empty((new - old) * min(CHUNK, len(self._scaled)))  # used again: asking for more takes longer
         for begin in range(0, len(self._scaled), CHUNK):
-            part = slice(begin, begin + CHUNK)
-            rows = kernel.of_scaled(measured[old:new], self._scaled[part])
+            part = slice(begin, min(begin + CHUNK, len(self._scaled)))
+            rows = memory[: (new - old) * (part.stop - begin)].reshape(new - old, -1)
+            kernel.of_scaled(measured[old:new], self._scaled[part], rows)
             if weights is None:
                 rows = factor.solve_in_place(rows)
+                if posterior.places_uncertain:
+                    off = posterior.place_white.T @ rows[: posterior.data_rows]
+                    np.einsum("rp,rp->p", off, off, out=of_places[part])
             else:
                 kernel.subtract_weighted(measured[:old], weights, self._scaled[part], rows)
                 rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
             add_whitened(rows[:kept], residuals[old:settled], self._mean[part], self._variance[part])
             mean[part], variance[part] = self._mean[part], self._variance[part]
             add_whitened(rows[kept:], residuals[settled:new], mean[part], variance[part])
-        return mean, variance
+        return mean, variance, of_places
 
 
 def _same_rows(kept: NDArray[np.int64], now: NDArray[np.int64]) -> int:

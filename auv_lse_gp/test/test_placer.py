@@ -12,7 +12,7 @@ from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.intake import MapIntake
-from auv_lse_gp.kept import KeptColumns
+from auv_lse_gp.kept import KeptColumns, KeptMoments
 from auv_lse_gp.places.book import SoundingBook
 from auv_lse_gp.places.config import PlacesConfig, places_of
 from auv_lse_gp.places.placer import Placer
@@ -51,6 +51,19 @@ def test_place_variance_is_that_of_the_textbook():
     assert posterior.moments(at)[1] == pytest.approx(variance + expected, rel=1e-9)
     assert posterior.columns(at).data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
     assert KeptColumns(posterior, at).columns().data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("provisional", [0, 9])
+def test_moments_that_are_kept_follow_the_place_variance(provisional: int) -> None:
+    rng = np.random.default_rng(3)
+    first, more = uncertain(rng), uncertain(rng)
+    posterior, at = Posterior(GP), rng.uniform(0.0, 200.0, (7, 2))
+    kept = KeptMoments(posterior, at, provisional)
+    told_anew = Centers(first.places_m, first.depths_m, first.noise_std_m, 2.0 * first.place_effect_m)
+    for centers in (first, first.joined(more), told_anew, more):  # from nothing, more of them, other effects, others
+        posterior.follow(centers)
+        for _ in range(2):  # the second time nothing is new
+            assert np.array(kept.update()) == pytest.approx(np.array(posterior.moments(at)), rel=1e-9)
 
 
 def test_no_planned_measurement_goes_below_the_floor():
