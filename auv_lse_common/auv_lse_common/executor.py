@@ -12,10 +12,10 @@ destroyed (rclpy tells an executor so by `wake`). One round:
    one message each, until all are empty or have had `_TURNS`, so that none keeps timers and services waiting. A
    callback that makes or destroys an entity ends the round; what was ready still is in the next one.
 
-Services, of which every node has seven for its parameters, and handlers of an incompatible reader or writer, which
-rclpy makes for every publisher and subscription and which have something to say at discovery alone, join the wait set
-when no message has come for `_RARE_PERIOD_S`, and at least once in that time: filling and waiting take as long as the
-wait set is.
+Filling and waiting take as long as the wait set is. So services, of which every node has seven for its parameters,
+join it when nothing has come for `_SERVICES_PERIOD_S`, and at least once in that time. So do, by `_RARE_PERIOD_S`,
+handlers of an incompatible reader or writer, which rclpy makes for every publisher and subscription and which have
+something to say at discovery alone.
 
 What may need a coroutine (a service, a client, a waitable, an `async def` callback) runs as rclpy runs it, and while a
 task is pending rclpy's own rounds are used.
@@ -43,8 +43,8 @@ from rclpy.waitable import NumberOfEntities, Waitable
 CHOICE = "AUV_LSE_EXECUTOR"
 #: Messages of one subscription taken before timers and services have their turn again.
 _TURNS = 100
-#: Wall clock (s) after which a busy node looks whether a service is called, or a reader or writer incompatible.
-_RARE_PERIOD_S = 0.1
+#: Wall clock (s) after which a busy node looks whether a service is called, and a reader or writer incompatible.
+_SERVICES_PERIOD_S, _RARE_PERIOD_S = 0.1, 1.0
 _RARE = (
     "RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS",
     "RCL_PUBLISHER_INCOMPATIBLE_TYPE",
@@ -111,7 +111,7 @@ class StandingExecutor(SingleThreadedExecutor):
         self._changed = True
         self._entities: _Entities | None = None
         self._serving = threading.RLock()  # held by the thread that uses the entities
-        self._rare_due_s = 0.0
+        self._services_due_s = self._rare_due_s = 0.0
         super().__init__()
 
     def wake(self) -> None:
@@ -186,11 +186,16 @@ class StandingExecutor(SingleThreadedExecutor):
 
     def _wait(self, entities: _Entities, timeout_s: float | None) -> None:
         now_s = time.monotonic()
-        if timeout_s is None and entities.rare and now_s < self._rare_due_s:
-            entities.wait(self._rare_due_s - now_s, with_rare=False)
-        else:
-            entities.wait(timeout_s, with_rare=True)
-            self._rare_due_s = time.monotonic() + _RARE_PERIOD_S
+        rare = timeout_s is not None or now_s >= self._rare_due_s
+        services = rare or now_s >= self._services_due_s
+        if not rare:
+            timeout_s = (self._rare_due_s if services else min(self._services_due_s, self._rare_due_s)) - now_s
+        entities.wait(timeout_s, services, rare)
+        now_s = time.monotonic()
+        if services:
+            self._services_due_s = now_s + _SERVICES_PERIOD_S
+        if rare:
+            self._rare_due_s = now_s + _RARE_PERIOD_S
 
     # ------------------------------------------------------------------ callbacks
 
@@ -288,7 +293,6 @@ class _Entities:
 
     Attributes:
         node_guards: The nodes' guard conditions.
-        rare: Whether there are services, or handlers of incompatible readers or writers.
     """
 
     def __init__(self, context: Any, nodes: Sequence[Node], own_guards: Sequence[Any]) -> None:
@@ -306,7 +310,6 @@ class _Entities:
         waitables = [(waitable, node) for node in nodes for waitable in node.waitables if self._enter(waitable)]
         self._rare = [served for served in waitables if _is_rare(served[0])]
         self._frequent = [served for served in waitables if not _is_rare(served[0])]
-        self.rare = bool(self._rare or handles["service"])
         counts = NumberOfEntities(*(len(handles[kind]) for kind in _KINDS))
         for waitable, _ in waitables:
             counts += waitable.get_num_entities()
@@ -320,7 +323,7 @@ class _Entities:
             context.handle,
         )
         adds = {kind: [(getattr(self._wait_set, f"add_{kind}"), h) for h in handles[kind]] for kind in _KINDS}
-        self._rare_adds = adds.pop("service")
+        self._service_adds = adds.pop("service")
         self._frequent_adds = [add for of_kind in adds.values() for add in of_kind]
         self._waited_for = waitables
 
@@ -336,17 +339,17 @@ class _Entities:
         self._wait_set = None
         self._stack.close()
 
-    def wait(self, timeout_s: float | None, with_rare: bool) -> None:
-        """Waits until something is ready or `timeout_s` is over (None: for ever)."""
+    def wait(self, timeout_s: float | None, services: bool, rare: bool) -> None:
+        """Waits until something is ready or `timeout_s` is over (None: for ever), for services or rare events too."""
         for guard, _ in self.node_guards:
             if guard._executor_triggered:  # its callback was not run
                 guard.trigger()
         self._wait_set.clear_entities()
         for add, handle in self._frequent_adds:
             add(handle)
-        for add, handle in self._rare_adds if with_rare else ():
+        for add, handle in self._service_adds if services else ():
             add(handle)
-        self._waited_for = [*self._frequent, *self._rare] if with_rare else self._frequent
+        self._waited_for = [*self._frequent, *self._rare] if rare else self._frequent
         for waitable, _ in self._waited_for:
             waitable.add_to_wait_set(self._wait_set)
         self._wait_set.wait(-1 if timeout_s is None else int(timeout_s * 1e9))
