@@ -42,7 +42,7 @@ PHASES = {
     ),
     "gp": Phase(
         waits_for=("sounding", "dead_reckoning", "fix", "team/samples", "team/navigation"),
-        announces=("kernel_centers",),
+        announces=("kernel_centers", "corrected"),
     ),
     "safety": Phase(
         waits_for=("odometry", "altitude", "mission/command", "team/command"),
@@ -50,7 +50,7 @@ PHASES = {
         ends_tick=True,
     ),
     "planner": Phase(
-        waits_for=("odometry", "team/plans", "kernel_centers", "mission/state"),
+        waits_for=("odometry", "team/plans", "kernel_centers", "corrected", "mission/state"),
         announces=("plan", "waypoint"),
         ends_tick=True,
     ),

@@ -49,6 +49,7 @@ VEHICLE_TOPICS = {
         command=True,
     ),
     "kernel_centers": Topic(kind="auv_lse_msgs/msg/KernelCenters", readers=("planner_node",), latched=True),
+    "corrected": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node",)),
     "field": Topic(kind="auv_lse_msgs/msg/LevelSetField", latched=True),
     "risk_map": Topic(kind="nav_msgs/msg/OccupancyGrid", latched=True),
     "isobath": Topic(kind="visualization_msgs/msg/Marker"),

@@ -14,6 +14,7 @@ from auv_lse_common.health import Recent
 from auv_lse_common.params import section
 from auv_lse_common.ros_conversions import (
     dead_reckoning_from_message,
+    dead_reckoning_message,
     diagnostics,
     fix_from_message,
     mate_navigation_from_message,
@@ -55,10 +56,13 @@ class GpNode(VehicleNode):
         self._period_s = config.publish_period_s
         self.show_parameters({"gp": config, "level_set": level_set, "area": area, "places": places})
         self._revisions = 0  # published: revisions count from 0
+        self._places = 0  # corrected places published
+        self._placed_s = -float("inf")
         self._published_s = -float("inf")
         self._update_s = 0.0
         self._recent = Recent()
         self._centers = self.publisher(KernelCenters, "kernel_centers")
+        self._corrected = self.publisher(Odometry, "corrected")
         self._field = self.publisher(LevelSetField, "field")
         self._risk = self.publisher(OccupancyGrid, "risk_map")
         self._isobath = self.publisher(Marker, "isobath")
@@ -72,7 +76,7 @@ class GpNode(VehicleNode):
             MateNavigation, "team/navigation", lambda m: self._intake.add_navigation(mate_navigation_from_message(m))
         )
         self.listen(SampleArray, "team/samples", self._on_samples)
-        self.phase("gp", self.step, lambda: (self._revisions,))
+        self.phase("gp", self.step, lambda: (self._revisions, self._places))
         for kind, *values in self.journal.records:
             if kind == "step":
                 waiting, now_s = values
@@ -96,6 +100,10 @@ class GpNode(VehicleNode):
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(centers_message(now_s, self._map.revision, self._map.centers))
+        place = None if self._intake.placer is None else self._intake.placer.place
+        if place is not None and place.stamp_s != self._placed_s:
+            self._placed_s, self._places = place.stamp_s, self._places + 1
+            self._corrected.publish(dead_reckoning_message(place, self.vehicle))
         if taken:
             self._update_s = time.perf_counter() - began
         if now_s - self._published_s >= self._period_s or now_s < self._published_s:

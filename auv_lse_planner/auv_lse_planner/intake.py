@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 from auv_lse_common.mission_run import RunState, Standing
 from auv_lse_common.plan import Plan
 from auv_lse_gp.centers import Centers
 from auv_lse_planner.vehicle_planner import VehiclePlanner
+
+#: Odometry and corrected place that are of the same time differ by less than this (s); so many of the first are kept.
+SAME_S = 0.05
+KEPT = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +45,8 @@ class PlannerIntake:
         self._centers: tuple[Centers, int] | None = None
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
+        self._told: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east of the last odometry
+        self._corrected: tuple[float, float, float] | None = None
         self._standing: Standing | None = None
         self._state: RunState | None = None  # of the mission, as last told
 
@@ -59,6 +66,11 @@ class PlannerIntake:
     def set_odometry(self, stamp_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
         """The vehicle's navigation; it replaces what still waits."""
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
+        self._told.append((stamp_s, north_m, east_m))
+
+    def set_corrected(self, stamp_s: float, north_m: float, east_m: float) -> None:
+        """Where the map has the vehicle: what odometry of that time tells is displaced against it."""
+        self._corrected = (stamp_s, north_m, east_m)
 
     def set_standing(self, standing: Standing) -> None:
         """How it stands with the mission; it replaces what still waits."""
@@ -83,9 +95,21 @@ class PlannerIntake:
             self.planner.hear(stamp_s, vehicle, plan)
         plans += len(self._plans)
         self._plans = []
+        self._displace()
         if self._odometry is not None:
             self.planner.odometry(*self._odometry)
             odometry_s = self._odometry[0]
             self._odometry = None
         self.taken = Taken(map_revision=revision, plans=plans, odometry_s=odometry_s)
         return self.planner.due(now_s)
+
+    def _displace(self) -> None:
+        """Tells the planner how its map is displaced against odometry, if both tell of the same time."""
+        if self._corrected is None:
+            return
+        stamp_s, north_m, east_m = self._corrected
+        for told_s, told_north_m, told_east_m in reversed(self._told):
+            if abs(told_s - stamp_s) < SAME_S:
+                self.planner.displaced(north_m - told_north_m, east_m - told_east_m)
+                self._corrected = None
+                return

@@ -76,6 +76,7 @@ class PlannerNode(VehicleNode):
         self._command = self.publisher(MissionCommand, "mission/command")
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
         self.listen(Odometry, "odometry", self._on_odometry, quality=NEWEST)
+        self.listen(Odometry, "corrected", self._on_corrected, quality=NEWEST)
         self.listen(KernelCenters, "kernel_centers", self._on_centers, total=lambda m: m.revision + 1)
         self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
         self.listen(Plan, "team/plans", self._on_team_plan)
@@ -109,6 +110,10 @@ class PlannerNode(VehicleNode):
 
     def _on_odometry(self, message: Odometry) -> None:
         self._intake.set_odometry(seconds(message.header.stamp), *navigation(message))
+
+    def _on_corrected(self, message: Odometry) -> None:
+        stamp_s, (_, north_m, east_m) = seconds(message.header.stamp), navigation(message)
+        self._intake.set_corrected(stamp_s, north_m, east_m)
 
     def _on_centers(self, message: KernelCenters) -> None:
         try:

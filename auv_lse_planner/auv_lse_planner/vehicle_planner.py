@@ -11,12 +11,15 @@ Theory of operation.
 - Steps are counted only while the mission goes (`run`): while it waits or holds nothing is decided, and the leg under
   way takes no time.
 - A decision goes through the steps of `receding_horizon.py`.
+- Plans are made in the map, whose places may be corrected; odometry is displaced against it (`displaced`). Legs are
+  given to the vehicle, and travelled, as that knows its place (`for_vehicle`).
 - Nothing here reads a clock. A decision always yields a leg: where nothing is feasible, the escape (`free_space.py`).
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -125,6 +128,8 @@ class VehiclePlanner:
         self._map_refused = ""
         self._held = ""
         self._recent = Recent()
+        self._displaced_m = np.zeros(3)  # the map against odometry: heading, which is not displaced, north, east
+        self._leg_displaced_m = self._displaced_m  # when the last leg was decided
         self._surfaced = False  # where the leg decided last ends
         self._surfacings_before = self._surfacings.snapshot()  # before that decision
 
@@ -162,6 +167,16 @@ class VehiclePlanner:
     def odometry(self, now_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
         """Takes the estimated state of the vehicle at `now_s`; one that no vehicle can have is ignored and counted."""
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
+
+    def displaced(self, north_m: float, east_m: float) -> None:
+        """Takes by how much a place in the map is off the same place by odometry, from now on."""
+        if math.isfinite(north_m) and math.isfinite(east_m):
+            self._displaced_m = np.array([0.0, north_m, east_m])
+
+    def for_vehicle(self, leg: Leg) -> Leg:
+        """A leg in the map, as the vehicle knows its place."""
+        _, north_m, east_m = self._displaced_m.tolist()
+        return dataclasses.replace(leg, north_m=leg.north_m - north_m, east_m=leg.east_m - east_m)
 
     def run(self, now_s: float, standing: str = "") -> None:
         """The mission goes from `now_s` on, or does not.
@@ -234,7 +249,7 @@ class VehiclePlanner:
         step, total = self._travel.decided, self.settings.mission.steps
         if step >= total:
             raise ValueError(f"decide: all {total} steps are decided; expected to be asked only when `due`")
-        anchor, reanchored = self._travel.anchor(self.planner)
+        anchor, reanchored = self._anchor()
         state = anchor.astype(np.float32).astype(float)  # as its packet will have it
         self._take_centers()
         self._keep_off_shallows(state)
@@ -259,6 +274,7 @@ class VehiclePlanner:
             "horizon": self._horizon.snapshot(),
             "assumed": self.team.snapshot(),
             "surfacings": self._surfacings.snapshot(),
+            "displaced": [self._displaced_m.tolist(), self._leg_displaced_m.tolist()],
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -267,6 +283,7 @@ class VehiclePlanner:
         self._horizon.restore(values["horizon"])
         self.team.restore(values["assumed"])
         self._surfacings.restore(values["surfacings"])
+        self._displaced_m, self._leg_displaced_m = (np.array(moved) for moved in values["displaced"])
 
     def adopt(self, plan: Plan, leg: Leg) -> None:
         """Follows another plan, with another next leg, than the one just decided: a replay goes on from what was flown.
@@ -300,9 +317,23 @@ class VehiclePlanner:
             bound = self._horizon.charge(weighing, decision.bound)
             plan = self._horizon.delay(legs, decision.plan)
             decision = dataclasses.replace(decision, leg=leg, plan=plan, bound=bound)
+        decision = dataclasses.replace(decision, leg=self.for_vehicle(decision.leg))
+        self._leg_displaced_m = self._displaced_m
         self._travel.take(decision.leg, now_s, at_once=reanchored)
         self.records.append(decision.bound)
         return decision
+
+    def _anchor(self) -> tuple[Array, bool]:
+        """The state (3,) in the map to plan from, and whether the last plan does not lead there.
+
+        Where the map is displaced a little since the last leg was decided, the plan goes on, and its next leg leads the
+        vehicle back to it.
+        """
+        anchor, reanchored = self._travel.anchor(self.planner)
+        moved_m = float(np.linalg.norm(self._displaced_m - self._leg_displaced_m))
+        if not reanchored and self._travel.leg is not None and moved_m <= self.planner.reanchor_m:
+            return anchor + self._leg_displaced_m, False
+        return anchor + self._displaced_m, reanchored or self._travel.leg is not None
 
     def _mowing(self, mate: int) -> Plan:
         """What a team mate that was never heard is taken to do: it mows its strip from the start."""

@@ -453,3 +453,33 @@ def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_ot
     planner.odometry(1e3, last.heading_rad, last.north_m, last.east_m)  # round the circle, back at its start
     assert planner.finished
     assert not [p for p in planner.problems(1e3).values() if p.startswith("leg")]
+
+
+def test_a_map_that_is_displaced_against_odometry_is_planned_in_and_legs_are_given_by_odometry():
+    """The plan begins where the map has the vehicle; a small change displaces the next leg, a large one the plan."""
+    planner = VehiclePlanner(1, settings({"method": "lawnmower"}, steps=20), np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    first = planner.decide(0.0)
+    steps = [(4.0, -3.0, False), (6.0, -3.0, False), (40.0, -3.0, True)]
+    leg, before = first.leg, (0.0, 0.0)
+    for number, (north_m, east_m, anew) in enumerate(steps, 1):
+        end = leg.end_state
+        planner.odometry(15.0 * number, *end)
+        planner.displaced(north_m, east_m)
+        decision = planner.decide(15.0 * number)
+        leg = decision.leg
+        assert decision.statistics.reanchored is anew
+        in_map = np.array([leg.north_m + north_m, leg.east_m + east_m])
+        expected = end[1:] + ((north_m, east_m) if anew else before)
+        assert in_map == pytest.approx(expected, abs=1e-4), "in the map the path goes on, or begins where it now is"
+        before = (north_m, east_m)
+    assert decision.plan.state[1:] == pytest.approx(in_map, abs=1e-4), "mates are told the plan in the map"
+
+
+def test_a_planner_started_again_goes_on_in_the_displaced_map():
+    planners = [VehiclePlanner(1, settings(steps=20), np.random.default_rng(1)) for _ in range(2)]
+    planners[0].displaced(5.0, 6.0)
+    planners[0].odometry(0.0, 0.0, 0.0, 0.0)
+    leg = planners[0].decide(0.0).leg
+    planners[1].restore(planners[0].snapshot())
+    assert planners[1].for_vehicle(leg) == planners[0].for_vehicle(leg) != leg

@@ -75,7 +75,7 @@ def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Pa
     python.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\n')
     python.chmod(0o755)
     plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
-    made = '. scripts/environment.sh; environment_fingerprint > .venv/setup.done'
+    made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
     subprocess.run(["bash", "-c", made], cwd=project, env=plain, check=True, timeout=30)
 
     def words() -> str:

@@ -92,9 +92,13 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
         MapAgain(vehicle, settings.planner_settings(2), settings.places_in_force(2), True),
         list(ticks_of(vehicle)),
     )
-    for tick in ticks:  # the node publishes the map's centers and the plans that came in; the fleet engine does not
+    for (
+        tick
+    ) in ticks:  # nodes publish the map's centers, the place by it and the plans that came in; the engine does not
         ours.advance(tick)
         vehicle.centers.append((tick, (ours.map.revision, ours.map.centers)))
+        if ours.place is not None:
+            vehicle.corrected.append((tick, (ours.place.stamp_s, ours.place.north_m, ours.place.east_m)))
     vehicle.plans = _plans_heard(vehicle, settings)
     told: dict[float, Taken] = {}
     take = PlannerIntake.take
@@ -109,7 +113,7 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
     monkeypatch.undo()
     vehicle.decisions = [dataclasses.replace(d, taken=told[d.now_s]) for d in vehicle.decisions]
     late_s = np.random.default_rng(3).uniform(0.0, 3.0, 100_000).tolist()
-    for name in ("odometry", "plans", "centers"):
+    for name in ("odometry", "corrected", "plans", "centers"):
         entries = [(there_s + late_s.pop(), entry) for there_s, entry in getattr(vehicle, name)]
         setattr(vehicle, name, entries)
     assert vehicle.plans, "something was heard"

@@ -7,6 +7,7 @@ how uncertain they still are.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -47,6 +48,7 @@ class Placer:
         self.smoother = PlaceSmoother(vehicle, config)
         self.correction: Correction | None = None
         self.rebooked = 0
+        self._raw: DeadReckoning | None = None
         self._period = 0
 
     @property
@@ -54,9 +56,24 @@ class Placer:
         """All soundings."""
         return self.placed.book
 
+    @property
+    def place(self) -> DeadReckoning | None:
+        """Where the vehicle is by the last correction, at the time of its last raw place; None before the first.
+
+        The heading is the raw one.
+        """
+        if self._raw is None or self.correction is None:
+            return None
+        stamp_s = self._raw.stamp_s + self.smoother.clock.set_back_s
+        raw_m = np.array([[self._raw.north_m, self._raw.east_m]])
+        north_m, east_m = self.correction.places(self.vehicle, np.array([stamp_s]), raw_m)[0].tolist()
+        return dataclasses.replace(self._raw, north_m=north_m, east_m=east_m)
+
     def moved(self, place: DeadReckoning) -> None:
         """Takes the vehicle's raw place."""
         self.smoother.moved(place)
+        if math.isfinite(place.stamp_s + place.north_m + place.east_m):
+            self._raw = place
 
     def fixed(self, fix: Fix) -> None:
         """Takes a fix."""

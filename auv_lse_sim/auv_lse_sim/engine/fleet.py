@@ -168,6 +168,9 @@ class Crew:
         o = output.odometry
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
         self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m)
+        place = None if self.placer is None else self.placer.place
+        if place is not None:
+            self._to_planner.set_corrected(place.stamp_s, place.north_m, place.east_m)
         if not self._to_planner.take(now_s):
             return None
         if self.map.revision != self._revision:  # not before: to be read, merged centers must be settled

@@ -98,7 +98,7 @@ class _Again:
         self._map = None if inputs.centers else MapAgain(inputs, own, settings.places_in_force(number), lockstep)
         self._plans = inputs.plans or _plans_heard(inputs, settings)
         self._revision = -1
-        self._taken = {"odometry": 0, "plans": 0, "centers": 0, "tuned": 0}
+        self._taken = {"odometry": 0, "corrected": 0, "plans": 0, "centers": 0, "tuned": 0}
 
     def run(self, show: Callable[[float], None]) -> list[DecisionStep]:
         decisions = {decision.now_s: decision for decision in self._inputs.decisions}
@@ -120,7 +120,8 @@ class _Again:
 
     def _take(self, now_s: float, told: Taken | None) -> None:
         """Everything that was there at `now_s`; what the planner told that it had taken goes before the times."""
-        for name, give in (("tuned", self._tune), ("plans", self._hear), ("odometry", self._move)):
+        inputs = ("tuned", self._tune), ("plans", self._hear), ("corrected", self._correct), ("odometry", self._move)
+        for name, give in inputs:
             entries: Sequence[tuple[float, Any]] = self._plans if name == "plans" else getattr(self._inputs, name)
             if name == "odometry" and not self._lockstep and not self._taken[name] and entries:
                 give(entries[0][1])  # the first decision had one, whenever the recorder heard it
@@ -140,6 +141,8 @@ class _Again:
             if self._map.map.revision != self._revision:
                 self._revision = self._map.map.revision
                 self._intake.set_centers(self._map.map.centers, self._revision)
+            if self._map.place is not None:
+                self._correct((self._map.place.stamp_s, self._map.place.north_m, self._map.place.east_m))
             return
         centers = self._inputs.centers
         while self._taken["centers"] < len(centers):
@@ -157,6 +160,9 @@ class _Again:
 
     def _hear(self, entry: tuple[float, int, Plan]) -> None:
         self._intake.add_plan(*entry)
+
+    def _correct(self, entry: tuple[float, float, float]) -> None:
+        self._intake.set_corrected(*entry)
 
     def _move(self, entry: tuple[float, float, float, float]) -> None:
         if not self._lockstep:  # each of them moves the vehicle on, as it did the node's
@@ -197,7 +203,7 @@ class _Again:
         """The leg of a decision of which only the plan was recorded; it surfaces as the one decided now."""
         path = self._planner.rollout.follow(recorded.plan).from_step(recorded.step)
         leg = self._planner.motion.leg(recorded.step, path.states[0], int(path.actions[0]))
-        return dataclasses.replace(leg, surface=surface)
+        return self._planner.for_vehicle(dataclasses.replace(leg, surface=surface))
 
 
 def in_words(plan: Plan, turns_rad: Any) -> str:

@@ -31,8 +31,8 @@ from auv_lse_sim.record.bag import FIX_FIELDS, MATE_FIELDS, Patterns, flown_para
 Array = NDArray[np.float64]
 
 _TOPICS = re.compile(
-    r"/[^/]*?(\d+)/(sounding|odometry|dead_reckoning|fix|kernel_centers|field|plan|waypoint|planner/bound|team/plans|"
-    r"team/samples|team/navigation|modem/rx)"
+    r"/[^/]*?(\d+)/(sounding|odometry|dead_reckoning|corrected|fix|kernel_centers|field|plan|waypoint|planner/bound|"
+    r"team/plans|team/samples|team/navigation|modem/rx)"
 )
 _EVENTS = "/parameter_events"
 
@@ -77,6 +77,7 @@ class VehicleInputs:
     Attributes:
         vehicle: Its number.
         odometry: Stamp (s), heading (rad), north, east (m).
+        corrected: Stamp (s), north, east (m) of the vehicle's place by its map.
         soundings: Stamp (s), north, east, depth, raw north, raw east (m); NaN where not known.
         navigation: Raw places, fixes, and what mates told of theirs.
         samples: Stamp (s), source, north, east, depth (m) of each sample (n, 3).
@@ -90,6 +91,7 @@ class VehicleInputs:
 
     vehicle: int
     odometry: list[tuple[float, tuple[float, float, float, float]]] = field(default_factory=list)
+    corrected: list[tuple[float, tuple[float, float, float]]] = field(default_factory=list)
     soundings: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
     navigation: list[tuple[float, DeadReckoning | Fix | MateNavigation]] = field(default_factory=list)
     samples: list[tuple[float, tuple[float, int, Array]]] = field(default_factory=list)
@@ -191,6 +193,8 @@ class _Gathered:
                 p, q = m.pose.pose.position, m.pose.pose.orientation
                 heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
                 found.odometry.append((there_s, (stamp_s, heading, p.y, p.x)))
+            case "corrected":
+                found.corrected.append((there_s, (stamp_s, m.pose.pose.position.y, m.pose.pose.position.x)))
             case "team/samples":
                 rows = np.column_stack([np.asarray(c, dtype=float) for c in (m.north_m, m.east_m, m.depth_m)])
                 found.samples.append((there_s, (stamp_s, int(m.source), rows)))
@@ -228,7 +232,15 @@ class _Gathered:
         found = self._found
         found.navigation = [(self._there(there_s, entry), entry) for there_s, entry in found.navigation]
         found.navigation.sort(key=lambda entry: entry[0])
-        for entries in (found.odometry, found.soundings, found.samples, found.plans, found.packets, found.centers):
+        for entries in (
+            found.odometry,
+            found.corrected,
+            found.soundings,
+            found.samples,
+            found.plans,
+            found.packets,
+            found.centers,
+        ):
             entries.sort(key=lambda entry: entry[0])
         for now_s in sorted(self._plans):
             plan, bound = self._plans[now_s], self._bounds.get(now_s)

@@ -78,6 +78,11 @@ class MapAgain:
         self._inputs, self._lockstep = inputs, lockstep
         self._soundings = self._samples = self._navigation = 0
 
+    @property
+    def place(self) -> DeadReckoning | None:
+        """Where the map has the vehicle; None where places are not corrected yet."""
+        return None if self._intake.placer is None else self._intake.placer.place
+
     def advance(self, now_s: float, revision: int | None = None) -> None:
         """Takes what was there at `now_s` (s); without lockstep, until the map has the recorded `revision`."""
         if self._lockstep:
