@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from auv_lse_comms.mavlink.check_command import main as autopilot_check
 from auv_lse_comms.mavlink.datum import Origin
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
@@ -35,13 +36,13 @@ def free_udp_port() -> int:
 
 
 @contextlib.contextmanager
-def mavsdk_server(udp_port: int):
+def mavsdk_server(url: str, *options: str):
     """The gRPC server between mavsdk and MAVLink; gives its port."""
     binary = Path(importlib.util.find_spec("mavsdk").origin).parent / "bin" / "mavsdk_server"
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         grpc_port = probe.getsockname()[1]
-    command = [str(binary), "-p", str(grpc_port), f"udpin://127.0.0.1:{udp_port}"]
+    command = [str(binary), "-p", str(grpc_port), *options, url]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     said: list[str] = []
     reader = threading.Thread(target=lambda: said.extend(server.stdout), daemon=True)
@@ -126,7 +127,7 @@ async def talk(grpc_port: int) -> dict:
 def test_mavsdk_reads_position_and_uploads_a_mission():
     udp_port = free_udp_port()
     sea = Sea(udp_port)
-    with mavsdk_server(udp_port) as (grpc_port, said):
+    with mavsdk_server(f"udpin://127.0.0.1:{udp_port}") as (grpc_port, said):
         sea.start()
         try:
             seen = asyncio.run(asyncio.wait_for(talk(grpc_port), 45.0))
@@ -153,3 +154,15 @@ def test_mavsdk_reads_position_and_uploads_a_mission():
     assert north == pytest.approx(0.0020 * 111160.0, abs=0.5)
     assert east == pytest.approx(0.0020 * 76760.0, abs=0.5)
     assert not [line for line in said if re.search(r"\bError\b", line)]
+
+
+def test_autopilot_check_hears_mavsdk_as_an_autopilot_and_names_what_it_lacks(capsys):
+    """MAVSDK with an autopilot's ids sends heartbeats, of its own making, and nothing of a place."""
+    udp_port = free_udp_port()
+    with mavsdk_server(f"udpout://127.0.0.1:{udp_port}", "--sysid", "2", "--compid", "1"):
+        code = autopilot_check([f"udpin://127.0.0.1:{udp_port}", "--vehicle", "2", "--seconds", "5"])
+    printed = capsys.readouterr().out
+    assert code == 1, printed
+    assert "ok      HEARTBEAT: " in printed, printed
+    assert "MISSING LOCAL_POSITION_NED: 0.0 Hz; expected at least 1 Hz for odometry" in printed
+    assert "MISSING not armed: the mission waits until it is" in printed
