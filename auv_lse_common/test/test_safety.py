@@ -264,6 +264,14 @@ def test_a_clock_that_is_set_makes_nothing_old(step_s: float) -> None:
     vehicle.wait(5.0)
     vehicle.now_s += step_s
     assert vehicle.wait(10.0).run.limits == {}
+    vehicle.blind = True
+    vehicle.wait(20.0)
+    vehicle.now_s += step_s
+    assert vehicle.wait(8.0).run.limits == {}, "28 s without odometry by any clock that was not set"
+    assert set(vehicle.wait(8.0).run.limits) == {"odometry"}, "and that age was not forgotten"
+    vehicle.run.command(Command.RESET, "test")
+    vehicle.blind = False
+    assert vehicle.wait(5.0).run.limits == {}
     blind(vehicle)
     assert set(vehicle.wait(5.0).run.limits) == {"odometry"}, "and a real age still counts"
 
