@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.executor import make_executor
 from auv_lse_common.heartbeat import BEAT_PERIOD_S, Heartbeat
@@ -27,7 +29,51 @@ def prepare() -> None:
                     kind.__import_type_support__()
 
 
-def spin(*nodes: Node) -> None:
+class Stopping:
+    """SIGINT and SIGTERM, taken as the wish that the process end: between two callbacks, never within one.
+
+    rclpy's own handlers end ROS from a thread of theirs while the node may be taking a message, which crashed nodes;
+    and a KeyboardInterrupt while a node was made or within a callback left recordings that were not closed. A second
+    signal does interrupt: who sends it has waited.
+
+    Attributes:
+        asked: Whether the process is to end.
+    """
+
+    def __init__(self) -> None:
+        """Takes the signals from now on; only in the main thread."""
+        self.asked = False
+        self._wake: Callable[[], None] | None = None
+        self._ended, told = os.pipe()
+        os.set_blocking(told, False)
+        signal.set_wakeup_fd(told, warn_on_full_buffer=False)  # written to at once, whatever the main thread waits for
+        threading.Thread(target=self._watch, name="signals", daemon=True).start()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def waking(self, wake: Callable[[], None] | None) -> None:
+        """What ends the main thread's wait from another thread; None: nothing does."""
+        self._wake = wake
+
+    def closing(self) -> None:
+        """Nothing interrupts any more: what is being written must not be lost."""
+        self._wake = None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
+    def _ask(self, number: int, frame: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+    def _watch(self) -> None:
+        while os.read(self._ended, 64):
+            wake = self._wake
+            if wake is not None:
+                wake()
+
+
+def spin(stopping: Stopping, *nodes: Node) -> None:
     """Serves the nodes' callbacks until shutdown: the one place that chooses the executor."""
     executor = make_executor()
     try:
@@ -36,8 +82,11 @@ def spin(*nodes: Node) -> None:
         heartbeat = Heartbeat(os.environ)
         if heartbeat.wanted:
             nodes[0].create_timer(BEAT_PERIOD_S, heartbeat.beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        executor.spin()
+        stopping.waking(executor.wake)
+        while not stopping.asked and rclpy.ok():
+            executor.spin_once()
     finally:
+        stopping.waking(None)
         executor.shutdown()
 
 
@@ -70,27 +119,28 @@ class Main:
 
 
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
-    # A script in the background ignores SIGINT, and its children inherit that: take the signal back.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    rclpy.init(args=list(arguments))
+    # A script in the background ignores SIGINT, and its children inherit that: the signal is taken back.
+    stopping = Stopping()
+    rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[Node] = []
     try:
         try:
             for make in makes:
-                nodes.append(make())
+                if not stopping.asked:
+                    nodes.append(make())
         except ParameterError:
             raise
         except ValueError as error:  # a part that checks its own arguments: here they come from the parameters
             raise ParameterError(str(error)) from error
-        spin(*nodes)
+        if not stopping.asked:
+            spin(stopping, *nodes)
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return 2
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        # A second Ctrl-C while closing must not lose what is being written.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        stopping.closing()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -130,7 +130,7 @@ class Recording:
                 f"{self.path}: reading recordings needs the package rosbags: pip install rosbags"
             ) from None
         try:
-            self._reader = AnyReader([self._opened()], default_typestore=_known_types())
+            self._reader = AnyReader([self.path], default_typestore=_known_types())
             self._reader.open()
         except Exception as error:  # rosbags raises errors of many kinds for a damaged recording
             raise self._broken(error) from error
@@ -145,11 +145,6 @@ class Recording:
     ) -> None:
         """Closes it."""
         self._reader.close()
-
-    def _opened(self) -> Path:
-        """Its file of messages if there is but one: `metadata.yaml`, which takes long to read, says the same again."""
-        files = sorted(self.path.glob("*.mcap")) if self.path.is_dir() else []
-        return files[0] if len(files) == 1 else self.path
 
     def raw(
         self, topics: Collection[str], start_ns: int | None = None, stop_ns: int | None = None

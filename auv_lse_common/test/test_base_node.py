@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -55,6 +58,16 @@ def make(tmp_path: Path) -> Iterator[Callable[[str], BaseNode]]:
     for node in nodes:
         node.destroy_node()
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def signals() -> Iterator[None]:
+    """Puts back what an entry point does to signals."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    signal.set_wakeup_fd(-1)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def change(node: BaseNode, name: str, value: object) -> Any:
@@ -115,12 +128,47 @@ def test_a_change_refused_with_a_plain_value_error_does_not_end_the_node(make: C
     assert node.get_parameter("planner.deadline_s").value == 1.5
 
 
-def test_a_node_that_cannot_be_made_ends_with_words(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_node_that_cannot_be_made_ends_with_words(signals: None, capfd: pytest.CaptureFixture[str]) -> None:
     def make() -> BaseNode:
         raise ValueError("vehicle: got 4; expected 1 to mission.vehicles = 3")
 
     assert Main(make)(arguments=[]) == 2
     assert capfd.readouterr().err == "error: vehicle: got 4; expected 1 to mission.vehicles = 3\n"
+
+
+class Closing(BaseNode):
+    """Notes that it was closed; `at` says when it is interrupted."""
+
+    closed: ClassVar[list[str]] = []
+
+    def __init__(self, at: str, number: signal.Signals) -> None:
+        super().__init__("node_under_test")
+        self.at = at
+        if at == "made":
+            os.kill(os.getpid(), number)
+            time.sleep(0.05)  # the signal is handled in here
+        if at == "callback":
+            self.create_timer(
+                0.01, lambda: (os.kill(os.getpid(), number), time.sleep(0.05), self.closed.append("whole"))
+            )
+        if at == "waiting":
+            threading.Timer(0.3, os.kill, (os.getpid(), number)).start()
+
+    def destroy_node(self) -> None:
+        self.closed.append("closed")
+        super().destroy_node()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("at", ["made", "callback", "waiting"])
+def test_a_node_that_is_to_end_is_closed_and_no_callback_is_cut_short(
+    signals: None, at: str, number: signal.Signals
+) -> None:
+    Closing.closed.clear()
+    began = time.monotonic()
+    assert Main(lambda: Closing(at, number))(arguments=[]) == 0
+    assert Closing.closed == (["whole", "closed"] if at == "callback" else ["closed"])
+    assert time.monotonic() - began < 10.0, "it does not wait for something to happen"
 
 
 def test_timers_do_not_wait_for_the_system_clock_to_catch_up(make: Callable[[str], BaseNode]) -> None:
