@@ -55,7 +55,7 @@ def planner_at_tick_1() -> Ticks:
     ticks = Ticks(("planner",))
     ticks.begin(1, 2.5, {"sounding": 7, "modem/rx": 0, "odometry": 1, "dead_reckoning": 0, "fix": 0})
     ticks.done("modem", 1, (1, 0, 0, 0))
-    ticks.done("gp", 1, (4,))
+    ticks.done("gp", 1, (4, 1))
     ticks.done("safety", 1, (0,))
     return ticks
 
@@ -66,6 +66,8 @@ def test_a_phase_begins_when_all_that_it_waits_for_has_arrived() -> None:
     ticks.arrived("team/plans")
     assert ticks.ready() is None, "the map's fourth revision is missing"
     ticks.arrived_up_to("kernel_centers", 4)
+    assert ticks.ready() is None, "the vehicle's place on the map is missing"
+    ticks.arrived("corrected")
     assert ticks.ready() == Ready(phase="planner", tick=1, now_s=2.5)
     ticks.handled("planner", 1)
     assert ticks.ready() is None
