@@ -27,8 +27,9 @@ from auv_lse_msgs.msg import LockstepDone, LockstepTick
 
 #: Without lockstep, how often (s) a vehicle's node handles what has come in.
 _STEP_PERIOD_S = 0.1
-#: Without lockstep, how long (s) a recorded node waits for its readers before it handles anything: what a node tells
-#: before the recorder hears it is in no recording, and a planner decides within 0.2 s of its start.
+#: Without lockstep, how long (s) a recorded node waits for the recorder before it handles anything: what a node tells
+#: before the recorder hears it is in no recording, and a planner decides within 0.2 s of its start. It is looked for at
+#: the topics that nobody else reads: a vehicle's other nodes may be away for longer.
 _RECORDER_WAIT_S = 3.0
 
 
@@ -191,8 +192,8 @@ class VehicleNode(BaseNode):
     def begin(self) -> None:
         """Starts handling the phases; to be called when every topic is wired and every phase added."""
         if not self.lockstep:
-            patience_s = _RECORDER_WAIT_S if self.recorded else 0.0
-            self.when_matched(self._readers, self._handle_from_now_on, patience_s)
+            alone = {publisher: 1 for publisher, number in self._readers.items() if number == self.recorded == 1}
+            self.when_matched(alone, self._handle_from_now_on, _RECORDER_WAIT_S)
             return
         self._ticks = Ticks(tuple(self._parts))
         self._check_reader("/lockstep/tick", MISSION_TOPICS["/lockstep/tick"])
