@@ -21,6 +21,7 @@ COLUMNS = (
     ("risk_after", "at the end", 3),
     ("loss_after", "true loss", 3),
     ("isobath_error_m", "isobath m", 1),
+    ("loss_expected", "loss expected", 3),
     ("isobath_found", "found", 2),
     ("isobath_found_error_m", "found: off by m", 1),
     ("place_error_m", "places off m", 1),

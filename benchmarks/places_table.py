@@ -27,6 +27,7 @@ COLUMNS = (
     ("isobath_error_true_positions_m", "at true places (m)"),
     ("place_error_m", "places off (m)"),
     ("risk_after", "final risk"),
+    ("loss_expected", "loss expected"),
     ("loss_after", "true loss"),
     ("error_over_std", "(error/std)^2"),
 )

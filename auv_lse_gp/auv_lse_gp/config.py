@@ -20,6 +20,12 @@ class GpConfig:
 
     kernel: str = parameter("matern52", choices=KERNELS, help="Covariance function k(p, p').")
     signal_std_m: float = parameter(8.0, above=0.0, unit="m", help="Standard deviation of the depth about its mean.")
+    std_soundings: float = parameter(
+        100.0,
+        low=0.0,
+        help="The map that is told scales its standard deviation by what the soundings show of it, and signal_std_m "
+        "is worth so many soundings in that; 0: told by signal_std_m alone. Planners always use signal_std_m.",
+    )
     length_scale_m: float = parameter(
         85.0,
         above=0.0,

@@ -33,17 +33,21 @@ class DepthField:
     Attributes:
         grid: The grid.
         mean_m: Mean of the depth.
-        std_m: Standard deviation of the depth.
+        std_m: Standard deviation of the depth, by the scale that the soundings show.
+        prior_std_m: The same by the prior's scale (`gp.signal_std_m`), which planners and their account use.
         risk: Bayes risk.
         p_safe: Probability that the depth is at least the level.
+        variance_scale: That scale: the factor on the prior's variance (`Posterior.variance_scale`).
         revision: Revision of the Gaussian process it was made from.
     """
 
     grid: Grid
     mean_m: Array
     std_m: Array
+    prior_std_m: Array
     risk: Array
     p_safe: Array
+    variance_scale: float
     revision: int
 
 
@@ -177,10 +181,19 @@ class DepthMap:
         """The posterior on the grid, brought up to date."""
         revision = self.gp.revision
         if self._field is None or self._field.revision != revision:
-            mean, std = self._predict()
-            risk, safe = self.level_set.risk(mean, std), self.level_set.p_safe(mean, std)
-            fill = self.grid.fill
-            self._field = DepthField(self.grid, fill(mean), fill(std), fill(risk), fill(safe), revision)
+            mean, variance, of_places = self._predict()
+            scale = self.gp.posterior.variance_scale
+            std = np.sqrt(scale * variance + of_places)
+            self._field = DepthField(
+                grid=self.grid,
+                mean_m=self.grid.fill(mean),
+                std_m=self.grid.fill(std),
+                prior_std_m=self.grid.fill(np.sqrt(variance + of_places)),
+                risk=self.grid.fill(self.level_set.risk(mean, std)),
+                p_safe=self.grid.fill(self.level_set.p_safe(mean, std)),
+                variance_scale=scale,
+                revision=revision,
+            )
         return self._field
 
     def isobath(self) -> Isobath:
@@ -196,13 +209,14 @@ class DepthMap:
             band_probability=BAND_PROBABILITY,
         )
 
-    def _predict(self) -> tuple[Array, Array]:
-        """Mean and standard deviation (P,), (P,) at the grid's places."""
-        if self.gp.config.local and not self.gp.kernel.compact:
-            return self.gp.predict(self._places_m)
-        _ = self.gp.posterior  # brought up to date
-        mean, variance = self._moments.update()
-        return mean, np.sqrt(variance)
+    def _predict(self) -> tuple[Array, Array, Array]:
+        """Mean, variance by the prior's scale, and what uncertain places add to it, at the grid's places; (P,) each."""
+        posterior = self.gp.posterior  # brought up to date
+        if not self.gp.config.local or self.gp.kernel.compact:
+            return self._moments.update()
+        mean, std = self.gp.predict(self._places_m)
+        of_places = posterior.place_variance(self.gp.kernel.scale(self._places_m))
+        return mean, np.maximum(std**2 - of_places, 0.0), of_places
 
 
 def contours(grid: Grid, values: Array, level: float) -> list[Array]:

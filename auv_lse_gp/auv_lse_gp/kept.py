@@ -102,8 +102,11 @@ class KeptMoments:
         self._mean = self._prior_mean.copy()
         self._variance = np.array(self.posterior.kernel.variance(self._places_m))
 
-    def update(self) -> tuple[Array, Array]:
-        """Mean and variance (P,), (P,) as they are now; planned and uncertain places count in the variance."""
+    def update(self) -> tuple[Array, Array, Array]:
+        """Mean, variance where places are known, and what uncertain places add to it, as they are now; (P,) each.
+
+        Planned places count in the variance.
+        """
         posterior = self.posterior
         rows, residuals = posterior.rows, posterior.whitened_residuals
         n, old = len(rows), len(self._rows)
@@ -111,11 +114,11 @@ class KeptMoments:
             self._start_anew()
             old = 0
         if n == old:
-            return self._mean.copy(), np.maximum(self._variance, 0.0) + posterior.place_variance(self._scaled)
+            return self._mean.copy(), np.maximum(self._variance, 0.0), posterior.place_variance(self._scaled)
         settled = max(old, n - self._provisional)
         mean, variance, of_places = self._condition(old, settled, n)
         self._rows, self._residuals = rows[:settled], residuals[:settled].copy()
-        return mean, np.maximum(variance, 0.0) + of_places
+        return mean, np.maximum(variance, 0.0), of_places
 
     def _condition(self, old: int, settled: int, new: int) -> tuple[Array, Array, Array]:
         """Conditions on measurements old..settled for good, and on settled..new for the answer only.

@@ -67,6 +67,7 @@ class Posterior:
         self.kernel = Kernel(config)
         self.prior_mean = mean or prior_mean(config)
         self.noise_var_m2 = config.noise_std_m**2
+        self._std_soundings = config.std_soundings
         self._factor = Factor()
         self._centers = NO_CENTERS
         self._scaled = np.zeros((0, 2))  # of all measurements
@@ -252,6 +253,26 @@ class Posterior:
             lower = self._factor.lower[:n, :n]
             self._place_white = solve_triangular(lower, effect, lower=True, check_finite=False) if n else effect
         return self._place_white
+
+    @property
+    def variance_scale(self) -> float:
+        """The factor c^2 by which the data find the prior's variance too large or too small.
+
+        Of n data with residuals b, whitened by the prior, |b|^2 is n in the mean if the prior is right. With an inverse
+        gamma prior of c^2 about 1, worth w data (`gp.std_soundings`), the mean of c^2 given the data is
+        (w + |b|^2) / (w + n) but for terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6). Noise
+        is scaled with the signal. Where places are uncertain, b is whitened with their effects, too: |b|^2 is
+        b' (1 + W W')^-1 b with W = L^-1 E.
+        """
+        b, worth = self.whitened_residuals[: self.data_rows], self._std_soundings
+        if worth <= 0.0 or not len(b):
+            return 1.0
+        squares = float(b @ b)
+        if self.places_uncertain:
+            white = self.place_white
+            along = white.T @ b
+            squares -= float(along @ np.linalg.solve(np.eye(len(along)) + white.T @ white, along))
+        return (worth + squares) / (worth + len(b))
 
     def place_variance(self, scaled: Array) -> Array:
         """What the uncertain places of the centers add to the variance (P,) at scaled places (P, 2)."""

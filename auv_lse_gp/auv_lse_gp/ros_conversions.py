@@ -83,6 +83,7 @@ def field_message(now_s: float, field: DepthField, level_m: float) -> LevelSetFi
         rows=len(grid.north_m),
         columns=len(grid.east_m),
         level_m=level_m,
+        variance_scale=field.variance_scale,
         mean_m=floats(field.mean_m.ravel()),
         std_m=floats(field.std_m.ravel()),
         risk=floats(field.risk.ravel()),

@@ -53,6 +53,8 @@ def test_step_by_step_is_the_same_as_at_once(name, merge):
     std = np.sqrt(variance)
     inside = step_by_step.grid.inside
     assert_allclose(field.mean_m[inside], mean, rtol=1e-9)
+    assert_allclose(field.prior_std_m[inside], std, rtol=1e-9)
+    std = std * np.sqrt(fresh.variance_scale)
     assert_allclose(field.std_m[inside], std, rtol=1e-9)
     assert_allclose(field.risk[inside], level_set.risk(mean, std), rtol=1e-7, atol=1e-12)
     assert_allclose(field.p_safe[inside], level_set.p_safe(mean, std), rtol=1e-7, atol=1e-12)
@@ -68,7 +70,7 @@ def test_local_map_is_the_local_prediction():
     mean, std = depth_map.gp.predict(depth_map.grid.places_m)
     inside = depth_map.grid.inside
     assert_allclose(depth_map.field().mean_m[inside], mean)
-    assert_allclose(depth_map.field().std_m[inside], std)
+    assert_allclose(depth_map.field().prior_std_m[inside], std)
 
 
 def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
@@ -168,6 +170,7 @@ def test_isobath_and_its_band():
         offset = side * (points[:, 0] - np.interp(points[:, 1], *line[np.argsort(line[:, 1])].T[::-1]))
         assert np.all(offset > 0.0)
         mean, std = depth_map.gp.predict(points)
+        std = std * np.sqrt(depth_map.field().variance_scale)
         # Linear between cells of 5 m, over which the band's edges are a few metres apart.
         assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 1.96), abs=0.5)
 

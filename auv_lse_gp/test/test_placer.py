@@ -63,7 +63,9 @@ def test_moments_that_are_kept_follow_the_place_variance(provisional: int) -> No
     for centers in (first, first.joined(more), told_anew, more):  # from nothing, more of them, other effects, others
         posterior.follow(centers)
         for _ in range(2):  # the second time nothing is new
-            assert np.array(kept.update()) == pytest.approx(np.array(posterior.moments(at)), rel=1e-9)
+            mean, variance, of_places = kept.update()
+            assert np.array([mean, variance + of_places]) == pytest.approx(np.array(posterior.moments(at)), rel=1e-9)
+            assert of_places == pytest.approx(posterior.place_variance(posterior.kernel.scale(at)), rel=1e-9)
 
 
 def test_no_planned_measurement_goes_below_the_floor():
@@ -186,7 +188,7 @@ def test_a_fix_moves_the_soundings_before_it_and_the_map_with_them():
     inside = intake.map.grid.inside
     std = intake.map.field().std_m[inside][near]
     assert np.mean((error / std) ** 2) < 1.5
-    assert intake.map.field().std_m[inside] == pytest.approx(intake.map.gp.predict(cells)[1])
+    assert intake.map.field().prior_std_m[inside] == pytest.approx(intake.map.gp.predict(cells)[1])
 
 
 def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():

@@ -13,29 +13,34 @@ from auv_lse_gp.config import GpConfig
 from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.reward import fix
 from auv_lse_planner.reward.fix import worth_of_fix
 
 LEVEL = LevelSet(level_m=15.0, cost_false_safe=10.0, cost_false_unsafe=10.0)
 SLOPE = 0.05
 
 
-def slope(displaced_m: float, by_fix: bool) -> KeptColumns:
+def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> KeptColumns:
     """A plane that slopes north, 15 m deep at 0, densely sounded; all soundings may be north of their places."""
     grid = np.arange(-200.0, 201.0, 20.0)
     places = np.stack(np.meshgrid(grid, grid), axis=2).reshape(-1, 2)
     effect = np.zeros((len(places), 3))
     effect[:, 0 if by_fix else 2] = SLOPE * displaced_m
-    posterior = Posterior(GpConfig())
+    posterior = Posterior(GpConfig(std_soundings=std_soundings))
     posterior.follow(Centers(places, 15.0 + SLOPE * places[:, 0], np.full(len(places), 0.1), effect))
     cells = np.arange(-100.0, 101.0, 2.0)
     return KeptColumns(posterior, np.stack(np.meshgrid(cells, [0.0]), axis=2).reshape(-1, 2))
 
 
-def test_a_displaced_isobath_is_worth_the_area_that_it_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With nothing else in doubt: cost times the mean distance, sqrt(2 / pi) sigma, by cells of 2 m."""
-    monkeypatch.setattr(fix, "HONEST", 0.0)
-    assert worth_of_fix(slope(8.0, True), LEVEL) == pytest.approx(10.0 * math.sqrt(2.0 / math.pi) * 8.0 / 2.0, rel=0.05)
+def test_a_displaced_isobath_is_worth_the_area_that_it_leaves() -> None:
+    """With hardly anything else in doubt: cost times the mean distance, sqrt(2 / pi) sigma, by cells of 2 m."""
+    kept = slope(8.0, True, std_soundings=1e-9)  # told by the soundings alone, whose ground is a plane without noise
+    assert worth_of_fix(kept, LEVEL) == pytest.approx(10.0 * math.sqrt(2.0 / math.pi) * 8.0 / 2.0, rel=0.05)
+
+
+def test_ground_that_is_rough_hides_what_a_fix_brings() -> None:
+    by_prior, by_soundings = (slope(8.0, True, std_soundings=worth) for worth in (0.0, 100.0))
+    assert by_soundings.posterior.variance_scale < 0.5
+    assert worth_of_fix(by_prior, LEVEL) < 0.9 * worth_of_fix(by_soundings, LEVEL)
 
 
 def test_only_what_a_fix_takes_away_counts_and_more_the_more_it_is() -> None:

@@ -32,12 +32,21 @@ def slope(east_from, east_to, per_m=0.1):
 
 
 def test_where_the_ground_was_measured_the_line_is_found():
-    pieces = classified(slope(0.0, 601.0))
+    pieces = classified(slope(0.0, 601.0), std_soundings=0.0)
     assert {p.kind for p in pieces} == {FOUND}
     assert certainty.length_of(pieces, FOUND) == pytest.approx(600.0, rel=0.03)
     # At a sounding the depth is known to 0.2 m, so the line to 2 m on a slope of 0.1; between soundings less well.
     assert 1.5 < min(p.std_m.min() for p in pieces) < 3.0 < max(p.std_m.max() for p in pieces)
     assert all(p.reason == "" for p in pieces)
+
+
+def test_ground_smoother_than_the_prior_narrows_the_line_and_does_not_find_more_of_it():
+    """The told standard deviation shrinks; the share of the prior that the soundings removed stays."""
+    ground = slope(400.0, 601.0)
+    by_prior, told = (classified(ground, std_soundings=worth) for worth in (0.0, 100.0))
+    assert min(p.std_m.min() for p in told) < 0.9 * min(p.std_m.min() for p in by_prior)
+    guessed = [certainty.length_of(pieces, GUESSED) for pieces in (by_prior, told)]
+    assert guessed[1] == pytest.approx(guessed[0], rel=0.05)
 
 
 def test_nothing_is_claimed_where_nobody_measured():

@@ -27,7 +27,11 @@ def test_summary_of_a_known_mission(evaluation, synthetic_run):
     run, s = synthetic_run(), evaluation.summary
     assert (s.vehicles, s.steps, s.method, s.seed) == (2, 30, "augmented", 7)
     assert s.risk_before == pytest.approx(5.0)  # prior mean at the level, c1 = c2 = 10
-    assert s.risk_after == pytest.approx(float(evaluation.team.risk[evaluation.scored].mean()))
+    team, scored, level_set = evaluation.team, evaluation.scored, evaluation.settings[0].level_set
+    by_prior = level_set.risk(team.mean_m[scored], team.prior_std_m[scored])
+    assert s.risk_after == pytest.approx(float(by_prior.mean()))
+    assert s.loss_expected == pytest.approx(float(team.risk[scored].mean()))
+    assert s.loss_expected < 0.8 * s.risk_after  # this ground is smoother than the prior
     assert s.risk_after < 0.2 * s.risk_before
     assert s.risk_after < s.risk_third < s.risk_before
     risk = evaluation.curves.risk

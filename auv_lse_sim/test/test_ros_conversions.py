@@ -128,8 +128,9 @@ def test_maps_have_south_west_first_and_unknown_outside() -> None:
     area = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 40.0, 0.0, 40.0, 80.0, 0.0, 40.0)))
     grid = area.grid(10.0)
     inside = np.where(grid.inside, 1.0, np.nan)
-    field = DepthField(grid, 15.0 * inside, inside, 2.5 * inside, 0.5 * inside, 1)
+    field = DepthField(grid, 15.0 * inside, inside, 1.2 * inside, 2.5 * inside, 0.5 * inside, 0.7, 1)
     message = field_message(1.0, field, 15.0)
+    assert message.variance_scale == 0.7
     assert (message.rows, message.columns) == grid.inside.shape
     assert (message.south_m, message.west_m) == (grid.north_m[0], grid.east_m[0])
     risk = risk_map_message(1.0, field, 5.0)

@@ -18,7 +18,7 @@ def test_judging_counts_cells_on_the_wrong_side(synthetic_run):
     mean = depth.copy()
     mean[0, 0] = 16.0  # called safe, is not
     mean[-1, :3] = 14.0  # called unsafe, is safe
-    field = DepthField(grid, mean, np.full_like(mean, 0.1), np.zeros_like(mean), np.zeros_like(mean), 0)
+    field = DepthField(grid, mean, *np.full((2, *mean.shape), 0.1), *np.zeros((2, *mean.shape)), 1.0, 0)
     ground = GroundGrid(north_m=grid.north_m, east_m=grid.east_m, depth_m=depth, inside=grid.inside)
     verdict = judge(field, settings, ground, grid.inside, [])
     cells, deep = mean.size, int(np.count_nonzero(depth >= 15.0))

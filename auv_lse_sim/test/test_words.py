@@ -38,12 +38,15 @@ def text_of(evaluation):
 
 def test_the_terminal_leads_with_the_isobath_and_the_map(other):
     s = other.summary
-    isobath, risk, packets = headlines(s)
+    isobath, risk, calls, packets = headlines(s)
     assert (
         f"{s.isobath_found_error_m:.1f} m off on average; {100 * s.isobath_found:.0f} % of the true isobath" in isobath
     )
     assert f"{s.risk_before:.3f} -> {s.risk_after:.3f}" in risk
     assert f"mowing the lawn: {s.mowing_risk:.3f}" in risk
+    assert calls == (
+        f"wrong calls: the map expects {s.loss_expected:.3f} of cost per place; it really is {s.loss_after:.3f}"
+    )
     assert packets.startswith("packets: ")
 
 
@@ -104,8 +107,8 @@ def test_the_papers_method_promises_a_bound_of_its_own_reward_not_of_the_map(syn
 @pytest.mark.parametrize(
     ("loss", "words"), [(0.1, "better than it believes"), (1.0, "about as much"), (4.0, "trusts itself too much")]
 )
-def test_risk_is_compared_with_what_was_lost(synthetic_run, loss, words):
-    assert words in text_of(judged(synthetic_run, risk_after=1.0, loss_after=loss))
+def test_the_expected_loss_is_compared_with_the_true_one(synthetic_run, loss, words):
+    assert words in text_of(judged(synthetic_run, loss_expected=1.0, loss_after=loss))
 
 
 def test_a_map_without_any_isobath_says_so(other):

@@ -27,6 +27,7 @@ MEASURES: tuple[tuple[str, str, bool], ...] = (
     ("isobath_found", "isobath found (share)", True),
     ("isobath_found_error_m", "isobath error where found (m)", False),
     ("risk_after", "final risk (cost/place)", False),
+    ("loss_expected", "loss expected by the map (cost/place)", False),
     ("loss_after", "true loss (cost/place)", False),
     ("mowing_risk", "risk expected of mowing (cost/place)", False),
     ("risk_third", "risk at a third (cost/place)", False),

@@ -6,8 +6,8 @@ prior's, not the lake's. Three things decide what is claimed at a place of the l
 - *Sideways error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the line is off by
   s / g (m) to either side, in standard deviations. The vehicles' own place error p (m), which the map does not know,
   moves the ground as a whole: together sqrt((s / g)^2 + p^2). p is that of the nearest sounding.
-- *Data.* The share 1 - s^2 / s0^2 of the prior variance s0^2 that the soundings have removed. Without it a prior
-  mean that is steep, as of a chart, would find isobaths by itself.
+- *Data.* The share 1 - s^2 / (c s0)^2 of the prior variance s0^2 that the soundings have removed, with c^2 the scale
+  by which the map is told. Without it a prior mean that is steep, as of a chart, would find isobaths by itself.
 - *Runs.* A stretch shorter than `SHORTEST_M` is not worth more than what is beside it.
 
 What is not found has a reason: `NOT_VISITED`, `PLACES_UNCERTAIN`, or `FLAT`.
@@ -160,7 +160,7 @@ def support(places: Array, field: DepthField, prior: DepthField, soundings: Arra
         return Support(
             depth_std_m=np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0),
             place_std_m=place_std,
-            informed=1.0 - (here / value(prior_std)) ** 2,
+            informed=1.0 - (here / value(prior_std)) ** 2 / field.variance_scale,
             nearest_m=nearest,
         )
 

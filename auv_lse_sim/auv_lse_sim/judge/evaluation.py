@@ -19,6 +19,7 @@ from auv_lse_common.params import parameters_for
 from auv_lse_gp.area import Grid, OperatingArea
 from auv_lse_gp.depth_map import DepthField, DepthMap
 from auv_lse_gp.online import OnlineGp
+from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.judge import certainty, isobath
 from auv_lse_sim.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN, Piece
@@ -195,10 +196,12 @@ def _summary(e: Evaluation) -> Summary:
     walls = walls[np.isfinite(walls)]
     papers = first.planner.method in PAPERS_METHODS
     bound = _last(curves.bound_max[:-1]) if papers else None
-    risk_team, p_safe = e.team.risk[scored], e.team.p_safe[scored]
+    p_safe = e.team.p_safe[scored]
+    level_set = first.level_set
+    risk_before, risk_after, *local_risk = (_planners_risk(f, level_set)[scored] for f in (e.prior, e.team, *e.local))
     reliability = None
     if truth is not None:
-        reliability = Reliability.of(p_safe, truth.depth_m[scored] >= first.level_set.level_m)
+        reliability = Reliability.of(p_safe, truth.depth_m[scored] >= level_set.level_m)
     claim = None if truth is None else isobath.judge_claim(certainty.lines_of(e.pieces, FOUND), e.truth)
 
     def mean(values: Array) -> float:
@@ -238,12 +241,13 @@ def _summary(e: Evaluation) -> Summary:
         isobath_error_m=of(verdict, lambda v: v.error.mean_m),
         isobath_error_p95_m=of(verdict, lambda v: v.error.percentile_95_m),
         isobath_length_m=isobath.length_m(certainty.lines_of(e.pieces)),
-        risk_before=mean(e.prior.risk),
+        risk_before=float(risk_before.mean()),
         risk_third=_at_third(curves.risk),
-        risk_after=mean(e.team.risk),
+        risk_after=float(risk_after.mean()),
         mowing_risk=known(curves.mowing_risk),
         map_bound_promised=first.planner.counts_the_map and _promises(run),
-        map_bound_kept=bool(mean(e.team.risk) <= curves.mowing_risk) if run.steps else None,
+        map_bound_kept=bool(risk_after.mean() <= curves.mowing_risk) if run.steps else None,
+        loss_expected=mean(e.team.risk),
         loss_after=of(verdict, lambda v: v.loss),
         reliability_error=None if reliability is None else known(reliability.error),
         reliability_cells=None if reliability is None else reliability.cells,
@@ -258,9 +262,9 @@ def _summary(e: Evaluation) -> Summary:
         false_unsafe_m2=of(verdict, lambda v: v.false_unsafe_m2),
         depth_rmse_m=of(verdict, lambda v: v.depth_rmse_m),
         area_m2=area(np.ones(len(p_safe), dtype=bool)),
-        local_risk=tuple(mean(own.risk) for own in e.local),
+        local_risk=tuple(float(own.mean()) for own in local_risk),
         alone_risk=e.alone_risk,
-        local_risk_error=tuple(float(np.abs(own.risk[scored] - risk_team).mean()) for own in e.local),
+        local_risk_error=tuple(float(np.abs(own - risk_after).mean()) for own in local_risk),
         local_f1=None if truth is None else tuple(judge(own, first, truth, scored, e.truth).f1 for own in e.local),
         navigation_error_m=tuple(float(np.sqrt(np.mean(n**2))) for n in navigation) if tracked else None,
         navigation_error_end_m=tuple(float(n[-1]) for n in navigation) if tracked else None,
@@ -289,6 +293,11 @@ def _summary(e: Evaluation) -> Summary:
         sim_s=run.sim_s,
         wall_s=known(run.wall_s),
     )
+
+
+def _planners_risk(field: DepthField, level_set: LevelSet) -> Array:
+    """Bayes risk over the map by the prior's scale: what planners account for, and what the bound speaks of."""
+    return level_set.risk(field.mean_m, field.prior_std_m)
 
 
 def _promises(run: RunData) -> bool:

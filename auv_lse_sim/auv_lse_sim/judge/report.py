@@ -94,6 +94,7 @@ def _facts(s: Summary) -> list[tuple[str, str]]:
     if s.mowing_risk is not None:
         what = "risk expected of mowing the lawn" + (": the bound" if s.map_bound_promised else "")
         rows.append((number(s.mowing_risk, 3), what))
+    rows.append((number(s.loss_expected, 3), "loss that the map expects (cost per place)"))
     if s.loss_after is not None:
         rows.append((number(s.loss_after, 3), "true loss of the map (cost per place)"))
     if s.delivery is not None:

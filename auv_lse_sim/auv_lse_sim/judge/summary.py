@@ -45,14 +45,24 @@ class Summary:
     isobath_length_m: float = figure("m", "length of the whole estimate")
     risk_before: float = figure("cost/place", "mean Bayes risk over the map before the mission")
     risk_third: float | None = figure("cost/place", "the same after a third of the steps (over a part of the places)")
-    risk_after: float = figure("cost/place", "mean Bayes risk over the map given the soundings of all vehicles")
+    risk_after: float = figure(
+        "cost/place",
+        "mean Bayes risk over the map given the soundings of all vehicles, by the prior's standard deviation, as "
+        "planners account for it and the bound speaks of it",
+    )
     mowing_risk: float | None = figure(
         "cost/place", "risk_after as expected before the mission of all vehicles mowing the lawn: the bound"
     )
     map_bound_promised: bool = figure("", "whether the method promises this bound: its planners keep an account of it")
     map_bound_kept: bool | None = figure("", "whether risk_after is at most mowing_risk")
+    loss_expected: float = figure(
+        "cost/place",
+        "what the final map expects its calls to cost: its mean Bayes risk by the standard deviation that the "
+        "soundings show (gp.std_soundings), as maps are published and drawn",
+    )
     loss_after: float | None = figure(
-        "cost/place", "mean of the costs really incurred by the final calls; as large as risk_after if that is honest"
+        "cost/place",
+        "mean of the costs really incurred by the final calls; as large as loss_expected if that is honest",
     )
     reliability_error: float | None = figure(
         "", "mean over the map of |share that is safe - mean P(safe)| of a place's class of P(safe); 0 is honest"

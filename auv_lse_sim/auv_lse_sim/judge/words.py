@@ -35,8 +35,9 @@ def headlines(s: Summary) -> list[str]:
         f"{s.isobath_guessed_m:,.0f} m guessed"
     ]
     mowing = "" if s.mowing_risk is None else f" (expected of mowing the lawn: {s.mowing_risk:.3f}{_held(s)})"
-    loss = "" if s.loss_after is None else f"; true loss {s.loss_after:.3f}"
-    lines.append(f"map: Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place{mowing}{loss}")
+    loss = "" if s.loss_after is None else f"; it really is {s.loss_after:.3f}"
+    lines.append(f"map: Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place{mowing}")
+    lines.append(f"wrong calls: the map expects {s.loss_expected:.3f} of cost per place{loss}")
     if s.method in PAPERS_METHODS:
         bound = "" if s.lower_bound is None else f", its printed bound {s.lower_bound:.0f}"
         lines.append(
@@ -128,10 +129,10 @@ def _bound(s: Summary) -> str:
 def _loss(s: Summary) -> str:
     if s.loss_after is None:
         return ""
-    expects = f"By its risk, the map expects its wrong calls to cost {number(s.risk_after, 3)} per place"
-    if s.risk_after > HONEST * s.loss_after:
+    expects = f"The map expects its wrong calls to cost {number(s.loss_expected, 3)} per place"
+    if s.loss_expected > HONEST * s.loss_after:
         return f"{expects}; they really cost {number(s.loss_after, 3)}: it is better than it believes."
-    if s.loss_after > HONEST * s.risk_after:
+    if s.loss_after > HONEST * s.loss_expected:
         return f"{expects}; they really cost {number(s.loss_after, 3)}: it trusts itself too much."
     return f"{expects}; they really cost {number(s.loss_after, 3)}, about as much."
 

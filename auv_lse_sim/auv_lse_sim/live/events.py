@@ -166,17 +166,18 @@ class MissionEvents:
         if field is None:
             return []
         layers = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
-        return [self._map_event(vehicle, stamp_s, field.grid.north_m, field.grid.east_m, layers)]
+        return [self._map_event(vehicle, stamp_s, field.grid.north_m, field.grid.east_m, layers, field.variance_scale)]
 
     def _map(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
         self._map_of(vehicle).stop()
         shape = (int(message.rows), int(message.columns))
         told = {"risk": message.risk, "p_safe": message.p_safe, "depth": message.mean_m, "std": message.std_m}
         layers = {name: np.asarray(values, dtype=float).reshape(shape) for name, values in told.items()}
-        return [self._map_event(vehicle, stamp_s, *grid_axes(message), layers)]
+        scale = getattr(message, "variance_scale", 0.0) or 1.0  # recordings of before do not have it
+        return [self._map_event(vehicle, stamp_s, *grid_axes(message), layers, scale)]
 
     def _map_event(
-        self, vehicle: int, stamp_s: float, north_m: Array, east_m: Array, layers: dict[str, Array]
+        self, vehicle: int, stamp_s: float, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
     ) -> Event:
         level_m = self._settings.level_set.level_m
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -184,7 +185,7 @@ class MissionEvents:
         apart = thinning(*layers["risk"].shape)
         shown = {name: values[::apart, ::apart] for name, values in layers.items()}
         coder = self._coders.setdefault(vehicle, LayerCoder(self._scales))
-        pieces = self._pieces(vehicle, north_m, east_m, layers)
+        pieces = self._pieces(vehicle, north_m, east_m, layers, scale)
         lines = {
             **{kind: lines_of(pieces, kind) for kind in CLASSES},
             "shallow_edge": trace(north_m, east_m, score, -_BAND_SIGMAS),
@@ -204,14 +205,25 @@ class MissionEvents:
             **{name: [decimetres(line) for line in found] for name, found in lines.items()},
         }
 
-    def _pieces(self, vehicle: int, north_m: Array, east_m: Array, layers: dict[str, Array]) -> list[Piece]:
+    def _pieces(
+        self, vehicle: int, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
+    ) -> list[Piece]:
         """The estimated isobath in pieces of one certainty each, as the report has it but without place errors."""
-        step_m = float(north_m[1] - north_m[0])
         inside = np.isfinite(layers["depth"])
-        grid = Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=step_m)
-        field = DepthField(grid, layers["depth"], layers["std"], layers["risk"], layers["p_safe"], 0)
         before = np.where(inside, self._settings.vehicle(vehicle).gp.signal_std_m, np.nan)
-        prior = DepthField(grid, layers["depth"], before, layers["risk"], layers["p_safe"], 0)
+        field, prior = (
+            DepthField(
+                grid=Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=float(north_m[1] - north_m[0])),
+                mean_m=layers["depth"],
+                std_m=std,
+                prior_std_m=std / np.sqrt(own_scale),
+                risk=layers["risk"],
+                p_safe=layers["p_safe"],
+                variance_scale=own_scale,
+                revision=0,
+            )
+            for std, own_scale in ((layers["std"], scale), (before, 1.0))
+        )
         lines = trace(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
         return classify(lines, field, prior, np.empty((0, 3)))
 
