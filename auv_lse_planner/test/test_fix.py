@@ -25,15 +25,15 @@ def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> Kep
     places = np.stack(np.meshgrid(grid, grid), axis=2).reshape(-1, 2)
     effect = np.zeros((len(places), 3))
     effect[:, 0 if by_fix else 2] = SLOPE * displaced_m
-    posterior = Posterior(GpConfig(std_soundings=std_soundings))
+    posterior = Posterior(GpConfig(mean="plane", mean_slope_north=SLOPE, std_soundings=std_soundings))
     posterior.follow(Centers(places, 15.0 + SLOPE * places[:, 0], np.full(len(places), 0.1), effect))
-    cells = np.arange(-100.0, 101.0, 2.0)
+    cells = np.arange(-99.0, 100.0, 2.0)  # none of them on the isobath
     return KeptColumns(posterior, np.stack(np.meshgrid(cells, [0.0]), axis=2).reshape(-1, 2))
 
 
 def test_a_displaced_isobath_is_worth_the_area_that_it_leaves() -> None:
     """With hardly anything else in doubt: cost times the mean distance, sqrt(2 / pi) sigma, by cells of 2 m."""
-    kept = slope(8.0, True, std_soundings=1e-9)  # told by the soundings alone, whose ground is a plane without noise
+    kept = slope(8.0, True, std_soundings=1e-9)  # the soundings are just what was expected
     assert worth_of_fix(kept, LEVEL) == pytest.approx(10.0 * math.sqrt(2.0 / math.pi) * 8.0 / 2.0, rel=0.05)
 
 
