@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.executor import make_executor
 from auv_lse_common.heartbeat import BEAT_PERIOD_S, Heartbeat
+from auv_lse_common.local_post import POST
 from auv_lse_common.params import ParameterError
 
 
@@ -83,8 +85,11 @@ def spin(stopping: Stopping, *nodes: Node) -> None:
         if heartbeat.wanted:
             nodes[0].create_timer(BEAT_PERIOD_S, heartbeat.beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
         stopping.waking(executor.wake)
+        gather_s = max(getattr(node, "gather_s", 0.0) for node in nodes)
         while not stopping.asked and rclpy.ok():
             executor.spin_once()
+            if gather_s:
+                time.sleep(gather_s)
     finally:
         stopping.waking(None)
         executor.shutdown()
@@ -99,6 +104,11 @@ class Main:
     """
 
     make: Callable[[], Node]
+
+    @property
+    def name(self) -> str:
+        """The node's name: that of the module that makes it."""
+        return self.make.__module__.rpartition(".")[2]
 
     def __call__(self, *beside: Main, arguments: Sequence[str] | None = None) -> int:
         """Makes the node, serves it until SIGINT, SIGTERM or shutdown, and cleans up.
@@ -115,7 +125,9 @@ class Main:
         if "-h" in arguments or "--help" in arguments:
             print(f"{self.make.__doc__ or ''}\nParameters: --ros-args --params-file MISSION.yaml -r __ns:=/auv1")
             return 0
-        return _run([main.make for main in (self, *beside)], arguments)
+        mains = (self, *beside)
+        POST.share([main.name for main in mains])
+        return _run([main.make for main in mains], arguments)
 
 
 def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:

@@ -9,8 +9,9 @@ No clock is involved: a run repeats from its seed whatever the order in which th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +61,56 @@ PHASES = {
     "micromodem_lost": Phase(announces=("modem/failed",), ends_tick=True),
     "recorder": Phase(ends_tick=True),
 }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What the simulator is told of a tick, as in LockstepDone: the phases handled (joined by "+"), their counts."""
+
+    phase: str
+    totals: tuple[int, ...]
+    finished: bool
+
+
+class Answers:
+    """Answers of the phases of one process that end a tick, put into one: the simulator waits for all of them anyway.
+
+    A phase that answers a second time, or without having been expected, is told at once.
+    """
+
+    def __init__(self) -> None:
+        """No phase is expected yet."""
+        self._expected: list[str] = []
+        self._told: dict[int, dict[str, Answer]] = {}
+        self._complete = 0  # the last tick that was answered by all
+
+    def expect(self, phase: str) -> None:
+        """`phase` is going to answer every tick."""
+        self._expected.append(phase)
+
+    def add(self, tick: int, answer: Answer) -> Answer | None:
+        """A phase has answered `tick`: what to tell now; None: others have still to answer."""
+        if answer.phase not in self._expected or tick <= self._complete:
+            return answer
+        told = self._told.setdefault(tick, {})
+        told[answer.phase] = answer
+        if len(told) < len(self._expected):
+            return None
+        self._complete = tick
+        del self._told[tick]
+        return Answer(
+            phase="+".join(told),
+            totals=tuple(total for each in told.values() for total in each.totals),
+            finished=any(each.finished for each in told.values()),
+        )
+
+
+def phases_of(answer: Answer) -> Iterator[Answer]:
+    """The answers of single phases that were put into one."""
+    totals = iter(answer.totals)
+    for phase in answer.phase.split("+"):
+        own = tuple(islice(totals, len(PHASES[phase].announces) if answer.totals else 0))
+        yield Answer(phase=phase, totals=own, finished=answer.finished)
 
 
 class Gate:

@@ -21,6 +21,7 @@ class Topic:
         latched: True if a late reader gets the last message.
         recorded: True if the recorder subscribes to it from the start.
         command: True if hardware acts on it, so that a replay leaves it out.
+        writer: The node of the vehicle that alone writes it; "" if others do, too, or nobody of the vehicle reads it.
     """
 
     kind: str
@@ -28,6 +29,7 @@ class Topic:
     latched: bool = False
     recorded: bool = True
     command: bool = False
+    writer: str = ""
 
 
 _DONE = "auv_lse_msgs/msg/LockstepDone"
@@ -47,13 +49,16 @@ VEHICLE_TOPICS = {
         readers=("planner_node", "modem_node", "vehicle_link_node|sim_node"),
         latched=True,
         command=True,
+        writer="safety_node",
     ),
-    "kernel_centers": Topic(kind="auv_lse_msgs/msg/KernelCenters", readers=("planner_node",), latched=True),
-    "corrected": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node",)),
+    "kernel_centers": Topic(
+        kind="auv_lse_msgs/msg/KernelCenters", readers=("planner_node",), latched=True, writer="gp_node"
+    ),
+    "corrected": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node",), writer="gp_node"),
     "field": Topic(kind="auv_lse_msgs/msg/LevelSetField", latched=True),
     "risk_map": Topic(kind="nav_msgs/msg/OccupancyGrid", latched=True),
     "isobath": Topic(kind="visualization_msgs/msg/Marker"),
-    "plan": Topic(kind="auv_lse_msgs/msg/Plan", readers=("modem_node",), latched=True),
+    "plan": Topic(kind="auv_lse_msgs/msg/Plan", readers=("modem_node",), latched=True, writer="planner_node"),
     "path": Topic(kind="nav_msgs/msg/Path"),
     "waypoint": Topic(
         kind="auv_lse_msgs/msg/Waypoint", readers=("vehicle_link_node|sim_node",), latched=True, command=True
@@ -63,16 +68,22 @@ VEHICLE_TOPICS = {
     "modem/rx": Topic(kind="auv_lse_msgs/msg/ModemRx", readers=("modem_node",)),
     "modem/sent": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",)),
     "modem/failed": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",), recorded=False),
-    "team/plans": Topic(kind="auv_lse_msgs/msg/Plan", readers=("planner_node",)),
-    "team/samples": Topic(kind="auv_lse_msgs/msg/SampleArray", readers=("gp_node",)),
-    "team/navigation": Topic(kind="auv_lse_msgs/msg/MateNavigation", readers=("gp_node",)),
-    "team/command": Topic(kind="auv_lse_msgs/msg/MissionCommand", readers=("safety_node",), command=True),
+    "team/plans": Topic(kind="auv_lse_msgs/msg/Plan", readers=("planner_node",), writer="modem_node"),
+    "team/samples": Topic(kind="auv_lse_msgs/msg/SampleArray", readers=("gp_node",), writer="modem_node"),
+    "team/navigation": Topic(kind="auv_lse_msgs/msg/MateNavigation", readers=("gp_node",), writer="modem_node"),
+    "team/command": Topic(
+        kind="auv_lse_msgs/msg/MissionCommand", readers=("safety_node",), command=True, writer="modem_node"
+    ),
     "tdma": Topic(kind="auv_lse_msgs/msg/TdmaStatus"),
     "diagnostics": Topic(kind="diagnostic_msgs/msg/DiagnosticArray"),
-    "lockstep/modem": Topic(kind=_DONE, readers=("gp_node", "safety_node", "planner_node"), recorded=False),
-    "lockstep/gp": Topic(kind=_DONE, readers=("planner_node",), recorded=False),
-    "lockstep/safety": Topic(kind=_DONE, readers=("planner_node", "modem_node", "vehicle_link_node"), recorded=False),
-    "lockstep/planner": Topic(kind=_DONE, readers=("modem_node",), recorded=False),
+    "lockstep/modem": Topic(
+        kind=_DONE, readers=("gp_node", "safety_node", "planner_node"), recorded=False, writer="modem_node"
+    ),
+    "lockstep/gp": Topic(kind=_DONE, readers=("planner_node",), recorded=False, writer="gp_node"),
+    "lockstep/safety": Topic(
+        kind=_DONE, readers=("planner_node", "modem_node", "vehicle_link_node"), recorded=False, writer="safety_node"
+    ),
+    "lockstep/planner": Topic(kind=_DONE, readers=("modem_node",), recorded=False, writer="planner_node"),
 }
 
 _VEHICLE_NODES = ("gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node")

@@ -17,7 +17,8 @@ from rclpy.qos import QoSProfile
 from auv_lse_common.base_node import BaseNode
 from auv_lse_common.health import Health, Level
 from auv_lse_common.journal import FOLDER_VARIABLE, Journal
-from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Ticks
+from auv_lse_common.local_post import POST, Outlet
+from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Answer, Answers, Ticks
 from auv_lse_common.params import ParameterError, merge, nest
 from auv_lse_common.processes import vehicle_nodes
 from auv_lse_common.quality import EVERY, quality_of
@@ -67,11 +68,12 @@ class VehicleNode(BaseNode):
         self._parts: dict[str, _Part] = {}
         self._ticks: Ticks | None = None
         self._matched = self._greeted = self._at_work = False
-        self._mates: dict[str, Publisher] = {}  # in lockstep, who tells a phase's end to the vehicle's other nodes
+        self._mates: dict[str, Outlet] = {}  # in lockstep, who tells a phase's end to the vehicle's other nodes
         if self.lockstep:
             entry = MISSION_TOPICS["/lockstep/done"]
             self._done = self.create_publisher(LockstepDone, "/lockstep/done", quality_of(entry))
             self._readers[self._done] = len(entry.readers)
+        self._answers = POST.answers if POST.nodes else Answers()
 
     @property
     def vehicle(self) -> int:
@@ -120,17 +122,22 @@ class VehicleNode(BaseNode):
 
     # ------------------------------------------------------------------ topics
 
-    def publisher(self, kind: type, topic: str) -> Publisher:
-        """A publisher of one of the vehicle's topics. In lockstep its readers are waited for."""
+    def publisher(self, kind: type, topic: str) -> Outlet:
+        """Where to publish one of the vehicle's topics. In lockstep its readers in other processes are waited for."""
         entry = VEHICLE_TOPICS[topic]
         publisher = self.create_publisher(kind, topic, quality_of(entry))
-        self._readers[publisher] = reader_count(entry, self._mates_and_simulator()) + self.recorded * entry.recorded
-        return publisher
+        outside = [name for name in self._mates_and_simulator() if not self._is_beside(name, entry)]
+        self._readers[publisher] = reader_count(entry, outside) + self.recorded * entry.recorded
+        return Outlet(publisher, topic, entry, POST)
 
     def _mates_and_simulator(self) -> list[str]:
         """The nodes that may read the vehicle's topics: those of the vehicle, by its parameters, and the simulator."""
         modem, link = (self.parameters.get(name, {}).get("kind") for name in ("modem", "link"))
         return [*(name for _, name in vehicle_nodes(modem == "micromodem", link == "mavlink")), "sim_node"]
+
+    def _is_beside(self, reader: str, topic: Topic) -> bool:
+        """Whether `reader` gets the topic's messages without ROS: in lockstep, from a node in the same process."""
+        return self.lockstep and reader in POST.nodes and POST.carries(topic)
 
     def listen(
         self,
@@ -141,7 +148,7 @@ class VehicleNode(BaseNode):
         quality: QoSProfile | None = None,
         total: Callable[[Any], int] | None = None,
     ) -> None:
-        """Subscribes to one of the vehicle's topics.
+        """Subscribes to one of the vehicle's topics, or takes it from the node beside this one that alone writes it.
 
         Args:
             kind: Message type.
@@ -162,7 +169,13 @@ class VehicleNode(BaseNode):
             self.arrived(topic, None if total is None else total(message))
             self.wake()
 
-        self.create_subscription(kind, topic, arrived, quality)
+        self._subscribe(kind, topic, arrived, quality)
+
+    def _subscribe(self, kind: type, topic: str, take: Callable[[Any], None], quality: QoSProfile) -> None:
+        if self._is_beside(self._role, VEHICLE_TOPICS[topic]):
+            POST.read(topic, take)
+        else:
+            self.create_subscription(kind, topic, take, quality)
 
     def _check_reader(self, name: str, topic: Topic) -> None:
         if not any(self._role in reader.split("|") for reader in topic.readers):
@@ -188,6 +201,8 @@ class VehicleNode(BaseNode):
         self._parts[name] = _Part(handle, totals, finished)
         if self.lockstep and f"lockstep/{name}" in VEHICLE_TOPICS:
             self._mates[name] = self.publisher(LockstepDone, f"lockstep/{name}")
+        if PHASES[name].ends_tick:
+            self._answers.expect(name)
 
     def begin(self) -> None:
         """Starts handling the phases; to be called when every topic is wired and every phase added."""
@@ -200,7 +215,7 @@ class VehicleNode(BaseNode):
         self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
         for name, entry in VEHICLE_TOPICS.items():
             if name.startswith("lockstep/") and self._role in entry.readers:
-                self.create_subscription(LockstepDone, name, self._on_done, EVERY)
+                self._subscribe(LockstepDone, name, self._on_done, EVERY)
         self.when_matched(self._readers, self._on_matched)
 
     def now_s(self) -> float:
@@ -237,7 +252,10 @@ class VehicleNode(BaseNode):
         return 0 if self._ticks is None else self._ticks.last(phase)
 
     def wake(self) -> None:
-        """Something has come in. In lockstep handles each phase that may begin now, and answers for it."""
+        """Something has come in. In lockstep handles each phase that may begin now, and answers for it.
+
+        What it published for the nodes beside this one is handed over then.
+        """
         while self._ticks is not None and (ready := self._ticks.ready()) is not None:
             self._ticks.handled(ready.phase, ready.tick)
             part = self._parts[ready.phase]
@@ -245,17 +263,24 @@ class VehicleNode(BaseNode):
             part.owed = ready.tick
             self._answer()
         self._answer()
+        POST.deliver()
 
     def tell(self, phase: str, tick: int, totals: tuple[int, ...], finished: bool = False) -> None:
         """Lockstep: tells those who wait for it that `phase` of `tick` is handled, with its counts.
 
         Tick 0 says that the node is there, to the simulator alone.
         """
-        message = LockstepDone(phase=phase, vehicle=self.vehicle, tick=tick, totals=totals, finished=finished)
+        answer: Answer | None = Answer(phase=phase, totals=totals, finished=finished)
         if tick and phase in self._mates:
-            self._mates[phase].publish(message)
-        if tick == 0 or PHASES[phase].ends_tick:
-            self._done.publish(message)
+            self._mates[phase].publish(self._done_message(tick, answer))
+        if tick:
+            answer = self._answers.add(tick, answer) if PHASES[phase].ends_tick else None
+        if answer is not None:
+            self._done.publish(self._done_message(tick, answer))
+
+    def _done_message(self, tick: int, answer: Answer) -> LockstepDone:
+        fields = {"phase": answer.phase, "totals": answer.totals, "finished": answer.finished}
+        return LockstepDone(vehicle=self.vehicle, tick=tick, **fields)
 
     def _answer(self) -> None:
         if self._ticks is None or not self.settled():

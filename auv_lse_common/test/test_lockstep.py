@@ -1,7 +1,7 @@
 import re
 from pathlib import Path
 
-from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Gate, Ready, Ticks
+from auv_lse_common.lockstep import PHASES, TICK_ANNOUNCES, Answer, Answers, Gate, Ready, Ticks, phases_of
 
 
 def test_gate_opens_only_when_every_announced_message_has_arrived() -> None:
@@ -121,3 +121,37 @@ def test_the_message_has_a_constant_for_every_phase() -> None:
     text = (Path(__file__).parents[2] / "auv_lse_msgs" / "msg" / "LockstepDone.msg").read_text()
     constants = dict(re.findall(r'^string (\w+)="(\w+)"', text, re.MULTILINE))
     assert constants == {name.upper(): name for name in PHASES}
+
+
+def test_answers_of_one_process_are_told_together_once_all_are_there() -> None:
+    safety = Answer(phase="safety", totals=(2,), finished=False)
+    planner = Answer(phase="planner", totals=(7, 8), finished=True)
+    sent = Answer(phase="modem_sent", totals=(5,), finished=False)
+    answers = Answers()
+    for phase in ("safety", "planner", "modem_sent"):
+        answers.expect(phase)
+    assert answers.add(1, safety) is None
+    assert answers.add(1, planner) is None
+    assert answers.add(2, safety) is None, "a phase may be ahead"
+    together = answers.add(1, sent)
+    assert together == Answer(phase="safety+planner+modem_sent", totals=(2, 7, 8, 5), finished=True)
+    assert [(part.phase, part.totals) for part in phases_of(together)] == [
+        ("safety", (2,)),
+        ("planner", (7, 8)),
+        ("modem_sent", (5,)),
+    ]
+    assert answers.add(1, planner) == planner, "answered again: told at once"
+    lost = Answer(phase="micromodem_lost", totals=(1,), finished=False)
+    assert answers.add(2, lost) == lost, "expected by nobody"
+    assert answers.add(2, planner) is None
+    assert answers.add(2, sent) is not None
+
+
+def test_a_phase_alone_is_told_at_once() -> None:
+    answers = Answers()
+    answers.expect("modem_sent")
+    sent = Answer(phase="modem_sent", totals=(0,), finished=False)
+    assert answers.add(1, sent) == sent
+    assert list(phases_of(Answer(phase="gp", totals=(), finished=False))) == [
+        Answer(phase="gp", totals=(), finished=False)
+    ], "the greeting at tick 0 counts nothing"

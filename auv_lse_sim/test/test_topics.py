@@ -48,6 +48,29 @@ def test_every_reader_in_the_table_subscribes_and_every_subscriber_is_in_the_tab
     assert set(listed) - {"recorder_node"} <= set(by_code)
 
 
+def publishers() -> dict[str, set[str]]:
+    """{topic: nodes of a vehicle that publish it}, by the source code; "lockstep/PHASE": by their phases."""
+    found: dict[str, set[str]] = {}
+    for path in ROOT.glob("auv_lse_*/auv_lse_*/**/*_node.py"):
+        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        for call in (c for c in calls if isinstance(c.func, ast.Attribute)):
+            if call.func.attr == "publisher":
+                found.setdefault(strings(call.args[1]), set()).add(path.stem)
+            elif call.func.attr == "phase":
+                found.setdefault(f"lockstep/{strings(call.args[0])}", set()).add(path.stem)
+            elif call.func.attr == "_of_vehicle":  # the simulator's
+                found.setdefault(strings(call.args[1]), set()).add("sim_node")
+    return found
+
+
+def test_a_topic_with_a_writer_is_written_by_that_node_alone_and_read_by_another() -> None:
+    by_code = publishers()
+    written = {name: topic for name, topic in VEHICLE_TOPICS.items() if topic.writer}
+    for name, topic in written.items():
+        assert by_code[name] == {topic.writer}, name
+        assert set(topic.readers) - {topic.writer}, name
+
+
 def test_every_message_type_of_our_own_exists() -> None:
     for topic in (*VEHICLE_TOPICS.values(), *MISSION_TOPICS.values(), TRUTH_TOPIC):
         package, _, name = topic.kind.split("/")

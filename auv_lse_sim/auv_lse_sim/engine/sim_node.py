@@ -12,6 +12,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from auv_lse_common.base_node import BaseNode
 from auv_lse_common.entry_point import Main
+from auv_lse_common.lockstep import Answer, phases_of
 from auv_lse_common.quality import EVERY, quality_of
 from auv_lse_common.ros_conversions import seconds, stamp, standing_of, stop_of
 from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, reader_count
@@ -110,10 +111,14 @@ class SimNode(BaseNode):
         if outputs:
             self._clock_topic.publish(ClockMessage(clock=stamp(sim.now_s)))
             for k, output in outputs.items():
-                self._topics[k].publish(output)
-            if self.lockstep:
+                sim.deliver(k, output)
+            if self.lockstep:  # first: a vehicle begins when the last message that it waits for is there
                 self._waiting_since_s = time.monotonic()
                 self._tick.publish(tick_message(sim))
+            for k, output in outputs.items():
+                self._topics[k].publish(output)
+            for k, output in outputs.items():
+                self._topics[k].publish_unread(output)
             self._speed.note(sim.now_s, time.monotonic())
         self._publish_status(sim.state, sim.message)
 
@@ -179,7 +184,9 @@ class SimNode(BaseNode):
         if message.phase == LockstepDone.RECORDER:
             self._sim.take_recorded(message.tick)
         else:
-            self._sim.take_done(message.vehicle, message.phase, message.tick, message.totals, message.finished)
+            told = Answer(phase=message.phase, totals=tuple(message.totals), finished=message.finished)
+            for part in phases_of(told):
+                self._sim.take_done(message.vehicle, part.phase, message.tick, part.totals, part.finished)
         self._advance()
 
     def destroy_node(self) -> None:

@@ -59,19 +59,22 @@ class VehicleTopics:
         self._commands.publish(message)
 
     def publish(self, output: VehicleOutput) -> None:
-        """Publishes what the last tick brought, and hands the emulated hardware its part."""
+        """Publishes what the last tick brought for the vehicle's nodes, unless emulated hardware brings it."""
         k, now_s, links = self._vehicle, self._sim.now_s, self._sim.links
         for row in output.soundings:
             self._soundings.publish(sounding_message(row))
         if k not in links.modems:
             for arrival in output.arrivals:
                 self._received.publish(arrival_message(arrival))
-        self._sim.deliver(k, output)
         if k not in links.autopilots:
-            self._odometry.publish(odometry_message(output.odometry, output.pressure_depth_m, k))
             self._dead_reckoning.publish(dead_reckoning_message(output.dead_reckoning, k))
             for fix in output.fixes:
                 self._fixes.publish(fix_message(fix))
             self._altitude.publish(altitude_message(now_s, output.altitude_m, k))
-            self._pressure.publish(pressure_message(now_s, output.pressure_depth_m, k))
-        self._truth.publish(truth_message(output.truth, k))
+            self._odometry.publish(odometry_message(output.odometry, output.pressure_depth_m, k))
+
+    def publish_unread(self, output: VehicleOutput) -> None:
+        """Publishes what none of the vehicle's nodes waits for."""
+        if self._vehicle not in self._sim.links.autopilots:
+            self._pressure.publish(pressure_message(self._sim.now_s, output.pressure_depth_m, self._vehicle))
+        self._truth.publish(truth_message(output.truth, self._vehicle))

@@ -28,6 +28,8 @@ from auv_lse_sim.record.rosbag2_writer import make_writer
 from auv_lse_sim.record.software import mission_text, version
 
 _DISCOVERY_PERIOD_S = 2.0
+#: In lockstep, where stamps tell all that matters of time, messages are taken this often (s): about once per tick.
+_GATHER_S = 0.02
 #: How often (s) the space on the disk is looked at.
 _LOOK_PERIOD_S = 2.0
 
@@ -58,6 +60,7 @@ class RecorderNode(BaseNode):
         for name, topic in recorded_topics(mission.vehicles).items():
             self._record(name, topic.kind, latched=topic.latched)
         if self.lockstep:
+            self.gather_s = _GATHER_S
             self._done = self.create_publisher(LockstepDone, "/lockstep/done", EVERY)
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
         self._said = False
