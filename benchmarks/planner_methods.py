@@ -105,6 +105,12 @@ def windows(path: Path, where: str) -> Iterator[tuple[str, float, float]]:
                 yield f"{path.stem}@{north:.0f},{east:.0f}", float(north + margin), float(east + margin)
 
 
+def spread_windows(path: Path, where: str, most: int) -> list[str]:
+    """Names of at most so many windows, spread over all that there are."""
+    found = [name for name, _, _ in windows(path, where)]
+    return found[:: max(1, len(found) // most)][:most]
+
+
 def lake(name: str, where: str, real: Path | None) -> Any:
     """The ground called `name`: a seed, or a window of the real lake."""
     (height, width, margin), _ = area(where)
@@ -219,9 +225,7 @@ def main(arguments: list[str] | None = None) -> None:
     for vehicles in options.vehicles:
         names = [str(options.first + i) for i in range(options.lakes)]
         if options.real:
-            found = [name for name, _, _ in windows(options.real, options.area)]
-            every = max(1, len(found) // options.windows)
-            names += found[::every][: options.windows]
+            names += spread_windows(options.real, options.area, options.windows)
         jobs += [(m, vehicles, options.area, name, options.loss) for name in names for m in options.methods]
     jobs = [j for j in jobs if (*j, options.steps) not in done]
     print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}")

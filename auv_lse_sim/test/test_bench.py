@@ -227,7 +227,7 @@ def test_methods_are_flown_over_lakes(tmp_path, capsys):
     assert "0 missions to fly, 2 in" in capsys.readouterr().out
 
 
-def test_windows_of_a_real_lake_are_found_and_flown(tmp_path):
+def test_windows_of_a_real_lake_are_found_and_flown(tmp_path, capsys):
     methods = importlib.import_module("benchmarks.planner_methods")
     lake = SyntheticLake(LakeConfig(seed=5001, height_m=500.0, width_m=600.0, north_m=200.0, east_m=250.0, islands=0))
     north_m, east_m = np.arange(-40.0, 441.0, 10.0), np.arange(-40.0, 541.0, 10.0)
@@ -237,6 +237,10 @@ def test_windows_of_a_real_lake_are_found_and_flown(tmp_path):
     row = methods.mission("lawnmower", 1, "small", name, 0.0, str(tmp_path / "grid.npz"), 2)
     assert row["lake"] == name
     assert math.isfinite(row["risk_end"])
+    whole = importlib.import_module("benchmarks.real_lake")
+    assert whole.main([str(tmp_path / "grid.npz"), "--windows", "1", "--vehicles", "1", "--steps", "2"]) == 0
+    table = capsys.readouterr().out
+    assert table.count("| 1 vehicle: ") == 5
 
 
 def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, capsys):

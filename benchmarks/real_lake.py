@@ -1,0 +1,78 @@
+"""Windows of a real lake in the whole simulator: navigation, packets, corrected places (tables of docs/planner.md).
+
+    python -m benchmarks.real_lake FILE
+
+FILE is a lake's grid or soundings, as `scripts/mission --bathymetry` takes it. Each window is mown and flown by `tour`,
+with places as booked and corrected.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import itertools
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from auv_lse_sim.campaign.mission_row import judged
+from auv_lse_sim.settings import Settings
+from benchmarks.headline_table import means, pairs
+from benchmarks.places_table import Row
+from benchmarks.planner_methods import area, spread_windows
+
+#: Settings by name; the first is compared with the others.
+SETTINGS: dict[str, dict[str, Any]] = {
+    "tour": {},
+    "tour, places as booked": {"places.correct": False, "packet.navigation": False, "vehicle.surfacings": 0},
+    "lawnmower": {"planner.method": "lawnmower"},
+}
+
+
+def row(file: Path, window: str, vehicles: int, overrides: dict[str, Any], steps: int) -> Row:
+    """Figures of one flight over a window `NAME@NORTH,EAST` (m, its southwestern corner) of a lake."""
+    (height, width, _), _ = area("small")
+    south, west = (float(x) for x in window.split("@")[1].split(","))
+    north, east = south + height, west + width
+    settings = Settings.load(
+        None,
+        {
+            "mission.seed": sum(window.encode()),
+            "mission.vehicles": vehicles,
+            "mission.steps": steps,
+            "sim.bathymetry.file": str(file.resolve()),
+            "area.polygon_m": [south, west, north, west, north, east, south, east],
+            **overrides,
+        },
+    )
+    return dataclasses.asdict(judged(settings.to_patterns(), window, 2).summary)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Flies and prints the tables. Returns 0, 1 without any window, 130 after Ctrl-C."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.real_lake", description=__doc__)
+    parser.add_argument("file", type=Path, help="the lake's grid or soundings")
+    parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], help="teams")
+    parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")
+    parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
+    options = parser.parse_args(arguments)
+    found = spread_windows(options.file, "small", options.windows)
+    if not found:
+        print(f"{options.file}: no window of 400 m x 500 m is known well enough and 20 to 80 % deep", file=sys.stderr)
+        return 1
+    groups: dict[str, dict[int, Row]] = {}
+    try:
+        for vehicles, (name, overrides) in itertools.product(options.vehicles, SETTINGS.items()):
+            label = f"{vehicles} vehicle{'s' * (vehicles > 1)}: {name}"
+            for number, window in enumerate(found):
+                print(f"{label}: {window}", file=sys.stderr, flush=True)
+                groups.setdefault(label, {})[number] = row(options.file, window, vehicles, overrides, options.steps)
+    except KeyboardInterrupt:
+        return 130
+    print("\n".join([*means(groups), "", *pairs(groups)]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
