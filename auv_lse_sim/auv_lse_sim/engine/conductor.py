@@ -82,7 +82,7 @@ def conduct(
     marks = {"began": time.monotonic()}
     forked_s, told = marks["began"], False
     started_s: dict[str, float] = {}
-    group = ProcessGroup(folder / "logs", environment, processes)
+    group = ProcessGroup(folder / "logs", environment, processes, in_turn=settings.sim.lockstep)
     with contextlib.ExitStack() as stack:
         stack.callback(group.stop)
         for process in processes:

@@ -14,19 +14,27 @@ from auv_lse_common.processes import RECORDER_STOP_S, Process, end, executable_p
 class ProcessGroup:
     """The running processes of a mission."""
 
-    def __init__(self, log_folder: Path, environment: dict[str, str], processes: Sequence[Process] = ()) -> None:
+    def __init__(
+        self,
+        log_folder: Path,
+        environment: dict[str, str],
+        processes: Sequence[Process] = (),
+        *,
+        in_turn: bool = False,
+    ) -> None:
         """Starts nothing yet.
 
         Args:
             log_folder: Gets a file with the output of each process.
             environment: The processes' environment.
             processes: What will be started, as far as it is known: starts faster then.
+            in_turn: As `ForkServer` takes it.
 
         Raises:
             LaunchError: if one of `processes` is not installed.
         """
         self._logs = log_folder
-        self._server = ForkServer(processes, self.log("fork_server"), environment)
+        self._server = ForkServer(processes, self.log("fork_server"), environment, in_turn=in_turn)
         self._running: dict[str, ForkedProcess] = {}
 
     def start(self, process: Process, parameter_file: Path, extra: Sequence[str] = ()) -> None:
