@@ -65,6 +65,7 @@ class VehicleNode(BaseNode):
         self._vehicle = self._number()
         self.journal = self._open_journal()
         self._readers: dict[Publisher, int] = {}
+        self._recorder_alone: list[Publisher] = []  # publishers that nobody else reads
         self._parts: dict[str, _Part] = {}
         self._ticks: Ticks | None = None
         self._matched = self._greeted = self._at_work = False
@@ -127,7 +128,10 @@ class VehicleNode(BaseNode):
         entry = VEHICLE_TOPICS[topic]
         publisher = self.create_publisher(kind, topic, quality_of(entry))
         outside = [name for name in self._mates_and_simulator() if not self._is_beside(name, entry)]
-        self._readers[publisher] = reader_count(entry, outside) + self.recorded * entry.recorded
+        readers, recorders = reader_count(entry, outside), self.recorded * entry.recorded
+        self._readers[publisher] = readers + recorders
+        if recorders and not readers:
+            self._recorder_alone.append(publisher)
         return Outlet(publisher, topic, entry, POST)
 
     def _mates_and_simulator(self) -> list[str]:
@@ -207,8 +211,7 @@ class VehicleNode(BaseNode):
     def begin(self) -> None:
         """Starts handling the phases; to be called when every topic is wired and every phase added."""
         if not self.lockstep:
-            alone = {publisher: 1 for publisher, number in self._readers.items() if number == self.recorded == 1}
-            self.when_matched(alone, self._handle_from_now_on, _RECORDER_WAIT_S)
+            self.when_matched(dict.fromkeys(self._recorder_alone, 1), self._handle_from_now_on, _RECORDER_WAIT_S)
             return
         self._ticks = Ticks(tuple(self._parts))
         self._check_reader("/lockstep/tick", MISSION_TOPICS["/lockstep/tick"])

@@ -27,7 +27,7 @@ from auv_lse_common.base_node import BaseNode
 from auv_lse_common.entry_point import Main
 from auv_lse_common.params import parameter, section
 from auv_lse_common.vehicle_node import VehicleNode
-from auv_lse_msgs.msg import Bound
+from auv_lse_msgs.msg import Bound, ModemTx
 
 pytestmark = pytest.mark.ros
 
@@ -230,5 +230,27 @@ def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not
             assert spin(lambda: told > 0, 10.0), "it goes on without a recorder"
     finally:
         recorder.destroy_node()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_a_recorded_node_does_not_wait_for_readers_of_what_is_not_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vehicle_node, "_RECORDER_WAIT_S", 60.0)
+    path = tmp_path / "p.yaml"
+    path.write_text(f"/**:\n  ros__parameters:\n    record: {{folder: {tmp_path}}}\n    modem: {{kind: micromodem}}\n")
+    rclpy.init(args=["--ros-args", "--params-file", str(path), "-r", "__ns:=/auv1"])
+    node = VehicleNode("micromodem_node")
+    handled: list[float] = []
+    try:
+        node.publisher(ModemTx, "modem/failed")  # modem_node reads it, which is away; the recorder does not
+        node.phase("micromodem", handled.append)
+        node.begin()
+        end = time.monotonic() + 5.0
+        while not handled and time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.05)
+        assert handled
+    finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -224,7 +224,7 @@ def test_a_link_started_again_takes_no_short_cut_to_a_waypoint_that_was_decided_
         stamp_s=1.0, heading_rad=0.0, north_m=-3.0, east_m=2.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0
     )
     young = Waypoint(header=header(time.time() + 9.0), step=7, straight_m=20.0, turn_radius_m=15.0, end_north_m=20.0)
-    next_one = Waypoint(header=header(time.time() + 10.0), step=8, end_north_m=40.0, then_north_m=math.nan)
+    next_one = Waypoint(header=header(time.time() + 10.0), step=8, start_north_m=20.0, end_north_m=40.0)
     with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
         link = s.node._autopilot.link
         s.node._on_waypoint(young)

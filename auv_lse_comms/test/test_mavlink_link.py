@@ -503,6 +503,22 @@ def test_a_leg_planned_anew_takes_the_place_of_the_old_one(mode):
         assert targets(pilot) == [(20.0, 9.0)]
 
 
+@pytest.mark.parametrize("mode", ["position_target", "mission"])
+def test_a_leg_that_begins_elsewhere_takes_the_place_of_all_that_wait(mode):
+    """The planner has given up a leg whose end is never passed; the link kept its target for ever."""
+    pilot = Autopilot(mode=mode).up()
+    pilot.at(-30.0, 5.0)
+    pilot.link.command(pilot.now_s, A)
+    pilot.link.command(pilot.now_s, dataclasses.replace(B, begins_m=(A.north_m, A.east_m + 3.0)))
+    assert len(pilot.link.targets) == 2, "the map has moved a little: it follows"
+    pilot.heard()
+    other = dataclasses.replace(B, step=B.step + 1, north_m=-50.0, begins_m=(-30.0, 5.0))
+    pilot.link.command(pilot.now_s, other)
+    assert pilot.link.targets == (other,)
+    if mode == "position_target":
+        assert targets(pilot) == [(-50.0, 0.0)]
+
+
 def test_setpoints_are_fast_enough_for_px4_offboard():
     pilot = Autopilot().up()
     pilot.link.command(pilot.now_s, A)

@@ -20,6 +20,11 @@ Array = NDArray[np.float64]
 
 #: A vehicle this near to a leg's end (m) has travelled it: what rounding leaves of one that is exactly there.
 AT_END_M = 1e-9
+#: A vehicle whose heading is this far (rad) off its leg's does not go on from that leg's end as planned. Less is what a
+#: current asks for.
+ASIDE_RAD = math.pi / 4.0
+#: Nor does one that is this far (m) past that end, since the decision is late: it has turned to somewhere by then.
+PASSED_M = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,9 +200,11 @@ class Travel:
             off_m = math.hypot(here[1] - start[1], here[2] - start[2])
             return (here, True) if off_m > planner.reanchor_m else (start, False)
         remaining_m = self._remaining_m(self.leg, self.estimate)
+        heading = self.leg.state_at(self.leg.length_m - remaining_m)[0]
         if (
-            self.leg.distance_off_m(here[1], here[2]) <= planner.reanchor_m
-            and remaining_m >= -planner.reanchor_m
+            abs(math.remainder(here[0] - heading, 2.0 * math.pi)) <= ASIDE_RAD
+            and self.leg.distance_off_m(here[1], here[2]) <= planner.reanchor_m
+            and remaining_m >= -PASSED_M
             and not self.overdue(self.estimate.now_s)
         ):
             return self.leg.end_state, False

@@ -5,9 +5,9 @@ Theory of operation.
 - Mission steps are counted by planned states: the decision for step i starts from the planned state of step i and
   gives the leg to step i + 1. The decision for step 0 is due with the first odometry after the start delay, the one
   for step i + 1 when what remains of leg i takes `replan_lead_s` or less. It starts from leg i's planned end, unless
-  odometry shows the vehicle further than `reanchor_m` off its leg: then from where odometry leads in that time
-  (`travel.py`). A surfacing takes the time of some legs (`surfacing.py`): their steps are passed over, and the plan
-  waits for as many.
+  odometry shows the vehicle further than `reanchor_m` off its leg, headed elsewhere, or past that end: then from where
+  odometry leads in that time (`travel.py`). A surfacing takes the time of some legs (`surfacing.py`): their steps are
+  passed over, and the plan waits for as many.
 - Steps are counted only while the mission goes (`run`): while it waits or holds nothing is decided, and the leg under
   way takes no time.
 - A decision goes through the steps of `receding_horizon.py`.

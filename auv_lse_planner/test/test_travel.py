@@ -142,6 +142,16 @@ def test_later_decisions_plan_from_the_legs_end_unless_the_vehicle_is_off_it():
     assert np.array_equal(state, [0.0, 41.0, 0.0])
 
 
+@pytest.mark.parametrize(("heading_rad", "from_odometry"), [(0.7, False), (-0.9, True)])
+def test_a_vehicle_that_comes_to_the_legs_end_from_aside_plans_from_where_it_really_will_be(heading_rad, from_odometry):
+    travel = _on_the_first_leg()
+    travel.move(_at(16.0, 24.0, 1.0, heading_rad))
+    state, reanchored = travel.anchor(PLANNER)
+    assert reanchored is from_odometry
+    expected = [-0.9, 24.0 + 6.0 * math.cos(0.9), 1.0 - 6.0 * math.sin(0.9)] if from_odometry else [0.0, 30.0, 0.0]
+    assert state == pytest.approx(expected)
+
+
 def test_while_the_mission_holds_no_step_is_counted_and_the_legs_time_stands_still():
     waiting = _travel()
     waiting.run(0.0, False)

@@ -19,14 +19,16 @@ from auv_lse_comms.mavlink.datum import Datum, Origin
 from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, Pressure
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.transport import UdpPort
-from auv_lse_planner.config import MotionConfig
+from auv_lse_planner.config import MotionConfig, PlannerConfig, VehicleConfig
 from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.travel import EstimatedState, Travel
 from auv_lse_sim.emulated.links import report_of
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Extent
 from auv_lse_sim.world.target_leg import leg_to
+from auv_lse_sim.world.vehicle import tightest_radius_m
 from auv_lse_sim.world.world import World
 
 ORIGIN = Origin(lat_deg=46.5, lon_deg=6.6)
@@ -39,7 +41,14 @@ GROUND = FunctionGround(
 
 def end_of(leg: Leg) -> Target:
     heading, north, east = leg.state_at(leg.length_m)
-    return Target(north_m=float(north), east_m=float(east), depth_m=4.0, heading_rad=float(heading), step=leg.step)
+    return Target(
+        north_m=float(north),
+        east_m=float(east),
+        depth_m=4.0,
+        heading_rad=float(heading),
+        step=leg.step,
+        begins_m=(leg.north_m, leg.east_m),
+    )
 
 
 def test_legs_by_hand():
@@ -67,6 +76,20 @@ def test_every_target_can_be_reached_and_is(heading, north, east):
     assert leg.end_state[1:] == pytest.approx((north, east), abs=0.06)  # ON_CIRCLE_M
     assert leg.straight_m >= 0.0
     assert abs(leg.action_rad) < 2.0 * math.pi
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_target_a_little_inside_the_turning_circle_is_turned_to_more_tightly(side):
+    """A quarter turn whose end has moved with the map by 3 m; by the other circle it would take a minute more."""
+    leg = leg_to(0.0, 0.0, 0.0, (12.0, side * 15.0), 15.0, tightest_m=10.0)
+    assert leg.end_state[1:] == pytest.approx((12.0, side * 15.0))
+    assert (leg.radius_m, leg.straight_m) == pytest.approx((12.3, 0.0))  # (12^2 + 15^2) / (2 * 15)
+    assert 1.5 < side * leg.action_rad < 2.0
+    passed = leg_to(0.0, 0.0, 0.0, (12.0, side * 15.0), 15.0, tightest_m=15.0)
+    assert (passed.radius_m, passed.action_rad) == pytest.approx((15.0, side * math.pi / 2))
+    assert math.dist(passed.end_state[1:], (12.0, side * 15.0)) == pytest.approx(3.0)
+    round_by = leg_to(0.0, 0.0, 0.0, (10.0, side * 15.0), 15.0, tightest_m=15.0)
+    assert side * round_by.action_rad < -math.pi, "5 m inside"
 
 
 class Sea:
@@ -305,7 +328,13 @@ class Dive:
         self.start = (own.start_heading_rad, own.start_north_m, own.start_east_m)
         self.depth_m = own.depth_m
         self.vehicle = MavlinkVehicle(
-            1, self.start, 15.0, ORIGIN, lambda leg: self.world.command(1, leg), obey=lambda s: self.world.obey(1, s)
+            1,
+            self.start,
+            15.0,
+            ORIGIN,
+            lambda leg: self.world.command(1, leg),
+            obey=lambda s: self.world.obey(1, s),
+            tightest_m=tightest_radius_m(own, self.settings.sim),
         )
         self.link = VehicleLink(LinkConfig(kind="mavlink", mode=mode), 1, ORIGIN)
         self.now_s, self.told, self.truth, self.raw, self.outputs = 0.0, [], [], [], None
@@ -342,6 +371,40 @@ class Dive:
 
     def of(self, kind):
         return [event for event in self.told if isinstance(event, kind)]
+
+
+@pytest.mark.parametrize("mode", ["position_target", "mission"])
+@pytest.mark.parametrize("late", [False, True], ids=["in time", "late"])
+def test_legs_that_do_not_join_and_come_late_take_no_more_than_twice_their_time(mode, late):
+    """The map moves against odometry by up to 3 m from leg to leg; every third decision is up to 10 s late."""
+    rng = random.Random(4)
+    dive, planner = Dive(mode), PlannerConfig()
+    travel = Travel(VehicleConfig(speed_mps=1.5), 40)
+    lengths, started_s, due_s = [], [], math.nan
+    while travel.decided < 40:
+        dive.fly(1)
+        e = dive.of(AutopilotEstimate)[-1]
+        travel.move(EstimatedState(dive.now_s, e.heading_rad, e.north_m, e.east_m))
+        if not travel.due(dive.now_s, planner):
+            continue
+        if math.isnan(due_s):
+            due_s = dive.now_s + (rng.uniform(3.0, 10.0) if late and travel.decided % 3 == 1 else 0.0)
+        if dive.now_s < due_s:
+            continue
+        due_s = math.nan
+        state, reanchored = travel.anchor(planner)
+        if travel.decided and not reanchored:
+            size_m, bearing = rng.uniform(0.0, 3.0), rng.uniform(-math.pi, math.pi)
+            state += [0.0, size_m * math.cos(bearing), size_m * math.sin(bearing)]
+        leg = MOTION.leg(travel.decided, state, rng.choice([0, len(MOTION.turns_rad) - 1, rng.randrange(11)]))
+        travel.take(leg, dive.now_s, at_once=reanchored)
+        dive.link.command(dive.now_s, end_of(leg))
+        dive.flow()
+        lengths.append(leg.length_m)
+        started_s.append(dive.now_s)
+    took_s = [b - a for a, b in pairwise(started_s)]
+    assert max(took_s) <= 2.0 * max(lengths) / 1.5, [round(t) for t in took_s]
+    assert travel.given_up == 0
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])

@@ -49,6 +49,7 @@ class Target:
         speed_mps: Speed on the way there; NaN: as the autopilot is set.
         then: What follows the mission's last target; None: it is not the last.
         surface: Whether the vehicle surfaces there for a fix before it goes on.
+        begins_m: North, east where its leg begins; None: where the target before it is.
     """
 
     north_m: float
@@ -59,6 +60,7 @@ class Target:
     speed_mps: float = math.nan
     then: Stop | None = None
     surface: bool = False
+    begins_m: tuple[float, float] | None = None
 
 
 def position_target(target: Target, datum: Datum, boot_ms: int, system: int, component: int) -> Message:

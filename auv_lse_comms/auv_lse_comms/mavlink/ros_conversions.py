@@ -57,6 +57,7 @@ def target_of_waypoint(message: Waypoint) -> Target:
         speed_mps=message.speed_mps if message.speed_mps > 0.0 else math.nan,
         then=stop_of(message.then, message.then_north_m, message.then_east_m),
         surface=message.surface,
+        begins_m=(message.start_north_m, message.start_east_m),
     )
 
 

@@ -3,9 +3,11 @@
 Theory of operation
 -------------------
 Targets come in order, each before the one before it is reached; one with the step of an earlier one replaces it and
-all after it. The first is the current one; the next replaces it when the vehicle is within `acceptance_m` of it or has
-passed it. In mode "position_target" the current one is sent at once and every `target_period_s`. In mode "mission" all
-are uploaded whenever one is added, and the first becomes the current item, for autopilots keep their index.
+all after it. One whose leg begins elsewhere than at the last target (by more than `acceptance_m`) replaces all: the
+planner has given up that leg, and plans from where the vehicle is. The first is the current one; the next replaces it
+when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current one is sent at
+once and every `target_period_s`. In mode "mission" all are uploaded whenever one is added, and the first becomes the
+current item, for autopilots keep their index.
 
 Where a target asks for it, the vehicle surfaces there for a fix before it goes on (`surfacing.py`): the same place at
 the surface is sent, then at its depth, and what follows waits.
@@ -157,7 +159,7 @@ class TargetSender:
         except ValueError:
             self._counts["targets_refused"] += 1
             raise
-        while self._targets and self._targets[-1].step >= target.step:
+        while self._targets and (self._targets[-1].step >= target.step or self._begins_elsewhere(target)):
             if len(self._targets) == 1:
                 self._surfacing = None
             self._targets.pop()
@@ -171,6 +173,13 @@ class TargetSender:
             self._unsent = True
         if target.then is not None and target.then.action is not Action.HOLD:  # it holds at its last target anyway
             self._targets.append(_follows(target, target.then))
+
+    def _begins_elsewhere(self, target: Target) -> bool:
+        """Whether a leg begins away from the last target, which the vehicle then need not reach."""
+        last = self._targets[-1]
+        if target.begins_m is None or last.surface or self._surfacing is not None:
+            return False
+        return math.dist(target.begins_m, (last.north_m, last.east_m)) > self._config.acceptance_m
 
     def stop(self, stop: Stop | None) -> None:
         """Stops the vehicle, or lets it travel on (None)."""

@@ -22,6 +22,7 @@ from auv_lse_sim.emulated.modem_emulator import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.channel import Arrival
+from auv_lse_sim.world.vehicle import tightest_radius_m
 from auv_lse_sim.world.world import VehicleOutput
 
 #: Pressure of the air (Pa), and of each metre of fresh water above a vehicle (Pa/m).
@@ -87,7 +88,13 @@ class EmulatedLinks:
         radius_m = self._settings.motion.turn_radius_m
         system_id = self._settings.vehicle(k).link.autopilot_system_id or k
         return MavlinkVehicle(
-            system_id, start, radius_m, origin, lambda leg: follow(k, leg), obey=lambda stop: obey(k, stop)
+            system_id,
+            start,
+            radius_m,
+            origin,
+            lambda leg: follow(k, leg),
+            obey=lambda stop: obey(k, stop),
+            tightest_m=tightest_radius_m(vehicle, self._settings.sim),
         )
 
     def greet(self, now_s: float) -> None:

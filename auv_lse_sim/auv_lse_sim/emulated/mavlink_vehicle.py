@@ -10,9 +10,11 @@ another mission is uploaded, as ArduPilot does, and goes on from there unless to
 A new target or mission item is travelled to after the one before it (the sender sends it when the vehicle is about to
 reach that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs,
 which are arcs and straights of that radius, that is the leg itself, to the rounding of the message (float32: 0.03 mm at
-500 m; mission items: 1 cm). A target's depth and a commanded speed are ignored, since a simulated vehicle keeps its
-own, but for a target at the surface, which brings it up where it is. A new target where the vehicle has just been stops
-it there. The next other target lets it travel on.
+500 m; mission items: 1 cm). A target inside the turning circle is turned to more tightly, as far as the vehicle can:
+the end of a leg moves by metres when the map's places are corrected. A position target that comes long before the
+vehicle is at the one before it, or when that is passed, is turned to at once. A target's depth and a commanded speed
+are ignored, since a simulated vehicle keeps its own, but for a target at the surface, which brings it up where it is. A
+new target where the vehicle has just been stops it there. The next other target lets it travel on.
 """
 
 from __future__ import annotations
@@ -33,6 +35,10 @@ from auv_lse_sim.world.target_leg import leg_to
 SAME_M = 0.05
 #: A target's heading is taken for the leg's end if it is within this of the leg's own (rad).
 SAME_RAD = 0.1
+#: A position target that comes this far (m) from the one before it takes its place.
+REPLACED_M = 8.0
+#: A vehicle so far (m) past the end of its leg has passed it: it circles, and waits for no target at that place.
+AT_END_M = 0.5
 #: A new target nearer than `SAME_M` to one of so many places reported last stops the vehicle there.
 REPORTS = 8
 #: A target less deep than this brings the vehicle to the surface (m).
@@ -97,6 +103,7 @@ class MavlinkVehicle:
         follow: Callable[[Leg], None],
         *,
         obey: Callable[[Stop | None], None] = lambda stop: None,
+        tightest_m: float | None = None,
         own_origin: Origin | None = None,
     ) -> None:
         """Starts armed, in guided flight, without a ground station.
@@ -108,6 +115,7 @@ class MavlinkVehicle:
             origin: The mission's origin; None: no geodetic positions.
             follow: Takes each leg, to be travelled after the legs before it.
             obey: Takes what the vehicle does in place of travelling; None: it travels on.
+            tightest_m: Radius of the vehicle's tightest turn, for targets inside the turning circle; None: `radius_m`.
             own_origin: The estimator's origin, if it is another than the mission's.
         """
         self.counts: Counter[str] = Counter()
@@ -116,8 +124,11 @@ class MavlinkVehicle:
         self.current = 0
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        self._state = start
-        self._radius_m = radius_m
+        self._state = start  # at the end of the leg given out last
+        self._last_leg: Leg | None = None
+        self._here = start  # as reported last
+        self._passed = False  # that end
+        self._radius_m, self._tightest_m = radius_m, tightest_m
         self._follow, self._obey = follow, obey
         self._stopped: Stop | None = None
         self._reported: deque[tuple[float, float]] = deque(maxlen=REPORTS)  # north, east (m)
@@ -143,6 +154,10 @@ class MavlinkVehicle:
         """Sends the telemetry of one tick."""
         self._now_s = now_s
         self._reported.append((report.north_m, report.east_m))
+        self._here = report.heading_rad, report.north_m, report.east_m
+        last = self._last_leg
+        if last is not None and last.progress_m(report.north_m, report.east_m) > last.length_m + AT_END_M:
+            self._passed = True
         if now_s - self._beat_s >= 1.0 or now_s < self._beat_s:
             self._beat_s = now_s
             self._heartbeat()
@@ -237,7 +252,8 @@ class MavlinkVehicle:
 
     # ------------------------------------------------------------------ targets
 
-    def _go(self, target: Target, remembered: int = REMEMBERED) -> None:
+    def _go(self, target: Target, remembered: int = REMEMBERED, replaces_m: float = math.inf) -> None:
+        """Goes to a target, unless it is one of so many remembered; at once if it comes so far from the last one."""
         recent = list(self._recent)[-remembered:]
         known = any(_apart_m(target, (last.north_m, last.east_m)) <= SAME_M for last in recent)
         if target.depth_m <= SURFACE_M:  # where it comes up makes no difference
@@ -248,14 +264,19 @@ class MavlinkVehicle:
         self._tell(None)
         if known:
             return
-        leg = leg_to(*self._state, (target.north_m, target.east_m), self._radius_m, self.counts["legs"])
+        place_m = (target.north_m, target.east_m)
+        _, north_m, east_m = self._here
+        at_once = self._last_leg is not None and math.dist((north_m, east_m), self._state[1:]) > replaces_m
+        begin = self._here if at_once or self._passed else self._state
+        leg = leg_to(*begin, place_m, self._radius_m, self.counts["legs"], self._tightest_m)
         self._recent.append(target)
         # The next leg begins at the target as it was meant, not as it comes out of the geometry: from leg to leg a
         # heading that is a little off would be off by more and more.
         heading = float(leg.end_state[0])
         if abs(math.remainder(target.heading_rad - heading, 2.0 * math.pi)) <= SAME_RAD:
             heading = target.heading_rad
-        self._state = (heading, target.north_m, target.east_m)
+        self._state = (heading, *place_m)
+        self._last_leg, self._passed = leg, False
         self.counts["legs"] += 1
         self._follow(leg)
 
@@ -283,7 +304,7 @@ class MavlinkVehicle:
             self.counts["refused"] += 1
             self._send_text(mavlink.MAV_SEVERITY_WARNING, f"position target: {error}")
             return
-        self._go(target, REPEATED)
+        self._go(target, REPEATED, REPLACED_M)
 
     # ------------------------------------------------------------------ mission protocol, as the vehicle
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +98,11 @@ class Truth:
     loitering: bool
 
 
+def tightest_radius_m(vehicle: VehicleConfig, sim: SimConfig) -> float:
+    """The least radius (m) on which a vehicle can turn."""
+    return vehicle.speed_mps / (sim.dynamics.turn_rate_max_dps * DEG)
+
+
 def _parameters(vehicle: VehicleConfig, sim: SimConfig, speed_mps: float) -> Array:
     """The parameters of `motion_model.advance`, in SI units and radians."""
     d, g, c, v, s = sim.dynamics, sim.gyro, sim.compass, sim.dvl, sim.gps
@@ -159,9 +164,10 @@ class SimVehicle:
     Each tick calls `move`, which returns the places of the sub-steps, then `sense` with the true depth of water there.
 
     A leg that arrives while another is travelled is started at the end of that one, if it begins there; otherwise at
-    once. Without a next leg the vehicle circles at the leg's turning radius, from the leg's end on; a leg that begins
-    there is started when the circle closes. Told to stop (`obey`) it circles where it is, comes up or goes to a place;
-    told to travel on, it steers back to its leg and takes the legs that came meanwhile.
+    once. Without a next leg the vehicle circles at the leg's turning radius, from the leg's end on, and turns at once
+    to the end of a leg that comes then; on rails, which lead it exactly, that starts when the circle closes. Told to
+    stop (`obey`) it circles where it is, comes up or goes to a place; told to travel on, it steers back to its leg and
+    takes the legs that came meanwhile.
 
     Args:
         number: Its number, from 1.
@@ -352,6 +358,9 @@ class SimVehicle:
             self._way.orders.append(order)
         elif self._m[mm.MODE] == mm.WAITING or self._follows(order.leg):
             self._next = order
+        elif self._loitering and self._m[mm.MODE] == mm.STEERED:
+            self._next = None
+            self._begin(replace(order, leg=self._from_here(order.leg)), 0.0)
         else:
             self._next = None
             self._begin(order, 0.0)
@@ -362,6 +371,13 @@ class SimVehicle:
             heading, north, east, _ = mm.on_leg(self._leg, self._m[mm.ALONG])
             return heading, north, east
         return float(self._x[HEADING]), float(self._x[NORTH]), float(self._x[EAST])
+
+    def _from_here(self, leg: Leg) -> Leg:
+        """The way to a leg's end from where the vehicle is: its start is passed."""
+        _, north, east = leg.end_state
+        tightest_m = tightest_radius_m(self.config, self._sim)
+        way = leg_to(*self._here(), (float(north), float(east)), leg.radius_m, leg.step, tightest_m)
+        return replace(way, surface=leg.surface)
 
     def _keep_depth(self) -> None:
         up = self._stop is not None and self._stop.action is Action.SURFACE
@@ -376,6 +392,9 @@ class SimVehicle:
         self._m[mm.ALONG] = along_m
 
     def _follows(self, leg: Leg) -> bool:
+        """Whether a leg begins where the vehicle's way ends; a circle that is steered has no end."""
+        if self._loitering and self._m[mm.MODE] == mm.STEERED:
+            return False
         end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
         near = math.hypot(leg.north_m - end[1], leg.east_m - end[2]) <= SEAM_M
         return near and abs(wrap(leg.heading_rad - end[0])) <= SEAM_RAD
