@@ -219,6 +219,41 @@ def test_ctrl_c_ends_every_process_and_leaves_a_readable_recording(tmp_path: Pat
     assert read_run(folder).vehicles[0].decisions, "the recording is readable"
 
 
+def test_ctrl_c_before_the_first_tick_and_while_the_report_is_made_says_what_there_is(tmp_path: Path) -> None:
+    for folder, sign, last, there in (
+        (tmp_path / "early", "to watch from another terminal", "interrupted before the first tick", False),
+        (tmp_path / "late", None, "there is no report: scripts/replay", True),
+    ):
+        with subprocess.Popen(
+            command("--vehicles", "1", "--steps", "1", "--out", str(folder)),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**environment(), "PYTHONUNBUFFERED": "1"},
+            start_new_session=True,
+        ) as process:
+            until = time.monotonic() + 90.0
+            while sign is None and not (folder / "logs" / "times.json").exists() and time.monotonic() < until:
+                time.sleep(0.01)
+            assert sign is None or _reads(process, sign)
+            time.sleep(0.3)
+            process.send_signal(signal.SIGINT)
+            output, _ = process.communicate(timeout=60)
+        assert process.returncode == 130, output
+        assert last in output
+        assert "Traceback" not in output
+        assert "error" not in output
+        assert (folder / "bag" / "metadata.yaml").exists() == there
+        assert not (folder / "report.html").exists()
+        assert not nodes_of(folder)
+
+
+def _reads(process: subprocess.Popen[str], text: str) -> bool:
+    """Whether a process says `text`; reads on until it does."""
+    assert process.stdout is not None
+    return any(text in line for line in iter(process.stdout.readline, ""))
+
+
 def test_a_node_that_dies_is_named_with_its_last_words(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     with subprocess.Popen(

@@ -42,6 +42,11 @@ class Interrupt:
     def _note(self, sign: int, frame: FrameType | None) -> None:
         self.came = True
 
+    def over(self) -> None:
+        """Nothing has to be ended in order any more: from now on either signal is a KeyboardInterrupt."""
+        for sign in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(sign, signal.default_int_handler)
+
 
 def conduct(
     settings: Settings,

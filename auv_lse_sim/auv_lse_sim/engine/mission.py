@@ -144,18 +144,39 @@ def fly(
         _complain(console, error)
         return 1
     wall_s = time.monotonic() - started
-    code = 130 if interrupt.came else 0
+    if interrupt.came and "mission" not in phases:
+        _say(console, "interrupted before the first tick: every process has ended, and nothing was recorded")
+        return 130
     if interrupt.came:
-        console.print("interrupted: every process has ended; the recording can be read", highlight=False)
+        _say(console, "interrupted: every process has ended; the recording can be read")
     if not settings.record.folder or settings.sim.apart:  # vehicles apart record for themselves
-        return code
+        return 130 if interrupt.came else 0
+    return _concluded(folder, settings, wall_s, phases, console, interrupt, report)
+
+
+def _concluded(
+    folder: Path,
+    settings: Settings,
+    wall_s: float,
+    phases: dict[str, float],
+    console: Console,
+    interrupt: Interrupt,
+    report: bool,
+) -> int:
+    """Evaluates the mission; an exit code: 130 if it, or this, was interrupted."""
+    code = 130 if interrupt.came else 0
+    mission = "the mission was interrupted" if interrupt.came else "the mission is complete"
+    interrupt.over()
     try:
         conclude(folder, settings, wall_s, phases, console, report=report)
+    except KeyboardInterrupt:
+        _say(console, f"interrupted: {mission} and recorded, but there is no report: scripts/replay {folder} --report")
+        return 130
     except ImportError as error:
-        _complain(console, f"the mission is complete, but {missing(error, 'its figures and report')}")
+        _complain(console, f"{mission}, but {missing(error, 'its figures and report')}")
         return code or 1
     except (OSError, ValueError) as error:
-        _complain(console, f"the mission is complete, but its evaluation failed: {words_of(error)}")
+        _complain(console, f"{mission}, but its evaluation failed: {words_of(error)}")
         return code or 1
     return code
 
