@@ -1,7 +1,8 @@
 """Runs a module as `python -m` does, but ends on Ctrl-C with exit code 130 and one word, whatever it is doing.
 
-`python -m auv_lse_common.command MODULE ARGUMENTS`: the scripts are run so. A command that has something to end in order
-takes the signal itself; this is for the rest of the time, such as the second or two in which modules are imported.
+`python -m auv_lse_common.command MODULE ARGUMENTS`: the scripts are run so. A command that has something to end in
+order takes the signal itself; this is for the rest of the time, such as the second or two in which modules are
+imported.
 """
 
 from __future__ import annotations
