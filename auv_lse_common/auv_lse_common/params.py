@@ -307,9 +307,27 @@ def _text_of(path: Path) -> str:
         raise ParameterError(f"{path}: is no text in UTF-8: {error}") from error
 
 
+class _EachKeyOnce(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
+    """YAML's own loader takes the last of two equal keys: a section that stands twice would lose its first half."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in seen:
+                what = f"the key {key.value!r} stands here again; expected each key once"
+                raise yaml.constructor.ConstructorError(problem=what, problem_mark=key.start_mark)
+            seen.add((key.tag, str(key.value)))
+        found: dict[Any, Any] = super().construct_mapping(node, deep)
+        return found
+
+
 def _parse_yaml(text: str, where: str) -> Any:
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, _EachKeyOnce)
+    except yaml.MarkedYAMLError as error:
+        at = error.problem_mark or error.context_mark
+        place = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
+        raise ParameterError(f"{where}: not valid YAML: {place}{error.problem or error.context}") from error
     except yaml.YAMLError as error:
         raise ParameterError(f"{where}: not valid YAML: {error}") from error
     except (RecursionError, ValueError) as error:  # nested without end; a date or number that cannot be

@@ -20,6 +20,7 @@ from auv_lse_common.params import (
     parameter,
     parameters_for,
     read_parameter_file,
+    read_yaml,
     section,
     to_mapping,
 )
@@ -167,7 +168,13 @@ def test_a_star_is_one_name_and_two_stars_any_number(pattern: str, node: str, ma
         ("", "is empty"),
         ("- 1\n", "expected a ROS 2 parameter file"),
         ("a: {b: 1}\n", "under 'a'"),
-        ("{", "not valid YAML"),
+        ("{", r"m.yaml: not valid YAML: line 1, column 2: expected the node content, but found '<stream end>'"),
+        ("/**: {a: !!python/name:x 1}", "not valid YAML: line 1, column 10: could not determine a constructor"),
+        (
+            "/**:\n  ros__parameters: {}\n/**:\n",
+            "not valid YAML: line 3, column 1: the key '/\\*\\*' stands here again",
+        ),
+        ("/**:\n  ros__parameters:\n    gp: {}\n    gp: {}\n", "line 4, column 5: the key 'gp' stands here again"),
     ],
 )
 def test_files_of_another_shape_are_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -177,6 +184,12 @@ def test_files_of_another_shape_are_refused(tmp_path: Path, text: str, message: 
         read_parameter_file(path)
     with pytest.raises(ParameterError, match="cannot be read: No such file"):
         read_parameter_file(tmp_path / "none.yaml")
+
+
+def test_a_merged_key_may_be_given_again(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text("x: &x {a: 1, b: 2}\ny: {<<: *x, b: 3}\n")
+    assert read_yaml(path)["y"] == {"a": 1, "b": 3}
 
 
 def test_describe_lists_every_parameter() -> None:

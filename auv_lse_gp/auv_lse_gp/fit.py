@@ -169,7 +169,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"fit: {options.source}: cannot be read: {error.strerror or error}", file=sys.stderr)
         return 1
     except ValueError as error:
-        print(f"fit: {error}", file=sys.stderr)
+        named = str(error).startswith(str(options.source))
+        print(f"fit: {'' if named else f'{options.source}: '}{error}", file=sys.stderr)
         return 1
     result = max(results, key=lambda r: r.log_likelihood)
     if len(results) > 1:

@@ -153,7 +153,7 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
         (["absent.csv"], "absent.csv"),
         (["empty.npz"], "fit: empty.npz: not a readable npz file"),
         (["."], "holds no recording; expected a run folder"),
-        (["few.csv"], "got 3 soundings; expected at least 10"),
+        (["few.csv"], "fit: few.csv: got 3 soundings; expected at least 10"),
     ],
 )
 def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):

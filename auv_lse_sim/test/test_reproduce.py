@@ -60,3 +60,13 @@ def _reproduced_in_miniature(tmp_path, arguments, capsys):
 def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):
     assert main(["--seeds", "0", "--out", str(tmp_path)]) == 2
     assert "--seeds 0" in capsys.readouterr().err
+
+
+def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, capsys):
+    assert main(["--page", "--out", str(tmp_path / "none")]) == 2
+    assert "none: no mission was flown here; fix: the same command without --page" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    file = tmp_path / "file"
+    file.touch()
+    assert main(["--quick", "--out", str(file)]) == 2
+    assert f"{file}: is a file; expected a folder, or a name that is free" in capsys.readouterr().err

@@ -53,6 +53,8 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"grid": {"mission.steps": [0]}}, r"mission\.steps: got 0; expected int >= 1"),
         ({"seeds": [1, 1]}, r"seeds: got \[1, 1\]; expected"),
         ({"seeds": 0}, "seeds: got 0"),
+        ({"seeds": 99999999999}, "seeds: got 99999999999; expected at most 100000 seeds"),
+        ({"seeds": {"first": 1, "count": 100001}}, "seeds: got .*; expected at most 100000 seeds"),
         ({"list": [{"label": "a"}, {"label": "a"}]}, "two settings are called 'a'"),
         ({"list": [{"label": "a"}, {"label": "b"}]}, "the same mission as another"),
         ({"list": [{"planner.method": "plain"}], "grid": {"planner.method": ["plain"]}}, "in grid and in list"),

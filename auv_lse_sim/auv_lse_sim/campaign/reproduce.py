@@ -20,7 +20,7 @@ from auv_lse_sim.campaign.options import add_cluster_options, default_root
 from auv_lse_sim.campaign.progress_display import duration
 from auv_lse_sim.campaign.reproduce_page import write_page
 from auv_lse_sim.campaign.results import write_results
-from auv_lse_sim.campaign.runner import CampaignState
+from auv_lse_sim.campaign.runner import CampaignState, made_folder
 from auv_lse_sim.campaign.study import CAMPAIGNS, METHODS, SENSITIVE, SWEEP_NAMES, full_study, quick_study
 from auv_lse_sim.campaign.study_runner import estimate_s, fly_study
 
@@ -90,7 +90,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             else full_study(options.seeds, options.sweep_seeds, options.only, options.sweep_methods, options.sweeps)
         )
         folder = options.out or default_root() / ("reproduce-quick" if options.quick else "reproduce")
-        folder.mkdir(parents=True, exist_ok=True)
+        if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
+            raise CampaignError(f"{folder}: no mission was flown here; fix: the same command without --page")
+        made_folder(folder)
         states: dict[str, CampaignState] = {}
         if options.page:
             flown = examples(study, folder, None)

@@ -164,6 +164,19 @@ def _left_s(busy: Mapping[str, list[float]], todo: Sequence[Job], done: int, thr
     return max(total - spent, 0.0) / threads if done < len(todo) else 0.0
 
 
+def made_folder(folder: Path) -> Path:
+    """`folder`, made where it is missing.
+
+    Raises:
+        CampaignError: if a file of that name is in the way.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise CampaignError(f"{folder}: is a file; expected a folder, or a name that is free") from error
+    return folder
+
+
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Holds a campaign's folder for this process.
@@ -171,8 +184,7 @@ def locked(folder: Path) -> Iterator[None]:
     Raises:
         CampaignError: if another process holds it.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / ".lock").open("w") as file:
+    with (made_folder(folder) / ".lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -32,6 +32,8 @@ KEYS = ("name", "mission", "set", "grid", "list", "seeds")
 #: What names a folder: no path, no hidden file, nothing that does not print. Its length in bytes at most.
 _NAME = re.compile(r"[^\W.][^/\x00-\x1f\x7f]*")
 _LONGEST_NAME = 100
+#: More is a slip: weeks of flying, and a list of missions that no machine holds.
+_MOST_SEEDS = 100_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +94,7 @@ class CampaignSpec:
             ParameterError: naming the key, the value and what was expected.
         """
         if not isinstance(content, Mapping) or not content:
-            raise ParameterError(f"{where}: expected a mapping with any of {', '.join(KEYS)}")
+            raise ParameterError(f"{where}: got {repr(content)[:60]}; expected a mapping with any of {', '.join(KEYS)}")
         for key in content:
             if key not in KEYS:
                 raise ParameterError(f"{where}: {key}: unknown key; expected one of {', '.join(KEYS)}")
@@ -193,15 +195,14 @@ def _folder_name(value: Any, where: str) -> str:
 
 
 def _seeds(value: Any, where: str) -> tuple[int, ...]:
-    if isinstance(value, bool):
-        pass
-    elif isinstance(value, int) and value >= 1:
-        return tuple(range(1, value + 1))
-    elif isinstance(value, Mapping) and set(value) == {"first", "count"}:
+    first, count = 1, value
+    if isinstance(value, Mapping) and set(value) == {"first", "count"}:
         first, count = value["first"], value["count"]
-        if _whole(first) and _whole(count) and count >= 1:
-            return tuple(range(first, first + count))
-    elif isinstance(value, Sequence) and not isinstance(value, str) and _different_seeds(value):
+    if _whole(first) and _whole(count) and count >= 1:
+        if count > _MOST_SEEDS:
+            raise ParameterError(f"{where}: seeds: got {value!r}; expected at most {_MOST_SEEDS} seeds")
+        return tuple(range(first, first + count))
+    if isinstance(value, Sequence) and not isinstance(value, str) and _different_seeds(value):
         return tuple(value)
     raise ParameterError(
         f"{where}: seeds: got {value!r}; expected a number of seeds, a list of different whole numbers from 0, or "
