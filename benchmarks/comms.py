@@ -8,11 +8,11 @@ samples by their worth to the receivers.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
-import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from auv_lse_sim.world.channel import Channel, Position, snr_db
 from auv_lse_sim.world.config import ChannelConfig
 from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks.channel_loss import loss_at_range
+from benchmarks.command import end_with
 from benchmarks.rows import Row, row
 
 Array = NDArray[np.float64]
@@ -454,16 +455,19 @@ def run(*, smoke: bool = False) -> list[Row]:
     return [*codec(sizes), *twenty_vehicles(sizes), *ranges(sizes), *teams(sizes), *chosen]
 
 
-if __name__ == "__main__":
-    if sys.argv[1:] == ["figure"]:
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draws the figure, or prints the comparison."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.comms", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("figure", "selections"), help="see above")
+    if parser.parse_args(arguments).what == "figure":
         channel_figure(Path(__file__).resolve().parents[1] / "docs" / "figures" / "channel.png")
-    elif sys.argv[1:] == ["selections"]:
-        for line in selections():
-            print(
-                line["name"],
-                f"{line['value']:.4g}",
-                line["unit"],
-                "" if line["ratio"] is None else f"x {line['ratio']:.3f}",
-            )
-    else:
-        sys.exit(__doc__)
+        return
+    for line in selections():
+        ratio = "" if line["ratio"] is None else f"x {line['ratio']:.3f}"
+        print(line["name"], f"{line['value']:.4g}", line["unit"], ratio)
+
+
+if __name__ == "__main__":
+    end_with(main)

@@ -9,10 +9,10 @@ the reason, that reason is required.
 
 from __future__ import annotations
 
+import argparse
 import struct
-import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from auv_lse_comms.packet.fields import (
     path_bytes,
     samples_start,
 )
+from benchmarks.command import end_with
 
 LIMITS = Limits(
     steps=100,
@@ -244,16 +245,18 @@ def fuzz(inputs: int, rng: np.random.Generator) -> dict[str, Counter[str]]:
     return counts
 
 
-def main(arguments: list[str] | None = None) -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Prints the reasons for each kind of damage."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    inputs = int(arguments[0]) if arguments else 1_000_000
-    seed = int(arguments[1]) if len(arguments) > 1 else 0
-    counts = fuzz(inputs, np.random.default_rng(seed))
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.comms_fuzz", description=__doc__)
+    parser.add_argument("inputs", type=int, nargs="?", default=1_000_000, metavar="N", help="(default: a million)")
+    parser.add_argument("seed", type=int, nargs="?", default=0, metavar="SEED", help="(default: 0)")
+    options = parser.parse_args(arguments)
+    inputs = options.inputs
+    counts = fuzz(inputs, np.random.default_rng(options.seed))
     for name, reasons in counts.items():
         print(f"{name:18}", ", ".join(f"{reason} {n}" for reason, n in reasons.most_common()))
     print(f"{inputs} inputs, only PacketError escaped")
 
 
 if __name__ == "__main__":
-    main()
+    end_with(main)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import defaultdict
 from collections.abc import Callable
@@ -80,8 +79,3 @@ def run(*, smoke: bool = False) -> list[Row]:
         ratio = mowing[part] / touring[part] if touring[part] else None
         rows.append(row(f"{part}, tour, {team}", touring[part], "s", "lawnmower", ratio))
     return rows
-
-
-if __name__ == "__main__":
-    for line in run():
-        print(json.dumps(line))

@@ -28,6 +28,8 @@ from auv_lse_sim.judge.reliability import Reliability
 from auv_lse_sim.judge.team_map import map_of, mission_settings
 from auv_lse_sim.judge.verdict import judge
 from auv_lse_sim.settings import Settings
+from benchmarks.command import end_with, existing_file
+from benchmarks.results_file import read
 
 FIRST_LAKE = 8200
 #: Measures of a map: key, heading.
@@ -87,11 +89,6 @@ def lines_of(lake: int, method: str, small: bool, priors: list[tuple[str, float,
     return lines
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """Lines of a results file."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
 def table(lines: list[dict[str, Any]]) -> str:
     """Markdown table: of each prior the mean over lakes, and the difference to the default one lake by lake."""
     text = ["| kernel, length scale, std | lakes | " + " | ".join(heading for _, heading in MEASURES) + " |"]
@@ -116,7 +113,7 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--table", type=Path, help="only print the table of this results file")
+    parser.add_argument("--table", type=existing_file, help="only print the table of this results file")
     parser.add_argument("--out", type=Path, default=Path("gp_prior.jsonl"), help="results file, appended to")
     parser.add_argument("--lakes", type=int, default=20, help=f"lakes, from {FIRST_LAKE} on (default: %(default)s)")
     parser.add_argument("--method", default="tour", help="planner.method (default: %(default)s)")
@@ -140,4 +137,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    end_with(main)

@@ -9,10 +9,10 @@ Settings whose labels begin alike, up to the colon, are one scene. Its first one
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping, Sequence
 
 from auv_lse_sim.campaign.statistics import Interval, interval
+from benchmarks.command import end_with
 from benchmarks.places_table import Arguments, Row, print_rows, value
 
 #: Columns of the means: of a row, heading, and decimal places.
@@ -84,4 +84,4 @@ def main(arguments: Arguments = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

@@ -37,6 +37,7 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.paths.steering import Steering
+from benchmarks.command import end_with
 from benchmarks.planner_loop import light_mission, settings_for
 from benchmarks.planner_methods import AREAS, area, lake
 
@@ -221,4 +222,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

@@ -5,11 +5,14 @@ python -m benchmarks.licences > docs/dependencies.md
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+from benchmarks.command import end_with
 
 _ROOT = Path(__file__).resolve().parents[1]
 CONSTRAINTS = _ROOT / "config" / "constraints.txt"
@@ -61,8 +64,11 @@ def _in_file(name: str) -> str:
     return "not stated"
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the page."""
+    argparse.ArgumentParser(
+        prog="python -m benchmarks.licences", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args(arguments)
     print(_HEAD, end="")
     for name, version in pins():
         print(f"| {name} | {version} | {licence_of(name)} |")
@@ -70,4 +76,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

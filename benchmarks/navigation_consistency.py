@@ -2,12 +2,15 @@
 
 NEES is the squared error over the filter's own covariance. For a consistent filter its mean is the number of states
 (Bar-Shalom, Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. The table and the test of
-consistency use `measure()`. Run: python -m benchmarks.navigation_consistency [dives] [duration_s]
+consistency use `measure()`.
+
+    python -m benchmarks.navigation_consistency 160
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +23,7 @@ from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.world.current import Current
 from auv_lse_sim.world.vehicle import SimVehicle
+from benchmarks.command import end_with
 
 Array = NDArray[np.float64]
 
@@ -107,11 +111,21 @@ def measure(
     return Consistency(nees=nees, nees_place=place, error_m=error, std_m=std, travelled_m=gone, times_s=times)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Prints NEES against its bounds, and the drift; the last filter is not told of the compass's harmonics."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    dives = int(arguments[0]) if arguments else 100
-    duration_s = float(arguments[1]) if len(arguments) > 1 else 1500.0
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.navigation_consistency",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("dives", type=int, nargs="?", default=100, metavar="DIVES", help="of each kind (default: 100)")
+    parser.add_argument(
+        "duration_s", type=float, nargs="?", default=1500.0, metavar="SECONDS", help="of a dive (default: 1500)"
+    )
+    options = parser.parse_args(arguments)
+    dives, duration_s = options.dives, options.duration_s
+    if dives < 2 or not 60.0 <= duration_s < float("inf"):
+        parser.error(f"expected at least 2 dives of at least 60 s, got {dives} of {duration_s:g} s")
     cases = (("random path", 0.0, True), ("lanes of 400 m", 400.0, True), ("random path, not told", 0.0, False))
     for name, side_m, told in cases:
         result = measure(SimConfig(), dives, duration_s=duration_s, every_s=duration_s / 6.0, side_m=side_m, told=told)
@@ -133,4 +147,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    end_with(main)

@@ -34,6 +34,8 @@ from auv_lse_sim.record.run_data import RunData, VehicleRun
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import fit_to_ground
+from benchmarks.command import end_with
+from benchmarks.results_file import read
 
 Array = NDArray[np.float64]
 
@@ -152,7 +154,7 @@ def _figures(run: RunData, settings: Any, field: DepthField) -> dict[str, float]
 
 def rows_of(seeds: Sequence[int], path: Path, steps: int = 100) -> Iterator[dict[str, Any]]:
     """The rows, those of the file first; each new one is appended to it."""
-    before = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+    before = read(path)
     done = {(row["seed"], row["condition"]) for row in before}
     yield from (row for row in before if row["seed"] in seeds)
     for seed in seeds:
@@ -205,4 +207,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

@@ -20,6 +20,7 @@ import yaml
 from pyarrow import parquet
 
 from auv_lse_sim.campaign.statistics import interval
+from benchmarks.command import end_with
 
 #: Columns: of a row, and heading.
 COLUMNS = (
@@ -99,4 +100,4 @@ def main(arguments: Arguments = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

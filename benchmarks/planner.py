@@ -8,7 +8,6 @@ own posterior on the path's places. Where a library is not installed its rows ar
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -358,8 +357,3 @@ def run(*, smoke: bool = False) -> list[Row]:
     """All rows; `smoke`: at the smallest sizes, in seconds."""
     sizes = SMOKE if smoke else FULL
     return [*evaluations(sizes), *anytime(sizes), *decisions(sizes), *samples_cost(sizes), *memory(sizes)]
-
-
-if __name__ == "__main__":
-    for line in run():
-        print(json.dumps(line))

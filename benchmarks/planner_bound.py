@@ -24,9 +24,7 @@ team's soundings, so the map of all of them is compared with the largest of the 
 from __future__ import annotations
 
 import argparse
-import json
 import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +40,9 @@ from auv_lse_gp.posterior import Posterior
 from auv_lse_planner.config import PlannerSettings
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
+from benchmarks.command import end_with, existing_file
 from benchmarks.planner_loop import light_mission, settings_for
+from benchmarks.results_file import fly, read
 
 SPAN_M = (250.0, 300.0)
 RULES = (True, False)
@@ -161,11 +161,6 @@ def mission(number: int, method: str, rule: bool, steps: int, iterations: int, f
     return line
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """Lines of a results file."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
 def table(lines: list[dict[str, Any]]) -> str:
     """Markdown table of rates."""
     head = [
@@ -215,7 +210,7 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--table", type=Path, help="only print the table of this results file")
+    parser.add_argument("--table", type=existing_file, help="only print the table of this results file")
     parser.add_argument("--out", type=Path, default=Path("planner_bound.jsonl"), help="results file, appended to")
     parser.add_argument("--missions", type=int, default=200, help="number of missions (default: %(default)s)")
     parser.add_argument(
@@ -233,13 +228,11 @@ def main(arguments: list[str] | None = None) -> None:
     jobs = [(n, o, r) for n in range(options.missions) for o in options.methods for r in RULES if r or o != "tour"]
     jobs = [j for j in jobs if (*j, options.steps, options.first) not in done]
     print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}", flush=True)
-    with ProcessPoolExecutor(options.processes) as pool, options.out.open("a") as file:
-        futures = [pool.submit(mission, *job, options.steps, options.iterations, options.first) for job in jobs]
-        for future in as_completed(futures):
-            file.write(json.dumps(future.result()) + "\n")
-            file.flush()
+    sizes = (options.steps, options.iterations, options.first)
+    for _ in fly(mission, [(*job, *sizes) for job in jobs], options.out, options.processes):
+        pass
     print(table(read(options.out)))
 
 
 if __name__ == "__main__":
-    main()
+    end_with(main)

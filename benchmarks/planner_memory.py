@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import gc
 import re
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ from auv_lse_gp.centers import Centers
 from auv_lse_planner.intake import PlannerIntake
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 from auv_lse_sim.settings import Settings
+from benchmarks.command import end_with
 
 _SIZES = (300, 1000, 2000)
 _AGAIN = 12
@@ -78,4 +78,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

@@ -14,10 +14,8 @@ what three can.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +27,9 @@ import numpy as np
 from auv_lse_planner.paths.naive_ids import STRIPS
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
+from benchmarks.command import end_with, existing_file
 from benchmarks.planner_loop import light_mission, settings_for
+from benchmarks.results_file import fly, read
 
 METHODS = (
     "lawnmower",
@@ -143,11 +143,6 @@ def mission(method: str, vehicles: int, where: str, name: str, loss: float, real
     }
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """Lines of a results file."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
 def interval(differences: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
     """95 % bootstrap interval of the mean."""
     draws = rng.choice(differences, (4000, len(differences))).mean(axis=1)
@@ -195,7 +190,7 @@ def main(arguments: list[str] | None = None) -> None:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--table", type=Path, help="only print the tables of this results file")
+    parser.add_argument("--table", type=existing_file, help="only print the tables of this results file")
     parser.add_argument("--out", type=Path, default=Path("planner_methods.jsonl"), help="results file, appended to")
     parser.add_argument(
         "--methods",
@@ -228,16 +223,12 @@ def main(arguments: list[str] | None = None) -> None:
             names += spread_windows(options.real, options.area, options.windows)
         jobs += [(m, vehicles, options.area, name, options.loss) for name in names for m in options.methods]
     jobs = [j for j in jobs if (*j, options.steps) not in done]
-    print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}")
+    print(f"{len(jobs)} missions to fly, {len(done)} in {options.out}", flush=True)
     real = str(options.real) if options.real else ""
-    with ProcessPoolExecutor(options.processes) as pool, options.out.open("a") as file:
-        for future in as_completed([pool.submit(mission, *job, real, options.steps) for job in jobs]):
-            line = future.result()
-            file.write(json.dumps(line) + "\n")
-            file.flush()
-            print(line["vehicles"], line["lake"], line["method"], f"risk {line['risk_end']:.3f}")
+    for line in fly(mission, [(*job, real, options.steps) for job in jobs], options.out, options.processes):
+        print(line["vehicles"], line["lake"], line["method"], f"risk {line['risk_end']:.3f}", flush=True)
     print(table(read(options.out)))
 
 
 if __name__ == "__main__":
-    main()
+    end_with(main)

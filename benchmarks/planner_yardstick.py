@@ -28,6 +28,7 @@ from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.sequences import PathSequences
 from auv_lse_planner.search.tree import every_sequence
 from auv_lse_planner.situation import Situation
+from benchmarks.command import end_with
 
 #: Sequences of the exhaustive search that are valued together.
 BATCH = 64
@@ -92,4 +93,4 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    end_with(main)

@@ -18,6 +18,7 @@ from typing import Any
 
 from auv_lse_sim.campaign.mission_row import judged
 from auv_lse_sim.settings import Settings
+from benchmarks.command import end_with, existing_file
 from benchmarks.headline_table import means, pairs
 from benchmarks.places_table import Row
 from benchmarks.planner_methods import area, spread_windows
@@ -50,9 +51,9 @@ def row(file: Path, window: str, vehicles: int, overrides: dict[str, Any], steps
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Flies and prints the tables. Returns 0, 1 without any window, 130 after Ctrl-C."""
+    """Flies and prints the tables. Returns 0, 1 without any window."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.real_lake", description=__doc__)
-    parser.add_argument("file", type=Path, help="the lake's grid or soundings")
+    parser.add_argument("file", type=existing_file, help="the lake's grid or soundings")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], help="teams")
     parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
@@ -62,17 +63,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{options.file}: no window of 400 m x 500 m is known well enough and 20 to 80 % deep", file=sys.stderr)
         return 1
     groups: dict[str, dict[int, Row]] = {}
-    try:
-        for vehicles, (name, overrides) in itertools.product(options.vehicles, SETTINGS.items()):
-            label = f"{vehicles} vehicle{'s' * (vehicles > 1)}: {name}"
-            for number, window in enumerate(found):
-                print(f"{label}: {window}", file=sys.stderr, flush=True)
-                groups.setdefault(label, {})[number] = row(options.file, window, vehicles, overrides, options.steps)
-    except KeyboardInterrupt:
-        return 130
+    for vehicles, (name, overrides) in itertools.product(options.vehicles, SETTINGS.items()):
+        label = f"{vehicles} vehicle{'s' * (vehicles > 1)}: {name}"
+        for number, window in enumerate(found):
+            print(f"{label}: {window}", file=sys.stderr, flush=True)
+            groups.setdefault(label, {})[number] = row(options.file, window, vehicles, overrides, options.steps)
     print("\n".join([*means(groups), "", *pairs(groups)]))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

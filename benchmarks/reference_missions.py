@@ -14,7 +14,6 @@ import hashlib
 import json
 import math
 import os
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.judge.evaluation import evaluate
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
+from benchmarks.command import end_with
 
 #: Largest relative difference between two figures of merit that are called the same.
 TOLERANCE = 1e-12
@@ -140,4 +140,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

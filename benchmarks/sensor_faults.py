@@ -9,7 +9,6 @@ expected risk, and its true loss by the ground (both the mean cost of a cell), a
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -23,6 +22,7 @@ from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground import Ground
 from auv_lse_sim.world.ground_source import ground_of
+from benchmarks.command import end_with
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,11 @@ def judged(settings: Settings, ground: Ground, rows: Array, gate: SoundingGate) 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0."""
-    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = argparse.ArgumentParser(
+        prog="python -m benchmarks.sensor_faults",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     p.add_argument("--smoke", action="store_true", help="a few steps: shows only that it runs")
     options = p.parse_args(arguments)
     steps = 4 if options.smoke else 100
@@ -110,4 +114,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

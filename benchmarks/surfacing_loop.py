@@ -9,13 +9,13 @@ The section `places` is told how good the instruments are.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 import numpy as np
 
 from auv_lse_sim.campaign.statistics import interval
 from auv_lse_sim.settings import Settings
+from benchmarks.command import end_with
 from benchmarks.places_drift import flown, judged
 
 DRIFTS = (0.1, 1.0, 10.0)
@@ -53,7 +53,7 @@ def row(seed: int, drift: float, surfaces: bool, steps: int) -> dict[str, float]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Flies and prints the table. Returns 0, 130 after Ctrl-C."""
+    """Flies and prints the table. Returns 0."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.surfacing_loop", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7700, 2), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument("--drifts", type=float, nargs="+", default=DRIFTS, help="times the default's drift")
@@ -66,21 +66,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "| final risk | true loss | (error/std)^2 | NEES |"
     )
     print("|---" * 11 + "|", flush=True)
-    try:
-        for drift in options.drifts:
-            for surfaces in (False, True):
-                rows = [row(seed, drift, surfaces, options.steps) for seed in range(first, first + count)]
-                some = [interval([one[name] for one in rows]) if count > 2 else None for name in names]
-                cells = [
-                    str(found) if found is not None else f"{np.mean([one[name] for one in rows]):.3g}"
-                    for found, name in zip(some, names, strict=True)
-                ]
-                how = "where it pays" if surfaces else "nobody"
-                print(f"| x{drift:g} | {how} | {count} | " + " | ".join(cells) + " |", flush=True)
-    except KeyboardInterrupt:
-        return 130
+    for drift in options.drifts:
+        for surfaces in (False, True):
+            rows = [row(seed, drift, surfaces, options.steps) for seed in range(first, first + count)]
+            some = [interval([one[name] for one in rows]) if count > 2 else None for name in names]
+            cells = [
+                str(found) if found is not None else f"{np.mean([one[name] for one in rows]):.3g}"
+                for found, name in zip(some, names, strict=True)
+            ]
+            how = "where it pays" if surfaces else "nobody"
+            print(f"| x{drift:g} | {how} | {count} | " + " | ".join(cells) + " |", flush=True)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,6 +19,7 @@ import numpy as np
 from auv_lse_sim.campaign.statistics import interval
 from auv_lse_sim.record.run_data import RunData
 from auv_lse_sim.settings import Settings
+from benchmarks.command import end_with
 from benchmarks.places_drift import flown, judged, settings_of
 
 #: Parts of the mission at which the vehicles begin to climb.
@@ -73,7 +73,7 @@ def row(seed: int, part: float, steps: int) -> dict[str, float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Flies and prints the table. Returns 0, 130 after Ctrl-C."""
+    """Flies and prints the table. Returns 0."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.surfacing_time", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7500, 6), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
@@ -84,16 +84,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "| risk saved | loss saved | led off (m) |"
     )
     print("|---" * 9 + "|")
-    try:
-        for part in PARTS:
-            rows = [row(seed, part, options.steps) for seed in range(first, first + count)]
-            names = ("isobath_m", "isobath_without_m", "place_m", "place_without_m", "risk", "loss", "led_m")
-            cells = " | ".join(str(interval([one[name] for one in rows])) for name in names)
-            print(f"| {part:.0%} | {count} | {cells} |", flush=True)
-    except KeyboardInterrupt:
-        return 130
+    for part in PARTS:
+        rows = [row(seed, part, options.steps) for seed in range(first, first + count)]
+        names = ("isobath_m", "isobath_without_m", "place_m", "place_without_m", "risk", "loss", "led_m")
+        cells = " | ".join(str(interval([one[name] for one in rows])) for name in names)
+        print(f"| {part:.0%} | {count} | {cells} |", flush=True)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

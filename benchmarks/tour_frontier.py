@@ -27,6 +27,7 @@ from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.tour import TourSearch, arc_m
 from auv_lse_planner.touring import LINE_PLACES, OWN_PLACES
 from auv_lse_planner.vehicle_planner import COARSE_M, VehiclePlanner
+from benchmarks.command import end_with
 from benchmarks.planner_loop import settings_for
 from benchmarks.planner_methods import area
 
@@ -125,4 +126,4 @@ def _row(name: str, left: list[tuple[float, float]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    end_with(main)

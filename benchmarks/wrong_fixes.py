@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
 import math
 import sys
@@ -17,6 +16,7 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / "auv_lse_gp" / "tes
 from places_helpers import Sailed, messages, sail, smoother_of, surface
 
 from auv_lse_gp.places.config import PlacesConfig
+from benchmarks.command import end_with
 
 #: Vehicles, surfacings in all, how far the last fix of vehicle 1 is off (m).
 CASES = ((3, 3, 20.0), (3, 3, 50.0), (3, 1, 30.0), (3, 1, 50.0), (1, 2, 30.0), (1, 2, 50.0), (1, 1, 50.0))
@@ -80,9 +80,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except KeyboardInterrupt:
-        with contextlib.suppress(BrokenPipeError):
-            print("interrupted", file=sys.stderr)
-        sys.exit(130)
+    end_with(main)

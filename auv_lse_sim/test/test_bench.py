@@ -3,8 +3,10 @@
 import importlib
 import json
 import math
+import re
 import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from pyarrow import Table, parquet
 from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks import __main__ as bench
+from benchmarks.command import end_with
 from benchmarks.rows import KEYS
 
 
@@ -256,3 +259,53 @@ def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, caps
     out = capsys.readouterr().out
     assert out.count(": the same") == 1
     assert out.count(": differs") == 1
+
+
+def modules_in_pages():
+    """Every benchmark that a page or a docstring tells to run by `python -m`."""
+    root = Path(__file__).resolve().parents[2]
+    files = [root / "README.md", root / "CONTRIBUTING.md", *root.glob("docs/**/*.md"), *root.glob("benchmarks/*.py")]
+    return sorted({name for file in files for name in re.findall(r"python -m (benchmarks\.[a-z_]+)", file.read_text())})
+
+
+@pytest.mark.parametrize("name", modules_in_pages())
+def test_each_tells_what_it_does_and_refuses_what_it_does_not_know(name, capsys):
+    main = importlib.import_module(name).main
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    assert f"usage: python -m {name} " in capsys.readouterr().out
+    with pytest.raises(SystemExit) as ended:
+        main(["--nonsense"])
+    assert ended.value.code == 2
+
+
+def test_the_table_of_a_file_that_is_not_there_is_refused(tmp_path, capsys):
+    """It once was a table of nothing."""
+    for name in ("planner_bound", "planner_methods", "gp_prior"):
+        with pytest.raises(SystemExit, match="2"):
+            importlib.import_module(f"benchmarks.{name}").main(["--table", str(tmp_path / "none.jsonl")])
+        assert "none.jsonl: there is no such file" in capsys.readouterr().err
+
+
+def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):
+    def stopped():
+        raise KeyboardInterrupt
+
+    for main, code in ((lambda: 1, 1), (lambda: None, 0), (stopped, 130)):
+        with pytest.raises(SystemExit) as ended:
+            end_with(main)
+        assert ended.value.code == code
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_surfacing_is_compared_at_the_drift_that_is_asked_for(capsys):
+    loop = importlib.import_module("benchmarks.surfacing_loop")
+    assert loop.main(["--seeds", "7700", "1", "--drifts", "3", "--steps", "6"]) == 0
+    rows = [line.split("|") for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [(row[1].strip(), row[2].strip()) for row in rows] == [("x3", "nobody"), ("x3", "where it pays")]
+    assert float(rows[0][4]) == 0.0  # nobody surfaced
+    with_it, without = (loop.settings_of(1, 3.0, surfaces, 6) for surfaces in (True, False))
+    assert [own.vehicle.surfacings for own in without.vehicles] == [0, 0, 0]
+    assert all(own.vehicle.surfacings != 0 for own in with_it.vehicles)
+    assert with_it.sim.dvl.scale == pytest.approx(0.009)

@@ -1,0 +1,28 @@
+"""What benchmarks that are run by themselves have in common: `python -m benchmarks.NAME`."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+
+def existing_file(text: str) -> Path:
+    """The file of an option that must name one, as argparse's `type`."""
+    if not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"{text}: there is no such file")
+    return Path(text)
+
+
+def end_with(main: Callable[[], int | None]) -> NoReturn:
+    """Runs `main` and ends the process: with what it returns (None: 0), or 130 and one word after Ctrl-C."""
+    try:
+        code = main()
+    except KeyboardInterrupt:
+        with contextlib.suppress(BrokenPipeError):
+            print("interrupted", file=sys.stderr)
+        code = 130
+    sys.exit(code or 0)

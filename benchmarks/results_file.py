@@ -1,0 +1,35 @@
+"""Results files: one mission a line, as JSON, appended to, so that nothing is flown twice."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """Lines of a results file; none if there is no file yet."""
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def fly(
+    mission: Callable[..., dict[str, Any]], jobs: Iterable[tuple[Any, ...]], path: Path, processes: int
+) -> Iterator[dict[str, Any]]:
+    """Calls `mission` with the arguments of each job, some at once, and gives each line when the file has it.
+
+    Ctrl-C ends those under way without a word; the lines of the others stay.
+    """
+    quiet = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
+    with path.open("a") as file, ProcessPoolExecutor(processes, **quiet) as pool:
+        try:
+            for future in as_completed([pool.submit(mission, *job) for job in jobs]):
+                line = future.result()
+                file.write(json.dumps(line) + "\n")
+                file.flush()
+                yield line
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
