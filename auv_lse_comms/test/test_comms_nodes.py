@@ -232,6 +232,7 @@ def test_a_link_started_again_takes_no_short_cut_to_a_waypoint_that_was_decided_
         s.node._on_state(mission_state(1.0, 1, Standing(state=RunState.RUNNING, stop=None), []))
         s.node.on_event(here)
         assert [target.step for target in link.targets] == [6, 7, 8]
+        assert link.targets[-1].begins_m == (20.0, 0.0)
         s.node._on_waypoint(next_one)
         assert link.counts["targets_replaced"] == 0, "said again by a planner that was started again"
 

@@ -136,10 +136,16 @@ def test_later_decisions_plan_from_the_legs_end_unless_the_vehicle_is_off_it():
     state, from_odometry = travel.anchor(PLANNER)
     assert from_odometry
     assert state == pytest.approx([math.pi / 2.0, 27.0, 14.0])
+    travel.move(_at(16.0, 32.0))  # a tick late
+    assert not travel.anchor(PLANNER)[1]
     travel.move(_at(16.0, 41.0))  # on the line, but 11 m beyond the leg's end
     state, from_odometry = travel.anchor(PLANNER)
     assert from_odometry
     assert np.array_equal(state, [0.0, 41.0, 0.0])
+    travel.move(_at(16.0, 34.0))
+    state, from_odometry = travel.anchor(PLANNER)
+    assert from_odometry, "late by more: it may circle by now"
+    assert np.array_equal(state, [0.0, 34.0, 0.0])
 
 
 @pytest.mark.parametrize(("heading_rad", "from_odometry"), [(0.7, False), (-0.9, True)])

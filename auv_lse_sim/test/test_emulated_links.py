@@ -199,6 +199,26 @@ def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
     assert gone == pytest.approx(30.0 * vehicle.speed_mps, rel=0.1)
 
 
+def test_a_target_inside_the_turning_circle_is_turned_to_as_tightly_as_the_vehicle_can(emulated):
+    """12 m ahead and 15 m to starboard; by the other circle the leg would be 90 m long."""
+    sea = emulated
+    sea.links.greet(0.0)
+    sea.until(lambda: all(a.state is LinkState.UP for a in sea.autopilots.values()), "no autopilot was heard")
+    vehicle = sea.settings.vehicle(1).vehicle
+    heading = vehicle.start_heading_rad
+    target = Target(
+        north_m=vehicle.start_north_m + 12.0 * math.cos(heading) - 15.0 * math.sin(heading),
+        east_m=vehicle.start_east_m + 12.0 * math.sin(heading) + 15.0 * math.cos(heading),
+        depth_m=vehicle.depth_m,
+        heading_rad=heading,
+    )
+    sea.autopilots[1].command(0.0, target)
+    sea.until(lambda: sea.legs, "the target was not taken")
+    ((_, leg),) = sea.legs
+    assert leg.radius_m == pytest.approx(12.3, abs=0.01)
+    assert leg.length_m < 25.0
+
+
 def test_without_hardware_there_is_nothing_to_open():
     links = EmulatedLinks(settings_with(), lambda *a: 0.0, lambda *a: None, lambda *a: None)
     assert links.modems == links.autopilots == ()

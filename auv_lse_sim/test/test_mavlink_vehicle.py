@@ -3,6 +3,7 @@
 import math
 import random
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -195,6 +196,27 @@ def test_a_path_that_leads_back_to_where_it_was_is_flown():
             heading, north, east = leg.state_at(float(along_m))
             sea.tick(float(north), float(east), float(heading))
     assert len(sea.legs) == 9
+
+
+def test_a_target_is_turned_to_from_where_the_vehicle_is_if_it_comes_late_or_in_place_of_another():
+    sea = Sea()
+    sea.tick()
+    first, second, third = legs_of_a_walk(3)
+    sea.link.command(sea.now_s, end_of(first))
+    sea.flow()
+    for along_m, turned in ((first.length_m - 2.0, 0.0), (first.length_m + 3.0, 0.2)):  # it circles by then
+        heading, north, east = (float(value) for value in first.state_at(along_m))
+        sea.tick(north, east, heading + turned)
+    sea.link.command(sea.now_s, end_of(second))
+    sea.flow()
+    late = sea.legs[1]
+    assert (late.heading_rad, late.north_m, late.east_m) == pytest.approx((heading + 0.2, north, east))
+    sea.tick(north + 1.0, east + 1.0, heading + 0.3)
+    elsewhere = replace(end_of(third), begins_m=(north + 1.0, east + 1.0))
+    sea.link.command(sea.now_s, elsewhere)
+    sea.flow()
+    other = sea.legs[2]
+    assert (other.heading_rad, other.north_m, other.east_m) == pytest.approx((heading + 0.3, north + 1.0, east + 1.0))
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,13 @@ import numpy as np
 from auv_lse_common.domain import own_domain
 from auv_lse_common.processes import last_lines
 from auv_lse_common.recording import Recording, recording_in
+from auv_lse_common.stamps import seconds
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
 #: A killed node has to be at work again within this time (s).
 BACK_S = 5.0
+#: How long a leg takes (s), and how often that long it may take at most.
+LEG_S, LONGEST = 15.7, 2.0
 #: The nodes that are killed.
 NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
 _AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: at work after (\d+\.\d+) s of processor time$", re.MULTILINE)
@@ -68,6 +72,7 @@ class Flight:
     Attributes:
         kills: The kills.
         steps: Steps that each vehicle decided, in their order, by vehicle.
+        legs_s: Times (s) from one of its decisions to the next, by vehicle.
         heard: Plans of mates that each vehicle heard, by vehicle.
         outputs: What each process printed, the simulator's first.
         codes: Their exit codes.
@@ -77,6 +82,7 @@ class Flight:
 
     kills: list[Kill] = field(default_factory=list)
     steps: dict[int, list[int]] = field(default_factory=dict)
+    legs_s: dict[int, list[float]] = field(default_factory=dict)
     heard: dict[int, int] = field(default_factory=dict)
     outputs: list[str] = field(default_factory=list)
     codes: list[int] = field(default_factory=list)
@@ -169,7 +175,7 @@ def _fly(
             lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 300.0, "the vehicles' nodes did not start"
         )
         under_way_s = time.time() + 10.0
-        for after_s, vehicle, node in kills(steps * 15.7):
+        for after_s, vehicle, node in kills(steps * LEG_S):
             time.sleep(max(0.0, under_way_s + after_s - time.time()))
             if not flight.kills:
                 flight.sockets = open_sockets(pid for p in processes for pid in family_of(p.process.pid))
@@ -239,18 +245,20 @@ def _read(flight: Flight, vehicle: int, logs: Path) -> None:
     """Reads in a recording, and in the nodes' logs, what became of the vehicle's nodes."""
     topics = {"gp_node": f"/auv{vehicle}/kernel_centers", "modem_node": f"/auv{vehicle}/tdma"}
     seen: dict[str, list[tuple[float, Any]]] = {node: [] for node in NODES}
-    steps, heard = [], 0
+    steps, decided_s, heard = [], [], 0
     wanted = [*topics.values(), f"/auv{vehicle}/planner/bound", f"/auv{vehicle}/team/plans"]
     with Recording(flight.recordings[vehicle]) as recording:
         for topic, stamp_ns, message in recording.messages(re.compile("|".join(map(re.escape, wanted)))):
             if topic.endswith("/bound"):
                 steps.append(int(message.step))
+                decided_s.append(seconds(message.header.stamp))
             elif topic.endswith("/plans"):
                 heard += 1
             for node, name in topics.items():
                 if topic == name:
                     seen[node].append((stamp_ns * 1e-9, message))
     flight.steps[vehicle], flight.heard[vehicle] = steps, heard
+    flight.legs_s[vehicle] = [after - before for before, after in pairwise(decided_s)]
     at_work = {
         node: [(float(s), float(cpu)) for s, cpu in _AT_WORK.findall((logs / f"auv{vehicle}.{node}.log").read_text())]
         for node in NODES
@@ -310,7 +318,9 @@ def table(flight: Flight, steps: int) -> tuple[list[str], bool]:
             f"auv{vehicle}: steps decided: {f'0 to {steps - 1}, each once' if whole else decided}; "
             f"{flight.heard[vehicle]} plans heard"
         )
-        good = good and whole
+        legs_s = flight.legs_s[vehicle]
+        lines[-1] += f"; from decision to decision {min(legs_s):.0f} to {max(legs_s):.0f} s" if legs_s else ""
+        good = good and whole and max(legs_s, default=0.0) <= LONGEST * LEG_S
     return lines, good
 
 
@@ -320,7 +330,7 @@ def run(folder: Path, number: int, seed: int, say: Callable[[str], None]) -> tup
     key = folder / "key"
     key.touch(0o600)
     key.write_text(secrets.token_hex(32))
-    steps = max(4, int(number * 9.0 / 15.7) + 3)
+    steps = max(4, int(number * 9.0 / LEG_S) + 3)
     more = {"packet.tag": "true", "packet.key_file": str(key), "packet.session": "kills"}
     flight = fly(folder / "flight", steps, at_random(number, seed), more, say)
     return table(flight, steps)
