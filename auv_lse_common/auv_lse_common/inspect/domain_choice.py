@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.domain import DomainError, busy_domains, domain_number, local_environment
+from auv_lse_common.domain import DomainError, busy_domains, domain_number, local_environment, run_on
 from auv_lse_common.inspect.message_text import FieldError
 from auv_lse_common.project_folder import project_folder
 
@@ -37,7 +37,8 @@ def join(wanted: str | None, root: Path | None = None) -> int:
     if text:
         domain = domain_number(text)
     elif len(busy) > 1:
-        raise DomainError(f"missions run in the ROS domains {', '.join(map(str, busy))}; expected --domain N for one")
+        named = [f"{domain} ({run})" if (run := run_on(domain)) else str(domain) for domain in busy]
+        raise DomainError(f"missions run in the ROS domains {', '.join(named)}; expected --domain N for one")
     elif busy:
         domain = busy[0]
         print(f"ROS domain {domain}, of the mission on this machine", file=sys.stderr)
