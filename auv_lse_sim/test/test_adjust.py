@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import json
 import math
@@ -162,6 +163,15 @@ def test_runs_of_different_origins_are_refused(synthetic_run):
     one.origin, other.origin = (46.0, 6.0), (47.0, 6.0)
     with pytest.raises(AdjustError, match="different origins"):
         adjust([one, other])
+
+
+def test_a_recording_that_is_given_twice_is_refused(synthetic_run):
+    """It once counted twice, and the map believed itself more than it should."""
+    run = dived(synthetic_run, steps=6)
+    part = copy.copy(run)
+    part.vehicles = run.vehicles[1:]
+    with pytest.raises(AdjustError, match=r"auv2 of run 2 has the soundings of auv2 of run 1; expected each recording"):
+        adjust([run, part])
 
 
 def test_the_script_writes_map_table_and_what_moved_and_does_so_again(synthetic_run, tmp_path, capsys):

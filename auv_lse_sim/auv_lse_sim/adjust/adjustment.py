@@ -124,7 +124,7 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
     """Finds where the soundings of all runs were taken.
 
     Raises:
-        AdjustError: if no vehicle's recording has what is needed, or the runs have different origins.
+        AdjustError: if no vehicle's recording has what is needed, the runs have different origins, or share soundings.
         ParameterError: if the parameters cannot be used.
     """
     able = [(n, v) for n, run in enumerate(runs) for v in run.vehicles if not missing_in(v)]
@@ -137,6 +137,7 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
     origins = {run.origin for run in runs}
     if len(origins) > 1:
         raise AdjustError(f"runs: have different origins {sorted(map(str, origins))}; expected one local frame for all")
+    _refuse_doubles(able)
     first = runs[able[0][0]]
     nested = parameters_for(first.parameters, f"/auv{able[0][1].vehicle}/gp_node")
     config = places_of(nested, "mission file")
@@ -172,6 +173,20 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
             vehicles.append(new)
         new_runs.append(dataclasses.replace(run, vehicles=_with_samples(run.vehicles, vehicles)))
     return Adjustment(runs=new_runs, moved=moved, ranges=len(ranges), refused=correction.refused, correction=correction)
+
+
+def _refuse_doubles(able: Sequence[tuple[int, VehicleRun]]) -> None:
+    """Soundings that count twice make the map surer than it is; two measured apart differ in their last digits."""
+    before: list[tuple[int, int, set[bytes]]] = []
+    for n, vehicle in able:
+        rows = {row.tobytes() for row in np.ascontiguousarray(vehicle.soundings[:, 1:4])}
+        for run, number, others in before:
+            if run != n and len(rows & others) > 0.1 * min(len(rows), len(others)):
+                raise AdjustError(
+                    f"auv{vehicle.vehicle} of run {n + 1} has the soundings of auv{number} of run {run + 1}; expected "
+                    "each recording once"
+                )
+        before.append((n, vehicle.vehicle, rows))
 
 
 def _told(vehicle: VehicleRun, config: PlacesConfig) -> PlaceSmoother:

@@ -40,11 +40,6 @@ class RecordingFile:
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, tuple[str, str]] = {}
 
-    @property
-    def bytes_read(self) -> int:
-        """How far the file has been read."""
-        return self._offset
-
     def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
         """The messages of some topics that have been written since the last call: topic and message.
 
