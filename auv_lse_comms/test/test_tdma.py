@@ -229,3 +229,11 @@ def test_overlap_beyond_the_guard_is_seen() -> None:
         config = dataclasses.replace(config, order=(), slot_s=config.needed_s + WINDOW_S + 1e-6)
         bad += sounds_of_a_team(rng, config, vehicles, 3.0 * config.guard_s)[1]
     assert bad > 50
+
+
+def test_the_slots_of_a_mate_around_a_time() -> None:
+    """One cycle before the slot of that time and one after it: slots 2 to 7 at 45 s."""
+    tdma = Tdma(PAPER, 1, 3)
+    assert tdma.around(45.0, 2) == [40.0, 70.0]
+    assert tdma.around(45.0, 3) == [20.0, 50.0]
+    assert tdma.around(75.0, 2, cycles=2) == [40.0, 70.0, 100.0, 130.0]

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from auv_lse_common.plan import Plan
 from auv_lse_planner.paths.rollout import PlannedPath
@@ -36,10 +37,26 @@ def test_places_already_passed_are_dropped_and_old_plans_expire():
     assert len(team.places_ahead(100.0, 1)) == 10
     places = team.places_ahead(165.0, 1)  # 65 s at 20 s a leg
     assert places[:, 0].tolist() == [40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]
-    assert len(team.places_ahead(699.0, 1)) == 0
     assert len(team.places_ahead(101.0, 2)) == 0
-    assert len(team.places_ahead(701.0, 1)) == 0
     assert team.age_s(701.0) == {1: 601.0}
+
+
+def test_a_plan_that_is_too_old_has_no_places_ahead():
+    team = _team(expiry=100.0)
+    team.hear(100.0, 1, _plan(4))
+    assert len(team.places_ahead(199.0, 1)) == 6
+    assert len(team.in_time_order(199.0)) == 1
+    assert len(team.places_ahead(200.0, 1)) == 0
+    assert team.in_time_order(200.0) == []
+
+
+def test_places_ahead_come_with_the_legs_until_a_mate_is_there():
+    """65 s at 20 s a leg: it is a quarter into its eighth leg, whose end comes in three quarters of a leg."""
+    team = _team()
+    team.hear(100.0, 1, _plan(4))
+    ((legs, places),) = team.in_time_order(165.0)
+    assert legs == pytest.approx(0.75 + np.arange(7))
+    assert places[:, 0].tolist() == [40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]
 
 
 def test_an_unchanged_plan_keeps_its_clock_but_stays_fresh():
