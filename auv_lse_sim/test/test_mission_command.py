@@ -129,6 +129,17 @@ def test_a_wrong_set_is_named(
     assert words in printed
 
 
+@pytest.mark.parametrize(("factor", "words"), [("0", "expected more than 0; without it"), ("-1", "got -1.0; expected")])
+def test_a_pace_that_cannot_be_is_refused(
+    factor: str, words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0 was taken and flown at once real time, where the parameter says that it is as fast as it goes."""
+    monkeypatch.setenv("COLUMNS", "300")
+    assert main(["--real-time-factor", factor]) == 2
+    assert f"error: --real-time-factor {factor}: " in (said := capsys.readouterr().out)
+    assert words in said
+
+
 def test_a_nodes_last_words_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
     words = "[ERROR] [1.5] [auv1.gp_node]: [/x] [red]"
     mission._complain(Console(width=200), words)

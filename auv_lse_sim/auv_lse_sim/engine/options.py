@@ -114,6 +114,11 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
     if options.bathymetry is not None:
         wanted["sim.bathymetry.file"] = str(options.bathymetry.resolve())
     if options.real_time_factor is not None:
+        _check(f"--real-time-factor {options.real_time_factor:g}", "sim.real_time_factor", options.real_time_factor)
+        if options.real_time_factor == 0.0:
+            raise ParameterError(
+                "--real-time-factor 0: expected more than 0; without it a mission is as fast as it goes"
+            )
         wanted.update({"sim.real_time_factor": options.real_time_factor, "sim.lockstep": False})
     if options.area is not None:
         south, west, north, east = options.area
