@@ -36,7 +36,11 @@ class SimConfig:
     tick_s: float = parameter(1.0, above=0.0, high=10.0, unit="s", help="the engine's time step")
     lockstep: bool = parameter(True, help="time waits for every planner that owes a decision: repeatable, and fast")
     real_time_factor: float = parameter(
-        0.0, low=0.0, high=1000.0, help="speed of simulated time against the clock; 0: as fast as it goes"
+        0.0,
+        low=0.0,
+        high=1000.0,
+        help="speed of simulated time against the clock, without lockstep; 0: as the clock. In lockstep time goes as "
+        "fast as it can",
     )
     apart: bool = parameter(
         False,
