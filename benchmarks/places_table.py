@@ -38,8 +38,8 @@ Arguments = Sequence[str] | None
 
 
 def value(row: Row, name: str) -> float:
-    """A figure of a row, NaN if it is not known; of one for each vehicle the root mean square."""
-    found = row[name]
+    """A figure of a row; of one for each vehicle the root mean square. NaN: not known, or not to the software then."""
+    found = row.get(name)
     return math.nan if found is None else float(np.sqrt(np.mean(np.square(found))))
 
 
