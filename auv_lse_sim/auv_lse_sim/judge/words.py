@@ -129,7 +129,10 @@ def _bound(s: Summary) -> str:
 def _loss(s: Summary) -> str:
     if s.loss_after is None:
         return ""
-    expects = f"The map expects its wrong calls to cost {number(s.loss_expected, 3)} per place"
+    expects = (
+        "These risks are by the prior's standard deviation, which planners need wide. By the one that its soundings "
+        f"show, the map expects its wrong calls to cost {number(s.loss_expected, 3)} per place"
+    )
     if s.loss_expected > HONEST * s.loss_after:
         return f"{expects}; they really cost {number(s.loss_after, 3)}: it is better than it believes."
     if s.loss_after > HONEST * s.loss_expected:
