@@ -146,7 +146,7 @@ def _figures(run: RunData, settings: Any, field: DepthField) -> dict[str, float]
     error = ((field.mean_m - run.ground.depth_m) / field.std_m)[scored]
     return {
         "isobath_m": verdict.error.mean_m,
-        "risk": float(field.risk[scored].mean()),
+        "risk": float(settings.level_set.risk(field.mean_m[scored], field.prior_std_m[scored]).mean()),
         "loss": verdict.loss,
         "error_over_std": float((error**2).mean()),
     }

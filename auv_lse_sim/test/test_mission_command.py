@@ -14,6 +14,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from auv_lse_common.params import ParameterError, parameters_for, read_parameter_file
 from auv_lse_common.project_folder import project_folder
+from auv_lse_planner.methods import METHODS
 from auv_lse_sim.engine import mission
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.mission import main
@@ -138,6 +139,11 @@ def test_a_pace_that_cannot_be_is_refused(
     assert main(["--real-time-factor", factor]) == 2
     assert f"error: --real-time-factor {factor}: " in (said := capsys.readouterr().out)
     assert words in said
+
+
+def test_the_help_names_the_methods_that_there_are() -> None:
+    listed = parser().format_help().split("planning method: ")[1].split(" (docs/planner.md)")[0]
+    assert "".join(listed.split()).split(",") == list(METHODS)
 
 
 def test_a_nodes_last_words_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from auv_lse_common.params import ParameterError, check_sections, nest, problems
+from auv_lse_planner.methods import METHODS
 from auv_lse_sim.settings import SECTION_CLASSES
 
 #: A parameter's name that begins so is one vehicle's: auv2.vehicle.depth_m.
@@ -54,7 +55,7 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument("--vehicles", type=int, metavar="K", help="number of vehicles, 1 to 20")
     p.add_argument("--steps", type=int, metavar="N", help="legs that each vehicle travels")
-    p.add_argument("--method", metavar="NAME", help="planning method: augmented, plain, best, ... (docs/planner.md)")
+    p.add_argument("--method", metavar="NAME", help=f"planning method: {', '.join(METHODS)} (docs/planner.md)")
     p.add_argument("--seed", type=int, help="seed of every random stream: ground, sensors, channel, planners")
     p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
     p.add_argument(

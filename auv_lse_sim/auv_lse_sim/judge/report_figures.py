@@ -27,7 +27,8 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
     (
         "risk_maps.png",
         "Bayes risk, the expected cost of calling a place safe (deep enough) or not: bright where that would be a "
-        "gamble. (a) Before the mission, (b) given the soundings of all vehicles.",
+        "gamble. (a) Before the mission, by the prior, (b) given the soundings of all vehicles, by the standard "
+        "deviation that they show.",
         risk_maps,
     ),
     (
