@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 def words_of(error: BaseException) -> str:
     """An error as one line: the file and what the system says of it, instead of "[Errno 28] ..."."""
     if isinstance(error, OSError) and error.strerror:
+        if isinstance(error, FileExistsError) and error.filename is not None and Path(error.filename).is_file():
+            return f"{error.filename}: is a file; expected a folder, or a name that is free"
         files = [str(name) for name in (error.filename, error.filename2) if name is not None]
         return ": ".join([*files, error.strerror])
     return str(error) or type(error).__name__

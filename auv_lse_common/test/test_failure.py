@@ -14,6 +14,15 @@ def test_a_file_that_cannot_be_opened_is_named_without_a_number(tmp_path: Path) 
     assert words_of(caught.value) == f"{missing}: No such file or directory"
 
 
+def test_a_file_where_a_folder_should_be_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "a file"
+    file.write_text("")
+    with pytest.raises(FileExistsError) as caught:
+        file.mkdir()
+    assert words_of(caught.value) == f"{file}: is a file; expected a folder, or a name that is free"
+    assert words_of(FileExistsError("there already")) == "there already"
+
+
 def test_an_error_of_our_own_keeps_its_words_and_one_without_has_its_name() -> None:
     assert words_of(ValueError("--rate 0: expected more than 0")) == "--rate 0: expected more than 0"
     assert words_of(OSError("the disk is full")) == "the disk is full"

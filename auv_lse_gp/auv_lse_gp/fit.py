@@ -167,11 +167,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         ]
     except OSError as error:
         print(f"fit: {options.source}: cannot be read: {error.strerror or error}", file=sys.stderr)
-        return 1
+        return 2
     except ValueError as error:
         named = str(error).startswith(str(options.source))
         print(f"fit: {'' if named else f'{options.source}: '}{error}", file=sys.stderr)
-        return 1
+        return 2
     result = max(results, key=lambda r: r.log_likelihood)
     if len(results) > 1:
         for other in sorted(results, key=lambda r: -r.log_likelihood):
@@ -182,7 +182,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_whole(options.out, parameter_file(result, options.source.name, where))
         except OSError as error:
             print(f"fit: {options.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
-            return 1
+            return 2
         print(f"written: {options.out}")
     return 0
 

@@ -160,7 +160,7 @@ def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty.npz").touch()
     write_csv(tmp_path / "few.csv", np.arange(6.0).reshape(3, 2), np.arange(3.0))
-    assert main(arguments) == 1
+    assert main(arguments) == 2
     assert message in capsys.readouterr().err
 
 
@@ -214,5 +214,5 @@ def test_reaches_the_best_of_scikit_learn():
 
 
 def test_a_file_that_cannot_be_read_is_named_in_words(tmp_path, capsys):
-    assert main([str(tmp_path / "nothing.csv")]) == 1
+    assert main([str(tmp_path / "nothing.csv")]) == 2
     assert f"{tmp_path / 'nothing.csv'}: cannot be read: No such file or directory" in capsys.readouterr().err

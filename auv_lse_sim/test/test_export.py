@@ -141,7 +141,7 @@ def test_a_place_error_that_is_not_known_is_left_empty(tmp_path, synthetic_run):
     for vehicle in run.vehicles:
         vehicle.place_std_m = np.empty((0, 2))
     write_run(run, tmp_path)
-    assert main([str(tmp_path), "--to", str(tmp_path / "elsewhere")]) == 0
+    assert main([str(tmp_path), "--out", str(tmp_path / "elsewhere")]) == 0
     with (tmp_path / "elsewhere" / "soundings.csv").open() as file:
         assert {(row["north_std_m"], row["east_std_m"]) for row in csv.DictReader(file)} == {("", "")}
     assert not (tmp_path / "export").exists()

@@ -20,7 +20,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 import rclpy
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 from auv_lse_common.domain import local_environment, own_domain
@@ -148,6 +148,29 @@ def test_topics_hz_and_bw(run: Run) -> None:
     text = run("topics", "bw", "/auv1/risk_map", "--duration", "2", "-w", "20")
     assert text.startswith("Subscribed to [/auv1/risk_map]\n")
     assert re.search(r"B/s from \d+ messages\n\tMessage size mean: [\d.]+ K?B min: ", text)
+
+
+def test_a_message_of_before_does_not_count_in_a_rate(graph: Graph) -> None:
+    """A plan made minutes ago comes at once to a late reader: with the next one it made a rate of its own."""
+    other, counted, read = rclpy.create_node("latched", namespace="/auv1"), [], []
+    quality = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = other.create_publisher(String, "/kept", quality)
+    publisher.publish(String(data="before"))
+    try:
+        graph.listen("/kept", String, counted.append, raw=True)
+        graph.listen("/kept", String, read.append)
+        until = time.monotonic() + 20.0
+        while not read:
+            assert time.monotonic() < until
+            graph.spin(0.1)
+        publisher.publish(String(data="now"))
+        while len(read) < 2 or not counted:
+            assert time.monotonic() < until
+            graph.spin(0.1)
+        assert [message.data for message in read] == ["before", "now"]
+        assert len(counted) == 1
+    finally:
+        other.destroy_node()
 
 
 def test_topics_info_says_who_does_not_hear_whom(run: Run) -> None:

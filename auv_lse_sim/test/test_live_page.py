@@ -160,13 +160,21 @@ def test_everything_can_be_reached_by_keys_and_has_a_name(browser):
     browser.ask("document.getElementById('help').close()")
 
 
-@pytest.mark.parametrize(("width", "height"), [(1366, 768), (1920, 1080), (820, 1180), (390, 844), (320, 568)])
+@pytest.mark.parametrize(
+    ("width", "height"), [(1366, 768), (1920, 1080), (1100, 800), (820, 1180), (390, 844), (320, 568)]
+)
 def test_nothing_is_cut_off_sideways(browser, width, height):
     browser.size(width, height, mobile=width < 900)
     at(browser, 200.0)
     assert browser.ask("document.documentElement.scrollWidth") <= width
     assert browser.ask("document.getElementById('map').clientHeight") > 200
     assert browser.ask("document.getElementById('play').getBoundingClientRect().bottom") <= height + 1
+    beyond = browser.ask(
+        "[...document.querySelectorAll('.vehicle dd')].filter((dd) => dd.scrollWidth > dd.clientWidth || "
+        "dd.getBoundingClientRect().right > dd.closest('.vehicle').getBoundingClientRect().right - 4)"
+        ".map((dd) => dd.textContent)"
+    )
+    assert beyond == [], "a card ends before its text"
     browser.size(1366, 768)
 
 

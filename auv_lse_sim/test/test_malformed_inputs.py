@@ -286,7 +286,7 @@ def test_a_run_that_is_incomplete_is_refused(
         shutil.rmtree(run / gone)
     else:
         (run / gone).unlink()
-    code = export([str(run), "--to", str(tmp_path / "to")])
+    code = export([str(run), "--out", str(tmp_path / "to")])
     if gone == "bag/metadata.yaml" and code == 0:
         return  # its one file of messages is enough
     words(capsys, code)
@@ -313,10 +313,10 @@ def test_a_full_disk_is_told(recorded: Path, tmp_path: Path, capsys: pytest.Capt
     table = tmp_path / "soundings of é.csv"
     table.write_text("".join(SOUNDINGS))
     with a_disk_that_takes(100):
-        code = export([str(recorded), "--to", str(tmp_path / "to")])
+        code = export([str(recorded), "--out", str(tmp_path / "to")])
         fitted = fit([str(table), "--restarts", "1", "--out", str(tmp_path / "gp.yaml")])
     said = capsys.readouterr()
-    assert (code, fitted) == (2, 1), said
+    assert (code, fitted) == (2, 2), said
     assert said.err.count("File too large") == 2, said
     assert "Traceback" not in said.err
 
@@ -351,7 +351,7 @@ def test_on_a_full_disk_nothing_half_written_stays(
     "command",
     [
         lambda place: campaign([str(place / "c.yaml"), "--out", str(place / "file" / "out")]),
-        lambda place: export([str(place / "run"), "--to", str(place / "file" / "to")]),
+        lambda place: export([str(place / "run"), "--out", str(place / "file" / "to")]),
         lambda place: check([str(place / "file" / "m.yaml")]),
         lambda place: mission(["--out", str(place / "file" / "run")]),
         lambda place: mission(["--out", str(place / "file" / ("x" * 300))]),

@@ -44,6 +44,7 @@ def join(wanted: str | None, root: Path | None = None) -> int:
         print(f"ROS domain {domain}, of the mission on this machine", file=sys.stderr)
     else:
         domain = 0
+        print("ROS domain 0: no mission of scripts/mission runs on this machine", file=sys.stderr)
     root = root or project_folder()
     os.environ["ROS_DOMAIN_ID"] = str(domain)
     if domain in busy and (root / "config" / "fastdds_localhost.xml").is_file():

@@ -138,10 +138,17 @@ class Graph:
             ) from error
 
     def listen(self, topic: str, kind: type, take: Callable[[Any], None], raw: bool = False) -> None:
-        """Subscribes so that every present publisher is heard, late ones' last message too where it is kept."""
+        """Subscribes so that every present publisher is heard, with the last message where one is kept for late readers.
+
+        Args:
+            topic: Full name.
+            kind: Message type.
+            take: Takes a message; with `raw` its bytes.
+            raw: Messages are counted, not read: one that was published before does not come then.
+        """
         profiles = [endpoint.profile for endpoint in self.endpoints(topic)[0]]
         reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
-        kept = bool(profiles) and all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
+        kept = not raw and bool(profiles) and all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
         quality = QoSProfile(
             depth=1000,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,

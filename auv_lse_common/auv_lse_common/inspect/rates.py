@@ -22,9 +22,9 @@ class Rate:
         self._count += 1
 
     def text(self) -> str:
-        """The rate in two lines; "no new messages" if none has come since the last call."""
+        """The rate in two lines; "" if no message has come since the last call, or only one ever."""
         if self._count == self._told or len(self._times) < 2:
-            return "no new messages"
+            return ""
         self._told = self._count
         times = list(self._times)
         gaps = [b - a for a, b in pairwise(times)]
@@ -49,9 +49,9 @@ class Bandwidth:
         self._messages.append((now_s, size))
 
     def text(self, now_s: float) -> str:
-        """Bandwidth and sizes in two lines, up to `now_s` (s)."""
+        """Bandwidth and sizes in two lines, up to `now_s` (s); "" before the second message."""
         if len(self._messages) < 2:
-            return "no new messages"
+            return ""
         sizes = [size for _, size in self._messages]
         span = now_s - self._messages[0][0]
         rate = sum(sizes) / span if span > 0.0 else math.inf

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -91,7 +92,8 @@ def _wait_for_type(graph: Any, topic: str, wanted: str | None = None) -> type:
     if kind is None:
         near = difflib.get_close_matches(topic, graph.topics(), n=1, cutoff=0.7)
         hint = f"; did you mean {near[0]}?" if near else ""
-        print(f"topic {topic}: nobody publishes it or reads it yet; waiting{hint}", file=sys.stderr)
+        where = f"in ROS domain {os.environ['ROS_DOMAIN_ID']}"
+        print(f"topic {topic}: nobody publishes it or reads it yet {where}; waiting{hint}", file=sys.stderr)
     while kind is None:
         graph.spin(0.2)
         kind = graph.message_type(topic)
@@ -143,9 +145,14 @@ def _measure(options: argparse.Namespace, graph: Any, take: Callable[[Any], None
     if options.command == "bw":
         print(f"Subscribed to [{topic}]", flush=True)
     until = None if options.duration is None else time.monotonic() + options.duration
+    told = False
     while until is None or time.monotonic() < until:
         graph.spin(1.0 if until is None else max(min(1.0, until - time.monotonic()), 0.0))
-        print(text(), flush=True)
+        if found := text():
+            print(found, flush=True)
+        elif not told:
+            print("no two messages yet; waiting", file=sys.stderr)
+        told = True
     return 0
 
 

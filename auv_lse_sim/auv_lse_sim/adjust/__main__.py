@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings that hold none")
-    p.add_argument("--to", type=Path, metavar="FOLDER", help="where to write (default: adjusted in the first RUN)")
+    p.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: adjusted in the first RUN)")
     return p
 
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Adjusts runs. Returns 0, 2 if that cannot be done, 130 after Ctrl-C."""
     options = parser().parse_args(arguments)
     first: Path = options.runs[0]
-    folder = options.to or (first if first.is_dir() else first.parent) / "adjusted"
+    folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
     try:
         for line in adjusted(options.runs, folder, options.mission):
             print(line, flush=True)

@@ -24,7 +24,7 @@ def parser() -> argparse.ArgumentParser:
         "Earth; without, they are in local metres. A second export into the same folder replaces the first.",
     )
     p.add_argument("run", type=Path, metavar="RUN", help="run folder, with mission.yaml and bag/")
-    p.add_argument("--to", type=Path, metavar="FOLDER", help="where to write (default: RUN/export)")
+    p.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: RUN/export)")
     p.add_argument("--picture", action="store_true", help="also draw export.png, from the written files alone")
     return p
 
@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exports a run. Returns 0, 2 if that cannot be done, 130 after Ctrl-C."""
     options = parser().parse_args(arguments)
-    folder = options.to or options.run / "export"
+    folder = options.out or options.run / "export"
     try:
         for line in export(options.run, folder, picture=options.picture):
             print(line, flush=True)

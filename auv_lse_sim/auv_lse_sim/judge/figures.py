@@ -185,7 +185,7 @@ def navigation(e: Evaluation) -> Figure | None:
     if not all(len(error) for error in errors):
         return None
     with matplotlib.rc_context(STYLE):
-        figure = new_figure(WIDTH_IN, 2.4)
+        figure = new_figure(WIDTH_IN, 2.6)
         axis = figure.subplots()
         for index, (vehicle, error) in enumerate(zip(e.run.vehicles, errors, strict=True)):
             axis.plot(
@@ -196,7 +196,7 @@ def navigation(e: Evaluation) -> Figure | None:
         axis.set_xlim(left=0.0)
         axis.set_ylim(bottom=0.0)
         axis.grid(True, color="#e4e4e4", lw=0.5)
-        axis.legend(loc="upper left", ncols=min(len(errors), 6), handlelength=2.0)
+        figure.legend(loc="outside lower center", ncols=min(len(errors), 10), handlelength=2.0)
         return figure
 
 
@@ -323,7 +323,7 @@ def map_legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) ->
     figure.legend(
         handles=handles,
         loc="outside lower center",
-        ncols=min(len(handles), LEGEND_COLUMNS),
+        ncols=math.ceil(len(handles) / math.ceil(len(handles) / LEGEND_COLUMNS)),
         handlelength=2.2,
         columnspacing=1.4,
     )

@@ -46,7 +46,12 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
         local_risk_error,
     ),
     ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),
-    ("navigation.png", "Horizontal error of the vehicles' position estimates.", navigation),
+    (
+        "navigation.png",
+        "Horizontal error of the vehicles' position estimates, as each believed them at the time. It falls at once "
+        "where a vehicle surfaces for a fix.",
+        navigation,
+    ),
     (
         PAPERS,
         "The paper's own reward, the drop of risk at the places of the vehicles' paths. (a) Stepwise, the paper's "
