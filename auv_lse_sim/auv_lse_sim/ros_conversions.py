@@ -14,7 +14,7 @@ from auv_lse_common.ros_conversions import header, stamp
 from auv_lse_msgs.msg import LockstepTick, ModemRx, SimStatus, Waypoint
 from auv_lse_sim.engine.simulation import MissionState, Simulation
 from auv_lse_sim.world.channel import Arrival
-from auv_lse_sim.world.vehicle import NavigationEstimate, Truth
+from auv_lse_sim.world.vehicle_state import NavigationEstimate, Truth
 
 
 def arrival_message(arrival: Arrival) -> ModemRx:

@@ -52,7 +52,7 @@ from auv_lse_planner.ros_conversions import (
     waypoint_message,
 )
 from auv_lse_sim.ros_conversions import altitude_message, leg_of_waypoint, odometry_message, pressure_message
-from auv_lse_sim.world.vehicle import NavigationEstimate
+from auv_lse_sim.world.vehicle_state import NavigationEstimate
 
 pytestmark = pytest.mark.ros
 

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from auv_lse_common.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.leg import Leg
 from auv_lse_common.mission_run import Action, Stop
-from auv_lse_common.pings import by_period, period_of, sounding_of
 from auv_lse_planner.config import VehicleConfig
 from auv_lse_sim.config import SimConfig
 from auv_lse_sim.world import motion_model as mm
+from auv_lse_sim.world.echo_sounder import EchoSounder
+from auv_lse_sim.world.motion_parameters import DEG, motion_parameters, process_noise
 from auv_lse_sim.world.navigation import (
     COMPASS_BIAS,
     COMPASS_COS,
@@ -31,10 +32,10 @@ from auv_lse_sim.world.navigation import (
     wrap,
 )
 from auv_lse_sim.world.target_leg import leg_to
+from auv_lse_sim.world.vehicle_state import NavigationEstimate, Truth
 
 Array = NDArray[np.float64]
 
-DEG = math.pi / 180.0
 #: A leg that starts this near to the end of the last one continues it.
 SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
@@ -46,95 +47,9 @@ NO_TURN_RAD = 1e-3
 _ODOMETRY = np.ix_((HEADING, NORTH, EAST), (HEADING, NORTH, EAST))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NavigationEstimate:
-    """The vehicle's own estimate of its state.
-
-    Attributes:
-        stamp_s: Time.
-        heading_rad: Heading (rad, clockwise from north).
-        north_m: North of the estimated place.
-        east_m: East of the estimated place.
-        speed_mps: Speed over ground.
-        covariance: Covariance of heading (rad), north, east (m), shape (3, 3).
-    """
-
-    stamp_s: float
-    heading_rad: float
-    north_m: float
-    east_m: float
-    speed_mps: float
-    covariance: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Truth:
-    """The vehicle's true state, which no core may see.
-
-    Attributes:
-        stamp_s: Time.
-        heading_rad: True heading.
-        north_m: True north.
-        east_m: True east.
-        depth_m: True depth of the vehicle below the surface.
-        speed_mps: True speed over ground.
-        travelled_m: Distance gone over ground since the start.
-        water_m: True depth of the water there, NaN where the ground is unknown or land.
-        step: Step that its present leg leads from; -1 before the first.
-        along_m: Distance travelled along that leg.
-        loitering: Whether it circles because it has no next leg.
-    """
-
-    stamp_s: float
-    heading_rad: float
-    north_m: float
-    east_m: float
-    depth_m: float
-    speed_mps: float
-    travelled_m: float
-    water_m: float
-    step: int
-    along_m: float
-    loitering: bool
-
-
 def tightest_radius_m(vehicle: VehicleConfig, sim: SimConfig) -> float:
     """The least radius (m) on which a vehicle can turn."""
     return vehicle.speed_mps / (sim.dynamics.turn_rate_max_dps * DEG)
-
-
-def _parameters(vehicle: VehicleConfig, sim: SimConfig, speed_mps: float) -> Array:
-    """The parameters of `motion_model.advance`, in SI units and radians."""
-    d, g, c, v, s = sim.dynamics, sim.gyro, sim.compass, sim.dvl, sim.gps
-    hour = 3600.0
-    p = np.zeros(mm.PARAMETERS)
-    p[mm.P_DT] = 1.0 / v.rate_hz
-    p[mm.P_SPEED] = speed_mps
-    p[mm.P_RATE_MAX] = d.turn_rate_max_dps * DEG
-    p[mm.P_YAW_TIME], p[mm.P_SPEED_TIME] = d.yaw_time_s, d.speed_time_s
-    p[mm.P_LOOKAHEAD], p[mm.P_GAIN] = d.lookahead_m, d.heading_gain
-    p[mm.P_IDEAL_MOTION] = float(d.ideal or sim.ideal)
-    p[mm.P_IDEAL_NAVIGATION] = float(sim.navigation.ideal or sim.ideal)
-    p[mm.P_DEPTH], p[mm.P_CLIMB] = vehicle.depth_m, d.climb_mps
-    p[mm.P_WOBBLE] = 0.0 if d.ideal or sim.ideal else d.depth_wobble_m
-    p[mm.P_WOBBLE_TIME] = d.depth_wobble_time_s
-    p[mm.P_GYRO_NOISE] = g.noise_deg_rth * DEG / math.sqrt(hour)
-    p[mm.P_GYRO_WALK] = g.bias_walk_deg_h_rth * DEG / hour / math.sqrt(hour)
-    p[mm.P_COMPASS_NOISE] = c.noise_deg * DEG
-    p[mm.P_COMPASS_WALK] = c.bias_walk_deg_rth * DEG / math.sqrt(hour)
-    p[mm.P_COMPASS_INTERVAL] = c.interval_s
-    p[mm.P_DVL_NOISE] = v.noise_mps
-    p[mm.P_DVL_OUTLIER_SHARE], p[mm.P_DVL_OUTLIER] = v.outlier_share, v.outlier_mps
-    p[mm.P_DROPOUT_RATE] = v.dropouts_per_h / hour
-    p[mm.P_DROPOUT_MIN], p[mm.P_DROPOUT_MAX] = v.dropout_min_s, v.dropout_max_s
-    p[mm.P_LOSS_RATE] = v.lock_losses_per_h / hour
-    p[mm.P_LOSS_MIN], p[mm.P_LOSS_MAX] = v.lock_loss_min_s, v.lock_loss_max_s
-    p[mm.P_GPS_NOISE], p[mm.P_GPS_INTERVAL], p[mm.P_GPS_DEPTH] = s.noise_m, s.interval_s, s.antenna_m
-    p[mm.P_GPS_TIME] = s.correlation_s
-    p[mm.P_SURFACE_EVERY], p[mm.P_SURFACE_TIME] = s.surface_every_s, s.surface_s
-    p[mm.P_GYRO_IDEAL], p[mm.P_COMPASS_IDEAL] = float(g.ideal or sim.ideal), float(c.ideal or sim.ideal)
-    p[mm.P_DVL_IDEAL], p[mm.P_GPS_IDEAL] = float(v.ideal or sim.ideal), float(s.ideal or sim.ideal)
-    return p
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,14 +111,14 @@ class SimVehicle:
         ideal = sim.ideal
         spread = 0.0 if sim.dynamics.ideal or ideal else sim.dynamics.speed_spread
         self._speed_share = max(1.0 + spread * float(draws[0]), 0.2)
-        self._params = _parameters(config, sim, config.speed_mps * self._speed_share)
+        self._params = motion_parameters(config, sim, config.speed_mps * self._speed_share)
         self._rails = bool(self._params[mm.P_IDEAL_MOTION] and self._params[mm.P_IDEAL_NAVIGATION])
         gyro_bias = 0.0 if sim.gyro.ideal or ideal else sim.gyro.bias_deg_h * DEG / 3600.0
         compass_bias = 0.0 if sim.compass.ideal or ideal else sim.compass.bias_deg * DEG
         harmonic = 0.0 if sim.compass.ideal or ideal else sim.compass.harmonic_deg * DEG
         scale = 0.0 if sim.dvl.ideal or ideal else sim.dvl.scale
         gps = 0.01 if sim.gps.ideal or ideal else sim.gps.noise_m
-        self._pressure_bias = 0.0 if sim.pressure.ideal or ideal else sim.pressure.bias_m * float(draws[4])
+        self._sounder = EchoSounder(sim, rng, float(draws[4]))
 
         m = np.zeros(mm.MEMORY)
         m[mm.T_NORTH], m[mm.T_EAST] = config.start_north_m, config.start_east_m
@@ -237,7 +152,7 @@ class SimVehicle:
             self._x[:3] = m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING]
             self._p[:] = 0.0
         self._x_raw, self._p_raw = self._x.copy(), self._p.copy()  # without fixes under way, from the first one on
-        self._q = self._process_noise()
+        self._q = process_noise(self._params)
         self._leg = np.zeros(6)
         self._leg[mm.LEG_RADIUS] = 15.0
         self._step = -1
@@ -247,25 +162,10 @@ class SimVehicle:
         self._way: _Way | None = None
         self._loitering = False
         self._surface_after = False
-        self._in_reach = True
         self._rows = np.empty((0, mm.OUT))
         self._stamps = np.empty(0)
-        self._pings = np.empty((0, 6))  # stamp, estimated north, east, depth, raw north, east: not yet a sounding
         #: Fixes completed in the last `move`.
         self.fixes: list[Fix] = []
-        self._water_m = math.nan
-        self.altitude_m = math.nan
-        self.pressure_depth_m = 0.0
-        self.groundings = 0
-
-    def _process_noise(self) -> Array:
-        p = self._params
-        gyro = 0.0 if p[mm.P_GYRO_IDEAL] else p[mm.P_GYRO_NOISE] ** 2
-        gyro_walk = 0.0 if p[mm.P_GYRO_IDEAL] else p[mm.P_GYRO_WALK] ** 2
-        compass_walk = 0.0 if p[mm.P_COMPASS_IDEAL] else p[mm.P_COMPASS_WALK] ** 2
-        # Velocity: speed keeping, and the current's change of side in a turn. Place: the sub-step's arc taken for its
-        # chord. Heading: the same of the turn.
-        return np.array([gyro + 1e-10, 0.02**2, gyro_walk, compass_walk, 1e-6])
 
     @property
     def step(self) -> int:
@@ -483,7 +383,7 @@ class SimVehicle:
                 limit = mm.leg_length(self._leg)
             i = mm.advance(
                 m, self._x, self._p, self._x_raw, self._p_raw, self._leg, self._params, self._q, normals, uniforms,
-                currents, self._in_reach, limit, rows, i, last,
+                currents, self._sounder.in_reach, limit, rows, i, last,
             )  # fmt: skip
             if m[mm.MODE] != mm.WAITING and m[mm.ALONG] >= limit - 1e-9:
                 over = max(float(m[mm.ALONG]) - limit, 0.0)
@@ -531,54 +431,22 @@ class SimVehicle:
         Returns:
             Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
         """
-        rows, sim, n = self._rows, self._sim, len(self._rows)
-        normals, uniforms = self._rng.standard_normal((n, 2)), self._rng.random((n, 3))
-        if n == 0:
-            return np.empty((0, 6))
-        depth = rows[:, mm.O_DEPTH]
-        altitude = water_m - depth
-        self._water_m = float(water_m[-1])
-        aground = ~(altitude > 0.0)
-        self.groundings += int(aground.any() and not np.isnan(water_m).all())
-        echo = np.where(rows[:, mm.O_PING] > 0.0, altitude, np.nan)
-        if not (sim.altimeter.ideal or sim.ideal):
-            echo = echo + sim.altimeter.noise_m * normals[:, 0]
-            wrong = uniforms[:, 0] < sim.altimeter.outlier_share
-            if wrong.any():
-                size = -sim.altimeter.outlier_m * np.log1p(-uniforms[:, 1]) * np.where(uniforms[:, 2] < 0.5, -1.0, 1.0)
-                echo = np.where(wrong, np.maximum(echo + size, 0.1), echo)
-        own = depth
-        if not (sim.pressure.ideal or sim.ideal):
-            own = depth + self._pressure_bias + sim.pressure.noise_m * normals[:, 1]
-        with np.errstate(invalid="ignore"):
-            in_reach = (altitude >= sim.dvl.min_altitude_m) & (altitude <= sim.dvl.max_altitude_m)
-        if sim.dvl.ideal or sim.ideal:
-            in_reach = altitude > 0.0
-        echo = np.where(in_reach, echo, np.nan)
-        self._in_reach = bool(in_reach[-1])
-        self.altitude_m = float(echo[-1])
-        self.pressure_depth_m = float(own[-1])
-        pings = np.empty((n, 6))
-        pings[:, 0], pings[:, 1], pings[:, 2] = self._stamps, rows[:, mm.O_EST_NORTH], rows[:, mm.O_EST_EAST]
-        pings[:, 3] = own + echo
-        pings[:, 4], pings[:, 5] = rows[:, mm.O_RAW_NORTH], rows[:, mm.O_RAW_EAST]
-        return self._soundings(pings[np.isfinite(echo)])
+        return self._sounder.sound(self._stamps, self._rows, water_m)
 
-    def _soundings(self, pings: Array) -> Array:
-        """The soundings of the periods that are over; pings of the others wait."""
-        every = self._sim.altimeter.sounding_every_s
-        if every == 0.0:
-            return pings
-        waiting = np.concatenate([self._pings, pings])
-        over = math.floor(self._stamps[-1] / every + 1e-6)
-        count = int(np.searchsorted(period_of(waiting[:, 0], every), over, side="right"))
-        self._pings = waiting[count:]
-        periods = by_period(waiting[:count], every)
-        if self._sim.altimeter.ideal or self._sim.ideal:
-            soundings = [own[len(own) // 2] for own in periods]
-        else:
-            soundings = [sounding_of(own) for own in periods if len(own) >= self._sim.altimeter.least_pings]
-        return np.array(soundings).reshape(-1, 6)
+    @property
+    def altitude_m(self) -> float:
+        """Height over the ground by the last ping; NaN without an echo."""
+        return self._sounder.altitude_m
+
+    @property
+    def pressure_depth_m(self) -> float:
+        """Depth by the pressure gauge at the last sub-step."""
+        return self._sounder.pressure_depth_m
+
+    @property
+    def groundings(self) -> int:
+        """Ticks in which the vehicle touched the ground."""
+        return self._sounder.groundings
 
     def dead_reckoning(self, now_s: float) -> DeadReckoning:
         """The raw place at the end of the last tick, with the measured depth."""
@@ -614,7 +482,7 @@ class SimVehicle:
             depth_m=float(m[mm.T_DEPTH]),
             speed_mps=math.hypot(float(m[mm.T_SURGE]), float(m[mm.T_SWAY])),
             travelled_m=float(m[mm.TRAVELLED]),
-            water_m=self._water_m,
+            water_m=self._sounder.water_m,
             step=self._step,
             along_m=float(m[mm.ALONG]),
             loitering=self._loitering and self._way is None,

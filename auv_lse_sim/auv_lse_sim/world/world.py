@@ -21,7 +21,8 @@ from auv_lse_sim.world.channel import Arrival, Channel, land_between
 from auv_lse_sim.world.current import Current
 from auv_lse_sim.world.ground import Ground
 from auv_lse_sim.world.ranging import Ranging
-from auv_lse_sim.world.vehicle import NavigationEstimate, SimVehicle, Truth
+from auv_lse_sim.world.vehicle import SimVehicle
+from auv_lse_sim.world.vehicle_state import NavigationEstimate, Truth
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,62 @@
+"""Where a simulated vehicle is, by its own estimate and in truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NavigationEstimate:
+    """The vehicle's own estimate of its state.
+
+    Attributes:
+        stamp_s: Time.
+        heading_rad: Heading (rad, clockwise from north).
+        north_m: North of the estimated place.
+        east_m: East of the estimated place.
+        speed_mps: Speed over ground.
+        covariance: Covariance of heading (rad), north, east (m), shape (3, 3).
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    speed_mps: float
+    covariance: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """The vehicle's true state, which no core may see.
+
+    Attributes:
+        stamp_s: Time.
+        heading_rad: True heading.
+        north_m: True north.
+        east_m: True east.
+        depth_m: True depth of the vehicle below the surface.
+        speed_mps: True speed over ground.
+        travelled_m: Distance gone over ground since the start.
+        water_m: True depth of the water there, NaN where the ground is unknown or land.
+        step: Step that its present leg leads from; -1 before the first.
+        along_m: Distance travelled along that leg.
+        loitering: Whether it circles because it has no next leg.
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float
+    speed_mps: float
+    travelled_m: float
+    water_m: float
+    step: int
+    along_m: float
+    loitering: bool
