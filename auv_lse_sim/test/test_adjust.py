@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import csv
+import dataclasses
 import json
 import math
 
@@ -135,6 +136,19 @@ def test_one_vehicles_recording_is_enough(synthetic_run):
     run.vehicles = run.vehicles[:1]
     adjustment = adjust([run])
     assert off(adjustment.runs[0].vehicles[0], run.vehicles[0]) < 0.4 * off(run.vehicles[0], run.vehicles[0])
+
+
+def test_each_vehicles_own_recording_of_a_dive_is_as_good_as_one_of_all(synthetic_run):
+    whole = dived(synthetic_run)
+    parts = [dataclasses.replace(whole, vehicles=[vehicle]) for vehicle in whole.vehicles]
+    together, apart = adjust([whole]), adjust(parts)
+    assert apart.ranges == together.ranges
+    assert set(apart.correction.model.vehicles) == {1, 2}, "a mate that was heard is the vehicle that recorded itself"
+    for one, other in zip(together.runs[0].vehicles, (run.vehicles[0] for run in apart.runs), strict=True):
+        np.testing.assert_allclose(other.soundings, one.soundings, atol=1e-6)
+        np.testing.assert_allclose(other.received, one.received, atol=1e-6)
+    dives = adjust([whole, dived(synthetic_run, seed=2)])
+    assert len(dives.correction.model.vehicles) == 4, "the same vehicles at the same times: another dive, simulated"
 
 
 def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):

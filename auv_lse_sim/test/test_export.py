@@ -2,11 +2,14 @@
 
 import csv
 import json
+import subprocess
 import sys
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from auv_lse_common.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_sim.export.__main__ import main
@@ -148,7 +151,7 @@ def test_a_place_error_that_is_not_known_is_left_empty(tmp_path, synthetic_run):
 
 
 def test_the_qgis_project_names_the_files_beside_it(on_earth, local):
-    """QGIS 3.22 opened both by hand; here: what it reads of them is there, and every file that they name exists."""
+    """What QGIS reads of them is there, and every file that they name exists."""
     for (folder, _, _), crs in ((on_earth, "EPSG:4326"), (local, None)):
         project = ElementTree.parse(folder / "isobath.qgs").getroot()
         layers = project.findall("projectlayers/maplayer")
@@ -166,6 +169,47 @@ def test_the_qgis_project_names_the_files_beside_it(on_earth, local):
         assert project.findtext("properties/SpatialRefSys/ProjectionsEnabled") == ("0" if crs is None else "1")
         for style in folder.glob("*.qml"):
             assert ElementTree.parse(style).getroot().tag == "qgis"
+
+
+#: The system's Python, which sees QGIS where it is installed.
+SYSTEM_PYTHON = ("/usr/bin/python3", "-E", "-s")
+
+
+def has_qgis():
+    try:
+        return subprocess.run([*SYSTEM_PYTHON, "-c", "import qgis.core"], capture_output=True).returncode == 0
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not has_qgis(), reason="needs QGIS (Debian, Ubuntu: sudo apt install python3-qgis)")
+@pytest.mark.parametrize("where", ["on_earth", "local"])
+def test_qgis_itself_opens_and_draws_the_project(request, tmp_path, where):
+    folder, run, team = request.getfixturevalue(where)
+    program = Path(__file__).with_name("read_by_qgis.py")
+    environment = {"PATH": "/usr/bin:/bin", "QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path)}
+    command = [*SYSTEM_PYTHON, str(program), str(folder / "isobath.qgs"), str(tmp_path / "seen.png")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found["read"]
+    assert found["errors"] == []
+    layers = {layer["name"]: layer for layer in found["layers"]}
+    assert len(layers) == 5
+    assert all(layer["valid"] for layer in layers.values()), layers
+    assert {name for name, layer in layers.items() if layer["shown"]} == {
+        "15 m isobath", "soundings", "Bayes risk (cost per place)"
+    }  # fmt: skip
+    assert layers["soundings"]["features"] == sum(len(v.soundings) for v in run.vehicles)
+    grid = team.field.grid
+    west, south = grid.east_m[0] - grid.resolution_m, grid.north_m[0] - grid.resolution_m
+    east, north = grid.east_m[-1] + grid.resolution_m, grid.north_m[-1] + grid.resolution_m
+    for name, layer in layers.items():
+        x0, y0, x1, y1 = layer["extent"]
+        assert west <= x0 < x1 <= east, f"{name} lies elsewhere: {layer}"
+        assert south <= y0 < y1 <= north, f"{name} lies elsewhere: {layer}"
+    seen = np.asarray(Image.open(tmp_path / "seen.png").convert("RGB")).reshape(-1, 3)
+    assert len(np.unique(seen, axis=0)) > 20, "QGIS drew nothing"
 
 
 def test_the_picture_is_made_from_the_files_alone(on_earth, tmp_path):

@@ -138,7 +138,7 @@ class Graph:
             ) from error
 
     def listen(self, topic: str, kind: type, take: Callable[[Any], None], raw: bool = False) -> None:
-        """Subscribes so that every present publisher is heard, with the last message where one is kept for late readers.
+        """Subscribes so that each present publisher is heard, with its last message if it keeps one for late readers.
 
         Args:
             topic: Full name.

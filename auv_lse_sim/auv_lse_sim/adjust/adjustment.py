@@ -1,6 +1,6 @@
 """The places of recorded soundings, found by everything that all recordings together hold.
 
-Every vehicle of every run has errors of its own; what they share is the ground, and within a run the ranges. In a
+Every vehicle of every dive has errors of its own; what they share is the ground, and within a dive the ranges. In a
 smoother under way each vehicle knows its mates by their packets. Here their own recordings stand in for them where they
 are given.
 """
@@ -8,7 +8,7 @@ are given.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +33,8 @@ from auv_lse_sim.record.run_data import RunData, VehicleRun
 
 Array = NDArray[np.float64]
 
-#: Vehicles of different runs are told apart by this many times the number of the run.
-_OF_RUN = 1000
+#: Vehicles of different dives are told apart by this many times the number of the dive.
+_OF_DIVE = 1000
 #: Pieces of track that are compared, and steps with the terrain: more than under way, where time is short.
 MOST_PIECES, TERRAIN_STEPS = 1200, 8
 #: A sample heard is the sounding of a mate that is this near (m): a packet holds 32 bits of each number.
@@ -48,6 +48,7 @@ class Moved:
     Attributes:
         run: Number of the run, from 0.
         vehicle: Number of the vehicle.
+        key: Number by which it is known among the vehicles of all dives.
         soundings: How many were recorded.
         missing: What its recording lacks, so that its soundings stay where they are; "" if nothing.
         mean_m: Mean distance that they were moved.
@@ -59,6 +60,7 @@ class Moved:
 
     run: int
     vehicle: int
+    key: int
     soundings: int
     missing: str
     mean_m: float = float("nan")
@@ -88,19 +90,35 @@ class Adjustment:
 
     def settle(self, depth_map: DepthMap) -> PlacedMap:
         """Puts all soundings into an empty map, in order of time, run by run; the map is not told how sure they are."""
-        placed = PlacedMap(depth_map, {key_of(m.run, m.vehicle) for m in self.moved})
+        placed = PlacedMap(depth_map, {m.key for m in self.moved})
+        key_of = {(m.run, m.vehicle): m.key for m in self.moved}
         for number, run in enumerate(self.runs):
             for vehicle in run.vehicles:
                 rows = vehicle.soundings
                 raw = _raw_places(vehicle)
-                placed.book.add(key_of(number, vehicle.vehicle), rows[:, 0], raw, rows[:, 1:3], rows[:, 3], None)
+                placed.book.add(key_of[number, vehicle.vehicle], rows[:, 0], raw, rows[:, 1:3], rows[:, 3], None)
         placed.lay_out(np.concatenate([v.soundings[:, 1:3] for run in self.runs for v in run.vehicles]))
         return placed
 
 
-def key_of(run: int, vehicle: int) -> int:
-    """The number by which a vehicle of a run (from 0) is known among those of all runs."""
-    return _OF_RUN * run + vehicle
+def dives_of(runs: Sequence[RunData]) -> list[int]:
+    """The dive of each run, from 0: recordings of different vehicles at the same time are of one dive."""
+    dives: list[int] = []
+    for run in runs:
+        same = (
+            d for d in sorted(set(dives)) if all(_together(run, o) for o, e in zip(runs, dives, strict=False) if e == d)
+        )
+        dives.append(next(same, max(dives, default=-1) + 1))
+    return dives
+
+
+def _together(one: RunData, other: RunData) -> bool:
+    """Whether two recordings are of different vehicles under way at the same time."""
+    spans = [[v.dead_reckoning[[0, -1], 0] for v in run.vehicles if len(v.dead_reckoning)] for run in (one, other)]
+    if not all(spans) or {v.vehicle for v in one.vehicles} & {v.vehicle for v in other.vehicles}:
+        return False
+    starts, ends = zip(*((min(s[0] for s in span), max(s[1] for s in span)) for span in spans), strict=True)
+    return bool(max(starts) < min(ends))
 
 
 def missing_in(vehicle: VehicleRun) -> str:
@@ -142,36 +160,42 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
     nested = parameters_for(first.parameters, f"/auv{able[0][1].vehicle}/gp_node")
     config = places_of(nested, "mission file")
     settings = PlannerSettings.from_parameters(nested, "mission file", able[0][1].vehicle)
-    smoothers = {key_of(n, v.vehicle): _told(v, config) for n, v in able}
-    tracks, fixes, ranges, before = _gathered(smoothers, {key_of(n, v.vehicle): v for n, v in able})
+    dives = dives_of(runs)
+    key_of = {(n, v.vehicle): _OF_DIVE * dives[n] + v.vehicle for n, run in enumerate(runs) for v in run.vehicles}
+    keyed = {key_of[n, v.vehicle]: v for n, v in able}
+    smoothers = {key: _told(vehicle, config) for key, vehicle in keyed.items()}
+    tracks, fixes, ranges, before = _gathered(smoothers, keyed)
     plain = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area)).gp
     correction = smooth_team(
         config,
         tracks,
         fixes,
         ranges,
-        references={min(k for k in smoothers if k // _OF_RUN == n) for n in {k // _OF_RUN for k in smoothers}},
+        references={min(k for k in smoothers if k // _OF_DIVE == d) for d in {k // _OF_DIVE for k in smoothers}},
         stamp_s=max(run.sim_s for run in runs),
-        terrain=Terrain(_pieces(able), plain.kernel, plain.prior_mean, settings.gp.noise_std_m),
+        terrain=Terrain(_pieces(keyed), plain.kernel, plain.prior_mean, settings.gp.noise_std_m),
         before_m=before,
         terrain_steps=TERRAIN_STEPS,
     )
     moved: list[Moved] = []
-    new_runs = []
+    new: dict[int, VehicleRun] = {}
     for n, run in enumerate(runs):
-        vehicles = []
         for vehicle in run.vehicles:
+            key = key_of[n, vehicle.vehicle]
             if missing := missing_in(vehicle):
-                moved.append(Moved(run=n, vehicle=vehicle.vehicle, soundings=len(vehicle.soundings), missing=missing))
-                vehicles.append(vehicle)
+                count = len(vehicle.soundings)
+                moved.append(Moved(run=n, vehicle=vehicle.vehicle, key=key, soundings=count, missing=missing))
+                new[key] = vehicle
                 continue
-            key = key_of(n, vehicle.vehicle)
-            new, report = _adjusted(vehicle, correction, key, n)
+            new[key], report = _adjusted(vehicle, correction, key, n)
             used = sum(key in (row.sender, row.receiver) for row in ranges)
             report = dataclasses.replace(report, fixes=sum(f.vehicle == key for f in fixes), ranges=used)
             moved.append(report)
-            vehicles.append(new)
-        new_runs.append(dataclasses.replace(run, vehicles=_with_samples(run.vehicles, vehicles)))
+    new_runs = []
+    for n, run in enumerate(runs):
+        team = {key - _OF_DIVE * dives[n]: (old, new[key]) for key, old in keyed.items() if key // _OF_DIVE == dives[n]}
+        vehicles = [_with_samples(new[key_of[n, vehicle.vehicle]], team) for vehicle in run.vehicles]
+        new_runs.append(dataclasses.replace(run, vehicles=vehicles))
     return Adjustment(runs=new_runs, moved=moved, ranges=len(ranges), refused=correction.refused, correction=correction)
 
 
@@ -254,12 +278,10 @@ def _raw_places(vehicle: VehicleRun) -> Array:
     return np.where(np.isfinite(raw), raw, between)
 
 
-def _pieces(able: Sequence[tuple[int, VehicleRun]]) -> Pieces:
+def _pieces(keyed: Mapping[int, VehicleRun]) -> Pieces:
     rows = [
-        np.column_stack(
-            [np.full(len(v.soundings), key_of(n, v.vehicle)), v.soundings[:, 0], _raw_places(v), v.soundings[:, 3]]
-        )
-        for n, v in able
+        np.column_stack([np.full(len(v.soundings), key), v.soundings[:, 0], _raw_places(v), v.soundings[:, 3]])
+        for key, v in keyed.items()
     ]
     every = np.concatenate(rows)
     return pieces_of(every[:, 0].astype(np.int64), every[:, 1], every[:, 2:4], every[:, 4], MOST_PIECES)
@@ -280,6 +302,7 @@ def _adjusted(vehicle: VehicleRun, correction: Correction, key: int, run: int) -
     report = Moved(
         run=run,
         vehicle=vehicle.vehicle,
+        key=key,
         soundings=len(soundings),
         missing="",
         mean_m=float(far.mean()),
@@ -289,23 +312,20 @@ def _adjusted(vehicle: VehicleRun, correction: Correction, key: int, run: int) -
     return dataclasses.replace(vehicle, soundings=soundings, place_std_m=place_std), report
 
 
-def _with_samples(before: Sequence[VehicleRun], after: Sequence[VehicleRun]) -> list[VehicleRun]:
-    """Vehicles whose samples heard are at the places of the soundings that they are, where those were recorded."""
-    found = {
-        old.vehicle: (cKDTree(_raw_places(old)), new.soundings[:, 1:3])
-        for old, new in zip(before, after, strict=True)
-        if not missing_in(old)
-    }
-    vehicles = []
-    for vehicle in after:
-        heard = vehicle.received.copy()
-        for source in np.unique(heard[:, 1]).astype(int).tolist():
-            if source not in found:
-                continue
-            tree, places = found[source]
-            rows = np.flatnonzero(heard[:, 1] == source)
-            apart, index = tree.query(heard[rows, 2:4])
-            same = apart <= _SAME_M
-            heard[rows[same], 2:4] = places[index[same]]
-        vehicles.append(dataclasses.replace(vehicle, received=heard))
-    return vehicles
+def _with_samples(vehicle: VehicleRun, team: Mapping[int, tuple[VehicleRun, VehicleRun]]) -> VehicleRun:
+    """A vehicle whose samples heard are at the places of the soundings that they are, where those were recorded.
+
+    Args:
+        vehicle: The vehicle.
+        team: The vehicles of its dive as recorded and as adjusted, by number.
+    """
+    heard = vehicle.received.copy()
+    for source in np.unique(heard[:, 1]).astype(int).tolist():
+        if source not in team:
+            continue
+        old, new = team[source]
+        rows = np.flatnonzero(heard[:, 1] == source)
+        apart, index = cKDTree(_raw_places(old)).query(heard[rows, 2:4])
+        same = apart <= _SAME_M
+        heard[rows[same], 2:4] = new.soundings[index[same], 1:3]
+    return dataclasses.replace(vehicle, received=heard)

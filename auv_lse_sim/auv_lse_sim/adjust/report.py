@@ -11,7 +11,7 @@ import numpy as np
 
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.model import STATIC
-from auv_lse_sim.adjust.adjustment import Adjustment, Moved, key_of
+from auv_lse_sim.adjust.adjustment import Adjustment, Moved
 from auv_lse_sim.judge.tracks import true_positions
 from auv_lse_sim.record.run_data import RunData, VehicleRun
 
@@ -50,7 +50,7 @@ def lines(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str
     ]
     for m in adjustment.moved:
         if not m.missing:
-            cells = " | ".join(_unknowns(adjustment.correction, key_of(m.run, m.vehicle)))
+            cells = " | ".join(_unknowns(adjustment.correction, m.key))
             text.append(f"| {names[m.run]} | auv{m.vehicle} | {cells} |")
     text += ["", "Each with its standard deviation; what drifted under way comes on top."]
     return text
