@@ -124,8 +124,9 @@ def test_methods_are_held_against_hindsight(capsys):
     assert hindsight.main(["--lakes", "1", "--steps", "4", "--methods", "random", "--mutations", "3"]) == 0
     out = capsys.readouterr().out
     assert "| hindsight |" in out
+    assert "| hindsight on the isobath |" in out
     assert "| random |" in out
-    assert out.count("100% |") == 1
+    assert out.count("100% |") == 2  # each aim by its own paths
 
 
 def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys):
