@@ -62,7 +62,7 @@ def _fly(*arguments: str, **environment: str) -> _Flight:
     """
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        command = [sys.executable, "-m", "auv_lse_sim.engine.mission", "--out", str(folder), *arguments]
+        command = [sys.executable, "-m", "auv_lse_sim.engine.command", "--out", str(folder), *arguments]
         before_s = _children_s()
         process = subprocess.run(
             command, capture_output=True, text=True, check=False, env={**os.environ, **environment}

@@ -6,8 +6,12 @@ the types of messages (`prepare`). Each node is still a process of its own, with
 the command line that `ros2 run` would give it. The server has no ROS context and starts no thread. Importing rclpy
 starts two, which only wait (most likely the listeners of its LTTng tracing); a forked node does without them.
 
-Requests go to the server's standard input, a JSON line each; it answers on its standard output with the process id of
-each node and, when that has ended, its exit code. It ends when its input does; Linux ends its nodes with it.
+Requests go to the server's standard input, a JSON line each: the first says what to load, with what environment and
+where to log; each further one asks for a node. It answers on its standard output with the process id of each node and,
+when that has ended, its exit code. It ends when its input does; Linux ends its nodes with it.
+
+`load_early` starts a server before it is known what will be asked of it: a command whose own imports take a second or
+two calls it first.
 """
 
 from __future__ import annotations
@@ -119,21 +123,13 @@ class ForkServer:
                 Where processes wait for one another, as in lockstep, that saves a fifth of their processor time; where
                 a message is to be answered at once it comes later.
         """
+        global _early
         self.log = log
         self._started: list[ForkedProcess] = []
         self._rest = b""
-        modules = sorted({entry.module for p in processes for entry in _entries_of(p)})
-        command = [sys.executable, "-m", __name__, *modules, " " * _COMMAND_ROOM]
-        with log.open("ab") as output:  # after what one before it left there
-            self._server = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=output,
-                env=dict(environment),
-                start_new_session=True,
-                preexec_fn=functools.partial(_prepare_process, in_turn),
-            )
+        modules = _modules_of(processes)
+        self._server, _early = _early or _launch(environment), None
+        self._ask({"modules": modules, "log": str(log), "environment": dict(environment), "in_turn": in_turn})
 
     def start(self, process: Process, command: Sequence[str], log: Path, *, append: bool = False) -> ForkedProcess:
         """Asks for a process; its output goes to the file `log`, after what is in it if `append`."""
@@ -148,11 +144,14 @@ class ForkServer:
         forked = ForkedProcess(self, process.name)
         self._started.append(forked)
         log.touch()
+        self._ask(request)
+        return forked
+
+    def _ask(self, request: Mapping[str, Any]) -> None:
         assert self._server.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # it has ended: `read` says so
             self._server.stdin.write(json.dumps(request).encode() + b"\n")
             self._server.stdin.flush()
-        return forked
 
     @property
     def running(self) -> bool:
@@ -200,12 +199,38 @@ class ForkServer:
         self._server.stdout.close()
 
 
-def _prepare_process(in_turn: bool) -> None:
-    """In the server's process, before it is Python: what its processes inherit."""
-    die_with_parent()
-    if in_turn and hasattr(os, "SCHED_BATCH"):
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+#: A server that was started early and waits to be used.
+_early: subprocess.Popen[bytes] | None = None
+
+
+def load_early(processes: Iterable[Process], environment: Mapping[str, str]) -> None:
+    """Starts a server that begins to import what these processes need; the next `ForkServer` made here uses it.
+
+    Args:
+        processes: What it will most likely be asked to start.
+        environment: What the libraries that are imported need of the processes' environment; the rest comes later.
+
+    Raises:
+        LaunchError: if one of `processes` is not installed.
+    """
+    global _early
+    _early = _launch(environment, _modules_of(processes))
+
+
+def _modules_of(processes: Iterable[Process]) -> list[str]:
+    return sorted({entry.module for p in processes for entry in _entries_of(p)})
+
+
+def _launch(environment: Mapping[str, str], modules: Sequence[str] = ()) -> subprocess.Popen[bytes]:
+    """Starts a server, which imports `modules`; what goes wrong is told here until it knows its log."""
+    return subprocess.Popen(
+        [sys.executable, "-m", __name__, *modules, " " * _COMMAND_ROOM],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env=dict(environment),
+        start_new_session=True,
+        preexec_fn=die_with_parent,
+    )
 
 
 def can_fork(process: Process) -> bool:
@@ -243,14 +268,14 @@ def _entry_of(package: str, executable: str) -> EntryPoint:
 
 
 def serve(modules: Sequence[str]) -> int:
-    """Imports `modules`, then forks what standard input asks for, until that ends. In a forked process: its exit code.
+    """Imports `modules`, then does what standard input asks for, until that ends. In a forked process: its exit code.
 
     A module that cannot be imported is left out here; the process that needs it says why.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the mission's command
-    prepare([*modules, _OF_ALL])
-    gc.collect()
-    gc.freeze()  # keeps pages shared: the collector does not touch what was there before the fork
+    for module in modules:
+        with contextlib.suppress(Exception):
+            importlib.import_module(module)
     numbers: dict[int, int] = {}
     woken, wake = os.pipe()
     os.set_blocking(wake, False)
@@ -270,6 +295,9 @@ def serve(modules: Sequence[str]) -> int:
             *lines, requests = (requests + data).split(b"\n")
             for line in lines:
                 request = json.loads(line)
+                if "modules" in request:
+                    _begin(request)
+                    continue
                 pid = os.fork()
                 if pid == 0:
                     os.close(woken)
@@ -277,6 +305,20 @@ def serve(modules: Sequence[str]) -> int:
                     _run(request)
                 numbers[pid] = request["number"]
                 _answer(number=request["number"], pid=pid)
+
+
+def _begin(request: Mapping[str, Any]) -> None:
+    """Loads what the processes need, with their environment; from here on what goes wrong goes into the log."""
+    output = os.open(request["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND)  # after what one before it left there
+    os.dup2(output, 2)
+    os.close(output)
+    os.environ.update(request["environment"])
+    if request["in_turn"] and hasattr(os, "SCHED_BATCH"):
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    prepare([*request["modules"], _OF_ALL])
+    gc.collect()
+    gc.freeze()  # keeps pages shared: the collector does not touch what was there before the fork
 
 
 def prepare(modules: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs the built workspace (scripts/test sets it up)", allow_module_level=True)
 
+from auv_lse_common import fork_server
 from auv_lse_common.fork_server import ForkServer, prepare
 from auv_lse_common.processes import LaunchError, Process, end
 from auv_lse_common.supervisor import Supervisor, Task
@@ -62,6 +63,21 @@ def test_each_process_is_one_of_its_own_and_its_end_is_told(tmp_path: Path) -> N
     assert last.poll() is not None
 
 
+def test_a_server_that_was_started_early_is_used_with_a_log_told_later(tmp_path: Path) -> None:
+    fork_server.load_early([MODEM], dict(os.environ))
+    early = fork_server._early
+    server = ForkServer([MODEM], tmp_path / "server.log", {**os.environ, "ROS_DOMAIN_ID": "103"})
+    try:
+        assert early is not None
+        assert server._server is early
+        assert fork_server._early is None, "the next one has a process of its own"
+        running = server.start(MODEM, ["modem_node", "--ros-args", "-r", "__ns:=/auv7"], tmp_path / "a.log")
+        assert int(Path(f"/proc/{running.pid}/stat").read_text().rpartition(")")[2].split()[1]) == early.pid
+        assert os.readlink(f"/proc/{early.pid}/fd/2") == str(tmp_path / "server.log")
+    finally:
+        server.close()
+
+
 def test_a_process_that_is_not_installed_is_named(tmp_path: Path) -> None:
     ghost = Process(package="auv_lse_gp", executable="sonar_node", namespace="/")
     with pytest.raises(LaunchError, match="auv_lse_gp has no executable sonar_node"):
@@ -100,9 +116,9 @@ def test_what_nodes_load_is_loaded_once_before_the_forks(tmp_path: Path, monkeyp
     (tmp_path / "prepared_node.py").write_text("calls = []\ndef prepare():\n    calls.append(1)\n")
     (tmp_path / "broken_node.py").write_text("def prepare():\n    raise RuntimeError\n")
     monkeypatch.syspath_prepend(str(tmp_path))
+    message = importlib.import_module("auv_lse_msgs.msg").LockstepTick
     prepare(["broken_node", "no_such_node", "prepared_node", "auv_lse_common.entry_point"])
     assert importlib.import_module("prepared_node").calls == [1]
-    message = importlib.import_module("auv_lse_msgs.msg").LockstepTick
     assert message.__class__._TYPE_SUPPORT is not None, "entry_point prepares the types of all messages"
 
 

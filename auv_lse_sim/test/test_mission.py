@@ -36,7 +36,7 @@ STEPS = 12
 
 
 def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "auv_lse_sim.engine.mission", *arguments]
+    return [sys.executable, "-m", "auv_lse_sim.engine.command", *arguments]
 
 
 def environment() -> dict[str, str]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from auv_lse_common.beside import beside
 from auv_lse_sim.judge.evaluation import Evaluation
 from auv_lse_sim.judge.figures import depth_map, local_risk_error, navigation, risk_maps, save
 from auv_lse_sim.judge.found_figure import found
@@ -64,11 +66,18 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
 
 
 def draw_all(e: Evaluation, folder: Path) -> list[tuple[str, str]]:
-    """Draws every figure into `folder`; file name and caption of each one drawn."""
+    """Draws every figure into `folder`, half of them beside the others; file name and caption of each one drawn."""
+    rest = beside(partial(_draw, e, folder, 1))
+    drawn = {*_draw(e, folder, 0), *rest()}
+    return [(name, caption) for name, caption, _ in FIGURES if name in drawn]
+
+
+def _draw(e: Evaluation, folder: Path, first: int) -> list[str]:
+    """Draws every second figure from number `first` on; file names of those drawn."""
     drawn = []
-    for name, caption, draw in FIGURES:
+    for name, _, draw in FIGURES[first::2]:
         figure = draw(e)
         if figure is not None:
             save(figure, folder / name)
-            drawn.append((name, caption))
+            drawn.append(name)
     return drawn
