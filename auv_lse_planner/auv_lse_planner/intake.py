@@ -95,7 +95,7 @@ class PlannerIntake:
             self.planner.hear(stamp_s, vehicle, plan)
         plans += len(self._plans)
         self._plans = []
-        self._displace()
+        self.displace()
         if self._odometry is not None:
             self.planner.odometry(*self._odometry)
             odometry_s = self._odometry[0]
@@ -103,8 +103,11 @@ class PlannerIntake:
         self.taken = Taken(map_revision=revision, plans=plans, odometry_s=odometry_s)
         return self.planner.due(now_s)
 
-    def _displace(self) -> None:
-        """Tells the planner how its map is displaced against odometry, if both tell of the same time."""
+    def displace(self) -> None:
+        """Tells the planner how its map is displaced against odometry, if both tell of the same time.
+
+        `take` does so, too: this is for a corrected place that is only worked out once a decision is due.
+        """
         if self._corrected is None:
             return
         stamp_s, north_m, east_m = self._corrected

@@ -44,8 +44,9 @@ Array = NDArray[np.float64]
 LOOK_AHEAD = 3
 #: Sequences of a search that the next search tries first.
 SEEDS = 4
-#: Best sequences of a search that head a tour.
+#: Best sequences of a search that head a tour, and from which share of the mission on: before it none was ever chosen.
 HEADS = 3
+HEADS_FROM = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,7 +353,8 @@ class RecedingHorizon:
 
     def _heads(self, step: int, state: Array, planned_m: Array, deadline: Callable[[], bool] | None) -> list[Actions]:
         """The best sequences of a tree search on the own places' reward, beyond what is planned at `planned_m`."""
-        if not self.planner.tour_interval or (deadline is not None and deadline()):
+        early = step < HEADS_FROM * self._settings.mission.steps
+        if early or not self.planner.tour_interval or (deadline is not None and deadline()):
             return []
         self._posterior.plan(planned_m)
         try:

@@ -43,10 +43,10 @@ Array = NDArray[np.float64]
 
 #: Iterations that bend the last path, and the best path at the mission's start.
 ITERATIONS = 14
-FIRST_BEND_ITERATIONS = 40
+FIRST_BEND_ITERATIONS = 20
 #: Boustrophedons that are optimized at the start for the mission's end, iterations of each, and of the best of them
 #: after that.
-STARTS = 4
+STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
 #: Shares of the anytime weight that paths are bent by, one after the other until the expected end allows it.

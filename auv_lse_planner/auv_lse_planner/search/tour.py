@@ -40,6 +40,9 @@ ROOM_WEIGHT = 1e-4
 EVEN_WEIGHT = 3e-2
 #: What it costs to bend a path: of a displacement that grows by a segment's length over a segment, of the tour's value.
 BEND_WEIGHT = 3e-3
+#: An optimization ends with the first iteration that gains less, as a part of the tour's value: of waypoints, and of a
+#: bend, which goes on behind iterations that gain little (docs/planner.md).
+LEAST_GAIN, LEAST_BENT = 1e-6, 1e-7
 #: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
 CUT_CORNERS = 1.25
 #: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
@@ -313,7 +316,7 @@ class TourSearch:
 
         first = np.clip(waypoints_m[1:], self._low, self._high).ravel() / unit
         bounds = [(low / unit, high / unit) for low, high in zip(self._low, self._high, strict=True)] * shape[0]
-        return self._uphill(first, corners, pulled, self._leg_m, legs, reward, iterations, deadline, bounds)
+        return self._uphill(first, corners, pulled, self._leg_m, legs, reward, iterations, deadline, LEAST_GAIN, bounds)
 
     def bend(
         self,
@@ -359,7 +362,7 @@ class TourSearch:
             return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1:].ravel()
 
         first, leg_m = np.zeros(2 * knots), arc_m(line) / legs
-        return self._uphill(first, corners, pulled, leg_m, legs, reward, iterations, deadline, None)
+        return self._uphill(first, corners, pulled, leg_m, legs, reward, iterations, deadline, LEAST_BENT, None)
 
     def _uphill(
         self,
@@ -371,6 +374,7 @@ class TourSearch:
         reward: Differentiable,
         iterations: int,
         deadline: Callable[[], bool] | None,
+        least_gain: float,
         bounds: list[tuple[float, float]] | None,
     ) -> Found:
         """The best polyline that L-BFGS-B comes by.
@@ -385,6 +389,7 @@ class TourSearch:
             reward: What places are worth.
             iterations: At most.
             deadline: Says when to stop.
+            least_gain: It ends with the first iteration that gains less, as a part of the value.
             bounds: Of the unknowns.
         """
         spacing, count = leg_m / self._samples, legs * self._samples
@@ -418,7 +423,7 @@ class TourSearch:
                 jac=True,
                 method="L-BFGS-B",
                 bounds=bounds,
-                options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": 1e-7, "gtol": 1e-7},
+                options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": least_gain, "gtol": 1e-7},
             )
         except OutOfTimeError:
             hit = True

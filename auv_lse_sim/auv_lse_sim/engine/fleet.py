@@ -168,11 +168,12 @@ class Crew:
         o = output.odometry
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
         self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m)
-        place = None if self.placer is None else self.placer.place
-        if place is not None:
-            self._to_planner.set_corrected(place.stamp_s, place.north_m, place.east_m)
         if not self._to_planner.take(now_s):
             return None
+        place = None if self.placer is None else self.placer.place  # only a decision reads it
+        if place is not None:
+            self._to_planner.set_corrected(place.stamp_s, place.north_m, place.east_m)
+            self._to_planner.displace()
         if self.map.revision != self._revision:  # not before: to be read, merged centers must be settled
             self._revision = self.map.revision
             self.planner.set_centers(self.map.centers, now_s)
