@@ -7,9 +7,11 @@ export function clock(seconds) {
   return hours ? `${hours}:${two(minutes)}:${two(whole % 60)}` : `${minutes}:${two(whole % 60)}`;
 }
 
-// A number with as many digits after the point as asked for; a dash for unknown, a true minus sign.
+// A number with as many digits after the point as asked for; a dash for unknown, a true minus sign, no "−0".
 export function number(value, digits = 0) {
-  return value === null || value === undefined || !Number.isFinite(value) ? "–" : value.toFixed(digits).replace("-", "−");
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const text = value.toFixed(digits);
+  return Number(text) < 0 ? text.replace("-", "−") : text.replace("-", "");
 }
 
 // Distance between ticks, 1, 2 or 5 times a power of ten, so that about `count` of them fill a span.

@@ -6,8 +6,9 @@ import { element, number, say } from "./format.js";
 const WORST = ["ok", "warning", "error", "stale"];
 const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… not heard" };
 const SILENT_S = 30;
-const FIELDS = ["mission", "step", "north, east", "place ±", "depth", "speed", "decision", "sent, heard"];
-const SHORT = ["mission", "step", "sent, heard"]; // what the cards of a large team show, but for the chosen one
+const FIELDS = ["mission", "step", "N, E", "place ±", "depth", "speed", "decision", "packets"];
+const SHORT = ["mission", "step", "packets"]; // what the cards of a large team show, but for the chosen one
+const TITLES = { "N, E": "north, east of the origin", "place ±": "standard deviation of its place", packets: "sent / heard" };
 const LARGE_TEAM = 4;
 
 export class VehicleCards {
@@ -29,7 +30,7 @@ export class VehicleCards {
       const meter = element("i", { style: `background: ${vehicleColor(vehicle)}` });
       const fields = Object.fromEntries(FIELDS.map((name) => {
         const kind = { class: SHORT.includes(name) ? "" : "more" }, value = element("dd", kind);
-        list.append(element("dt", kind, name), value);
+        list.append(element("dt", TITLES[name] ? { ...kind, title: TITLES[name] } : kind, name), value);
         return [name, value];
       }));
       card.append(
@@ -61,13 +62,13 @@ export class VehicleCards {
     const run = at("run");
     say(fields.mission, run ? run.state + (run.state !== "running" && run.reason ? `: ${run.reason}` : "") : "–");
     say(fields.step, `${steps} of ${facts.steps}`);
-    say(fields["north, east"], pose ? `${number(pose.north)}, ${number(pose.east)}\u00a0m` : "–");
+    say(fields["N, E"], pose ? `${number(pose.north)}, ${number(pose.east)}\u00a0m` : "–");
     say(fields["place ±"], pose ? `${number(pose.std, 1)} m` : "–");
     say(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
     say(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
     say(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", cut" : ""}` : "–");
     const sent = store.between("sent", vehicle, -Infinity, t).length, heard = store.between("received", vehicle, -Infinity, t).length;
-    say(fields["sent, heard"], `${sent}, ${heard}`);
+    say(fields.packets, `${sent} / ${heard}`);
     card.setAttribute("aria-pressed", String(chosen));
     card.title = chosen ? "The map shows what this vehicle knows" : "Show what this vehicle knows";
   }
