@@ -8,6 +8,7 @@ own posterior on the path's places. Where a library is not installed its rows ar
 
 from __future__ import annotations
 
+import copy
 import os
 import subprocess
 import sys
@@ -303,6 +304,40 @@ def decisions(sizes: Sizes = FULL) -> list[Row]:
     return rows
 
 
+def _flown(made: VehiclePlanner, legs: int, now_s: float) -> float:
+    """Travels so many legs as they are decided; returns the time (s) then."""
+    for _ in range(legs):
+        leg = made.decide(now_s).leg
+        now_s += leg.length_m / made.settings.vehicle.speed_mps
+        made.odometry(now_s, *leg.end_state.tolist())
+    return now_s
+
+
+def under_way(sizes: Sizes = FULL) -> list[Row]:
+    """What a 20 ms deadline leaves of a decision of `tour` that looks for another plan, with one in hand."""
+    made = planner("tour", sizes.centers, **sizes.options)
+    made._take_centers()
+    every, now_s = made.planner.tour_interval, 0.0
+    assert every is not None
+    full_ms, limited_ms, shares = [], [], []
+    for _ in range(sizes.repeats):
+        now_s = _flown(made, every, now_s)
+        whole, hurried = copy.deepcopy(made), copy.deepcopy(made)
+        begin = time.process_time()
+        value = whole.decide(now_s).bound.jbar
+        full_ms.append(1e3 * (time.process_time() - begin))
+        begin = time.process_time()
+        limited = hurried.decide(now_s, deadline=lambda begin=begin: time.process_time() - begin > 0.020)
+        limited_ms.append(1e3 * (time.process_time() - begin))
+        shares.append(limited.bound.jbar / value)
+    least, what = float(min(shares)), f"tour, {sizes.centers} centers, with a plan in hand"
+    return [
+        row(f"one decision that looks for another plan, {what}", float(np.median(full_ms)), "ms"),
+        row(f"least value with a 20 ms deadline, {what}", least, "of full", goal=">= 0.9", holds=least >= 0.9),
+        row(f"time with a 20 ms deadline, {what}", float(np.median(limited_ms)), "ms"),
+    ]
+
+
 def samples_cost(sizes: Sizes = FULL) -> list[Row]:
     """What several measurement places along a leg cost."""
     rows = []
@@ -356,4 +391,11 @@ def memory(sizes: Sizes = FULL) -> list[Row]:
 def run(*, smoke: bool = False) -> list[Row]:
     """All rows; `smoke`: at the smallest sizes, in seconds."""
     sizes = SMOKE if smoke else FULL
-    return [*evaluations(sizes), *anytime(sizes), *decisions(sizes), *samples_cost(sizes), *memory(sizes)]
+    return [
+        *evaluations(sizes),
+        *anytime(sizes),
+        *decisions(sizes),
+        *under_way(sizes),
+        *samples_cost(sizes),
+        *memory(sizes),
+    ]
