@@ -255,24 +255,32 @@ class Posterior:
         return self._place_white
 
     @property
-    def variance_scale(self) -> float:
-        """The factor c^2 by which the data find the prior's variance too large or too small.
+    def residual_ratio(self) -> float:
+        """|b|^2 / n of n data with residuals b, whitened by the prior: 1 in the mean if the prior is right.
 
-        Of n data with residuals b, whitened by the prior, |b|^2 is n in the mean if the prior is right. With an inverse
-        gamma prior of c^2 about 1, worth w data (`gp.std_soundings`), the mean of c^2 given the data is
-        (w + |b|^2) / (w + n) but for terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6). Noise
-        is scaled with the signal. Where places are uncertain, b is whitened with their effects, too: |b|^2 is
-        b' (1 + W W')^-1 b with W = L^-1 E.
+        Without data it is 1.
+        Where places are uncertain, b is whitened with their effects, too: |b|^2 is b' (1 + W W')^-1 b with W = L^-1 E.
         """
-        b, worth = self.whitened_residuals[: self.data_rows], self._std_soundings
-        if worth <= 0.0 or not len(b):
+        b = self.whitened_residuals[: self.data_rows]
+        if not len(b):
             return 1.0
         squares = float(b @ b)
         if self.places_uncertain:
             white = self.place_white
             along = white.T @ b
             squares -= float(along @ np.linalg.solve(np.eye(len(along)) + white.T @ white, along))
-        return (worth + squares) / (worth + len(b))
+        return squares / len(b)
+
+    @property
+    def variance_scale(self) -> float:
+        """The factor c^2 by which the data find the prior's variance too large or too small.
+
+        With an inverse gamma prior of c^2 about 1, worth w data (`gp.std_soundings`), the mean of c^2 given the data is
+        (w + |b|^2) / (w + n) but for terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6); |b|^2
+        as in `residual_ratio`. Noise is scaled with the signal.
+        """
+        n, worth = self.data_rows, self._std_soundings
+        return (worth + n * self.residual_ratio) / (worth + n) if worth > 0.0 and n else 1.0
 
     def place_variance(self, scaled: Array) -> Array:
         """What the uncertain places of the centers add to the variance (P,) at scaled places (P, 2)."""

@@ -30,6 +30,7 @@ from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.proposals import naive_only, one_leg, search_path
 from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.doubt import doubt
 from auv_lse_planner.reward.fix import worth_of_fix
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.dec_mcts import JOINT_DRAWS, search_dec_mcts
@@ -349,6 +350,7 @@ class RecedingHorizon:
             steps,
             self.planner.anytime_weight,
             self._coarse_columns(),
+            doubt(self._posterior),
         )
 
     def _heads(self, step: int, state: Array, planned_m: Array, deadline: Callable[[], bool] | None) -> list[Actions]:

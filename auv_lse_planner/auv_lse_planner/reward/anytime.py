@@ -6,9 +6,10 @@ and the places that team mates will have measured by then, S the data, O places 
     R_i = sum over p in M of E r(p | S u O u V_i)                                  (paper: expected Bayes risk)
     J   = sum over legs i of w_i (R_{i-1} - R_i),    w_i = 1 + weight (1 - (step + i) / steps)
 
-`weighted` is J. `end` is J with w = 1: it telescopes to R_0 - R_L, the drop at the mission's end, which own vehicle and
-mates bring together. Mates are not conditioned on beforehand: they measure at their time, as the own vehicle does. What
-they measure after the own last leg counts at the end.
+`weighted` is J, its standard deviations taken for `doubt` times as large. `end` is J with w = 1 and without doubt: it
+telescopes to R_0 - R_L, the drop at the mission's end, which own vehicle and mates bring together. Mates are not
+conditioned on beforehand: they measure at their time, as the own vehicle does. What they measure after the own last leg
+counts at the end.
 
 R is computed at some legs only, the *checkpoints*, and taken to fall evenly in between, so that J is a sum over
 checkpoints. `end` does not depend on them.
@@ -74,7 +75,7 @@ class Value:
     """What a path is worth.
 
     Attributes:
-        weighted: Drops of the map's expected risk, those of early legs counted more.
+        weighted: Drops of the map's expected risk, those of early legs counted more, by doubted standard deviations.
         end: Drop of the map's expected risk at the mission's end.
     """
 
@@ -137,6 +138,7 @@ class AnytimeReward:
         steps: int,
         weight: float,
         coarse: KeptColumns | None = None,
+        doubt: float = 1.0,
     ) -> None:
         """Takes the posterior as it stands; places planned on it are taken as measured before the first leg.
 
@@ -150,12 +152,14 @@ class AnytimeReward:
             steps: Steps of the mission.
             weight: How much more a drop of risk counts at the mission's start than at its end.
             coarse: Places of the gradient's map, of the same posterior; None: those of `kept`.
+            doubt: `weighted` takes the posterior's standard deviations for so many times as large (`reward/doubt.py`).
         """
         self.legs = legs
         self._kept, self._coarse = kept, coarse or kept
         self._level_set = replace(level_set, method="exact")
         self.mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
         self._time = (legs, step, steps, weight)
+        self._doubt = doubt
         self._exact = self._drop(self._kept, 1, -(-legs // LEGS_APART), NO_RISK, often=False)
         self._rough: _Drop | None = None
         self.risk_before = self._exact.risk_before
@@ -175,7 +179,7 @@ class AnytimeReward:
         places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
         scale = len(self._kept.places_m) / len(kept.places_m)
         schedule = _Schedule.of(*self._time, checkpoints)
-        return _Drop(kept, self._level_set, legs, places, schedule, share, scale, often)
+        return _Drop(kept, self._level_set, legs, places, schedule, share, scale, often, self._doubt)
 
     def value(self, places_m: Array) -> Value:
         """Value of a path, on all of the map.
@@ -186,8 +190,7 @@ class AnytimeReward:
         Raises:
             ValueError: for more legs than are left, or if the covariance of the places is not positive definite.
         """
-        drops = self._exact.drops(*self._timed(places_m))
-        return Value(float(self._exact.schedule.weights @ drops), float(drops.sum()))
+        return self._exact.value(*self._timed(places_m))
 
     def values(self, many_m: Iterable[Array]) -> list[Value]:
         """`value` of several paths."""
@@ -249,6 +252,7 @@ class _Drop:
         least_share: float,
         scale: float,
         often: bool,
+        doubt: float,
     ) -> None:
         """Prepares what does not depend on the own path.
 
@@ -261,6 +265,7 @@ class _Drop:
             least_share: Cells of a smaller share of the largest risk are left out.
             scale: What a cell counts.
             often: Whether it is asked about so many paths that it pays to invert the posterior's factor.
+            doubt: How many times as large standard deviations are taken to be for J.
         """
         self.schedule = schedule
         self._often = often
@@ -270,14 +275,19 @@ class _Drop:
         after = np.minimum(columns.planned_var_m2, columns.data_var_m2)
         risk = level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
         self.risk_before = scale * float(risk.sum())
+        doubted, known_risk = columns.mean_m, risk
+        if doubt != 1.0:  # the risk depends on (mean - level) / standard deviation alone
+            doubted = level_set.level_m + (columns.mean_m - level_set.level_m) / doubt
+            risk = level_set.expected_risk(doubted, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
         counted = np.flatnonzero(risk > least_share * level_set.largest_risk)
         self._places_m = kept.places_m[counted]
         self._risk = np.asarray(risk[counted])
         self._before = float(self._risk.sum())
+        self._undoubted = None if doubt == 1.0 else (columns.mean_m[counted], float(known_risk[counted].sum()))
         self._cells = _Cells(
             columns.scaled[counted],
             np.take(columns.white.T, counted, axis=1),
-            columns.mean_m[counted],
+            doubted[counted],
             columns.data_var_m2[counted],
             columns.planned_var_m2[counted],
         )
@@ -291,13 +301,19 @@ class _Drop:
         other.schedule = _Schedule.of(legs, step, steps, weight, len(self.schedule.checkpoints))
         return other
 
-    def drops(self, places_m: Array, legs: Array) -> Array:
-        """Drop of risk up to each checkpoint since the one before (J,)."""
-        if not len(places_m) + len(self._mates):
-            return np.zeros(len(self.schedule.checkpoints))
+    def value(self, places_m: Array, legs: Array) -> Value:
+        """What a path is worth: J, and the drop of the risk, without doubt, at the mission's end."""
+        if not len(places_m) + len(self._mates) or not len(self.schedule.checkpoints):
+            return Value(0.0, 0.0)
         left = self._joint(places_m, legs).left(np.arange(len(self.schedule.checkpoints)))
-        risks = self._level_set.risk_sums(self._cells.mean_m, self._cells.data_var_m2, left)
-        return np.asarray(-self._scale * np.diff(risks, prepend=self._before))
+        variance = self._cells.data_var_m2
+        risks = self._level_set.risk_sums(self._cells.mean_m, variance, left)
+        drops = -self._scale * np.diff(risks, prepend=self._before)
+        end = float(drops.sum())
+        if self._undoubted is not None:
+            mean, before = self._undoubted
+            end = self._scale * (before - float(self._level_set.risk_sums(mean, variance, left[-1:])[0]))
+        return Value(float(self.schedule.weights @ drops), end)
 
     def weighted(self, places_m: Array, legs: Array) -> float:
         """J."""
@@ -339,7 +355,10 @@ class _Drop:
 
 @dataclass(frozen=True)
 class _Cells:
-    """What the posterior says about the map's cells; see `Columns`, but w is (n, M): a row for each measurement."""
+    """What the posterior says about the map's cells; see `Columns`, but w is (n, M): a row for each measurement.
+
+    With doubt the mean is as much nearer to the level.
+    """
 
     scaled: Array
     white: Array
