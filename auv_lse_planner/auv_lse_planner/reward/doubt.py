@@ -17,9 +17,9 @@ RATIO, LARGEST = 1.0 / 3.0, 5.0
 
 
 def doubt(posterior: Posterior) -> float:
-    """Factor on the posterior's standard deviations by which paths are weighed: (ratio / RATIO)^2, within 1 and LARGEST.
+    """Factor on the posterior's standard deviations by which paths are weighed.
 
-    Without data it is 1: nothing is known that could be doubted.
+    It is (ratio / RATIO)^2, but at least 1 and at most `LARGEST`; 1 without data, where nothing is known to be doubted.
     """
     if not posterior.data_rows:
         return 1.0
