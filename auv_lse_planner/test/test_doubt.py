@@ -6,7 +6,7 @@ import pytest
 from auv_lse_gp.centers import Centers
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.posterior import Posterior
-from auv_lse_planner.reward.doubt import LARGEST, RATIO, doubt
+from auv_lse_planner.reward.doubt import DOUBT, doubt
 
 
 def drawn(std_m: float) -> Posterior:
@@ -20,16 +20,16 @@ def drawn(std_m: float) -> Posterior:
     return posterior
 
 
-def test_ground_nearly_as_rough_as_the_prior_is_doubted_by_how_rough_it_is():
+def test_ground_nearly_as_rough_as_the_prior_is_doubted_in_proportion():
     half = drawn(8.0 * np.sqrt(0.5))
     assert half.residual_ratio == pytest.approx(0.5, rel=0.3)
-    assert doubt(half) == pytest.approx((half.residual_ratio / RATIO) ** 2)
+    assert doubt(half) == pytest.approx(DOUBT * half.residual_ratio)
 
 
 def test_flat_ground_is_not_doubted_and_doubt_has_a_limit():
-    assert drawn(4.0).residual_ratio < RATIO
-    assert doubt(drawn(4.0)) == 1.0
-    assert doubt(drawn(24.0)) == LARGEST
+    assert drawn(2.0).residual_ratio < 1.0 / DOUBT
+    assert doubt(drawn(2.0)) == 1.0
+    assert doubt(drawn(24.0)) == DOUBT
     assert doubt(Posterior(GpConfig())) == 1.0
 
 

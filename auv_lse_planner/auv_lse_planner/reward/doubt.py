@@ -4,23 +4,23 @@ A stationary prior does not fit a lake both along densely sounded tracks and far
 on steep ground, errors between them have heavier tails than the map's standard deviation says, and a planner that
 takes such ground for known leaves pieces of the isobath unvisited. So paths are weighed as if standard deviations
 were larger, by what the soundings show of the ground: the ratio of their squared residuals to what the prior expects
-(`Posterior.residual_ratio`). It is .4 to 1 where one vehicle is on a small and steep lake, and less than a third
-where three can see all of a larger one: these keep the map at its word.
+(`Posterior.residual_ratio`). It is .4 to 1 where one vehicle is on a small and steep lake; in the whole simulator
+three in a larger one mostly have less than a fifth, and keep the map at its word.
 """
 
 from __future__ import annotations
 
 from auv_lse_gp.posterior import Posterior
 
-#: Residuals' ratio above which the map is doubted, and the largest doubt.
-RATIO, LARGEST = 1.0 / 3.0, 5.0
+#: Doubt for each unit of the residuals' ratio, and the largest doubt.
+DOUBT = 5.0
 
 
 def doubt(posterior: Posterior) -> float:
     """Factor on the posterior's standard deviations by which paths are weighed.
 
-    It is (ratio / RATIO)^2, but at least 1 and at most `LARGEST`; 1 without data, where nothing is known to be doubted.
+    It is `DOUBT` times the ratio, but at least 1 and at most `DOUBT`; 1 without data, where nothing is known to doubt.
     """
     if not posterior.data_rows:
         return 1.0
-    return min(max(1.0, (posterior.residual_ratio / RATIO) ** 2), LARGEST)
+    return min(max(1.0, DOUBT * posterior.residual_ratio), DOUBT)
