@@ -4,8 +4,8 @@ A stationary prior does not fit a lake both along densely sounded tracks and far
 on steep ground, errors between them have heavier tails than the map's standard deviation says, and a planner that
 takes such ground for known leaves pieces of the isobath unvisited. So paths are weighed as if standard deviations
 were larger, by what the soundings show of the ground: the ratio of their squared residuals to what the prior expects
-(`Posterior.residual_ratio`). It is .4 to 1 where one vehicle is on a small and steep lake; in the whole simulator
-three in a larger one mostly have less than a fifth, and keep the map at its word.
+(`Posterior.residual_ratio`). It is .4 to 1 where one vehicle is on a small and steep lake; three in a larger one have
+about a fifth, and hardly any doubt.
 """
 
 from __future__ import annotations
