@@ -29,7 +29,7 @@ from auv_lse_sim.judge.team_map import map_of, mission_settings
 from auv_lse_sim.judge.verdict import judge
 from auv_lse_sim.settings import Settings
 from benchmarks.command import end_with, existing_file
-from benchmarks.results_file import read
+from benchmarks.results_file import FOLDER, appended, read
 
 FIRST_LAKE = 8200
 #: Measures of a map: key, heading.
@@ -114,7 +114,9 @@ def main(arguments: list[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--table", type=existing_file, help="only print the table of this results file")
-    parser.add_argument("--out", type=Path, default=Path("gp_prior.jsonl"), help="results file, appended to")
+    parser.add_argument(
+        "--out", type=Path, default=FOLDER / "gp_prior.jsonl", help="results file, appended to (default: %(default)s)"
+    )
     parser.add_argument("--lakes", type=int, default=20, help=f"lakes, from {FIRST_LAKE} on (default: %(default)s)")
     parser.add_argument("--method", default="tour", help="planner.method (default: %(default)s)")
     parser.add_argument("--small", action="store_true", help="one vehicle in 500 m x 400 m (default: the field trial)")
@@ -130,7 +132,7 @@ def main(arguments: list[str] | None = None) -> None:
     for lake in range(FIRST_LAKE, FIRST_LAKE + options.lakes):
         if lake in done:
             continue
-        with options.out.open("a") as file:
+        with appended(options.out) as file:
             file.writelines(json.dumps(line) + "\n" for line in lines_of(lake, options.method, options.small, priors))
         print(f"lake {lake} done", flush=True)
     print(table(read(options.out)))

@@ -35,7 +35,7 @@ from auv_lse_sim.settings import Settings
 from auv_lse_sim.world.ground_source import ground_of
 from auv_lse_sim.world.navigable import fit_to_ground
 from benchmarks.command import end_with
-from benchmarks.results_file import read
+from benchmarks.results_file import FOLDER, appended, read
 
 Array = NDArray[np.float64]
 
@@ -162,7 +162,7 @@ def rows_of(seeds: Sequence[int], path: Path, steps: int = 100) -> Iterator[dict
             if (seed, condition) in done:
                 continue
             row = {"seed": seed, "condition": condition, **judged(flown(settings_of(seed, drift, harmonic_deg, steps)))}
-            with path.open("a") as file:
+            with appended(path) as file:
                 file.write(json.dumps(row) + "\n")
             yield row
 
@@ -189,7 +189,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Flies what is missing and prints the table. Returns 0, 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.places_drift", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7500, 20), metavar=("FIRST", "COUNT"), help="missions")
-    parser.add_argument("--out", type=Path, default=Path("places.jsonl"), metavar="FILE", help="the rows")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=FOLDER / "places_drift.jsonl",
+        metavar="FILE",
+        help="the rows (default: %(default)s)",
+    )
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
     options = parser.parse_args(arguments)
     first, count = options.seeds

@@ -42,7 +42,7 @@ from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks.command import end_with, existing_file
 from benchmarks.planner_loop import light_mission, settings_for
-from benchmarks.results_file import fly, read
+from benchmarks.results_file import FOLDER, fly, read
 
 SPAN_M = (250.0, 300.0)
 RULES = (True, False)
@@ -211,7 +211,12 @@ def main(arguments: list[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--table", type=existing_file, help="only print the table of this results file")
-    parser.add_argument("--out", type=Path, default=Path("planner_bound.jsonl"), help="results file, appended to")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=FOLDER / "planner_bound.jsonl",
+        help="results file, appended to (default: %(default)s)",
+    )
     parser.add_argument("--missions", type=int, default=200, help="number of missions (default: %(default)s)")
     parser.add_argument(
         "--methods", nargs="+", default=list(METHODS), choices=METHODS, help="which of them (default: all)"

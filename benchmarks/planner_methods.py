@@ -29,7 +29,7 @@ from auv_lse_sim.world.config import LakeConfig
 from auv_lse_sim.world.lake import SyntheticLake
 from benchmarks.command import end_with, existing_file
 from benchmarks.planner_loop import light_mission, settings_for
-from benchmarks.results_file import fly, read
+from benchmarks.results_file import FOLDER, fly, read
 
 METHODS = (
     "lawnmower",
@@ -191,7 +191,12 @@ def main(arguments: list[str] | None = None) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--table", type=existing_file, help="only print the tables of this results file")
-    parser.add_argument("--out", type=Path, default=Path("planner_methods.jsonl"), help="results file, appended to")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=FOLDER / "planner_methods.jsonl",
+        help="results file, appended to (default: %(default)s)",
+    )
     parser.add_argument(
         "--methods",
         nargs="+",

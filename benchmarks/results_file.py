@@ -7,12 +7,21 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
+
+#: Where results files go unless a command says otherwise: in the folder of runs, which git leaves alone.
+FOLDER = Path("runs/benchmarks")
 
 
 def read(path: Path) -> list[dict[str, Any]]:
     """Lines of a results file; none if there is no file yet."""
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def appended(path: Path) -> TextIO:
+    """A results file, open for lines to come; its folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path.open("a")
 
 
 def fly(
@@ -23,7 +32,7 @@ def fly(
     Ctrl-C ends those under way without a word; the lines of the others stay.
     """
     quiet = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_DFL)}
-    with path.open("a") as file, ProcessPoolExecutor(processes, **quiet) as pool:
+    with appended(path) as file, ProcessPoolExecutor(processes, **quiet) as pool:
         try:
             for future in as_completed([pool.submit(mission, *job) for job in jobs]):
                 line = future.result()

@@ -133,7 +133,7 @@ def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys
     from benchmarks import places_drift
 
     monkeypatch.setattr(places_drift, "CONDITIONS", {"x3": (3.0, 0.0)})
-    wanted = ["--seeds", "7500", "1", "--steps", "6", "--out", str(tmp_path / "rows.jsonl")]
+    wanted = ["--seeds", "7500", "1", "--steps", "6", "--out", str(tmp_path / "new" / "rows.jsonl")]
     assert places_drift.main(wanted) == 0
     first = capsys.readouterr().out
     assert [line.split(" | ")[1] for line in first.splitlines()[2:]] == list(places_drift.WAYS)
@@ -211,7 +211,7 @@ def test_missions_below_their_bound_are_counted(tmp_path, capsys):
 def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, capsys):
     prior = importlib.import_module("benchmarks.gp_prior")
     monkeypatch.setitem(prior.SMALL, "mission.steps", 2)
-    lines = tmp_path / "prior.jsonl"
+    lines = tmp_path / "new" / "prior.jsonl"
     options = ["--small", "--method", "lawnmower", "--lakes", "1", "--stds", "8", "--out", str(lines)]
     prior.main(options)
     prior.main(options)  # nothing is flown twice
@@ -223,7 +223,7 @@ def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, caps
 
 def test_methods_are_flown_over_lakes(tmp_path, capsys):
     methods = importlib.import_module("benchmarks.planner_methods")
-    lines = tmp_path / "methods.jsonl"
+    lines = tmp_path / "new" / "methods.jsonl"
     options = ["--out", str(lines), "--methods", "lawnmower", "random", "--vehicles", "1", "--lakes", "1"]
     methods.main([*options, "--steps", "2", "--processes", "1"])
     methods.main([*options, "--steps", "2", "--processes", "1"])  # nothing is flown twice
