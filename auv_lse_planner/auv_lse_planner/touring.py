@@ -49,8 +49,11 @@ FIRST_BEND_ITERATIONS = 20
 STARTS = 2
 START_ITERATIONS = 20
 FIRST_ITERATIONS = 100
-#: Shares of the anytime weight that paths are bent by, one after the other until the expected end allows it.
+#: Shares of the anytime weight that paths are bent by, one after the other until the expected end allows it: at the
+#: start all of them; then two, from the one before that which was allowed last, for what may be spent changes little
+#: from one time to the next, or behind those that were not.
 EARLINESS = (1.0, 0.5, 0.25, 0.0)
+TRIES = 2
 #: A tour is rejoined at a waypoint at least so far (m) away.
 REJOIN_M = 20.0
 #: Legs that lead around ground that the map shows to be too shallow, as explicit actions.
@@ -128,6 +131,7 @@ class Touring:
         self._search = TourSearch(space, rollout.samples_per_leg)
         self._finer = TourSearch(space, max(OWN_PLACES, rollout.samples_per_leg))
         self._optimized_at = -1
+        self._earliness = 0  # which of `EARLINESS` is tried first
         self._waypoints: Array | None = None  # of the tour that is followed, if it was optimized ...
         self._waypoints_step = 0  # ... at this step
 
@@ -137,6 +141,7 @@ class Touring:
         return {
             "balance": self.balance,
             "optimized_at": self._optimized_at,
+            "earliness": self._earliness,
             "waypoints": waypoints,
             "waypoints_step": self._waypoints_step,
         }
@@ -144,6 +149,7 @@ class Touring:
     def restore(self, values: Mapping[str, Any]) -> None:
         """Goes on from what `snapshot` gave."""
         self.balance, self._optimized_at = values["balance"], values["optimized_at"]
+        self._earliness = values["earliness"]
         self._waypoints = None if values["waypoints"] is None else np.array(values["waypoints"])
         self._waypoints_step = values["waypoints_step"]
 
@@ -232,7 +238,9 @@ class Touring:
         gradients, hit = sum(f.evaluations for f in found), found[-1].deadline_hit
         if reward.legs <= MOST_EXPLICIT and not hit:
             path = max(candidates, key=lambda c: c.value.end).path
-            bent, more, hit = self._earlier(step, state, path, reward, floor, FIRST_BEND_ITERATIONS, deadline)
+            bent, more, hit = self._earlier(
+                step, state, path, reward, floor, FIRST_BEND_ITERATIONS, len(EARLINESS), deadline
+            )
             candidates += bent
             gradients += more
         return candidates, floor, gradients, hit
@@ -245,6 +253,7 @@ class Touring:
         reward: AnytimeReward,
         floor: float,
         iterations: int,
+        tries: int,
         deadline: Callable[[], bool] | None,
     ) -> tuple[list[Candidate], int, bool]:
         """A path bent for what comes early, or as little of that as leaves the expected end above its floor.
@@ -254,11 +263,14 @@ class Touring:
         """
         candidates: list[Candidate] = []
         gradients, hit = 0, False
-        for share in EARLINESS:
-            bent, more, hit = self._bent(step, state, path, reward, share, iterations, deadline)
+        first = self._earliness
+        for i in range(first, min(first + tries, len(EARLINESS))):
+            bent, more, hit = self._bent(step, state, path, reward, EARLINESS[i], iterations, deadline)
             candidates.append(bent)
             gradients += more
-            if hit or bent.value.end >= floor:
+            allowed = bent.value.end >= floor
+            self._earliness = max(i - 1, 0) if allowed else min(i + 1, len(EARLINESS) - 1)
+            if hit or allowed:
                 break
         return candidates, gradients, hit
 
@@ -299,7 +311,7 @@ class Touring:
         """
         waypoints = self._warm(step, state, path)
         if planner.tour_interval and reward.legs <= MOST_EXPLICIT:
-            candidates, gradients, hit = self._earlier(step, state, path, reward, floor, ITERATIONS, deadline)
+            candidates, gradients, hit = self._earlier(step, state, path, reward, floor, ITERATIONS, TRIES, deadline)
         else:
             gradients, hit = 0, False
             if planner.tour_interval:

@@ -1,4 +1,5 @@
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from planner_helpers import centers, settings
 
 from auv_lse_common.plan import Plan
 from auv_lse_planner.paths.naive_ids import FITTED
-from auv_lse_planner.touring import DETOUR_LEGS, EARLINESS, Touring
+from auv_lse_planner.touring import DETOUR_LEGS, EARLINESS, TRIES, Touring
 from auv_lse_planner.vehicle_planner import VehiclePlanner
 
 STEPS = 12
@@ -150,17 +151,44 @@ def test_a_path_is_bent_for_what_comes_early_as_far_as_the_expected_end_allows(m
     planner = _planner()
     _travel(planner, STEPS, _growing())
     records = {r.step: r for r in planner.records}
-    for step in sorted(tried)[1:]:
-        floor = records[step].incumbent_value - records[step - 1].account
-        assert tuple(share for share, _ in tried[step]) == EARLINESS[: len(tried[step])]
-        assert all(end < floor for _, end in tried[step][:-1])
-        assert tried[step][-1][1] >= floor or len(tried[step]) == len(EARLINESS)
+    first = 0
+    for step in sorted(tried):
+        shares = [share for share, _ in tried[step]]
+        assert shares == list(EARLINESS[first : first + len(shares)])
+        last = first + len(shares) - 1
+        if step:
+            floor = records[step].incumbent_value - records[step - 1].account
+            assert all(end < floor for _, end in tried[step][:-1])
+            allowed = tried[step][-1][1] >= floor
+            assert allowed or len(shares) == TRIES or last == len(EARLINESS) - 1
+        else:
+            allowed = last < len(EARLINESS) - 1 or records[0].account > 0.0
+        first = max(last - 1, 0) if allowed else min(last + 1, len(EARLINESS) - 1)
+
+
+def test_a_path_is_bent_by_the_share_before_the_one_allowed_last_or_behind_those_that_were_not(monkeypatch):
+    tried: list[float] = []
+    allowed, bent = 1.0, Touring._bent
+
+    def spy(self, step, state, path, reward, share, *rest):
+        tried.append(share)
+        found = bent(self, step, state, path, reward, share, *rest)
+        end = 1e9 if share == allowed else -1e9
+        return replace(found[0], value=replace(found[0].value, end=end)), *found[1:]
+
     planner = _planner()
-    _travel(planner, 4, _growing())
-    planner._horizon._touring.balance = -1e9  # so that no path is good enough
-    tried.clear()
-    planner.decide(15.7 * 4)
-    assert [share for share, _ in tried[4]] == list(EARLINESS)
+    _travel(planner, 1, _growing())
+    touring = planner._horizon._touring
+    touring.restore({**touring.snapshot(), "earliness": 0})
+    monkeypatch.setattr(Touring, "_bent", spy)
+    began = []
+    for share in (0.25, 0.25, 0.25, 0.5, 0.0, 0.0, 1.0):
+        allowed = share
+        tried.clear()
+        path, reward = planner.path, planner._horizon._anytime(1.0, 1)
+        touring._earlier(1, path.states[0], path, reward, 0.0, 1, TRIES, None)
+        began.append(list(tried))
+    assert began == [[1.0, 0.5], [0.25], [0.5, 0.25], [0.5], [1.0, 0.5], [0.25, 0.0], [0.25, 0.0]]
 
 
 def test_a_path_too_long_to_be_told_by_its_actions_stays_a_tour(monkeypatch):
