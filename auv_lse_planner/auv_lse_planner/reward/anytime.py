@@ -14,24 +14,11 @@ counts at the end.
 R is computed at some legs only, the *checkpoints*, and taken to fall evenly in between, so that J is a sum over
 checkpoints. `end` does not depend on them.
 
-**Value.** With all places V in time order (RW2006: Rasmussen and Williams 2006, algorithm 2.1, for new rows),
+The variance left at the map's cells after each checkpoint, and the gradient of J by the own places, are those of
+measurements conditioned on jointly (`reward/joint.py`).
 
-    W = L^-1 k(X, V),  w = L^-1 k(X, M)        L the factor of data and planned places X
-    C = k(V, M) - W^T w,   K = k(V, V) + sigma_n^2 I - W^T W = Lv Lv^T,   Y = Lv^-1 C
-
-the variance left at cell p after the first rows of V is s_q^2 = var(p | S u O) - sum of Y^2 over those rows: one
-Cholesky factor for all checkpoints. The risk follows from it by the exact integral (`auv_lse_gp.risk`).
-
-**Gradient.** With g = dE / ds_q^2 (`expected_bayes_risk_slope`), and bars for derivatives of J (reverse mode):
-
-    Ybar = 2 Y x (sum over the checkpoints that include the row of (wbar_j - wbar_{j+1}) g)
-    Cbar = Lv^-T Ybar
-    Kbar = sym(Lv^-T Phi Lv^-1),    Phi = -(lower triangle of Ybar Y^T, its diagonal halved)
-    Xbar = -L^-T (w Cbar^T + 2 W Kbar)
-    dJ / dV_i = sum_p Cbar_ip k'(V_i, p) + 2 sum_j Kbar_ij k'(V_i, V_j) + sum_x Xbar_xi k'(V_i, x)
-
-It is the exact gradient of the value that `value_and_gradient` gives, which is coarser than `value`: on a wider grid,
-without cells whose risk hardly counts, with fewer checkpoints and with some of the mates' places.
+The gradient is the exact one of the value that `value_and_gradient` gives, which is coarser than `value`: on a wider
+grid, without cells whose risk hardly counts, with fewer checkpoints and with some of the mates' places.
 """
 
 from __future__ import annotations
@@ -39,20 +26,15 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dgemm, dsyrk, dtrmm, strmm
-from scipy.linalg.lapack import dpotrf, dtrtri, strtri
 
 from auv_lse_gp.kept import KeptColumns
-from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.reward.path import not_positive_definite
+from auv_lse_planner.reward.joint import Cells, Joint, Measured, Timetable
 
 Array = NDArray[np.float64]
-Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
 #: Legs between checkpoints of the exact value, about.
@@ -64,8 +46,6 @@ GRADIENT_MATES_EVERY = 3
 #: Cells of less risk, as a share of the largest that a place can have, are left out of the value, of the gradient.
 NO_RISK = 1e-6
 LITTLE_RISK = 5e-3
-#: Rows of the blocks in which the cells are conditioned on places.
-BLOCK = 64
 #: How far (m) a measurement tells of the ground, roughly.
 NEAR_M = 30.0
 
@@ -284,7 +264,7 @@ class _Drop:
         self._risk = np.asarray(risk[counted])
         self._before = float(self._risk.sum())
         self._undoubted = None if doubt == 1.0 else (columns.mean_m[counted], float(known_risk[counted].sum()))
-        self._cells = _Cells(
+        self._cells = Cells(
             columns.scaled[counted],
             np.take(columns.white.T, counted, axis=1),
             doubted[counted],
@@ -292,8 +272,8 @@ class _Drop:
             columns.planned_var_m2[counted],
         )
         self._mate_groups = schedule.after(mate_legs)
-        self._mates = _Measured(self._posterior, self._posterior.kernel.scale(mates_m), often)
-        self._timetables: dict[bytes, _Timetable] = {}
+        self._mates = Measured(self._posterior, self._posterior.kernel.scale(mates_m), often)
+        self._timetables: dict[bytes, Timetable] = {}
 
     def at_weights(self, legs: int, step: int, steps: int, weight: float) -> _Drop:
         """The same with other weights of its checkpoints."""
@@ -339,208 +319,15 @@ class _Drop:
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
         return float(self._risk[near].sum())
 
-    def _joint(self, places_m: Array, legs: Array) -> _Joint:
+    def _joint(self, places_m: Array, legs: Array) -> Joint:
         key = legs.tobytes()
         if key not in self._timetables:
             groups = self.schedule.after(legs), self._mate_groups
-            self._timetables[key] = _Timetable(self._posterior, self._cells, self._mates, *groups)
-        own = _Measured(self._posterior, self._posterior.kernel.scale(places_m), self._often)
-        return _Joint(self._posterior, self._cells, own, self._timetables[key])
+            self._timetables[key] = Timetable(self._posterior, self._cells, self._mates, *groups)
+        own = Measured(self._posterior, self._posterior.kernel.scale(places_m), self._often)
+        return Joint(self._posterior, self._cells, own, self._timetables[key])
 
     def _weighted(self, risks: Array) -> float:
         """J of the risks at the checkpoints that count."""
         schedule = self.schedule
         return float(self._scale * (schedule.weights[0] * self._before - schedule.share[schedule.counting] @ risks))
-
-
-@dataclass(frozen=True)
-class _Cells:
-    """What the posterior says about the map's cells; see `Columns`, but w is (n, M): a row for each measurement.
-
-    With doubt the mean is as much nearer to the level.
-    """
-
-    scaled: Array
-    white: Array
-    mean_m: Array
-    data_var_m2: Array
-    planned_var_m2: Array
-
-    @cached_property
-    def white_single(self) -> Singles:
-        """`white` in single precision."""
-        return self.white.astype(np.float32)
-
-
-class _Measured:
-    """Places that will be measured.
-
-    Attributes:
-        scaled: The places in the kernel's axes and lengths, (P, 2).
-        white: Their whitened covariance with data and planned places, (P, n).
-    """
-
-    def __init__(self, posterior: Posterior, scaled: Array, often: bool) -> None:
-        """Takes places (P, 2) already scaled; asked `often`, it pays to invert the posterior's factor."""
-        self._kernel = posterior.kernel
-        self.scaled = scaled
-        covariance = posterior.kernel.of_scaled(scaled, posterior.scaled)
-        if often and covariance.size:
-            dtrmm(1.0, posterior.factor.inverse, covariance.T, lower=1, overwrite_b=1)  # BLAS takes rows for columns
-            self.white = covariance
-        else:
-            self.white = posterior.factor.solve_rows_in_place(covariance)
-
-    def __len__(self) -> int:
-        """Number of places."""
-        return len(self.scaled)
-
-    def covariance_with_cells(self, cells: _Cells, out: Array) -> Array:
-        """Covariance (P, M) with the cells, into `out`."""
-        self._kernel.of_scaled(self.scaled, cells.scaled, out)
-        if out.size and self.white.shape[1]:
-            dgemm(-1.0, cells.white.T, self.white.T, beta=1.0, c=out.T, overwrite_c=1)
-        return out
-
-
-class _Timetable:
-    """Own and mates' places in time order, with the mates' part of their covariances; and room to work in.
-
-    What the methods give is overwritten by their next call: memory that is used again need not be asked for and
-    cleared, which would take a third of the time.
-
-    Attributes:
-        groups: Number of the first checkpoint that includes each place, ascending, (P + Q,).
-        own: Rows of the own places, ascending, (P,).
-        scaled: All places, once `matrix` has put the own ones in, (P + Q, 2).
-        white: Their whitened covariance with data and planned places, (P + Q, n).
-        spare: Room of the size of the covariance with the cells, (P + Q, M).
-    """
-
-    def __init__(
-        self, posterior: Posterior, cells: _Cells, mates: _Measured, own_groups: Ints, mate_groups: Ints
-    ) -> None:
-        """Sorts the places."""
-        groups = np.concatenate([own_groups, mate_groups])
-        order = np.argsort(groups, kind="stable")
-        self.groups = groups[order]
-        rows = np.empty_like(order)
-        rows[order] = np.arange(len(order))
-        self.own, self._others = rows[: len(own_groups)], rows[len(own_groups) :]
-        total, count = len(order), len(cells.mean_m)
-        self._kernel, self._noise_m2 = posterior.kernel, posterior.noise_var_m2
-        self.scaled, self.white = np.empty((total, 2)), np.empty((total, mates.white.shape[1]))
-        self.scaled[self._others], self.white[self._others] = mates.scaled, mates.white
-        self._mates_cross = mates.covariance_with_cells(cells, np.empty((len(mates), count)))
-        self._matrix = np.empty((total, total))
-        self._own_cross, self._cross = np.empty((len(own_groups), count)), np.empty((total, count))
-        self.spare = np.empty((total, count), dtype=np.float32)
-
-    def matrix(self, own: _Measured) -> Array:
-        """Covariance of all measurements in time order, Fortran-ordered, its lower triangle."""
-        self.scaled[self.own], self.white[self.own] = own.scaled, own.white
-        self._kernel.among_scaled(self.scaled, self._matrix)
-        matrix = self._matrix.T
-        np.einsum("ii->i", matrix)[:] += self._noise_m2
-        if self.white.shape[1]:
-            dsyrk(-1.0, self.white.T, beta=1.0, c=matrix, trans=1, lower=1, overwrite_c=1)
-        return matrix
-
-    def cross(self, own: _Measured, cells: _Cells) -> Array:
-        """Covariance of all places in time order with the cells, C."""
-        if not len(self._others):
-            return own.covariance_with_cells(cells, self._cross)
-        self._cross[self.own] = own.covariance_with_cells(cells, self._own_cross)
-        self._cross[self._others] = self._mates_cross
-        return self._cross
-
-
-class _Joint:
-    """Own and mates' places, conditioned on one after another in time order."""
-
-    def __init__(self, posterior: Posterior, cells: _Cells, own: _Measured, timetable: _Timetable) -> None:
-        """Factorizes their covariance.
-
-        Raises:
-            ValueError: if it is not positive definite.
-        """
-        self._posterior, self._cells, self._own, self._timetable = posterior, cells, own, timetable
-        matrix = timetable.matrix(own)
-        self._lower, failed = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
-        if failed:
-            raise ValueError(not_positive_definite(len(matrix)))
-        self._reductions = _solve_in_place(self._lower, timetable.cross(own, cells))  # Y
-
-    def left(self, checkpoints: Ints) -> Array:
-        """Variance left at the cells after each of some checkpoints (J, M), ascending."""
-        ends = np.searchsorted(self._timetable.groups, checkpoints, side="right")
-        left = np.empty((len(checkpoints), len(self._cells.mean_m)))
-        now, begin = self._cells.planned_var_m2, 0
-        for j, end in enumerate(ends):
-            part = self._reductions[begin:end]
-            np.maximum(now - np.einsum("pm,pm->m", part, part), 0.0, out=left[j])
-            now, begin = left[j], end
-        return left
-
-    def gradient(self, later: Array, checkpoints: Ints) -> Array:
-        """Gradient (P, 2) with respect to the own places.
-
-        Only what is not zero is computed of products with triangles, a block of rows at a time, and in single
-        precision: half the time, and no search needs a direction to more than the four digits that are left at least.
-
-        Args:
-            later: -dJ / ds_q^2 of the cells, summed over each checkpoint and those after it, (J, M).
-            checkpoints: Numbers of these checkpoints, the last one among them, (J,).
-        """
-        kernel, scaled, timetable = self._posterior.kernel, self._own.scaled, self._timetable
-        y, lower = self._reductions.astype(np.float32), self._lower.astype(np.float32)
-        first = np.searchsorted(checkpoints, timetable.groups)  # that includes a row
-        y_bar = np.take(later.astype(np.float32), first, axis=0, out=timetable.spare, mode="clip")
-        y_bar *= y
-        inverse_v = _inverse(lower)
-        phi = np.empty(lower.shape, dtype=np.float32)  # less its factor -1/2, and that of 2 of Ybar; with its transpose
-        for begin in range(0, len(y), BLOCK):
-            rows, end = slice(begin, begin + BLOCK), min(begin + BLOCK, len(y))
-            np.matmul(y_bar[rows], y[:end].T, out=phi[rows, :end])
-            phi[:begin, rows] = phi[rows, :begin].T
-            phi[rows, rows] = np.tril(phi[rows, rows]) + np.tril(phi[rows, rows], -1).T
-        c_bar = np.empty((len(scaled), y.shape[1]), dtype=np.float32)
-        k_bar = np.empty((len(scaled), len(y)), dtype=np.float32)
-        for begin in range(0, len(scaled), BLOCK):
-            own = timetable.own[begin : begin + BLOCK]
-            of_own = inverse_v.T[own, own[0] :]  # zero before the first of these rows
-            np.matmul(of_own, y_bar[own[0] :], out=c_bar[begin : begin + BLOCK])
-            np.matmul(of_own, phi[own[0] :], out=k_bar[begin : begin + BLOCK])
-        k_bar = -strmm(1.0, inverse_v, k_bar.T, lower=1, trans_a=1, overwrite_b=1).T
-        gradient = kernel.gradient_sums(scaled, c_bar.astype(float), self._cells.scaled)
-        gradient += kernel.gradient_sums(scaled, k_bar.astype(float), timetable.scaled)
-        if len(self._posterior):
-            x_bar = c_bar @ self._cells.white_single.T
-            x_bar += k_bar @ timetable.white.astype(np.float32)
-            of_data = np.asfortranarray(x_bar.T, dtype=float)
-            dtrmm(-1.0, self._posterior.factor.inverse, of_data, lower=1, trans_a=1, overwrite_b=1)
-            gradient += kernel.gradient_sums(scaled, of_data.T, self._posterior.scaled)
-        return 2.0 * gradient
-
-
-def _inverse(lower: Singles) -> Singles:
-    """L^-1, Fortran-ordered, by products of blocks, much faster than LAPACK's."""
-    inverse = np.zeros(lower.shape, dtype=np.float32, order="F")
-    for begin in range(0, len(lower), BLOCK):
-        rows = slice(begin, begin + BLOCK)
-        inverse[rows, rows], _ = strtri(lower[rows, rows], lower=1)
-        if begin:
-            inverse[rows, :begin] = -inverse[rows, rows] @ (lower[rows, :begin] @ inverse[:begin, :begin])
-    return inverse
-
-
-def _solve_in_place(lower: Array, right: Array) -> Array:
-    """L^-1 right, for right (P, M), C-ordered: by products with small inverses, much faster than a triangular solve."""
-    for begin in range(0, len(lower) if right.size else 0, BLOCK):
-        rows = slice(begin, begin + BLOCK)
-        part = right[rows].T  # Fortran-ordered: BLAS works in place
-        if begin:
-            dgemm(-1.0, right[:begin].T, lower[rows, :begin], beta=1.0, c=part, trans_b=1, overwrite_c=1)
-        inverse, _ = dtrtri(lower[rows, rows], lower=1)
-        dtrmm(1.0, inverse, part, side=1, lower=1, trans_a=1, overwrite_b=1)
-    return right
