@@ -11,7 +11,8 @@ With S the data, O places planned on the posterior beforehand, M the map's cells
 the variance left at cell p after the first rows of V is s_q^2 = var(p | S u O) - sum of Y^2 over those rows: one
 Cholesky factor for all checkpoints. The risk follows from it by the exact integral (`auv_lse_gp.risk`).
 
-**Gradient.** With g the derivative of a cell's expected risk by s_q^2 (`expected_bayes_risk_slope`), and bars for derivatives of J (reverse mode):
+**Gradient.** With g the derivative of a cell's expected risk by s_q^2 (`expected_bayes_risk_slope`), and bars for
+derivatives of J (reverse mode):
 
     Ybar = 2 Y x (sum over the checkpoints that include the row of (wbar_j - wbar_{j+1}) g)
     Cbar = Lv^-T Ybar
