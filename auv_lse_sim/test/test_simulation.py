@@ -68,6 +68,23 @@ def test_a_recorder_may_be_twenty_ticks_behind() -> None:
     assert sim.ready()
 
 
+def test_the_mission_ends_once_the_recorder_has_its_last_tick() -> None:
+    sim = simulation(recorded=True)
+    for tick in range(1, 6):
+        sim.advance()
+        handle(sim, tick, finished=tick == 5)
+    sim.take_recorded(4)
+    assert sim.finished
+    assert not sim.ready(), "the end of the recording would be lost"
+    assert sim.stalled(59.0) == ""
+    assert sim.stalled(61.0) == "tick 5: no answer for 60 s; missing recorder: tick 4 of 5"
+    sim.take_recorded(5)
+    assert sim.ready()
+    assert sim.advance() == {}
+    assert sim.state is MissionState.FINISHED
+    assert sim.stalled(61.0) == ""
+
+
 def test_the_mission_ends_when_every_planner_is_finished() -> None:
     sim = simulation(vehicles=2)
     sim.advance()

@@ -128,14 +128,17 @@ class Simulation:
         """Lockstep: whether the next tick may run.
 
         The first one waits for `begin` and for every node of every vehicle to say that it is there; the next ones wait
-        until every vehicle has handled the last tick and the recorder is not far behind.
+        until every vehicle has handled the last tick and the recorder is not far behind. A mission does not end before
+        the recorder has its last tick: it would be stopped with messages still unread.
         """
         if not self._lockstep:
             return False
         if self.tick == 0:
             return self._begun and len(self._greeted) == sum(len(self.nodes(k)) for k in self.vehicles)
-        behind = self._recorded and self._recorded_tick < self.tick - RECORDER_LAG_TICKS
-        return not behind and self._gate.ready() is not None
+        return not self._recorder_behind(0 if self.finished else RECORDER_LAG_TICKS) and self._gate.ready() is not None
+
+    def _recorder_behind(self, ticks: int) -> bool:
+        return self._recorded and self._recorded_tick < self.tick - ticks
 
     def advance(self) -> dict[int, VehicleOutput]:
         """One tick: transmits what waits, moves the world, and hands the emulated hardware its part.
@@ -186,10 +189,12 @@ class Simulation:
 
     def stalled(self, waited_s: float) -> str:
         """Lockstep: what the next tick has waited for since `waited_s` (s of wall clock); "" if that is not long."""
-        if self.tick == 0 or self.finished or waited_s <= STALLED_S:
+        if self.tick == 0 or self.state is MissionState.FINISHED or waited_s <= STALLED_S:
             return ""
-        missing = ", ".join(f"{name}: {count}" for name, count in self._gate.missing().items())
-        return f"tick {self.tick}: no answer for {STALLED_S:.0f} s; missing {missing}"
+        missing = [f"{name}: {count}" for name, count in self._gate.missing().items()]
+        if self._recorder_behind(0 if self.finished else RECORDER_LAG_TICKS):
+            missing.append(f"recorder: tick {self._recorded_tick} of {self.tick}")
+        return f"tick {self.tick}: no answer for {STALLED_S:.0f} s; missing {', '.join(missing)}"
 
     def _count(self, k: int, output: VehicleOutput) -> None:
         i, steps = k - 1, self.steps_total
