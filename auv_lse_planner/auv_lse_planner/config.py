@@ -241,7 +241,9 @@ class PlannerConfig:
         "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"
     )
     coordination: str = parameter(
-        "sequential", choices=("sequential", "dec_mcts"), help="sequential (greedy), or Dec-MCTS (Best et al. 2019)"
+        "sequential",
+        choices=("sequential", "dec_mcts"),
+        help="sequential (greedy), or Dec-MCTS (Best et al. 2019), by what the map gains; incumbent is then false",
     )
     deadline_s: float = parameter(
         2.0, unit="s", low=0.0, help="wall clock after which the best plan so far is taken; 0: none; not in lockstep"
@@ -272,9 +274,11 @@ class PlannerConfig:
             values["naive_paths"] = paper["naive_paths"]
         if not values["augmented"] and values["proposals"] != "naive":
             values["naive_paths"] = ()
+        if self.coordination == "dec_mcts":  # the rule compares by the own places, the search by the map
+            values["incumbent"] = given.get("incumbent", False)
         if self.coordination == "dec_mcts" and values["proposals"] != "path":
             raise ValueError(
-                f"planner.coordination: 'dec_mcts' searches by the path's reward; got planner.method {self.method!r} "
+                f"planner.coordination: 'dec_mcts' is a tree search; got planner.method {self.method!r} "
                 f"with proposals {values['proposals']!r}; expected 'augmented', 'plain' or proposals 'path'"
             )
         return replace(self, **values)

@@ -1,15 +1,19 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planner_helpers import centers, rollout, situation
 
+from auv_lse_common.plan import NONE
+from auv_lse_gp.area import Grid
 from auv_lse_gp.config import GpConfig
+from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.config import PlannerConfig
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
-from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.dec_mcts import JointDraws, distribution, search_dec_mcts
-from auv_lse_planner.search.sequences import PathSequences
 
 STATE = np.array([0.3, 150.0, 150.0])
 SEQUENCE = (5, 5, 6)
@@ -24,23 +28,51 @@ def _scene():
     return roll, space, posterior, [first, second, second]
 
 
-def test_the_naive_path_is_the_best_in_the_mean_over_the_draws():
-    roll, _, posterior, draws = _scene()
+GRID = Grid(np.arange(0.0, 361.0, 20.0), np.arange(0.0, 461.0, 20.0), np.ones((19, 24), dtype=bool), 20.0)
+
+
+def _drop(posterior, planned, places):
+    """Drop of the map's expected risk that places bring beyond those planned, by plain means."""
+
+    def risk(measured):
+        known = posterior.copy()
+        known.plan(measured)
+        columns = known.columns(GRID.places_m)
+        left = np.minimum(columns.planned_var_m2, columns.data_var_m2)
+        return LevelSet().expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - left), np.sqrt(left)).sum()
+
+    return risk(planned) - risk(np.concatenate([planned, places]))
+
+
+def _joint(roll, posterior, draws, ids, legs):
     rewards = []
     for places in draws:
         against = posterior.copy()
         against.plan(places)
-        rewards.append(PathReward(against, LevelSet(), "beyond"))
+        rewards.append(AnytimeReward(KeptColumns(against, GRID.places_m), LevelSet(), (), legs, 0, 20, 0.0))
+    return JointDraws(rewards, roll, 0, STATE, ids)
+
+
+def test_a_sequence_is_worth_what_it_brings_to_the_map_beyond_the_mates_in_the_mean_over_the_draws():
+    roll, _, posterior, draws = _scene()
+    joint = _joint(roll, posterior, draws, (), len(SEQUENCE))
+    (value,) = joint([SEQUENCE])
+    places = roll.path(0, STATE, SEQUENCE, NONE).places_m
+    exact = np.mean([_drop(posterior, planned, places) for planned in draws])
+    assert value == pytest.approx(exact, rel=0.02)  # cells of hardly any risk are left out
+    assert joint.naive_path[SEQUENCE] == NONE
+
+
+def test_the_naive_path_is_the_best_in_the_mean_over_the_draws():
+    roll, _, posterior, draws = _scene()
     ids = LAWNMOWERS[:2]
-    valuers = [PathSequences(reward, roll, 0, STATE, ids) for reward in rewards]
-    joint = JointDraws(valuers)
-    value = joint([SEQUENCE])[0]
-    exact = [
-        np.mean([r.value(r.posterior.columns(roll.path(0, STATE, SEQUENCE, h).places_m)) for r in rewards]) for h in ids
-    ]
-    assert value == pytest.approx(max(exact))
-    assert joint.naive_path(SEQUENCE) == ids[int(np.argmax(exact))] == ids[0]
-    alone = PathSequences(rewards[0], roll, 0, STATE, ids)
+    joint = _joint(roll, posterior, draws, ids, 20)
+    (value,) = joint([SEQUENCE])
+    paths = [roll.path(0, STATE, SEQUENCE, h).places_m for h in ids]
+    exact = [np.mean([_drop(posterior, planned, places) for planned in draws]) for places in paths]
+    assert value == pytest.approx(max(exact), rel=0.02)
+    assert joint.naive_path[SEQUENCE] == ids[int(np.argmax(exact))] == ids[0]
+    alone = _joint(roll, posterior, draws[:1], ids, 20)
     alone([SEQUENCE])
     assert alone.naive_path[SEQUENCE] == ids[1]  # what the first draw alone would choose
 
@@ -48,6 +80,7 @@ def test_the_naive_path_is_the_best_in_the_mean_over_the_draws():
 def test_team_mates_get_a_plan_drawn_from_the_best():
     roll, space, posterior, draws = _scene()
     there = situation(STATE, np.random.default_rng(1), naive_paths=LAWNMOWERS[:2], iterations=60)
+    there = replace(there, grid=GRID)
     found = search_dec_mcts(there, space, roll, posterior, LevelSet(), draws)
     assert found.iterations == 20  # shared among the draws
     assert found.for_team is not None
@@ -65,6 +98,11 @@ def test_it_prefers_better_sequences_and_cools():
     assert late[0] > early[0]
 
 
-def test_the_maps_reward_is_refused():
-    with pytest.raises(ValueError, match="dec_mcts' searches by the path's reward"):
+def test_the_last_plan_is_kept_only_if_that_is_asked_for():
+    assert not PlannerConfig(coordination="dec_mcts", method="augmented").complete().incumbent
+    assert PlannerConfig(coordination="dec_mcts", method="augmented", incumbent=True).complete().incumbent
+
+
+def test_it_needs_a_tree_search():
+    with pytest.raises(ValueError, match="dec_mcts' is a tree search"):
         PlannerConfig(method="tour", coordination="dec_mcts").complete()

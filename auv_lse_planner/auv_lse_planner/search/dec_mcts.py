@@ -5,13 +5,12 @@ tree against plans drawn from theirs. Here, as a packet has room for one plan:
 
 - A packet carries one plan *drawn* from the sender's distribution, instead of the best one. A receiver's last
   `KEPT_PLANS` different plans of a team mate, newer ones weighing more, stand for the mate's distribution.
-- The search values a sequence by its mean over `JOINT_DRAWS` joint draws of the team mates' plans. The reward is what
-  the sequence adds beyond them (credit "beyond"), so it is the local utility of the paper.
+- The search values a sequence by its mean over `JOINT_DRAWS` joint draws of the team mates' plans: by the drop of the
+  map's risk that it adds to theirs, which is the local utility of the paper. By its own places, as the paper's other
+  searches value it, it loses half as much again (docs/planner.md, "Team").
 - The own distribution is q(x) ~ exp(value(x) / temperature) over the best sequences of the search: the minimum of the
   free energy that Dec-MCTS descends to, for the others' distributions as they stand. The temperature falls from step to
   step (`COOLING`). The vehicle itself travels the best sequence.
-
-It plans by the path's reward.
 """
 
 from __future__ import annotations
@@ -21,12 +20,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.plan import NONE
+from auv_lse_gp.kept import KeptColumns
 from auv_lse_gp.posterior import Posterior
 from auv_lse_gp.risk import LevelSet
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import Rollout
-from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.search.sequences import PathSequences
+from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.tree import ActionTree
 from auv_lse_planner.search.uct import Actions, run_search
 from auv_lse_planner.situation import Proposal, Situation
@@ -57,18 +57,36 @@ class JointDraws:
     A sequence is continued by one naive path in all draws: the one that is best in the mean.
     """
 
-    def __init__(self, draws: list[PathSequences]) -> None:
-        """Takes the values of sequences against each draw; all of them know the same naive paths."""
-        self._draws = draws
+    def __init__(
+        self, rewards: list[AnytimeReward], rollout: Rollout, step: int, state: Array, naive_paths: tuple[int, ...]
+    ) -> None:
+        """Takes what values a sequence against each draw.
+
+        Args:
+            rewards: Of each draw, what the map gains by paths from here on: of the sequences' length without naive
+                paths, to the mission's end with them.
+            rollout: Follows plans to the mission's end.
+            step: Mission step planned from.
+            state: State planned from, shape (3,).
+            naive_paths: Ids of naive paths that may continue a sequence.
+        """
+        self._rewards, self._rollout = rewards, rollout
+        self._root, self._ids = (step, state), naive_paths or (NONE,)
+        #: Of every sequence valued, the naive path that suits it best; `NONE` where there is none.
+        self.naive_path: dict[Actions, int] = {}
 
     def __call__(self, sequences: Sequence[Actions]) -> Array:
         """Mean values (B,) of sequences of the same length."""
-        by_naive_path = np.mean([draw.by_naive_path(sequences) for draw in self._draws], axis=0)
-        return self._draws[0].take_best(sequences, by_naive_path)
+        return np.array([self._value(sequence) for sequence in sequences])
 
-    def naive_path(self, sequence: Actions) -> int:
-        """The naive path that continues a valued sequence best; `NONE` where there is none."""
-        return self._draws[0].naive_path[sequence]
+    def _value(self, sequence: Actions) -> float:
+        values = []
+        for naive_path in self._ids:
+            places = self._rollout.path(*self._root, sequence, naive_path).places_m
+            values.append(float(np.mean([reward.coarse_value(places) for reward in self._rewards])))
+        best = int(np.argmax(values))
+        self.naive_path[sequence] = self._ids[best]
+        return values[best]
 
 
 def search_dec_mcts(
@@ -82,7 +100,7 @@ def search_dec_mcts(
     """Searches against joint draws of the team mates' plans.
 
     Args:
-        situation: State and parameters; the iterations are shared among the draws.
+        situation: State, parameters, and the map's places; the iterations are shared among the draws.
         space: Where to go.
         rollout: Follows plans to the mission's end.
         posterior: The data; planned places are left alone.
@@ -93,27 +111,29 @@ def search_dec_mcts(
         The best sequence found; for the team, the plan drawn from the own distribution.
     """
     s, planner = situation, situation.planner
-    valuers = []
+    assert s.grid is not None
+    legs = rollout.steps - s.step if s.naive_paths else s.horizon
+    rewards = []
     for places in draws:
         against = posterior.copy()
         against.plan(places)
-        valuers.append(PathSequences(PathReward(against, level_set, "beyond"), rollout, s.step, s.state, s.naive_paths))
-    joint = JointDraws(valuers)
-    budget = max(planner.batch, planner.iterations // len(valuers))
-    promising = valuers[0].promising(space, s.horizon, budget // 6, 2)
+        kept = KeptColumns(against, s.grid.places_m)
+        rewards.append(AnytimeReward(kept, level_set, (), legs, s.step, rollout.steps, 0.0))
+    joint = JointDraws(rewards, rollout, s.step, s.state, s.naive_paths)
+    budget = max(planner.batch, planner.iterations // len(draws))
     tree = ActionTree(space, s.state, s.horizon, planner.exploration)
-    result = run_search(tree, joint, s.horizon, budget, planner.batch, s.rng, s.deadline, [*s.seeds, *promising])
+    result = run_search(tree, joint, s.horizon, budget, planner.batch, s.rng, s.deadline, s.seeds)
     support = result.ranking[:SUPPORT]
     chances = distribution(np.array([value for _, value in support]), s.step)
     drawn = support[int(s.rng.choice(len(support), p=chances))][0]
     return Proposal(
         actions=result.actions,
-        naive_path=joint.naive_path(result.actions),
+        naive_path=joint.naive_path[result.actions],
         value=result.value,
         iterations=result.iterations,
         evaluations=result.evaluations,
         deadline_hit=result.deadline_hit,
         ranking=result.ranking,
         progress=result.progress,
-        for_team=(drawn, joint.naive_path(drawn)),
+        for_team=(drawn, joint.naive_path[drawn]),
     )

@@ -137,7 +137,7 @@ class PathSequences:
     def _prefix_values(self, numbers: Ints) -> Array:
         return self._reward.values_of_equal(self._prefix_columns(numbers), numbers.shape[1] * self._samples)
 
-    def by_naive_path(self, sequences: Sequence[Actions]) -> Array:
+    def _by_naive_path(self, sequences: Sequence[Actions]) -> Array:
         """Values (H, B) of sequences of the same length, by the naive path after them; (1, B) where there is none."""
         actions = np.array(sequences, dtype=np.int64)
         numbers, new = self._numbered(actions)
@@ -160,11 +160,7 @@ class PathSequences:
 
     def __call__(self, sequences: Sequence[Actions]) -> Array:
         """Values (B,) of sequences of the same length, each continued by the naive path that suits it best."""
-        return self.take_best(sequences, self.by_naive_path(sequences))
-
-    def take_best(self, sequences: Sequence[Actions], values: Array) -> Array:
-        """The largest of the values (H, B) by naive path, (B,); notes which naive path it is."""
-        ids = self._naive_paths or (NONE,)
+        values, ids = self._by_naive_path(sequences), self._naive_paths or (NONE,)
         self.naive_path.update(zip(sequences, (ids[i] for i in values.argmax(axis=0)), strict=True))
         best: Array = values.max(axis=0)
         return best
