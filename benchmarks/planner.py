@@ -275,7 +275,7 @@ def decisions(sizes: Sizes = FULL) -> list[Row]:
 
     Missions begin without a map; that of so many centers is what a planner finds that starts anew on known ground.
     """
-    return [row for method in DECIDED for count in (0, sizes.centers) for row in _decision(method, count, sizes)]
+    return [told for method in DECIDED for count in (0, sizes.centers) for told in _decision(method, count, sizes)]
 
 
 def _decision(method: str, count: int, sizes: Sizes) -> list[Row]:

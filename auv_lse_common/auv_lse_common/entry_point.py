@@ -76,7 +76,7 @@ class Stopping:
 
 
 def spin(stopping: Stopping, *nodes: Node) -> None:
-    """Serves the nodes' callbacks until shutdown: the one place that chooses the executor."""
+    """Serves the nodes' callbacks, those of what came before shutdown, too: the one place that chooses the executor."""
     executor = make_executor()
     try:
         for node in nodes:
@@ -90,6 +90,9 @@ def spin(stopping: Stopping, *nodes: Node) -> None:
             executor.spin_once()
             if gather_s:
                 time.sleep(gather_s)
+        if gather_s and rclpy.ok():  # what gathered meanwhile is served, too: the first round lists what has changed
+            for _ in range(2):
+                executor.spin_once(0.0)
     finally:
         stopping.waking(None)
         executor.shutdown()

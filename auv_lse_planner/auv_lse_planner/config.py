@@ -12,7 +12,7 @@ from auv_lse_common.plan import MAX_ACTION_SET
 from auv_lse_gp.area import AreaConfig
 from auv_lse_gp.config import GpConfig
 from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.methods import METHODS, PROPOSALS
+from auv_lse_planner.methods import METHODS, PROPOSALS, RISK_METHODS
 from auv_lse_planner.paths.naive_ids import LAWNMOWERS
 
 if TYPE_CHECKING:
@@ -225,8 +225,8 @@ class PlannerConfig:
     proposals: FromMethod[str] = from_method(
         "path",
         choices=PROPOSALS,
-        help="what proposes plans: an optimized tour by the map's reward, a tree search on the path's reward, "
-        "the naive path alone, or the next leg by chance or by a score",
+        help="what proposes plans: an optimized tour by the map's reward, a tree search on the path's reward (or by "
+        "Dec-MCTS), the naive path alone, or the next leg by chance or by a score",
     )
     anytime_weight: float = parameter(
         1.0, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
@@ -243,7 +243,8 @@ class PlannerConfig:
     coordination: str = parameter(
         "sequential",
         choices=("sequential", "dec_mcts"),
-        help="sequential (greedy), or Dec-MCTS (Best et al. 2019), by what the map gains; incumbent is then false",
+        help="sequential (greedy), or Dec-MCTS (Best et al. 2019): by what the map gains, whatever the credit; "
+        "incumbent is then false",
     )
     deadline_s: float = parameter(
         2.0, unit="s", low=0.0, help="wall clock after which the best plan so far is taken; 0: none; not in lockstep"
@@ -258,7 +259,7 @@ class PlannerConfig:
 
     @property
     def counts_the_map(self) -> bool:
-        """Whether the reward that plans are made for is the drop of the map's risk, not that of the own places."""
+        """Whether account and bound are of the drop of the map's risk, not of that at the own places."""
         return self.complete().proposals == "tour"
 
     def complete(self) -> PlannerConfig:
@@ -274,13 +275,14 @@ class PlannerConfig:
             values["naive_paths"] = paper["naive_paths"]
         if not values["augmented"] and values["proposals"] != "naive":
             values["naive_paths"] = ()
-        if self.coordination == "dec_mcts":  # the rule compares by the own places, the search by the map
-            values["incumbent"] = given.get("incumbent", False)
-        if self.coordination == "dec_mcts" and values["proposals"] != "path":
-            raise ValueError(
-                f"planner.coordination: 'dec_mcts' is a tree search; got planner.method {self.method!r} "
-                f"with proposals {values['proposals']!r}; expected 'augmented', 'plain' or proposals 'path'"
-            )
+        if self.coordination == "dec_mcts":
+            if values["proposals"] != "path" or self.method in RISK_METHODS:
+                raise ValueError(
+                    f"planner.coordination: 'dec_mcts' is a tree search by the exact risk; got planner.method "
+                    f"{self.method!r} with proposals {values['proposals']!r}; expected 'augmented', 'plain' or "
+                    "proposals 'path'"
+                )
+            values["incumbent"] = given.get("incumbent", False)  # the rule compares by the own places, this by the map
         return replace(self, **values)
 
 

@@ -18,7 +18,7 @@ class Statistics:
         centers: Kernel centers of the map.
         team_places: Places that team mates' plans still hold.
         evaluations: Different paths valued.
-        best_new_value: Value of the best path the search found; NaN if there was no search.
+        best_new_value: Value of the best path the search found, by the search's own reward; NaN if there was none.
         progress: (iteration, best value) at every improvement.
         escape: Whether nothing was feasible.
         reanchored: Whether the plan starts from odometry instead of the planned state.

@@ -49,5 +49,5 @@ METHODS: dict[str, dict[str, Any]] = {
 #: How the expected risk is computed, where a method does not leave that to `level_set.method`.
 RISK_METHODS = {"exponential_quadratic": "exponential_quadratic"}
 
-#: Values of `planner.proposals`: the tour, the tree search on the path's reward, then the baselines.
+#: Values of `planner.proposals`: the tour, the tree search, then the baselines.
 PROPOSALS = ("tour", "path", "naive", "random", "benefit", "variance", "straddle")

@@ -28,7 +28,7 @@ class Situation:
         rng: Random stream.
         deadline: Says when to stop searching; None: never.
         seeds: Action sequences to try first.
-        grid: Grid of the map's places, for Dec-MCTS, and to guess what naive paths bring; None: not guessed.
+        grid: Grid of the map's places: Dec-MCTS needs it, others guess by it what naive paths bring; None: not guessed.
     """
 
     planner: PlannerConfig

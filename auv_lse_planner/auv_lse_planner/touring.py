@@ -5,8 +5,9 @@ A decision values everything by the same reward (`reward/anytime.py`), with the 
 - The incumbent is the last plan, continued. It stays unless another is worth more.
 - Every `planner.tour_interval` legs, and where the incumbent is void, the last path is bent to where it brings more
   (`search/tour.py`), by explicit actions: a tour's equal segments do not hold its narrow turns. It is bent for what
-  comes early by as much as the account allows. Beside that a tree search proposes heads: next legs, which rejoin the
-  tour's waypoints. The rest of a path that is too long to be told by its actions stays a tour, and is optimized.
+  comes early as far as the account allows and a few tries find. Beside that a tree search proposes heads: next legs,
+  which rejoin the tour's waypoints. The rest of a path that is too long to be told by its actions stays a tour, and is
+  optimized.
 - At the mission's start waypoints are optimized from several boustrophedons for the mission's end alone, which is what
   the account is about, and the best path of all is bent. The naive paths are candidates.
 
@@ -149,7 +150,7 @@ class Touring:
     def restore(self, values: Mapping[str, Any]) -> None:
         """Goes on from what `snapshot` gave."""
         self.balance, self._optimized_at = values["balance"], values["optimized_at"]
-        self._earliness = values["earliness"]
+        self._earliness = values.get("earliness", 0)  # journals of before have none
         self._waypoints = None if values["waypoints"] is None else np.array(values["waypoints"])
         self._waypoints_step = values["waypoints_step"]
 
@@ -256,21 +257,36 @@ class Touring:
         tries: int,
         deadline: Callable[[], bool] | None,
     ) -> tuple[list[Candidate], int, bool]:
-        """A path bent for what comes early, or as little of that as leaves the expected end above its floor.
+        """A path bent for what comes early: by the first of a few shares that leaves the expected end above its floor.
+
+        The next time begins with the share before that one, or behind the last one tried if none did.
+
+        Args:
+            step: Mission step planned from.
+            state: State planned from, shape (3,).
+            path: The path that is bent.
+            reward: What paths are worth.
+            floor: Least expected end that is allowed; -inf: any, by the whole share.
+            iterations: Of each bend, at most.
+            tries: Shares tried, at most.
+            deadline: Says when to stop.
 
         Returns:
             The candidates, gradients computed, and whether the deadline ended the search.
         """
         candidates: list[Candidate] = []
         gradients, hit = 0, False
-        first = self._earliness
+        limited = floor > -math.inf
+        first = self._earliness if limited else 0
         for i in range(first, min(first + tries, len(EARLINESS))):
             bent, more, hit = self._bent(step, state, path, reward, EARLINESS[i], iterations, deadline)
             candidates.append(bent)
             gradients += more
             allowed = bent.value.end >= floor
+            if hit or not limited:  # a bend cut short says nothing about its share
+                break
             self._earliness = max(i - 1, 0) if allowed else min(i + 1, len(EARLINESS) - 1)
-            if hit or allowed:
+            if allowed:
                 break
         return candidates, gradients, hit
 

@@ -90,6 +90,21 @@ def test_team_mates_get_a_plan_drawn_from_the_best():
     assert found.value == max(v for _, v in found.ranking)
 
 
+def test_without_naive_paths_it_looks_as_far_as_the_horizon_and_the_mission_last():
+    roll, space, posterior, draws = _scene()
+    there = situation(STATE, np.random.default_rng(1), method="plain", horizon=5, iterations=48)
+    for step, horizon in ((0, 5), (18, 2)):
+        now = replace(there, grid=GRID, step=step, horizon=horizon)
+        found = search_dec_mcts(now, space, roll, posterior, LevelSet(), draws)
+        assert len(found.actions) == horizon
+        assert found.naive_path == NONE
+        places = roll.path(step, STATE, found.actions, NONE).places_m
+        exact = np.mean([_drop(posterior, planned, places) for planned in draws])
+        assert found.value == pytest.approx(exact, rel=0.03)
+    with pytest.raises(ValueError, match=r"situation\.grid: got None"):
+        search_dec_mcts(there, space, roll, posterior, LevelSet(), draws)
+
+
 def test_it_prefers_better_sequences_and_cools():
     values = np.array([100.0, 99.0, 90.0])
     early, late = distribution(values, 0), distribution(values, 99)
@@ -104,5 +119,6 @@ def test_the_last_plan_is_kept_only_if_that_is_asked_for():
 
 
 def test_it_needs_a_tree_search():
-    with pytest.raises(ValueError, match="dec_mcts' is a tree search"):
-        PlannerConfig(method="tour", coordination="dec_mcts").complete()
+    for method in ("tour", "exponential_quadratic"):
+        with pytest.raises(ValueError, match="dec_mcts' is a tree search by the exact risk"):
+            PlannerConfig(method=method, coordination="dec_mcts").complete()

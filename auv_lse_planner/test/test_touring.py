@@ -1,4 +1,5 @@
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -189,6 +190,24 @@ def test_a_path_is_bent_by_the_share_before_the_one_allowed_last_or_behind_those
         touring._earlier(1, path.states[0], path, reward, 0.0, 1, TRIES, None)
         began.append(list(tried))
     assert began == [[1.0, 0.5], [0.25], [0.5, 0.25], [0.5], [1.0, 0.5], [0.25, 0.0], [0.25, 0.0]]
+
+
+def test_a_void_plan_is_bent_by_the_whole_share_and_a_bend_cut_short_says_nothing():
+    planner = _planner()
+    _travel(planner, 1, _growing())
+    touring = planner._horizon._touring
+    touring.restore({**touring.snapshot(), "earliness": 2})
+    assert touring.snapshot()["earliness"] == 2
+    path, reward = planner.path, planner._horizon._anytime(1.0, 1)
+    arguments = (1, path.states[0], path, reward)
+    (bent,), _, _ = touring._earlier(*arguments, -math.inf, 5, TRIES, None)
+    (whole, _, _) = touring._bent(*arguments, EARLINESS[0], 5, None)
+    assert bent.plan == whole.plan
+    assert touring.snapshot()["earliness"] == 2, "nothing limited it"
+    candidates, _, hit = touring._earlier(*arguments, 1e9, 5, TRIES, lambda: True)
+    assert hit
+    assert len(candidates) == 1
+    assert touring.snapshot()["earliness"] == 2
 
 
 def test_a_path_too_long_to_be_told_by_its_actions_stays_a_tour(monkeypatch):

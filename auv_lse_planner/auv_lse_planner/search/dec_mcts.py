@@ -109,9 +109,13 @@ def search_dec_mcts(
 
     Returns:
         The best sequence found; for the team, the plan drawn from the own distribution.
+
+    Raises:
+        ValueError: for a situation without the map's places.
     """
     s, planner = situation, situation.planner
-    assert s.grid is not None
+    if s.grid is None:
+        raise ValueError("situation.grid: got None; expected the map's places")
     legs = rollout.steps - s.step if s.naive_paths else s.horizon
     rewards = []
     for places in draws:

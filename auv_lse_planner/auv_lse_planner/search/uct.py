@@ -1,7 +1,8 @@
 """Monte Carlo tree search (UCT) over actions: one search for every reward.
 
 What differs is passed in: the tree says where to go, the valuer what sequences are worth, the batch how many are valued
-together. `PathSequences` values exactly, `JointDraws` in the mean over the team mates' possible plans (Dec-MCTS).
+together. `PathSequences` values by the path's own places, `JointDraws` by the map, in the mean over the team mates'
+possible plans (Dec-MCTS).
 
 The tree's nodes are sequences of actions from the root state. An iteration descends by UCB on values scaled to 0..1
 by the least and largest seen, adds one node, completes the sequence to the horizon by random feasible actions, and
@@ -32,7 +33,8 @@ Actions = tuple[int, ...]
 
 #: Share of the iterations that goes to changing single actions of the best sequences.
 POLISH = 0.4
-#: Only up to this horizon: over many legs the path with the paper's best reward is not the best one (docs/planner.md).
+#: Only up to this horizon: over many legs the path with the paper's best reward is not the best one
+#: (docs/planner_trials.md).
 POLISH_UP_TO = 4
 #: Sequences in a ranking.
 RANKED = 64

@@ -114,7 +114,7 @@ class MissionProgress:
 
 
 def reward_shown(planner: PlannerConfig) -> str:
-    """Whose reward the planners count: the map's, the paths' (the paper's methods), or "" for one that says little."""
+    """Whose reward the account counts: the map's, the paths' (the paper's methods), or "" for one that says little."""
     if planner.counts_the_map:
         return OF_THE_MAP
     return OF_THE_PATH if planner.method in PAPERS_METHODS else ""

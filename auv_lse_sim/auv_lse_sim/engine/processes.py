@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from auv_lse_common.processes import Process, vehicle_nodes
 
-#: In lockstep, how many ticks the recorder may be behind before the simulator waits for it.
+#: In lockstep, how many ticks the recorder may be behind before the simulator waits for it; at the mission's end none.
 RECORDER_LAG_TICKS = 20
 
 

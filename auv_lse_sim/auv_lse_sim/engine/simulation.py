@@ -129,16 +129,17 @@ class Simulation:
 
         The first one waits for `begin` and for every node of every vehicle to say that it is there; the next ones wait
         until every vehicle has handled the last tick and the recorder is not far behind. A mission does not end before
-        the recorder has its last tick: it would be stopped with messages still unread.
+        the recorder has come to its last tick: it would be stopped with messages of many ticks unread.
         """
         if not self._lockstep:
             return False
         if self.tick == 0:
             return self._begun and len(self._greeted) == sum(len(self.nodes(k)) for k in self.vehicles)
-        return not self._recorder_behind(0 if self.finished else RECORDER_LAG_TICKS) and self._gate.ready() is not None
+        return not self._recorder_behind() and self._gate.ready() is not None
 
-    def _recorder_behind(self, ticks: int) -> bool:
-        return self._recorded and self._recorded_tick < self.tick - ticks
+    def _recorder_behind(self) -> bool:
+        allowed = 0 if self.finished else RECORDER_LAG_TICKS
+        return self._recorded and self._recorded_tick < self.tick - allowed
 
     def advance(self) -> dict[int, VehicleOutput]:
         """One tick: transmits what waits, moves the world, and hands the emulated hardware its part.
@@ -192,7 +193,7 @@ class Simulation:
         if self.tick == 0 or self.state is MissionState.FINISHED or waited_s <= STALLED_S:
             return ""
         missing = [f"{name}: {count}" for name, count in self._gate.missing().items()]
-        if self._recorder_behind(0 if self.finished else RECORDER_LAG_TICKS):
+        if self._recorder_behind():
             missing.append(f"recorder: tick {self._recorded_tick} of {self.tick}")
         return f"tick {self.tick}: no answer for {STALLED_S:.0f} s; missing {', '.join(missing)}"
 
@@ -305,7 +306,7 @@ class Simulation:
                 self._lost_by_modem[k - 1] = counts["modem/failed"]
 
     def take_recorded(self, tick: int) -> None:
-        """The recorder has written everything up to `tick`."""
+        """The recorder has read the announcement of `tick`, and all that was published before it."""
         self._recorded_tick = max(self._recorded_tick, tick)
 
 
