@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from auv_lse_sim.engine.fleet import Fleet
@@ -25,7 +25,7 @@ FULL = {"mission.vehicles": 3}
 PARTS = ("planner", "places", "map", "packets", "world", "rest", "judging")
 
 
-@dataclass
+@dataclass(frozen=True)
 class Flown:
     """Processor time of a mission.
 
@@ -34,18 +34,17 @@ class Flown:
         decisions_s: Of each vehicle's decisions, in the order decided.
     """
 
-    spent_s: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-    decisions_s: list[list[float]] = field(default_factory=list)
+    spent_s: dict[str, float]
+    decisions_s: list[list[float]]
 
 
-def _timed(function: Callable[..., Any], part: str, spent_s: dict[str, float], each: list[float]) -> Callable[..., Any]:
+def _timed(function: Callable[..., Any], times_s: list[float]) -> Callable[..., Any]:
     def call(*arguments: Any) -> Any:
         began = time.process_time()
         try:
             return function(*arguments)
         finally:
-            each.append(time.process_time() - began)
-            spent_s[part] += each[-1]
+            times_s.append(time.process_time() - began)
 
     return call
 
@@ -54,13 +53,11 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
     """Processor time of one mission."""
     settings = Settings.load(None, {"planner.method": method, "mission.seed": SEED, **size})
     fleet = Fleet(settings, ground_of(settings))
-    result = Flown()
-    spent_s = result.spent_s
+    times_s: dict[str, list[list[float]]] = defaultdict(list)  # by part, of each function's calls
 
-    def watch(owner: object, name: str, part: str) -> list[float]:
-        each: list[float] = []
-        setattr(owner, name, _timed(getattr(owner, name), part, spent_s, each))
-        return each
+    def watch(owner: object, name: str, part: str) -> None:
+        times_s[part].append([])
+        setattr(owner, name, _timed(getattr(owner, name), times_s[part][-1]))
 
     watch(fleet.world, "tick", "world")
     for crew in fleet.crews:
@@ -69,16 +66,18 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
             watch(crew.placer, "correct", "places")
         for name in ("hear", "say"):
             watch(crew, name, "packets")
-        result.decisions_s.append(watch(crew.planner, "decide", "planner"))
+        watch(crew.planner, "decide", "planner")
     began = time.process_time()
     run = fleet.run()
-    spent_s["mission"] = time.process_time() - began
+    mission_s = time.process_time() - began
+    spent_s = {part: sum(map(sum, times_s[part])) for part in PARTS[:5]}
     spent_s["map"] -= spent_s["places"]  # places are corrected while the map takes what came
-    spent_s["rest"] = spent_s["mission"] - sum(spent_s[part] for part in PARTS[:5])
+    spent_s["rest"] = mission_s - sum(spent_s.values())
+    spent_s["mission"] = mission_s
     began = time.process_time()
     evaluate(run, 1)
     spent_s["judging"] = time.process_time() - began
-    return result
+    return Flown(spent_s, times_s["planner"])
 
 
 def run(*, smoke: bool = False) -> list[Row]:

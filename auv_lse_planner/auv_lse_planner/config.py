@@ -293,16 +293,16 @@ def _knows_its_place(parameters: Mapping[str, Any]) -> bool:
     return isinstance(navigation, Mapping) and bool(sim.get("ideal") or navigation.get("ideal"))
 
 
-def check_path_length(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
-    """Refuses a mission whose paths to the end have more places than can be valued at once.
+def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
+    """Refuses parameters that contradict each other, and paths of more places to the end than can be valued at once.
 
     Raises:
-        ParameterError: with the most steps that the method can plan.
+        ParameterError: with what contradicts, or the most steps that the method can plan.
     """
     try:
         complete = planner.complete()
-    except ValueError:
-        return  # said where the planner is made
+    except ValueError as error:
+        raise ParameterError(f"{where}: {error}") from error
     each = 2 if complete.proposals == "tour" else complete.samples_per_leg  # touring.OWN_PLACES
     places = mission.steps * each
     if places > MOST_PLACES and (complete.augmented or complete.proposals in ("tour", "naive")):
@@ -342,7 +342,7 @@ class PlannerSettings:
             parameters = with_depth(parameters, vehicle)
         mission = section(MissionConfig, parameters, "mission", where)
         planner = section(PlannerConfig, parameters, "planner", where)
-        check_path_length(mission, planner, where)
+        check_planner(mission, planner, where)
         own = section(VehicleConfig, parameters, "vehicle", where)
         led = dict(parameters.get("link", {})).get("kind") == "mavlink"
         return cls(

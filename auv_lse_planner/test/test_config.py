@@ -4,7 +4,7 @@ import pytest
 
 from auv_lse_common.params import ParameterError, from_mapping
 from auv_lse_planner import touring
-from auv_lse_planner.config import MissionConfig, PlannerConfig, PlannerSettings, check_path_length
+from auv_lse_planner.config import MissionConfig, PlannerConfig, PlannerSettings, check_planner
 from auv_lse_planner.methods import METHODS
 
 
@@ -72,10 +72,16 @@ def test_a_mission_too_long_to_be_valued_at_once_is_refused(method: str, most: i
     """Before, the first decision ended in a MemoryError."""
     message = rf"mission.steps: got 65535 with planner.method '{method}'.* GB; expected at most {most} steps"
     with pytest.raises(ParameterError, match=message):
-        check_path_length(MissionConfig(steps=65535), PlannerConfig(method=method), "m.yaml")
+        check_planner(MissionConfig(steps=65535), PlannerConfig(method=method), "m.yaml")
     assert touring.OWN_PLACES == 2
-    check_path_length(MissionConfig(steps=most), PlannerConfig(method=method), "m.yaml")
+    check_planner(MissionConfig(steps=most), PlannerConfig(method=method), "m.yaml")
 
 
 def test_a_method_that_looks_some_legs_ahead_may_have_any_length() -> None:
-    check_path_length(MissionConfig(steps=65535), PlannerConfig(method="plain"), "m.yaml")
+    check_planner(MissionConfig(steps=65535), PlannerConfig(method="plain"), "m.yaml")
+
+
+def test_parameters_of_the_planner_that_contradict_each_other_are_refused_with_their_place():
+    message = r"m\.yaml: planner\.coordination: 'dec_mcts' is a tree search .* got planner\.method 'tour'"
+    with pytest.raises(ParameterError, match=message):
+        PlannerSettings.from_parameters({"area": {}, "planner": {"coordination": "dec_mcts"}}, "m.yaml")

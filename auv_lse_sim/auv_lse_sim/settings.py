@@ -40,7 +40,7 @@ from auv_lse_planner.config import (
     PlannerConfig,
     PlannerSettings,
     VehicleConfig,
-    check_path_length,
+    check_planner,
     with_depth,
 )
 from auv_lse_sim.config import SimConfig
@@ -145,7 +145,7 @@ class Settings:
         for number in range(1, mission.vehicles + 1):
             own = _overridden(parameters_for(patterns, f"/auv{number}/settings"), on_top, number)
             vehicles.append(_vehicle_settings(with_depth(own, number), f"{where} (auv{number})"))
-            check_path_length(mission, vehicles[-1].planner, f"{where} (auv{number})")
+            check_planner(mission, vehicles[-1].planner, f"{where} (auv{number})")
         return cls(
             where=where,
             mission=mission,
