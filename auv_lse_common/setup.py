@@ -7,7 +7,7 @@ package = "auv_lse_common"
 setup(
     name=package,
     version="0.1.0",
-    packages=find_packages(exclude=["test"]),
+    packages=find_packages(exclude=["test", "test.*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
@@ -19,6 +19,6 @@ setup(
     description="Strict parameters, frames and random streams shared by the AUV level-set estimation stack",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["vehicle = auv_lse_common.vehicle:main"],
+        "console_scripts": ["vehicle = auv_lse_common.commands.vehicle:main"],
     },
 )

@@ -5,7 +5,7 @@ package = "auv_lse_gp"
 setup(
     name=package,
     version="0.1.0",
-    packages=find_packages(exclude=["test"]),
+    packages=find_packages(exclude=["test", "test.*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
@@ -16,6 +16,6 @@ setup(
     description="Bayes-risk level-set estimation on an online Gaussian process; gp_node",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["gp_node = auv_lse_gp.gp_node:main", "fit = auv_lse_gp.fit:main"],
+        "console_scripts": ["gp_node = auv_lse_gp.gp_node:main"],
     },
 )

@@ -7,8 +7,7 @@ package = "auv_lse_sim"
 setup(
     name=package,
     version="0.1.0",
-    packages=find_packages(exclude=["test"]),
-    package_data={f"{package}.live": ["page/*"]},
+    packages=find_packages(exclude=["test", "test.*"]),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),
@@ -18,12 +17,9 @@ setup(
     zip_safe=True,
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
-    description="Simulator, recorder, fleet engine and reports of the AUV level-set estimation stack",
+    description="Simulated lake, vehicles, instruments and acoustic channel; sim_node and the fleet engine",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "sim_node = auv_lse_sim.engine.sim_node:main",
-            "recorder_node = auv_lse_sim.record.recorder_node:main",
-        ],
+        "console_scripts": ["sim_node = auv_lse_sim.engine.sim_node:main"],
     },
 )

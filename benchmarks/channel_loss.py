@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from auv_lse_sim.world.channel import frame_error_rate, snr_db
-from auv_lse_sim.world.config import ChannelConfig
+from auv_lse_common.mission_file.sections.world import ChannelConfig
+from auv_lse_sim.water.channel import frame_error_rate, snr_db
 
 Array = NDArray[np.float64]
 

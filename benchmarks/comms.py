@@ -19,19 +19,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import Plan
-from auv_lse_common.seeds import stream
+from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.world import ChannelConfig
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_comms.bridge import ModemBridge
-from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Limits, Packet, decode, encode
 from auv_lse_comms.packet.tag import Tagger
-from auv_lse_gp.area import AreaConfig, OperatingArea
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.receivers_risk import Knowledge, ReceiversRisk
-from auv_lse_gp.risk import LevelSet
-from auv_lse_sim.world.channel import Channel, Position, snr_db
-from auv_lse_sim.world.config import ChannelConfig
-from auv_lse_sim.world.lake import SyntheticLake
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.receivers_risk import Knowledge, ReceiversRisk
+from auv_lse_sim.ground.lake import SyntheticLake
+from auv_lse_sim.water.channel import Channel, Position, snr_db
 from benchmarks.channel_loss import loss_at_range
 from benchmarks.command import end_with
 from benchmarks.rows import Row, row

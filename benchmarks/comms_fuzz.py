@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from auv_lse_common.plan import NONE, Plan, Tour
+from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_comms.packet import navigation as nav
 from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode, room_for_samples
 from auv_lse_comms.packet.fields import (

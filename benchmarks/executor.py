@@ -12,9 +12,9 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-from auv_lse_common.domain import local_environment, own_domain
-from auv_lse_common.executor import make_executor
-from auv_lse_common.quality import EVERY
+from auv_lse_common.node.executor import make_executor
+from auv_lse_common.process.domain import local_environment, own_domain
+from auv_lse_common.topics.quality import EVERY
 from benchmarks.rows import Row, row
 
 #: As many publishers and subscriptions as planner_node has, and some more.

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_sim.engine.fleet import Fleet
-from auv_lse_sim.judge.evaluation import evaluate
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground_source import ground_of
+from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.rows import Row, row
 
 #: Processor time (s) of a mission of three, on an idle core.

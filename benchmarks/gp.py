@@ -39,8 +39,8 @@ from auv_lse_gp import (
     expected_bayes_risk,
     read_soundings,
 )
-from auv_lse_gp.likelihood import fit
-from auv_lse_gp.local_subset import predict_locally
+from auv_lse_gp.covariance.likelihood import fit
+from auv_lse_gp.inference.local_subset import predict_locally
 from benchmarks.rows import Row, row
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -151,7 +151,7 @@ def best_of(repeats: int, function: Callable[[], Any]) -> float:
 def start_up(sizes: Sizes = FULL) -> list[Row]:
     """Import of the package with all compiled code, from numba's cache."""
     code = (
-        "import auv_lse_gp, time; from auv_lse_common.compiled import USE_NUMBA; from auv_lse_gp import lazy;"
+        "import auv_lse_gp, time; from auv_lse_common.support.compiled import USE_NUMBA; from auv_lse_gp import lazy;"
         "USE_NUMBA and (lazy.compiled_risk(), lazy.compiled_gp()); print(time.process_time())"
     )
     command = [sys.executable, "-c", code]

@@ -19,15 +19,16 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_gp.area import OperatingArea
-from auv_lse_sim.campaign.mission_row import simulate
-from auv_lse_sim.campaign.statistics import interval
-from auv_lse_sim.campaign.study import base_mission
-from auv_lse_sim.judge import isobath
-from auv_lse_sim.judge.reliability import Reliability
-from auv_lse_sim.judge.team_map import map_of, mission_settings
-from auv_lse_sim.judge.verdict import judge
-from auv_lse_sim.settings import Settings
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_shore.campaign.mission_row import simulate
+from auv_lse_shore.campaign.statistics import interval
+from auv_lse_shore.judge import isobath
+from auv_lse_shore.judge.reliability import Reliability
+from auv_lse_shore.judge.team_map import map_of, mission_settings
+from auv_lse_shore.judge.verdict import judge
+from auv_lse_shore.reproduce.study import base_mission
 from benchmarks.command import end_with, existing_file
 from benchmarks.results_file import FOLDER, appended, read
 
@@ -79,7 +80,7 @@ def lines_of(lake: int, method: str, small: bool, priors: list[tuple[str, float,
                 "small": small,
                 "prior": [kernel, length_m, std_m],
                 "loss": verdict.loss,
-                "risk": float(own.level_set.risk(field.mean_m[scored], field.prior_std_m[scored]).mean()),
+                "risk": float(LevelSet.of(own.level_set).risk(field.mean_m[scored], field.prior_std_m[scored]).mean()),
                 "loss_expected": float(field.risk[scored].mean()),
                 "isobath_error_m": verdict.error.mean_m,
                 "depth_rmse_m": verdict.depth_rmse_m,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from auv_lse_sim.campaign.statistics import Interval, interval
+from auv_lse_shore.campaign.statistics import Interval, interval
 from benchmarks.command import end_with
 from benchmarks.places_table import Arguments, Row, print_rows, value
 

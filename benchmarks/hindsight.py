@@ -25,20 +25,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.seeds import stream
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.centers import Centers
-from auv_lse_gp.gate import SoundingError
-from auv_lse_gp.online import OnlineGp
-from auv_lse_gp.posterior import Posterior
-from auv_lse_planner.config import PlannerSettings
-from auv_lse_planner.methods import METHODS
+from auv_lse_common.mission_file.methods import METHODS
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.gate import SoundingError
+from auv_lse_gp.map.online import OnlineGp
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.paths.steering import Steering
-from auv_lse_sim.judge.isobath import compare, trace
+from auv_lse_shore.judge.isobath import compare, trace
 from benchmarks.command import end_with
 from benchmarks.planner_loop import light_mission, settings_for
 from benchmarks.planner_methods import AREAS, area, lake
@@ -143,7 +144,7 @@ class Sea:
         return self._judged(JUDGED_M, *gp.predict(self._grids[JUDGED_M].places_m))
 
     def _judged(self, grid_m: float, mean: Array, std: Array) -> Judged:
-        level, truth = self.settings.level_set, self._truth[grid_m]
+        level, truth = LevelSet.of(self.settings.level_set), self._truth[grid_m]
         known = np.isfinite(truth)
         safe, called = (truth >= level.level_m)[known], level.safe(mean, std)[known]
         loss = level.cost_false_safe * np.mean(called & ~safe) + level.cost_false_unsafe * np.mean(~called & safe)

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.executor import CHOICE
-from auv_lse_sim.record.bag import read_run
+from auv_lse_common.node.executor import CHOICE
+from auv_lse_record.bag import read_run
 from benchmarks.rows import Row, row
 
 #: On two idle cores (s): the command until the report is there, until the first tick, processor time of everything.
@@ -65,7 +65,7 @@ def _fly(*arguments: str, **environment: str) -> _Flight:
     """
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent) / "run"
-        command = [sys.executable, "-m", "auv_lse_sim.engine.command", "--out", str(folder), *arguments]
+        command = [sys.executable, "-m", "auv_lse_shore.mission.command", "--out", str(folder), *arguments]
         before_s, began = _children_s(), time.monotonic()
         process = subprocess.run(
             command, capture_output=True, text=True, check=False, env={**os.environ, **environment}

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from auv_lse_common.seeds import stream
-from auv_lse_planner.config import MotionConfig, VehicleConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.mission_file.sections.sim import SimConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_sim.config import SimConfig
-from auv_lse_sim.world.current import Current
-from auv_lse_sim.world.vehicle import SimVehicle
+from auv_lse_sim.vehicle.vehicle import SimVehicle
+from auv_lse_sim.water.current import Current
 from benchmarks.command import end_with
 
 Array = NDArray[np.float64]

@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_gp.places.placer import Placer
 from auv_lse_gp.places.terrain import Terrain
-from auv_lse_sim.adjust.adjustment import adjust
+from auv_lse_shore.judge.adjustment import adjust
 from auv_lse_sim.engine.fleet import Fleet
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground_source import ground_of
-from auv_lse_sim.world.navigable import fit_to_ground
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.navigable import fit_to_ground
 from benchmarks.rows import Row, row
 
 SEED = 7400

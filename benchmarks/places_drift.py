@@ -21,19 +21,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.depth_map import DepthField, DepthMap
-from auv_lse_sim.adjust.adjustment import adjust
-from auv_lse_sim.campaign.statistics import interval
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.depth_map import DepthField, DepthMap
+from auv_lse_record.run_data import RunData, VehicleRun
+from auv_lse_shore.campaign.statistics import interval
+from auv_lse_shore.judge import isobath
+from auv_lse_shore.judge.adjustment import adjust
+from auv_lse_shore.judge.team_map import map_of, mission_settings
+from auv_lse_shore.judge.tracks import true_positions
+from auv_lse_shore.judge.verdict import judge
 from auv_lse_sim.engine.fleet import Fleet
-from auv_lse_sim.judge import isobath
-from auv_lse_sim.judge.team_map import map_of, mission_settings
-from auv_lse_sim.judge.tracks import true_positions
-from auv_lse_sim.judge.verdict import judge
-from auv_lse_sim.record.run_data import RunData, VehicleRun
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground_source import ground_of
-from auv_lse_sim.world.navigable import fit_to_ground
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.navigable import fit_to_ground
 from benchmarks.command import end_with
 from benchmarks.results_file import FOLDER, appended, read
 
@@ -146,7 +147,7 @@ def _figures(run: RunData, settings: Any, field: DepthField) -> dict[str, float]
     error = ((field.mean_m - run.ground.depth_m) / field.std_m)[scored]
     return {
         "isobath_m": verdict.error.mean_m,
-        "risk": float(settings.level_set.risk(field.mean_m[scored], field.prior_std_m[scored]).mean()),
+        "risk": float(LevelSet.of(settings.level_set).risk(field.mean_m[scored], field.prior_std_m[scored]).mean()),
         "loss": verdict.loss,
         "error_over_std": float((error**2).mean()),
     }

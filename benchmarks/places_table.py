@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 from pyarrow import parquet
 
-from auv_lse_sim.campaign.statistics import interval
+from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with
 
 #: Columns: of a row, and heading.

@@ -23,18 +23,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from auv_lse_gp.area import AreaConfig, OperatingArea
-from auv_lse_gp.centers import Centers
-from auv_lse_gp.columns import join_by_path
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.kept import KeptColumns
-from auv_lse_gp.posterior import Posterior
-from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.config import PlannerSettings
-from auv_lse_planner.paths.naive_ids import LAWNMOWERS
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
+from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.point_posteriors import join_by_path
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.reward.path import PathReward
-from auv_lse_planner.vehicle_planner import VehiclePlanner
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from benchmarks.rows import Row, row
 
 #: Places of a naive path, after three legs of a plan.

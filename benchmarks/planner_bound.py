@@ -33,13 +33,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.online import OnlineGp
-from auv_lse_gp.posterior import Posterior
-from auv_lse_planner.config import PlannerSettings
-from auv_lse_sim.world.config import LakeConfig
-from auv_lse_sim.world.lake import SyntheticLake
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.mission_file.sections.world import LakeConfig
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.online import OnlineGp
+from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks.command import end_with, existing_file
 from benchmarks.planner_loop import light_mission, settings_for
 from benchmarks.results_file import FOLDER, fly, read
@@ -76,7 +77,7 @@ class PriorLake:
 def risk(posterior: Posterior, settings: PlannerSettings) -> float:
     """Bayes risk over the map."""
     columns = posterior.columns(OperatingArea(settings.area).grid(settings.planner.map_spacing_m).places_m)
-    return float(settings.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum())
+    return float(LevelSet.of(settings.level_set).risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum())
 
 
 def mission(number: int, method: str, rule: bool, steps: int, iterations: int, first: int = FIRST) -> dict[str, Any]:

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.seeds import stream
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.online import OnlineGp
-from auv_lse_planner.config import PlannerSettings
-from auv_lse_planner.vehicle_planner import VehiclePlanner
-from auv_lse_sim.judge.isobath import compare, trace
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.online import OnlineGp
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
+from auv_lse_shore.judge.isobath import compare, trace
 
 Array = NDArray[np.float64]
 
@@ -184,7 +185,7 @@ def _evaluate(settings: PlannerSettings, ground: Any, boats: list[_Boat]) -> Out
     rows = sorted(row for boat in boats for row in boat.soundings)
     gp = OnlineGp(settings.gp)
     risks = []
-    level = settings.level_set
+    level = LevelSet.of(settings.level_set)
     index = 0
     mean = std = np.zeros(len(places))
     for until in (third_s, np.inf):

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from auv_lse_common.seeds import stream
-from auv_lse_gp.centers import Centers
-from auv_lse_planner.intake import PlannerIntake
-from auv_lse_planner.vehicle_planner import VehiclePlanner
-from auv_lse_sim.settings import Settings
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_planner.vehicle.intake import PlannerIntake
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from benchmarks.command import end_with
 
 _SIZES = (300, 1000, 2000)

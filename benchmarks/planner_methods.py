@@ -24,9 +24,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from auv_lse_planner.paths.naive_ids import STRIPS
-from auv_lse_sim.world.config import LakeConfig
-from auv_lse_sim.world.lake import SyntheticLake
+from auv_lse_common.mission_file.sections.world import LakeConfig
+from auv_lse_common.vocabulary.naive_ids import STRIPS
+from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks.command import end_with, existing_file
 from benchmarks.planner_loop import light_mission, settings_for
 from benchmarks.results_file import FOLDER, fly, read
@@ -89,7 +89,7 @@ def area(name: str) -> tuple[tuple[float, float, float], dict[str, Any]]:
 
 def windows(path: Path, where: str) -> Iterator[tuple[str, float, float]]:
     """Windows of a real lake whose ground is mostly known, and 20 to 80 % of that at least 15 m deep."""
-    from auv_lse_sim.world.ground_files import load_ground
+    from auv_lse_sim.ground.ground_files import load_ground
 
     ground = load_ground(path)
     (height, width, margin), _ = area(where)
@@ -117,7 +117,7 @@ def lake(name: str, where: str, real: Path | None) -> Any:
     if name.isdigit():
         middle = {"north_m": height / 2.0 - margin, "east_m": width / 2.0 - margin}
         return SyntheticLake(LakeConfig(seed=int(name), height_m=height, width_m=width, **middle))
-    from auv_lse_sim.world.ground_files import load_ground
+    from auv_lse_sim.ground.ground_files import load_ground
 
     assert real is not None
     north, east = (float(x) for x in name.split("@")[1].split(","))

@@ -13,21 +13,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.centers import Centers
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.posterior import Posterior
-from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.config import PlannerConfig, PlannerSettings
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.methods.proposals import search_path
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
-from auv_lse_planner.proposals import search_path
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.sequences import PathSequences
+from auv_lse_planner.search.situation import Situation
 from auv_lse_planner.search.tree import every_sequence
-from auv_lse_planner.situation import Situation
 from benchmarks.command import end_with
 
 #: Sequences of the exhaustive search that are valued together.

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from auv_lse_sim.campaign.mission_row import judged
-from auv_lse_sim.settings import Settings
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_shore.campaign.mission_row import judged
 from benchmarks.command import end_with, existing_file
 from benchmarks.headline_table import means, pairs
 from benchmarks.places_table import Row

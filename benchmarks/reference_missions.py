@@ -21,10 +21,10 @@ from typing import Any
 # With more threads BLAS adds up in another order, and some decision then falls otherwise.
 os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_sim.engine.fleet import Fleet
-from auv_lse_sim.judge.evaluation import evaluate
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground_source import ground_of
+from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.command import end_with
 
 #: Largest relative difference between two figures of merit that are called the same.

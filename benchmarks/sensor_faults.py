@@ -14,14 +14,14 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.sounding_gate import SoundingGate
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.depth_map import DepthMap
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_sim.engine.fleet import Fleet
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground import Ground
-from auv_lse_sim.world.ground_source import ground_of
+from auv_lse_sim.ground.ground import Ground
+from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.command import end_with
 
 Array = NDArray[np.float64]

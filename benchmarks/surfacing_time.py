@@ -16,9 +16,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from auv_lse_sim.campaign.statistics import interval
-from auv_lse_sim.record.run_data import RunData
-from auv_lse_sim.settings import Settings
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_record.run_data import RunData
+from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with
 from benchmarks.places_drift import flown, judged, settings_of
 

@@ -18,15 +18,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE, Plan
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.kept import KeptColumns
-from auv_lse_planner.paths.naive_ids import FITTED, STRIPS
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
+from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_planner.methods.touring import LINE_PLACES, OWN_PLACES
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.tour import TourSearch, arc_m
-from auv_lse_planner.touring import LINE_PLACES, OWN_PLACES
-from auv_lse_planner.vehicle_planner import COARSE_M, VehiclePlanner
+from auv_lse_planner.vehicle.vehicle_planner import COARSE_M, VehiclePlanner
 from benchmarks.command import end_with
 from benchmarks.planner_loop import settings_for
 from benchmarks.planner_methods import area

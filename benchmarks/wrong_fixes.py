@@ -15,7 +15,7 @@ sys.path.append(str(Path(__file__).resolve().parent.parent / "auv_lse_gp" / "tes
 
 from places_helpers import Sailed, messages, sail, smoother_of, surface
 
-from auv_lse_gp.places.config import PlacesConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
 from benchmarks.command import end_with
 
 #: Vehicles, surfacings in all, how far the last fix of vehicle 1 is off (m).

@@ -1,7 +1,7 @@
 """ros2 launch auv_lse_common vehicle.launch.py name:=auv2 params_file:=vehicles.yaml: the nodes of one vehicle.
 
-The same nodes that scripts/vehicle keeps running (auv_lse_common.vehicle). Here, too, a node that dies is started
-again, after two seconds.
+The same nodes that scripts/vehicle keeps running (auv_lse_common.commands.vehicle). A node that dies is started again
+after two seconds.
 """
 
 from datetime import datetime
@@ -12,9 +12,9 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from auv_lse_common.journal import FOLDER_VARIABLE
-from auv_lse_common.processes import RECORDER_STOP_S
-from auv_lse_common.vehicle import crew_of, journal_folder
+from auv_lse_common.commands.vehicle import crew_of, journal_folder
+from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.process.processes import RECORDER_STOP_S
 
 
 def _nodes(context):
@@ -45,7 +45,7 @@ def _nodes(context):
         # Not started again: its folder exists then. scripts/vehicle gives each start a folder of its own.
         out.mkdir(parents=True, exist_ok=True)
         folder = {"record.folder": str(crew.recording)}
-        recorder = {"package": "auv_lse_sim", "executable": "recorder_node", "output": "screen"}
+        recorder = {"package": "auv_lse_record", "executable": "recorder_node", "output": "screen"}
         nodes.insert(0, Node(**recorder, parameters=[str(crew.file), folder], sigterm_timeout=str(RECORDER_STOP_S)))
     return nodes
 

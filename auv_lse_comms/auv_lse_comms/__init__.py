@@ -6,11 +6,11 @@ themselves: `micromodem` drives a WHOI Micromodem-2, `mavlink` talks to an autop
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.face import face
+from auv_lse_common.support.lazy_exports import face
 
 if TYPE_CHECKING:
+    from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
     from auv_lse_comms.bridge import ModemBridge, Received
-    from auv_lse_comms.config import PacketConfig, TdmaConfig
     from auv_lse_comms.packet.codec import REASONS, Limits, Packet, PacketError, decode, encode
     from auv_lse_comms.packet.fields import PACKET_BYTES, capacity
     from auv_lse_comms.packet.key import KeyFileError, read_key
@@ -45,7 +45,7 @@ __getattr__ = face(
     __name__,
     {
         "bridge": ("ModemBridge", "Received"),
-        "config": ("PacketConfig", "TdmaConfig"),
+        "auv_lse_common.mission_file.sections.acoustics": ("PacketConfig", "TdmaConfig"),
         "packet.codec": ("REASONS", "Limits", "Packet", "PacketError", "decode", "encode"),
         "packet.fields": ("PACKET_BYTES", "capacity"),
         "packet.key": ("KeyFileError", "read_key"),

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_common.plan import NONE, Plan
-from auv_lse_comms.config import PacketConfig, TdmaConfig
+from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.link_quality import LinkQuality
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode, room_for_samples
 from auv_lse_comms.packet.navigation import Navigation

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from auv_lse_common.health import Health
-from auv_lse_common.ros_conversions import diagnostics
-from auv_lse_common.vehicle_node import VehicleNode
+from auv_lse_common.node.vehicle_node import VehicleNode
+from auv_lse_common.topics.ros_conversions import diagnostics
+from auv_lse_common.vocabulary.health import Health
 from auv_lse_comms.transport import PortWatcher, Transport
 
 _POLL_PERIOD_S = 0.05

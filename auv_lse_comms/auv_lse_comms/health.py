@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from auv_lse_common.health import Health, Level
+from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_comms.bridge import ModemBridge
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_common.plan import Plan
-from auv_lse_common.sounding_gate import SoundingGate
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.packet.codec import PacketError
 from auv_lse_comms.ranging import UNTIMED, Timing

@@ -8,10 +8,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 
-from auv_lse_common.entry_point import Main
-from auv_lse_common.health import NewProblems
-from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import (
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.mission_file.sections.modem import HANDSHAKE_S
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.vehicle_node import VehicleNode
+from auv_lse_common.topics.ros_conversions import (
     dead_reckoning_from_message,
     diagnostics,
     fix_from_message,
@@ -22,12 +24,10 @@ from auv_lse_common.ros_conversions import (
     raw_sounding_row,
     seconds,
 )
-from auv_lse_common.vehicle_node import VehicleNode
+from auv_lse_common.vocabulary.health import NewProblems
 from auv_lse_comms.bridge import EVENTS, Received
-from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
-from auv_lse_comms.micromodem.config import HANDSHAKE_S
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ranging import Timing
 from auv_lse_comms.ros_conversions import ping, tdma_status, team_samples, transmission
@@ -54,7 +54,7 @@ def _make_receivers(parameters: Mapping[str, Any], where: str, address: int) -> 
 
     Imported only if `packet.selection: useful` asks for it: without it the node needs neither that package nor SciPy.
     """
-    from auv_lse_gp.receivers_risk import ReceiversRisk
+    from auv_lse_gp.map.receivers_risk import ReceiversRisk
 
     return ReceiversRisk.from_parameters(parameters, where, address)
 

@@ -10,7 +10,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
-from auv_lse_common.dead_reckoning import DeadReckoning, MateNavigation
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, MateNavigation
 from auv_lse_comms.packet.navigation import Navigation
 from auv_lse_comms.tdma import Tdma
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from auv_lse_common.ros_conversions import floats, header
+from auv_lse_common.topics.ros_conversions import floats, header
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_msgs.msg import ModemTx, SampleArray, TdmaStatus
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.papers_methods import unless_papers
-from auv_lse_common.params import ParameterError, section
+from auv_lse_common.mission_file.papers_methods import unless_papers
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, PacketConfig, TdmaConfig
+from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.bridge import ModemBridge
-from auv_lse_comms.config import WINDOW_S, PacketConfig, TdmaConfig
-from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
 from auv_lse_comms.packet.selection import Receivers

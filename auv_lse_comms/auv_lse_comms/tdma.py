@@ -21,7 +21,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from auv_lse_comms.config import TdmaConfig
+from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix
-from auv_lse_common.plan import Plan
+from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.bridge import ModemBridge
-from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.health import bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode

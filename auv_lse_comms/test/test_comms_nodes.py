@@ -24,15 +24,15 @@ from pymavlink.dialects.v20 import common as mavlink
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from auv_lse_common.dead_reckoning import DeadReckoning
-from auv_lse_common.mission_run import Action, RunState, Standing, Stop
-from auv_lse_common.params import ParameterError
-from auv_lse_common.plan import Plan as PlanOfMate
-from auv_lse_common.quality import EVERY, LATCHED
-from auv_lse_common.ros_conversions import header, mission_state
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.topics.quality import EVERY, LATCHED
+from auv_lse_common.topics.ros_conversions import header, mission_state
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
+from auv_lse_common.vocabulary.mission_run import Action, RunState, Standing, Stop
+from auv_lse_common.vocabulary.plan import Plan as PlanOfMate
 from auv_lse_comms.bridge import ModemBridge
-from auv_lse_comms.config import PacketConfig, TdmaConfig
-from auv_lse_comms.mavlink.events import AutopilotEstimate
+from auv_lse_comms.mavlink.messages.events import AutopilotEstimate
 from auv_lse_comms.mavlink.ros_conversions import ends_to_reach
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode

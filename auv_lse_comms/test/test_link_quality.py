@@ -2,9 +2,9 @@
 
 import pytest
 
-from auv_lse_common.plan import Plan
+from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.bridge import ModemBridge
-from auv_lse_comms.config import PacketConfig, TdmaConfig
 from auv_lse_comms.packet.codec import Packet, encode
 
 TDMA = TdmaConfig()

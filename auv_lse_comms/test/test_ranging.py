@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from auv_lse_common.dead_reckoning import DeadReckoning
-from auv_lse_comms.config import TdmaConfig
+from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_comms.packet.navigation import Navigation
 from auv_lse_comms.ranging import Ranging, Timing
 from auv_lse_comms.tdma import Tdma

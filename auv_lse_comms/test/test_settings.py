@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from auv_lse_common.params import ParameterError
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.settings import bridge_of
 
 MISSION: dict[str, Any] = {

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from auv_lse_common.params import ParameterError, from_mapping
-from auv_lse_comms.config import WINDOW_S, TdmaConfig
+from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
+from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, TdmaConfig
 from auv_lse_comms.tdma import Tdma
 
 #: 10 s slots, of which 0.5 to 6.3 s is for starting: 10 - 0.5 - 2.2 - 1500 / 1500

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from auv_lse_comms.mavlink.config import LinkConfig
+from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_comms.mavlink.port import AutopilotPort
 from auv_lse_comms.transport import (
     Address,

@@ -2,21 +2,18 @@
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.face import face
+from auv_lse_common.support.lazy_exports import face
 
 if TYPE_CHECKING:
-    from auv_lse_gp.area import AreaConfig, Grid, OperatingArea
-    from auv_lse_gp.centers import Centers
-    from auv_lse_gp.columns import Columns
-    from auv_lse_gp.config import GpConfig
-    from auv_lse_gp.depth_map import DepthField, DepthMap, Isobath, contours
-    from auv_lse_gp.factor import IllConditionedError
-    from auv_lse_gp.gate import SoundingError
-    from auv_lse_gp.kept import KeptColumns
-    from auv_lse_gp.kernels import Kernel
-    from auv_lse_gp.online import Counts, OnlineGp, Outcome
-    from auv_lse_gp.posterior import Posterior
-    from auv_lse_gp.risk import (
+    from auv_lse_common.mission_file.sections.area import AreaConfig, Grid, OperatingArea
+    from auv_lse_common.mission_file.sections.gp import GpConfig
+    from auv_lse_gp.covariance.kernels import Kernel
+    from auv_lse_gp.inference.cached_points import KeptColumns
+    from auv_lse_gp.inference.centers import Centers
+    from auv_lse_gp.inference.factor import IllConditionedError
+    from auv_lse_gp.inference.point_posteriors import Columns
+    from auv_lse_gp.inference.posterior import Posterior
+    from auv_lse_gp.level_set.bayes_risk import (
         LevelSet,
         bayes_estimate,
         bayes_risk,
@@ -24,6 +21,9 @@ if TYPE_CHECKING:
         expected_bayes_risk,
         p_safe,
     )
+    from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath, contours
+    from auv_lse_gp.map.gate import SoundingError
+    from auv_lse_gp.map.online import Counts, OnlineGp, Outcome
     from auv_lse_gp.soundings import read_soundings
 
 __all__ = [
@@ -57,18 +57,25 @@ __all__ = [
 __getattr__ = face(
     __name__,
     {
-        "area": ("AreaConfig", "Grid", "OperatingArea"),
-        "centers": ("Centers",),
-        "columns": ("Columns",),
-        "config": ("GpConfig",),
-        "depth_map": ("DepthField", "DepthMap", "Isobath", "contours"),
-        "factor": ("IllConditionedError",),
-        "gate": ("SoundingError",),
-        "kept": ("KeptColumns",),
-        "kernels": ("Kernel",),
-        "online": ("Counts", "OnlineGp", "Outcome"),
-        "posterior": ("Posterior",),
-        "risk": ("LevelSet", "bayes_estimate", "bayes_risk", "benefit_of_search", "expected_bayes_risk", "p_safe"),
+        "auv_lse_common.mission_file.sections.area": ("AreaConfig", "Grid", "OperatingArea"),
+        "inference.centers": ("Centers",),
+        "inference.point_posteriors": ("Columns",),
+        "auv_lse_common.mission_file.sections.gp": ("GpConfig",),
+        "map.depth_map": ("DepthField", "DepthMap", "Isobath", "contours"),
+        "inference.factor": ("IllConditionedError",),
+        "map.gate": ("SoundingError",),
+        "inference.cached_points": ("KeptColumns",),
+        "covariance.kernels": ("Kernel",),
+        "map.online": ("Counts", "OnlineGp", "Outcome"),
+        "inference.posterior": ("Posterior",),
+        "level_set.bayes_risk": (
+            "LevelSet",
+            "bayes_estimate",
+            "bayes_risk",
+            "benefit_of_search",
+            "expected_bayes_risk",
+            "p_safe",
+        ),
         "soundings": ("read_soundings",),
     },
 )

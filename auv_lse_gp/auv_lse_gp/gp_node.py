@@ -8,11 +8,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid, Odometry
 from visualization_msgs.msg import Marker
 
-from auv_lse_common import compiled
-from auv_lse_common.entry_point import Main
-from auv_lse_common.health import Recent
-from auv_lse_common.params import section
-from auv_lse_common.ros_conversions import (
+from auv_lse_common.mission_file.parameters import section
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.places import places_of
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.vehicle_node import VehicleNode
+from auv_lse_common.support import compiled
+from auv_lse_common.topics.ros_conversions import (
     dead_reckoning_from_message,
     dead_reckoning_message,
     diagnostics,
@@ -21,16 +24,13 @@ from auv_lse_common.ros_conversions import (
     raw_sounding_row,
     seconds,
 )
-from auv_lse_common.vehicle_node import VehicleNode
-from auv_lse_gp.area import AreaConfig, OperatingArea
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.depth_map import DepthMap
+from auv_lse_common.vocabulary.health import Recent
+from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
-from auv_lse_gp.lazy import compiled_gp, compiled_risk
-from auv_lse_gp.places.config import places_of
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.placer import placer_of
-from auv_lse_gp.risk import LevelSet
 from auv_lse_gp.ros_conversions import (
     centers_message,
     field_message,

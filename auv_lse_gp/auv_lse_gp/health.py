@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from auv_lse_common.health import Health, Level
-from auv_lse_gp.depth_map import DepthMap
+from auv_lse_common.vocabulary.health import Health, Level
+from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.placer import Placer
 
 #: After this time (s) without an own sounding it is told.

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_common.sounding_gate import SoundingGate
-from auv_lse_gp.depth_map import DepthMap
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.sounding_gate import SoundingGate
+from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.placer import Placer
 
 

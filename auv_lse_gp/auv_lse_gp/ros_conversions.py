@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from auv_lse_common.ros_conversions import doubles, floats, header, stamp
-from auv_lse_gp.centers import Centers
-from auv_lse_gp.depth_map import DepthField, Isobath
+from auv_lse_common.topics.ros_conversions import doubles, floats, header, stamp
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.map.depth_map import DepthField, Isobath
 from auv_lse_msgs.msg import KernelCenters, LevelSetField, SampleArray
 
 _BAND_COLORS = {"lines": (0.0, 0.0, 0.0), "shallow_edge": (0.9, 0.6, 0.0), "deep_edge": (0.0, 0.45, 0.7)}

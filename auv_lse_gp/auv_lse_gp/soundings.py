@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auv_lse_common.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.kernels import Kernel
-from auv_lse_gp.places.config import PlacesConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_gp.covariance.kernels import Kernel
+from auv_lse_gp.covariance.prior_mean import prior_mean
 from auv_lse_gp.places.pieces import pieces_of
 from auv_lse_gp.places.smoother import PlaceSmoother
 from auv_lse_gp.places.terrain import Terrain
-from auv_lse_gp.prior_mean import prior_mean
 
 Array = NDArray[np.float64]
 

@@ -6,14 +6,14 @@ import json
 
 import numpy as np
 
-from auv_lse_common.dead_reckoning import Fix
-from auv_lse_common.health import Health, Level, Recent
-from auv_lse_gp.area import AreaConfig, OperatingArea
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.depth_map import DepthMap
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.vocabulary.dead_reckoning import Fix
+from auv_lse_common.vocabulary.health import Health, Level, Recent
 from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
-from auv_lse_gp.risk import LevelSet
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.depth_map import DepthMap
 
 
 def intake() -> MapIntake:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from auv_lse_common.frames import geodetic_from_local
-from auv_lse_common.params import ParameterError
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, OnlineGp, read_soundings
 from auv_lse_gp.soundings import SoundingsError, local_places, read_soundings_anywhere, read_table
 

@@ -7,18 +7,20 @@ worth) and `search` (which path to take).
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.face import face
+from auv_lse_common.support.lazy_exports import face
 
 if TYPE_CHECKING:
-    from auv_lse_planner.account import BoundRecord
-    from auv_lse_planner.config import MissionConfig, MotionConfig, PlannerConfig, PlannerSettings, VehicleConfig
-    from auv_lse_planner.decision import Decision, Statistics
-    from auv_lse_planner.methods import METHODS
+    from auv_lse_common.mission_file.methods import METHODS
+    from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
+    from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+    from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+    from auv_lse_planner.methods.account import BoundRecord
+    from auv_lse_planner.methods.decision import Decision, Statistics
     from auv_lse_planner.paths.free_space import FreeSpace
     from auv_lse_planner.paths.motion import MotionTable
     from auv_lse_planner.paths.naive import NaivePaths
     from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-    from auv_lse_planner.vehicle_planner import VehiclePlanner
+    from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 __all__ = [
     "METHODS",
@@ -41,14 +43,16 @@ __all__ = [
 __getattr__ = face(
     __name__,
     {
-        "account": ("BoundRecord",),
-        "config": ("MissionConfig", "MotionConfig", "PlannerConfig", "PlannerSettings", "VehicleConfig"),
-        "decision": ("Decision", "Statistics"),
-        "methods": ("METHODS",),
+        "methods.account": ("BoundRecord",),
+        "auv_lse_common.mission_file.sections.mission": ("MissionConfig", "MotionConfig"),
+        "auv_lse_common.mission_file.sections.planner": ("PlannerConfig", "PlannerSettings"),
+        "auv_lse_common.mission_file.sections.vehicle": ("VehicleConfig",),
+        "methods.decision": ("Decision", "Statistics"),
+        "auv_lse_common.mission_file.methods": ("METHODS",),
         "paths.free_space": ("FreeSpace",),
         "paths.motion": ("MotionTable",),
         "paths.naive": ("NaivePaths",),
         "paths.rollout": ("PlannedPath", "Rollout"),
-        "vehicle_planner": ("VehiclePlanner",),
+        "vehicle.vehicle_planner": ("VehiclePlanner",),
     },
 )

@@ -10,24 +10,31 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 
-from auv_lse_common.entry_point import Main
-from auv_lse_common.health import NewProblems
-from auv_lse_common.leg import Leg
-from auv_lse_common.params import section
-from auv_lse_common.plan import Plan as CorePlan
-from auv_lse_common.quality import NEWEST
-from auv_lse_common.ros_conversions import diagnostics, header, plan_from_message, plan_message, seconds, standing_of
-from auv_lse_common.seeds import stream
-from auv_lse_common.vehicle_node import VehicleNode
+from auv_lse_common.mission_file.parameters import section
+from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.vehicle_node import VehicleNode
+from auv_lse_common.topics.quality import NEWEST
+from auv_lse_common.topics.ros_conversions import (
+    diagnostics,
+    header,
+    plan_from_message,
+    plan_message,
+    seconds,
+    standing_of,
+)
+from auv_lse_common.vocabulary.health import NewProblems
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.plan import Plan as CorePlan
+from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.ros_conversions import centers_from_message
 from auv_lse_msgs.msg import Bound, KernelCenters, MissionCommand, MissionState, Plan, Waypoint
-from auv_lse_planner.config import PlannerConfig, PlannerSettings
-from auv_lse_planner.decision import Decision
-from auv_lse_planner.health import planner_health, warnings_of
-from auv_lse_planner.intake import PlannerIntake
-from auv_lse_planner.problems import of_state
+from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.ros_conversions import bound_message, navigation, path_message, waypoint_message
-from auv_lse_planner.vehicle_planner import VehiclePlanner
+from auv_lse_planner.vehicle.health import planner_health, warnings_of
+from auv_lse_planner.vehicle.intake import PlannerIntake
+from auv_lse_planner.vehicle.problems import of_state
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 _DIAGNOSTICS_PERIOD_S = 10.0
 #: The end is said again after this time (s), until the mission's state says so.

@@ -8,14 +8,14 @@ from nav_msgs.msg import Odometry, Path
 from numpy.typing import NDArray
 from sensor_msgs.msg import Range
 
-from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
-from auv_lse_common.leg import Leg
-from auv_lse_common.mission_run import Stop
-from auv_lse_common.ros_conversions import header, stamp, stop_fields
 from auv_lse_common.safety.watch import AutopilotSays
+from auv_lse_common.topics.ros_conversions import header, stamp, stop_fields
+from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_msgs.msg import AutopilotStatus, Bound, Waypoint
-from auv_lse_planner.account import BoundRecord
-from auv_lse_planner.intake import Taken
+from auv_lse_planner.methods.account import BoundRecord
+from auv_lse_planner.vehicle.intake import Taken
 
 
 def navigation(message: Odometry) -> tuple[float, float, float]:

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from auv_lse_common.health import Health, Level
-from auv_lse_common.mission_run import Action, MissionRun, RunState
-from auv_lse_common.params import ParameterError, section
-from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_depth
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.safety.watch import SafetyWatch
-from auv_lse_gp.area import AreaConfig
-from auv_lse_planner.config import VehicleConfig, with_depth
+from auv_lse_common.vocabulary.health import Health, Level
+from auv_lse_common.vocabulary.mission_run import Action, MissionRun, RunState
 
 
 @dataclass(slots=True)

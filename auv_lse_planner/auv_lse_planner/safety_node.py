@@ -8,17 +8,17 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Range
 
-from auv_lse_common.entry_point import Main
-from auv_lse_common.health import NewProblems
-from auv_lse_common.mission_run import Command
-from auv_lse_common.params import section
-from auv_lse_common.quality import NEWEST
-from auv_lse_common.ros_conversions import diagnostics, mission_state
-from auv_lse_common.safety.config import SafetyConfig
-from auv_lse_common.vehicle_node import VehicleNode
+from auv_lse_common.mission_file.parameters import section
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.vehicle_node import VehicleNode
+from auv_lse_common.topics.quality import NEWEST
+from auv_lse_common.topics.ros_conversions import diagnostics, mission_state
+from auv_lse_common.vocabulary.health import NewProblems
+from auv_lse_common.vocabulary.mission_run import Command
 from auv_lse_msgs.msg import AutopilotStatus, MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
-from auv_lse_planner.config import VehicleConfig
 from auv_lse_planner.ros_conversions import altitude_m, autopilot_says, navigation
 from auv_lse_planner.safety import Safety
 

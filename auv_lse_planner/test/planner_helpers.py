@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 
-from auv_lse_gp.area import AreaConfig, OperatingArea
-from auv_lse_gp.centers import Centers
-from auv_lse_gp.config import GpConfig
-from auv_lse_gp.kernels import Kernel
-from auv_lse_gp.risk import LevelSet
-from auv_lse_planner.config import MotionConfig, PlannerConfig, PlannerSettings
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_gp.covariance.kernels import Kernel
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.free_space import (
     FreeSpace,
     clearance_at,
@@ -23,7 +24,7 @@ from auv_lse_planner.paths.free_space import (
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
-from auv_lse_planner.situation import Situation
+from auv_lse_planner.search.situation import Situation
 
 SMALL = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
 

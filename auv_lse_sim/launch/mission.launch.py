@@ -13,10 +13,10 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from auv_lse_common.processes import RECORDER_STOP_S
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.process.processes import RECORDER_STOP_S
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
-from auv_lse_sim.settings import Settings
 
 #: Launch argument, the parameter that it sets where it is not empty, and how its text becomes the value.
 _OVERRIDES = (("vehicles", "mission.vehicles", int), ("steps", "mission.steps", int), ("seed", "mission.seed", int))

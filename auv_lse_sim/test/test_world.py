@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from sim_helpers import FunctionGround
 
-from auv_lse_common.leg import Leg
-from auv_lse_common.params import from_mapping
-from auv_lse_planner.config import MotionConfig, VehicleConfig
+from auv_lse_common.mission_file.parameters import from_mapping
+from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.mission_file.sections.sim import SimConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.vocabulary.extent import Extent
+from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_planner.paths.motion import MotionTable
-from auv_lse_sim.config import SimConfig
-from auv_lse_sim.world.ground import Extent
-from auv_lse_sim.world.lake import SyntheticLake
-from auv_lse_sim.world.world import World
+from auv_lse_sim.ground.lake import SyntheticLake
+from auv_lse_sim.world import World
 
 TABLE = MotionTable(MotionConfig())
 EXTENT = Extent(north_min_m=-1000, north_max_m=1000, east_min_m=-1000, east_max_m=1000)

@@ -7,8 +7,8 @@ from types import TracebackType
 import numpy as np
 import rclpy
 
-from auv_lse_common.plan import NONE, Plan
-from auv_lse_common.quality import EVERY
+from auv_lse_common.topics.quality import EVERY
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
 from auv_lse_msgs.msg import ModemRx
 

@@ -25,10 +25,10 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.domain import own_domain
-from auv_lse_common.processes import last_lines
-from auv_lse_common.recording import Recording, recording_in
-from auv_lse_common.stamps import seconds
+from auv_lse_common.process.domain import own_domain
+from auv_lse_common.process.processes import last_lines
+from auv_lse_common.vocabulary.stamps import seconds
+from auv_lse_record.recording import Recording, recording_in
 from benchmarks.faults.sockets import OpenSocket, family_of, open_sockets
 
 #: A killed node has to be at work again within this time (s).
@@ -164,13 +164,13 @@ def _fly(
     run = folder / "run"
     sets = [f"--set={name}={value}" for name, value in more.items()]
     team = ("--apart", "--vehicles", "2", "--steps", str(steps), "--seed", "5", "--out", str(run), *sets)
-    processes = [Program("auv_lse_sim.engine.sim", *team, "--domain", str(domains[0]))]
+    processes = [Program("auv_lse_shore.mission.sim", *team, "--domain", str(domains[0]))]
     flight = Flight()
     try:
         _until(lambda: (run / "vehicles.yaml").is_file(), 90.0, "the simulator has not written vehicles.yaml")
         for k in (1, 2):
             own = (f"auv{k}", str(run / "vehicles.yaml"), "--out", str(folder / f"auv{k}"))
-            processes.append(Program("auv_lse_common.vehicle", *own, "--domain", str(domains[k])))
+            processes.append(Program("auv_lse_common.commands.vehicle", *own, "--domain", str(domains[k])))
         _until(
             lambda: all(set(NODES) <= set(p.nodes) for p in processes[1:]), 300.0, "the vehicles' nodes did not start"
         )

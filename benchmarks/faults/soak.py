@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE, Plan
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_comms.packet.codec import Packet, encode
+from auv_lse_shore.mission.warm_up import main as warm_up
 from auv_lse_sim.engine.fleet import Fleet
-from auv_lse_sim.engine.warm_up import main as warm_up
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.channel import Arrival
-from auv_lse_sim.world.ground_source import ground_of
-from auv_lse_sim.world.world import VehicleOutput
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.water.channel import Arrival
+from auv_lse_sim.world import VehicleOutput
 
 #: Soundings a second; packets a second of each vehicle that babbles, and how many of them do.
 SOUNDINGS_HZ = 50

@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.mission_run import Stop
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.bridge import Received
-from auv_lse_planner.decision import Decision
+from auv_lse_planner.methods.decision import Decision
+from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_sim.engine.fleet import Crew, Fleet
-from auv_lse_sim.judge.evaluation import evaluate
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.channel import Arrival
-from auv_lse_sim.world.ground_source import ground_of
-from auv_lse_sim.world.world import VehicleOutput
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.water.channel import Arrival
+from auv_lse_sim.world import VehicleOutput
 
 #: How far a clock is ahead (s) of the true time (s).
 Clock = Callable[[float], float]

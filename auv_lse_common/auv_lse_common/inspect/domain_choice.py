@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.domain import DomainError, busy_domains, domain_number, local_environment, run_on
 from auv_lse_common.inspect.message_text import FieldError
-from auv_lse_common.project_folder import project_folder
+from auv_lse_common.process.domain import DomainError, busy_domains, domain_number, local_environment, run_on
+from auv_lse_common.support.project_folder import project_folder
 
 
 def add_graph_options(p: argparse.ArgumentParser) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from auv_lse_common.inspect.graph_node import Graph
-from auv_lse_common.mission_run import Command
+from auv_lse_common.vocabulary.mission_run import Command
 from auv_lse_msgs.msg import MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from auv_lse_common.inspect.domain_choice import add_graph_options, run_command
-from auv_lse_common.mission_run import Command, RunState
+from auv_lse_common.vocabulary.mission_run import Command, RunState
 
 _COMMANDS = {
     "go": (Command.GO, "start the mission, or go on after a hold"),

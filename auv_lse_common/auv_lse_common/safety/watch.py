@@ -19,12 +19,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from auv_lse_common.frames import is_possible
-from auv_lse_common.hanging import HangingSensor
-from auv_lse_common.mission_run import STOPS, MissionRun, RunState, Stop
-from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
-from auv_lse_common.sounding_gate import FLATTEST
+from auv_lse_common.vocabulary.frames import is_possible
+from auv_lse_common.vocabulary.frozen_sensor import HangingSensor
+from auv_lse_common.vocabulary.mission_run import STOPS, MissionRun, RunState, Stop
+from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
 #: A step this long (s) after the last one, or before it, is a clock that was set.
 LONGEST_STEP_S = 10.0

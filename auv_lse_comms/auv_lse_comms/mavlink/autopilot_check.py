@@ -12,12 +12,12 @@ import struct
 from collections import Counter
 from dataclasses import dataclass
 
-from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import DOWN, Target
-from auv_lse_comms.mavlink.events import AutopilotEstimate, Event, LinkUp, Problem
+from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
-from auv_lse_comms.mavlink.modes import obeying_modes
-from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
+from auv_lse_comms.mavlink.messages.conversion import DOWN, Target
+from auv_lse_comms.mavlink.messages.events import AutopilotEstimate, Event, LinkUp, Problem
+from auv_lse_comms.mavlink.messages.modes import obeying_modes
+from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
 
 #: Messages that the link needs, with the least rate (1/s) at which they must come, and what they are for.
 NEEDED = {

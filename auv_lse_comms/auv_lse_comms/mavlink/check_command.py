@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from auv_lse_common.params import ParameterError, from_mapping
+from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
+from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_comms.mavlink.autopilot_check import AutopilotCheck, Finding
-from auv_lse_comms.mavlink.config import LinkConfig
 from auv_lse_comms.packet.key import KeyFileError, read_key
 from auv_lse_comms.transport import AddressError, Connection, open_transport, read_address
 

@@ -29,13 +29,13 @@ import math
 from collections import Counter
 from collections.abc import Callable
 
-from auv_lse_common.mission_run import Stop
+from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.safety.watch import AutopilotSays
-from auv_lse_comms.mavlink.clock import AutopilotClock
-from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import Target, altitude_m, pressure_pa
-from auv_lse_comms.mavlink.datum import Datum, Origin
-from auv_lse_comms.mavlink.events import (
+from auv_lse_common.vocabulary.mission_run import Stop
+from auv_lse_comms.mavlink.messages.clock import AutopilotClock
+from auv_lse_comms.mavlink.messages.conversion import Target, altitude_m, pressure_pa
+from auv_lse_comms.mavlink.messages.datum import Datum, Origin
+from auv_lse_comms.mavlink.messages.events import (
     Altitude,
     AutopilotEstimate,
     AutopilotState,
@@ -45,11 +45,11 @@ from auv_lse_comms.mavlink.events import (
     Pressure,
     Problem,
 )
-from auv_lse_comms.mavlink.modes import obeying_modes
-from auv_lse_comms.mavlink.origin import ORIGIN_TOLERANCE_M, OriginExchange
+from auv_lse_comms.mavlink.messages.modes import obeying_modes
+from auv_lse_comms.mavlink.messages.origin import ORIGIN_TOLERANCE_M, OriginExchange
+from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_comms.mavlink.raw_track import RawTrack
 from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
-from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
 
 #: ArduSub tells of a leak by text alone, every 20 s while it lasts: after this time (s) without one it is over. The
 #: safety watch keeps the limit tripped all the same, until RESET.

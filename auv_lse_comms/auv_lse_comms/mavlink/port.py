@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from auv_lse_common.health import Health, Level
-from auv_lse_common.mission_run import Stop
-from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import Target
-from auv_lse_comms.mavlink.datum import Origin
-from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, Problem
-from auv_lse_comms.mavlink.events import Event as LinkEvent
+from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.vocabulary.health import Health, Level
+from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
+from auv_lse_comms.mavlink.messages.conversion import Target
+from auv_lse_comms.mavlink.messages.datum import Origin
+from auv_lse_comms.mavlink.messages.events import Altitude, AutopilotEstimate, Problem
+from auv_lse_comms.mavlink.messages.events import Event as LinkEvent
 from auv_lse_comms.mavlink.sounder import Sounder, Sounding
 from auv_lse_comms.mavlink.targets import TargetLimits
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address

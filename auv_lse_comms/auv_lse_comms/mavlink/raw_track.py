@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from auv_lse_common.dead_reckoning import Fix
+from auv_lse_common.vocabulary.dead_reckoning import Fix
 
 #: What a step may be off from velocity times time (m), and as a share of it. An estimator that learns of its heading
 #: far from its start moves by a metre or two, which is its dead reckoning and no jump.

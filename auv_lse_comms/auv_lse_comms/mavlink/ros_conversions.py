@@ -7,11 +7,11 @@ import math
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import FluidPressure, Range
 
-from auv_lse_common.frames import quaternion_from_heading
-from auv_lse_common.leg import Leg
-from auv_lse_common.ros_conversions import header, stop_of
-from auv_lse_comms.mavlink.conversion import Target
-from auv_lse_comms.mavlink.events import Altitude, AutopilotEstimate, AutopilotState, Pressure
+from auv_lse_common.topics.ros_conversions import header, stop_of
+from auv_lse_common.vocabulary.frames import quaternion_from_heading
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_comms.mavlink.messages.conversion import Target
+from auv_lse_comms.mavlink.messages.events import Altitude, AutopilotEstimate, AutopilotState, Pressure
 from auv_lse_msgs.msg import AutopilotStatus, Waypoint
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.pings import by_period, period_of, sounding_of
+from auv_lse_common.vocabulary.pings import by_period, period_of, sounding_of
 
 Array = NDArray[np.float64]
 

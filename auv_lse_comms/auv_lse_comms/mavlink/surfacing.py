@@ -12,7 +12,7 @@ import dataclasses
 import enum
 import math
 
-from auv_lse_comms.mavlink.conversion import Target
+from auv_lse_comms.mavlink.messages.conversion import Target
 
 #: Shallower than this (m) the vehicle is at the surface.
 SURFACED_M = 0.5

@@ -26,17 +26,17 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from auv_lse_common.mission_run import Action, Stop
-from auv_lse_common.params import ParameterError, section
-from auv_lse_common.safety.config import SafetyConfig
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
-from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import Target, mission_item, position_target, speed_command
-from auv_lse_comms.mavlink.datum import Datum
-from auv_lse_comms.mavlink.events import AutopilotEstimate, Event, Problem, TargetSent
+from auv_lse_common.vocabulary.mission_run import Action, Stop
+from auv_lse_comms.mavlink.messages.conversion import Target, mission_item, position_target, speed_command
+from auv_lse_comms.mavlink.messages.datum import Datum
+from auv_lse_comms.mavlink.messages.events import AutopilotEstimate, Event, Problem, TargetSent
+from auv_lse_comms.mavlink.messages.wire import Message
 from auv_lse_comms.mavlink.surfacing import LONGEST_S, Stage, Surfacing
 from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
-from auv_lse_comms.mavlink.wire import Message
 
 #: Greatest depth (m) that a vehicle without one of its own may take.
 DEEPEST_TURN_M = 5.0

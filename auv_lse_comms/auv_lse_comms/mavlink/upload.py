@@ -20,7 +20,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Sequence
 
-from auv_lse_comms.mavlink.wire import Message, mavlink
+from auv_lse_comms.mavlink.messages.wire import Message, mavlink
 
 #: MAV_MISSION_RESULT in words.
 RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_MISSION_RESULT"].items()}

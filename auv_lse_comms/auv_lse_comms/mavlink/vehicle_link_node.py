@@ -5,21 +5,22 @@ from __future__ import annotations
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import FluidPressure, Range
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix
-from auv_lse_common.entry_point import Main
-from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import (
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.link import LinkConfig
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.topics.ros_conversions import (
     dead_reckoning_message,
     fix_message,
     seconds,
     sounding_message,
     standing_of,
 )
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_comms.driver_node import DriverNode
-from auv_lse_comms.mavlink import events, sounder
-from auv_lse_comms.mavlink.config import LinkConfig
-from auv_lse_comms.mavlink.conversion import Target
-from auv_lse_comms.mavlink.datum import origin_of
+from auv_lse_comms.mavlink import sounder
+from auv_lse_comms.mavlink.messages import events
+from auv_lse_comms.mavlink.messages.conversion import Target
+from auv_lse_comms.mavlink.messages.datum import origin_of
 from auv_lse_comms.mavlink.port import AutopilotPort, Event
 from auv_lse_comms.mavlink.ros_conversions import (
     altitude_message,

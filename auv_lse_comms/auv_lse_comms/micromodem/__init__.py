@@ -19,7 +19,7 @@ health) and, in port.py, `auv_lse_comms.transport`: no NumPy, no packet, no miss
 pyproject.toml holds this.
 """
 
-from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import (
     ClockChecked,
@@ -38,8 +38,8 @@ from auv_lse_comms.micromodem.events import (
 )
 from auv_lse_comms.micromodem.log import LogEntry, LoggedModem, format_entry, read_entries, replay_log
 from auv_lse_comms.micromodem.port import ModemPort
+from auv_lse_comms.micromodem.sentences.wire import Sentence, SentenceReader
 from auv_lse_comms.micromodem.state import State
-from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
 
 __all__ = [
     "ClockChecked",

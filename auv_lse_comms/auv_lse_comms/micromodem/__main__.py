@@ -9,9 +9,9 @@ from pathlib import Path
 
 import yaml
 
-from auv_lse_common.failure import words_of
-from auv_lse_common.params import from_mapping
-from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_common.mission_file.parameters import from_mapping
+from auv_lse_common.mission_file.sections.modem import ModemConfig
+from auv_lse_common.support.user_error import words_of
 from auv_lse_comms.micromodem.log import read_entries, replay_log
 
 

@@ -16,11 +16,11 @@ import enum
 import math
 
 from auv_lse_comms.micromodem.events import ClockChecked, ModemReady, Problem
-from auv_lse_comms.micromodem.fields import iso_time
+from auv_lse_comms.micromodem.sentences.fields import iso_time
+from auv_lse_comms.micromodem.sentences.status_messages import ClockSet, ClockTime
+from auv_lse_comms.micromodem.sentences.wire import Sentence
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import Cause, State
-from auv_lse_comms.micromodem.status_messages import ClockSet, ClockTime
-from auv_lse_comms.micromodem.wire import Sentence
 
 #: $CCTMS carries whole seconds: it is written this soon after one begins (s) ...
 SECOND_START_S = 0.1

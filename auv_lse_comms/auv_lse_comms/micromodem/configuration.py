@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.clock import ClockCheck
-from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.events import Problem
+from auv_lse_comms.micromodem.sentences.status_messages import Setting
+from auv_lse_comms.micromodem.sentences.wire import Sentence
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import Cause
-from auv_lse_comms.micromodem.status_messages import Setting
-from auv_lse_comms.micromodem.wire import Sentence
 
 #: A modem that reports INIT gets no settings until it reports AUV, or for so long (s).
 REBOOT_WAIT_S = 2.0

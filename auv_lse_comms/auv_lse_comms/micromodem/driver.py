@@ -20,21 +20,31 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
+from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.clock import ClockCheck, ClockStep
-from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.configuration import Configuration
 from auv_lse_comms.micromodem.events import Event, ModemLost, Problem
-from auv_lse_comms.micromodem.fields import SentenceError
-from auv_lse_comms.micromodem.messages import read_message
-from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
 from auv_lse_comms.micromodem.pinging import Pinging
-from auv_lse_comms.micromodem.receive_messages import Detection, FrameHeard, ReceptionStart, ReceptionStatistics
 from auv_lse_comms.micromodem.receiving import Receiving
 from auv_lse_comms.micromodem.sending import Sending
-from auv_lse_comms.micromodem.session import Session
-from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
-from auv_lse_comms.micromodem.status_messages import ClockSet, ClockTime, ErrorReport, Notice, Revision, Setting
-from auv_lse_comms.micromodem.transmit_messages import (
+from auv_lse_comms.micromodem.sentences.fields import SentenceError
+from auv_lse_comms.micromodem.sentences.messages import read_message
+from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard, PingReply
+from auv_lse_comms.micromodem.sentences.receive_messages import (
+    Detection,
+    FrameHeard,
+    ReceptionStart,
+    ReceptionStatistics,
+)
+from auv_lse_comms.micromodem.sentences.status_messages import (
+    ClockSet,
+    ClockTime,
+    ErrorReport,
+    Notice,
+    Revision,
+    Setting,
+)
+from auv_lse_comms.micromodem.sentences.transmit_messages import (
     Cycle,
     DataRequest,
     FrameTaken,
@@ -42,7 +52,9 @@ from auv_lse_comms.micromodem.transmit_messages import (
     TransmitStart,
     TransmitStatistics,
 )
-from auv_lse_comms.micromodem.wire import SentenceReader, TypeCounts
+from auv_lse_comms.micromodem.sentences.wire import SentenceReader, TypeCounts
+from auv_lse_comms.micromodem.session import Session
+from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
 
 #: Kinds of `$CAMSG` and modules of `$CAERR` counted by name; any other is counted as "other".
 NOTICES = frozenset({"BAD_CRC", "PACKET_TIMEOUT", "PSK_ERROR", "NO_CARRIER", "BAD_HEADER"})

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import Event
 

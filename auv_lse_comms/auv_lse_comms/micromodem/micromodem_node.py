@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from auv_lse_common.entry_point import Main
-from auv_lse_common.params import ParameterError, section
-from auv_lse_common.ros_conversions import header, seconds
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.modem import ModemConfig
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.topics.ros_conversions import header, seconds
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.micromodem import events
-from auv_lse_comms.micromodem.config import ModemConfig
 from auv_lse_comms.micromodem.port import Event, ModemPort, PacketLost
 from auv_lse_msgs.msg import LockstepDone, ModemRx, ModemTx
 

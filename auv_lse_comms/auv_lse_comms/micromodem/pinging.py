@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 
+from auv_lse_common.vocabulary.modem_rates import MINI_PACKET_S
 from auv_lse_comms.micromodem.events import PingAnswered, PingFailed, PingStarted
-from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
-from auv_lse_comms.micromodem.rates import MINI_PACKET_S
+from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard, PingReply
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import Cause, State
 

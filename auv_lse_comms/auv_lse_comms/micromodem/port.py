@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from auv_lse_common.health import Health, Level
-from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_common.mission_file.sections.modem import ModemConfig
+from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_comms.micromodem.driver import Micromodem
 from auv_lse_comms.micromodem.events import Event as DriverEvent
 from auv_lse_comms.micromodem.events import (

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from auv_lse_common.mission_file.sections.modem import PAYLOAD_BYTES
+from auv_lse_common.vocabulary.modem_rates import BROADCAST, RATES, packet_duration_s
 from auv_lse_comms.micromodem.clock import ClockCheck
-from auv_lse_comms.micromodem.config import PAYLOAD_BYTES
 from auv_lse_comms.micromodem.events import PacketReceived, ReceptionFailed
-from auv_lse_comms.micromodem.rates import BROADCAST, RATES, packet_duration_s
-from auv_lse_comms.micromodem.receive_messages import (
+from auv_lse_comms.micromodem.sentences.receive_messages import (
     MODE_GOOD,
     MODE_PACKET_TIMEOUT,
     Detection,
@@ -22,8 +22,8 @@ from auv_lse_comms.micromodem.receive_messages import (
     ReceptionStatistics,
     clock_is_synchronous,
 )
+from auv_lse_comms.micromodem.sentences.transmit_messages import Cycle
 from auv_lse_comms.micromodem.session import Session
-from auv_lse_comms.micromodem.transmit_messages import Cycle
 
 #: A time of arrival on the modem's clock is believed if the packet's end by it is within this of the host's clock (s).
 ARRIVAL_WINDOW_S = 5.0

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from auv_lse_common.vocabulary.modem_rates import RATES
 from auv_lse_comms.micromodem.events import Problem, TransmitDone, TransmitFailed, TransmitStarted
-from auv_lse_comms.micromodem.rates import RATES
-from auv_lse_comms.micromodem.session import Session
-from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
-from auv_lse_comms.micromodem.transmit_messages import (
+from auv_lse_comms.micromodem.sentences.transmit_messages import (
     NOT_SENT,
     Cycle,
     DataRequest,
@@ -24,6 +22,8 @@ from auv_lse_comms.micromodem.transmit_messages import (
     TransmitStart,
     TransmitStatistics,
 )
+from auv_lse_comms.micromodem.session import Session
+from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
 
 
 @dataclass(slots=True)

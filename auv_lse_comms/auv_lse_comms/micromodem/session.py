@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-from auv_lse_comms.micromodem.config import ModemConfig
+from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.events import Event, Problem
+from auv_lse_comms.micromodem.sentences.wire import Sentence
 from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
-from auv_lse_comms.micromodem.wire import Sentence
 
 
 class Session:

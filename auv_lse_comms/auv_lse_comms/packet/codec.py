@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE, Plan, Tour
+from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_comms.packet import navigation as nav
 from auv_lse_comms.packet.fields import (
     ABORT,

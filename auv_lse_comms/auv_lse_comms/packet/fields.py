@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auv_lse_common.plan import BEARINGS, MAX_ACTION_SET, MAX_SEGMENT_LEGS, MAX_SEGMENTS, NONE
+from auv_lse_common.mission_file.sections.acoustics import SAMPLE_DEPTHS_M
+from auv_lse_common.vocabulary.plan import BEARINGS, MAX_ACTION_SET, MAX_SEGMENT_LEGS, MAX_SEGMENTS, NONE
 
 #: Bytes of every packet: one frame of the Micromodem holds 256.
 PACKET_BYTES = 252
@@ -121,7 +122,14 @@ TERMINAL = PacketField(
 SAMPLE = (
     PacketField(name="north_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="north of the map's origin"),
     PacketField(name="east_m", type="float32", unit="m", low=-1e6, high=1e6, meaning="east of the map's origin"),
-    PacketField(name="depth_m", type="float32", unit="m", low=-1e3, high=12e3, meaning="water depth, positive down"),
+    PacketField(
+        name="depth_m",
+        type="float32",
+        unit="m",
+        low=SAMPLE_DEPTHS_M[0],
+        high=SAMPLE_DEPTHS_M[1],
+        meaning="water depth, positive down",
+    ),
 )
 
 HEADER_STRUCT = struct.Struct("<" + "".join(field.code for field in HEADER))

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 
 #: First byte where the raw place follows, and where a fix follows it.
 RAW, RAW_AND_FIX = 0xEC, 0xED

@@ -20,7 +20,7 @@ class Receivers(Protocol):
     """What the receivers are supposed to know, and what one more sample would be worth to them.
 
     This package knows no map and no risk. Whoever wires a vehicle (`modem_node`, the fleet engine) passes in an object
-    of this shape; `auv_lse_gp.receivers_risk.ReceiversRisk` is one.
+    of this shape; `auv_lse_gp.map.receivers_risk.ReceiversRisk` is one.
     """
 
     def hear(self, samples_m: Array, loss: float) -> None:

@@ -2,10 +2,10 @@
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.face import face
+from auv_lse_common.support.lazy_exports import face
 
 if TYPE_CHECKING:
-    from auv_lse_gp.places.config import PlacesConfig
+    from auv_lse_common.mission_file.sections.places import PlacesConfig
     from auv_lse_gp.places.correction import Correction
     from auv_lse_gp.places.pieces import Pieces
     from auv_lse_gp.places.smoother import PlaceSmoother
@@ -17,7 +17,7 @@ __all__ = ["Correction", "HeardTrack", "OwnTrack", "Pieces", "PlaceSmoother", "P
 __getattr__ = face(
     __name__,
     {
-        "config": ("PlacesConfig",),
+        "auv_lse_common.mission_file.sections.places": ("PlacesConfig",),
         "correction": ("Correction",),
         "pieces": ("Pieces",),
         "smoother": ("PlaceSmoother",),

@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.places.config import PlacesConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_gp.places.track import Along, Track
 
 Array = NDArray[np.float64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.depth_map import DepthMap
-from auv_lse_gp.online import Outcome
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.online import Outcome
 from auv_lse_gp.places.book import SoundingBook
 from auv_lse_gp.places.correction import Correction
 

@@ -13,10 +13,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_gp.depth_map import DepthMap
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.book import SoundingBook
-from auv_lse_gp.places.config import PlacesConfig
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.placed_map import PlacedMap
 from auv_lse_gp.places.smoother import PlaceSmoother

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_gp.places.config import PlacesConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.measurements import Fixes, FixRow, RangeRow, Ranges, usable
 from auv_lse_gp.places.model import TeamModel

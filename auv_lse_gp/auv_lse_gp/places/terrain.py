@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from auv_lse_gp.kernels import Kernel
+from auv_lse_gp.covariance.kernels import Kernel
+from auv_lse_gp.covariance.prior_mean import PriorMean
+from auv_lse_gp.inference.posterior import slopes_of
 from auv_lse_gp.places.model import Sums, TeamModel
 from auv_lse_gp.places.pieces import Pieces
-from auv_lse_gp.posterior import slopes_of
-from auv_lse_gp.prior_mean import PriorMean
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.compiled import compiled
+from auv_lse_common.support.compiled import compiled
 
 Array = NDArray[np.float64]
 

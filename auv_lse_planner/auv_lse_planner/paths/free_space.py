@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from auv_lse_common.compiled import compiled
+from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.motion import MotionTable, advance
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ HOLD_BEYOND_M = 5000.0
 
 
 class Area(Protocol):
-    """The part of `auv_lse_gp.area.OperatingArea` that planning needs."""
+    """The part of `auv_lse_common.mission_file.sections.area.OperatingArea` that planning needs."""
 
     @property
     def polygon(self) -> Any:

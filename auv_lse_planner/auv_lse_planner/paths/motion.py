@@ -14,9 +14,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.compiled import compiled
-from auv_lse_common.leg import Leg, leg_point
-from auv_lse_planner.config import MotionConfig
+from auv_lse_common.mission_file.sections.mission import MotionConfig
+from auv_lse_common.support.compiled import compiled
+from auv_lse_common.vocabulary.leg import Leg, leg_point
 
 Array = NDArray[np.float64]
 TWO_PI = 2.0 * math.pi

@@ -29,11 +29,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.compiled import compiled
-from auv_lse_common.frames import wrap_pi
-from auv_lse_common.plan import NONE
-from auv_lse_gp.area import Grid
-from auv_lse_planner.config import PlannerConfig
+from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.support.compiled import compiled
+from auv_lse_common.vocabulary.frames import wrap_pi
+from auv_lse_common.vocabulary.naive_ids import FITTED, HOLD, IDS, LAWNMOWERS, MOWING, STRAIGHT_ON, STRIPS
+from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_planner.paths.fitted_lanes import PLACES, fitted_points
 from auv_lse_planner.paths.free_space import (
     FreeSpace,
@@ -44,7 +45,6 @@ from auv_lse_planner.paths.free_space import (
     safe_reach,
 )
 from auv_lse_planner.paths.motion import advance
-from auv_lse_planner.paths.naive_ids import FITTED, HOLD, IDS, LAWNMOWERS, MOWING, STRAIGHT_ON, STRIPS
 from auv_lse_planner.paths.steering import Steering
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.compiled import compiled
+from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible, safe_reach
 from auv_lse_planner.paths.motion import advance
 

@@ -30,8 +30,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.kept import KeptColumns
-from auv_lse_gp.risk import LevelSet
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.reward.joint import Cells, Joint, Measured, Timetable
 
 Array = NDArray[np.float64]
@@ -111,7 +112,7 @@ class AnytimeReward:
     def __init__(
         self,
         kept: KeptColumns,
-        level_set: LevelSet,
+        level_set: LevelSetConfig,
         mates: Sequence[tuple[Array, Array]],
         legs: int,
         step: int,
@@ -136,7 +137,7 @@ class AnytimeReward:
         """
         self.legs = legs
         self._kept, self._coarse = kept, coarse or kept
-        self._level_set = replace(level_set, method="exact")
+        self._level_set = replace(LevelSet.of(level_set), method="exact")
         self.mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
         self._time = (legs, step, steps, weight)
         self._doubt = doubt

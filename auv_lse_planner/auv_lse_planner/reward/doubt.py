@@ -10,7 +10,7 @@ about a fifth, and hardly any doubt.
 
 from __future__ import annotations
 
-from auv_lse_gp.posterior import Posterior
+from auv_lse_gp.inference.posterior import Posterior
 
 #: Doubt for each unit of the residuals' ratio, and the largest doubt.
 DOUBT = 5.0

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from auv_lse_gp.kept import KeptColumns
-from auv_lse_gp.risk import LevelSet
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 
-def worth_of_fix(kept: KeptColumns, level_set: LevelSet) -> float:
+def worth_of_fix(kept: KeptColumns, level_set: LevelSetConfig) -> float:
     """What a fix of the vehicle would bring, now; 0 where places count as known.
 
     Args:
@@ -34,6 +35,7 @@ def worth_of_fix(kept: KeptColumns, level_set: LevelSet) -> float:
     parts = (columns.white[:, : posterior.data_rows] @ posterior.place_white) ** 2
     by_places, by_fix = parts.sum(axis=1), parts[:, :2].sum(axis=1)
     others = posterior.variance_scale * np.maximum(columns.data_var_m2 - by_places, 0.0)
-    before = level_set.risk(columns.mean_m, np.sqrt(others + by_places))
-    after = level_set.risk(columns.mean_m, np.sqrt(others + by_places - by_fix))
+    levels = LevelSet.of(level_set)
+    before = levels.risk(columns.mean_m, np.sqrt(others + by_places))
+    after = levels.risk(columns.mean_m, np.sqrt(others + by_places - by_fix))
     return float(np.sum(before - after))

@@ -9,7 +9,7 @@ With S the data, O places planned on the posterior beforehand, M the map's cells
     C = k(V, M) - W^T w,   K = k(V, V) + sigma_n^2 I - W^T W = Lv Lv^T,   Y = Lv^-1 C
 
 the variance left at cell p after the first rows of V is s_q^2 = var(p | S u O) - sum of Y^2 over those rows: one
-Cholesky factor for all checkpoints. The risk follows from it by the exact integral (`auv_lse_gp.risk`).
+Cholesky factor for all checkpoints. The risk follows from it by the exact integral (`auv_lse_gp.level_set.bayes_risk`).
 
 **Gradient.** With g the derivative of a cell's expected risk by s_q^2 (`expected_bayes_risk_slope`), and bars for
 derivatives of J (reverse mode):
@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from scipy.linalg.blas import dgemm, dsyrk, dtrmm, strmm
 from scipy.linalg.lapack import dpotrf, dtrtri, strtri
 
-from auv_lse_gp.posterior import Posterior
+from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.reward.path import not_positive_definite
 
 Array = NDArray[np.float64]

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from auv_lse_common.compiled import compiled
-from auv_lse_gp.columns import Columns
-from auv_lse_gp.posterior import Posterior
-from auv_lse_gp.risk import LevelSet
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.support.compiled import compiled
+from auv_lse_gp.inference.point_posteriors import Columns
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ SMALL = 24
 class PathReward:
     """Path reward for one decision: the data and the team mates' places are fixed."""
 
-    def __init__(self, posterior: Posterior, level_set: LevelSet, credit: str = "whole") -> None:
+    def __init__(self, posterior: Posterior, level_set: LevelSetConfig, credit: str = "whole") -> None:
         """Takes the posterior as it stands, with the team mates' places planned (`Posterior.plan`).
 
         Raises:
@@ -40,7 +41,7 @@ class PathReward:
         if credit not in ("whole", "beyond"):
             raise ValueError(f"credit: got {credit!r}; expected 'whole' or 'beyond'")
         self.posterior = posterior
-        self.level_set = level_set
+        self.level_set = LevelSet.of(level_set)
         self.credit = credit
         self._noise = posterior.noise_var_m2
 

@@ -20,16 +20,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE
-from auv_lse_gp.kept import KeptColumns
-from auv_lse_gp.posterior import Posterior
-from auv_lse_gp.risk import LevelSet
+from auv_lse_common.vocabulary.plan import NONE
+from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.search.situation import Proposal, Situation
 from auv_lse_planner.search.tree import ActionTree
 from auv_lse_planner.search.uct import Actions, run_search
-from auv_lse_planner.situation import Proposal, Situation
 
 Array = NDArray[np.float64]
 

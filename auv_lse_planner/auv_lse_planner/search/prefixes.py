@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.compiled import compiled
+from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.motion import MotionTable, advance
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.plan import NONE
-from auv_lse_gp.area import Grid
-from auv_lse_gp.columns import ColumnPool, Columns, join_by_path
+from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.vocabulary.plan import NONE
+from auv_lse_gp.inference.point_posteriors import ColumnPool, Columns, join_by_path
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.path import PathReward

@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from auv_lse_common.compiled import compiled
-from auv_lse_common.plan import MAX_SEGMENTS, Tour
+from auv_lse_common.support.compiled import compiled
+from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour
 from auv_lse_planner.paths.free_space import FreeSpace
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.compiled import compiled
+from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.free_space import FreeSpace, escape_action, is_feasible, random_actions
 from auv_lse_planner.paths.motion import advance
 

@@ -10,20 +10,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from auv_lse_common.leg import Leg
-from auv_lse_common.mission_run import Stop
-from auv_lse_common.params import ParameterError
-from auv_lse_comms.mavlink.datum import Origin
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.mission_run import Stop
+from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_comms.transport import AddressError, read_address
 from auv_lse_sim.emulated.host_ports import HostPort, PtyPort, TcpServerPort
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
 from auv_lse_sim.emulated.modem_emulator import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.channel import Arrival
-from auv_lse_sim.world.vehicle import tightest_radius_m
-from auv_lse_sim.world.world import VehicleOutput
+from auv_lse_sim.vehicle.vehicle import tightest_radius_m
+from auv_lse_sim.water.channel import Arrival
+from auv_lse_sim.world import VehicleOutput
 
 #: Pressure of the air (Pa), and of each metre of fresh water above a vehicle (Pa/m).
 AIR_PA, WATER_PA_PER_M = 101325.0, 9806.65

@@ -24,12 +24,12 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from auv_lse_common.leg import Leg
-from auv_lse_common.mission_run import Action, Stop
-from auv_lse_comms.mavlink.conversion import DOWN, Target, target_of_item, target_of_position
-from auv_lse_comms.mavlink.datum import Datum, Origin
-from auv_lse_comms.mavlink.wire import MavlinkCodec, Message, mavlink
-from auv_lse_sim.world.target_leg import leg_to
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.mission_run import Action, Stop
+from auv_lse_comms.mavlink.messages.conversion import DOWN, Target, target_of_item, target_of_position
+from auv_lse_comms.mavlink.messages.datum import Datum, Origin
+from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
+from auv_lse_sim.vehicle.target_leg import leg_to
 
 #: A target nearer than this to an earlier one is that one again (m): the rounding of a mission item.
 SAME_M = 0.05

@@ -19,11 +19,11 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from auv_lse_comms.micromodem.fields import SentenceError, clock_time, read_iso_time
-from auv_lse_comms.micromodem.messages import Message
-from auv_lse_comms.micromodem.ping_messages import PingEcho
-from auv_lse_comms.micromodem.rates import BROADCAST, RATES, packet_duration_s
-from auv_lse_comms.micromodem.receive_messages import (
+from auv_lse_common.vocabulary.modem_rates import BROADCAST, RATES, packet_duration_s
+from auv_lse_comms.micromodem.sentences.fields import SentenceError, clock_time, read_iso_time
+from auv_lse_comms.micromodem.sentences.messages import Message
+from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho
+from auv_lse_comms.micromodem.sentences.receive_messages import (
     MODE_BAD_CRC,
     MODE_GOOD,
     Detection,
@@ -31,8 +31,15 @@ from auv_lse_comms.micromodem.receive_messages import (
     ReceptionStart,
     ReceptionStatistics,
 )
-from auv_lse_comms.micromodem.status_messages import ClockSet, ClockTime, ErrorReport, Notice, Revision, Setting
-from auv_lse_comms.micromodem.transmit_messages import (
+from auv_lse_comms.micromodem.sentences.status_messages import (
+    ClockSet,
+    ClockTime,
+    ErrorReport,
+    Notice,
+    Revision,
+    Setting,
+)
+from auv_lse_comms.micromodem.sentences.transmit_messages import (
     Cycle,
     DataRequest,
     FrameGiven,
@@ -41,7 +48,7 @@ from auv_lse_comms.micromodem.transmit_messages import (
     TransmitStart,
     TransmitStatistics,
 )
-from auv_lse_comms.micromodem.wire import Sentence, SentenceReader
+from auv_lse_comms.micromodem.sentences.wire import Sentence, SentenceReader
 from auv_lse_sim.emulated.pings import MiniPacket, Pings
 
 VERSION = "2.0.27087"

@@ -7,7 +7,7 @@ import select
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
-from auv_lse_comms.micromodem.rates import packet_duration_s
+from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 from auv_lse_sim.emulated.host_ports import HostPort
 from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator, Transmission
 

@@ -6,8 +6,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from auv_lse_comms.micromodem.messages import Message
-from auv_lse_comms.micromodem.ping_messages import PingEcho, PingHeard, PingReply
+from auv_lse_comms.micromodem.sentences.messages import Message
+from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard, PingReply
 
 _LAYOUT = struct.Struct("<4sBBBd")
 _MARK = b"ping"

@@ -13,26 +13,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_common.frames import heading_from_quaternion, quaternion_from_heading
-from auv_lse_common.mission_run import Command, RunState, Stop
-from auv_lse_common.params import parameters_for
-from auv_lse_common.seeds import stream
-from auv_lse_common.stamps import stamped
+from auv_lse_common.mission_file.parameters import parameters_for
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
+from auv_lse_common.vocabulary.mission_run import Command, RunState, Stop
+from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_common.vocabulary.stamps import stamped
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.ranging import Timing
 from auv_lse_comms.settings import bridge_of
-from auv_lse_gp.area import OperatingArea
-from auv_lse_gp.depth_map import DepthMap
 from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.map.receivers_risk import ReceiversRisk
 from auv_lse_gp.places.placer import Placer, placer_of
-from auv_lse_gp.receivers_risk import ReceiversRisk
-from auv_lse_planner.decision import Decision
-from auv_lse_planner.intake import PlannerIntake
+from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.safety import Safety
-from auv_lse_planner.vehicle_planner import VehiclePlanner
-from auv_lse_sim.record.run_data import (
+from auv_lse_planner.vehicle.intake import PlannerIntake
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
+from auv_lse_record.run_data import (
     DecisionRecord,
     GroundGrid,
     PacketReceived,
@@ -41,9 +42,8 @@ from auv_lse_sim.record.run_data import (
     VehicleRun,
     origin_of,
 )
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground import Ground
-from auv_lse_sim.world.world import VehicleOutput, World
+from auv_lse_sim.ground.ground import Ground
+from auv_lse_sim.world import VehicleOutput, World
 
 Array = NDArray[np.float64]
 

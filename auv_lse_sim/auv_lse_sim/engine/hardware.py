@@ -8,7 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from auv_lse_sim.settings import Settings
+from auv_lse_common.mission_file.settings import Settings
 
 #: Beyond the ports that Linux gives out by itself (up to 60999), and those of DDS (domains to 213).
 PORTS = range(61000, 65536)

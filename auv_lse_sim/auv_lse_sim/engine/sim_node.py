@@ -10,22 +10,22 @@ import rclpy
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from auv_lse_common.base_node import BaseNode
-from auv_lse_common.entry_point import Main
-from auv_lse_common.lockstep import Answer, phases_of
-from auv_lse_common.quality import EVERY, quality_of
-from auv_lse_common.ros_conversions import seconds, stamp, standing_of, stop_of
-from auv_lse_common.topics import MISSION_TOPICS, VEHICLE_TOPICS, reader_count
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.lockstep import Answer, phases_of
+from auv_lse_common.topics.quality import EVERY, quality_of
+from auv_lse_common.topics.ros_conversions import seconds, stamp, standing_of, stop_of
+from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS, reader_count
 from auv_lse_comms.transport import PortWatcher
 from auv_lse_msgs.msg import LockstepDone, LockstepTick, MissionCommand, ModemTx, SimStatus, Waypoint
 from auv_lse_msgs.msg import MissionState as MissionStateMessage
 from auv_lse_msgs.srv import RunMission
 from auv_lse_sim.engine.parameter_file import parameter_file
+from auv_lse_sim.engine.ros_conversions import leg_of_waypoint, status_message, tick_message
 from auv_lse_sim.engine.sim_topics_node import VehicleTopics
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
-from auv_lse_sim.ros_conversions import leg_of_waypoint, status_message, tick_message
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground_source import ground_of
+from auv_lse_sim.ground.ground_source import ground_of
 
 #: How often (s of wall clock) the status is published at most while nothing in it is new but numbers.
 _STATUS_PERIOD_S = 0.2

@@ -6,20 +6,20 @@ from nav_msgs.msg import Odometry
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import FluidPressure, Range
 
-from auv_lse_common.base_node import BaseNode
-from auv_lse_common.quality import quality_of
-from auv_lse_common.ros_conversions import dead_reckoning_message, fix_message, sounding_message
-from auv_lse_common.topics import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, reader_count
+from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.topics.quality import quality_of
+from auv_lse_common.topics.ros_conversions import dead_reckoning_message, fix_message, sounding_message
+from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, reader_count
 from auv_lse_msgs.msg import Fix, MissionCommand, ModemRx, Sounding
-from auv_lse_sim.engine.simulation import Simulation
-from auv_lse_sim.ros_conversions import (
+from auv_lse_sim.engine.ros_conversions import (
     altitude_message,
     arrival_message,
     odometry_message,
     pressure_message,
     truth_message,
 )
-from auv_lse_sim.world.world import VehicleOutput
+from auv_lse_sim.engine.simulation import Simulation
+from auv_lse_sim.world import VehicleOutput
 
 
 class VehicleTopics:

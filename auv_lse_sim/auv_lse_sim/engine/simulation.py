@@ -10,17 +10,17 @@ import enum
 import math
 from collections.abc import Sequence
 
-from auv_lse_common.leg import Leg
-from auv_lse_common.lockstep import PHASES, Gate
-from auv_lse_common.mission_run import RunState, Stop
-from auv_lse_common.processes import vehicle_nodes
-from auv_lse_common.stamps import stamped
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.node.lockstep import PHASES, Gate
+from auv_lse_common.process.processes import vehicle_nodes
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.mission_run import RunState, Stop
+from auv_lse_common.vocabulary.stamps import stamped
 from auv_lse_sim.emulated.links import EmulatedLinks
 from auv_lse_sim.emulated.pings import MiniPacket
 from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS
-from auv_lse_sim.settings import Settings
-from auv_lse_sim.world.ground import Ground
-from auv_lse_sim.world.world import VehicleOutput, World
+from auv_lse_sim.ground.ground import Ground
+from auv_lse_sim.world import VehicleOutput, World
 
 #: In lockstep, wall clock (s) after which a tick without an answer counts as failed.
 STALLED_S = 60.0

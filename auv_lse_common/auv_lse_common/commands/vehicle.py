@@ -1,0 +1,289 @@
+"""scripts/vehicle: the nodes of one vehicle, kept running until SIGTERM or Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import re
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import yaml
+
+from auv_lse_common.mission_file.parameters import (
+    ParameterError,
+    check_sections,
+    merge,
+    parameters_for,
+    read_parameter_file,
+)
+from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.process.domain import DomainError, local_environment, vehicle_environment, wanted_domain
+from auv_lse_common.process.processes import (
+    LOADING,
+    LOADING_TOLD_S,
+    LaunchError,
+    Process,
+    executable_path,
+    vehicle_nodes,
+)
+from auv_lse_common.process.supervisor import REFUSED, SILENT_S, Supervisor, Task
+from auv_lse_common.support.project_folder import project_folder
+
+_TICK_S = 0.2
+#: A node that refuses its parameters this soon (s) after the first start ends the vehicle: no later start would help.
+_FIRST_START_S = 30.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crew:
+    """What runs for one vehicle.
+
+    Attributes:
+        vehicle: Its number.
+        file: The parameter file that its nodes get.
+        processes: Its nodes.
+        recording: The folder that its recorder makes; None: nothing is recorded here.
+        simulated: Whether the nodes follow a simulator's clock.
+        lockstep: Whether a simulator leads them tick by tick.
+    """
+
+    vehicle: int
+    file: Path
+    processes: tuple[Process, ...]
+    recording: Path | None
+    simulated: bool
+    lockstep: bool
+
+    def tasks(self) -> list[Task]:
+        """The processes as tasks of a supervisor.
+
+        Raises:
+            LaunchError: if one is not installed.
+        """
+        tasks = [Task(name=p.name, command=self._command(p, executable_path(p)), node=p) for p in self.processes]
+        if self.recording is not None:
+            recorder = Process(package="auv_lse_record", executable="recorder_node", namespace="/")
+            command = self._recorder_command(executable_path(recorder), self.recording)
+            tasks.insert(0, Task(name=f"auv{self.vehicle}.recorder_node", command=command, last=True))
+        return tasks
+
+    def _command(self, process: Process, path: Path) -> Callable[[int], Sequence[str]]:
+        command = [str(path), "--ros-args", "--params-file", str(self.file), *process.ros_arguments]
+        if self.simulated:
+            command += ["-p", "use_sim_time:=true"]
+        return lambda starts: command
+
+    def _recorder_command(self, path: Path, folder: Path) -> Callable[[int], Sequence[str]]:
+        command = [str(path), "--ros-args", "--params-file", str(self.file)]
+
+        def at(starts: int) -> Sequence[str]:
+            again = f"-{starts + 1}" if starts else ""
+            return [*command, "-p", f"record.folder:={folder}{again}"]
+
+        return at
+
+
+def vehicle_number(name: str) -> int:
+    """The number of a vehicle from its name, "auv2" or "2".
+
+    Raises:
+        ParameterError: if it is no vehicle's name.
+    """
+    match = re.fullmatch(r"(?:/?auv)?([1-9]\d{0,2})", name)
+    if match is None or int(match[1]) > 255:
+        raise ParameterError(f"vehicle {name!r}: expected a name from auv1 to auv255")
+    return int(match[1])
+
+
+def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | None) -> Crew:
+    """What runs for the vehicle `name` by its parameter file.
+
+    Args:
+        name: The vehicle, "auv2".
+        file: The mission's parameter file.
+        out: The folder for logs and recording.
+        simulated: Whether to follow a simulator even if the file has no section `sim`.
+        record: Whether to record; None: where the file sets record.folder and no simulator records.
+
+    Raises:
+        ParameterError: naming what the file lacks, or the vehicle that is none of its mission.
+    """
+    vehicle = vehicle_number(name)
+    patterns = read_parameter_file(file)
+    own = parameters_for(patterns, f"/auv{vehicle}/settings")
+    check_sections(own, str(file), ignore=("use_sim_time",))
+    names = ("mission", "sim", "modem", "link", "record")
+    mission, sim, modem, link, recorder = (_section(own, name, file) for name in names)
+    count = mission.get("vehicles")
+    if isinstance(count, int) and vehicle > count:
+        raise ParameterError(
+            f"{file}: mission.vehicles: is {count}; expected at least {vehicle}, to have an auv{vehicle}"
+        )
+    simulated = simulated or "sim" in own
+    lockstep = simulated and bool(sim.get("lockstep", True))
+    nodes = vehicle_nodes(modem.get("kind") == "micromodem", link.get("kind") == "mavlink")
+    if record is None:
+        record = bool(recorder.get("folder")) and not simulated
+    if lockstep and not sim.get("lockstep", False):
+        # The nodes take lockstep from their own parameters, where its default is false.
+        file = _with_lockstep(patterns, out / "mission.yaml")
+    processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
+    return Crew(
+        vehicle=vehicle,
+        file=file,
+        processes=processes,
+        recording=out / "bag" if record else None,
+        simulated=simulated,
+        lockstep=lockstep,
+    )
+
+
+def journal_folder(out: Path) -> Path:
+    """The folder for the nodes' journals: another at each start of a vehicle, so that no dive takes an earlier one's.
+
+    Args:
+        out: The folder for logs and recording.
+    """
+    return out / "journal" / f"{datetime.now():%Y-%m-%d-%H%M%S}-{os.getpid()}"
+
+
+def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
+    found = parameters.get(name, {})
+    if not isinstance(found, dict):
+        raise ParameterError(f"{file}: {name}: expected a mapping of parameters, got {found!r}")
+    return found
+
+
+def _with_lockstep(patterns: dict[str, dict[str, Any]], path: Path) -> Path:
+    whole = merge(patterns, {"/**": merge(patterns.get("/**", {}), {"sim": {"lockstep": True}})})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(yaml.safe_dump({k: {"ros__parameters": v} for k, v in whole.items()}, sort_keys=False))
+    return path
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/vehicle."""
+    p = argparse.ArgumentParser(
+        prog="scripts/vehicle",
+        description="Runs the nodes of one vehicle: gp, safety, planner, modem and, as the file says, micromodem, "
+        "vehicle link and recorder. A node that dies is started again. SIGTERM or Ctrl-C ends them all, the recorder "
+        "last.",
+        epilog="Exit codes: 0 ended by SIGTERM, or with the simulated mission; 1 a simulated mission lost; 2 the "
+        "request cannot be met; 130 Ctrl-C.",
+    )
+    p.add_argument("name", metavar="VEHICLE", help="the vehicle, as auv2")
+    p.add_argument("file", type=Path, metavar="FILE", help="the mission's parameter file (docs/operations.md)")
+    p.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for logs and recording (default: dives/DATE-TIME-auvN)"
+    )
+    p.add_argument("--domain", metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0)")
+    p.add_argument(
+        "--simulated",
+        action="store_true",
+        help="follow the simulator that scripts/sim starts on this machine; the default for a file with a section sim",
+    )
+    p.add_argument(
+        "--record",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="record, or do not (default: if record.folder is set; with a simulator, scripts/sim records)",
+    )
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a vehicle. Returns 0, 1, 2 or 130, as the help says."""
+    options = parser().parse_args(arguments)
+    root = project_folder()
+    try:
+        number = vehicle_number(options.name)
+        out = options.out or root / "dives" / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{number}"
+        out = out.resolve()
+        if (out / "bag").exists():
+            raise ParameterError(f"--out {out}: has a recording, {out / 'bag'}; expected a folder without one")
+        crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
+        domain = wanted_domain(options.domain)
+        environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
+        environment[FOLDER_VARIABLE] = str(journal_folder(out))
+        tasks = crew.tasks()
+        (out / "logs").mkdir(parents=True, exist_ok=True)
+    except (ParameterError, LaunchError, DomainError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"error: --out {out}: cannot be made: {error.strerror or error}", file=sys.stderr)
+        return 2
+    follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
+    _say(f"auv{number}: ROS domain {domain}{follows}; logs in {out / 'logs'}")
+    return _keep_running(crew, tasks, out / "logs", environment)
+
+
+class _Signals:
+    """SIGINT and SIGTERM as a flag, so that the nodes are ended in order."""
+
+    def __init__(self) -> None:
+        self.came: int | None = None
+        for sign in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(sign, self._note)
+
+    def _note(self, sign: int, frame: FrameType | None) -> None:
+        self.came = self.came or sign
+
+
+def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
+    signals = _Signals()
+    # in lockstep a node may take as long as it likes, and none can be started again
+    silent_s = math.inf if crew.lockstep else SILENT_S
+    supervisor = Supervisor(tasks, logs, environment, _say, silent_s)
+    began_s = called_s = time.monotonic()
+    told = False
+    with ExitStack() as stack:
+        stack.callback(_say, f"auv{crew.vehicle}: every node has ended")
+        stack.callback(supervisor.stop)
+        mission_end = (lambda: None) if not crew.simulated else stack.enter_context(_mission_end(environment))
+        while signals.came is None:
+            died = supervisor.tick(time.monotonic())
+            if supervisor.loading:
+                began_s = time.monotonic()
+                if not told and began_s - called_s > LOADING_TOLD_S:
+                    _say(f"auv{crew.vehicle}: still {LOADING}")
+                    told = True
+            early = time.monotonic() - began_s < _FIRST_START_S
+            for name, code in died:
+                if code == REFUSED and early and supervisor.starts[name] == 1:
+                    _say(f"error: {name} refuses its parameters: {supervisor.log(name)}")
+                    return 2
+                if crew.lockstep:
+                    _say(f"error: {name} is lost, and with it the tick that the simulator waits for")
+                    return 1
+            if (ended := mission_end()) is not None:
+                _say(f"auv{crew.vehicle}: the simulated mission has {ended}")
+                return 0 if ended == "finished" else 1
+            time.sleep(_TICK_S)
+    return 130 if signals.came == signal.SIGINT else 0
+
+
+def _mission_end(environment: dict[str, str]) -> Any:
+    """A context that gives a function: how the simulated mission has ended, None until then."""
+    from auv_lse_common.node.sim_status_node import SimStatusWatch  # ROS, which a vehicle's supervisor does without
+
+    os.environ.update(environment)
+    return SimStatusWatch()
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The mission file: its sections, how it is read and checked."""

@@ -1,0 +1,1 @@
+"""The sections of the mission file, a dataclass each."""

@@ -1,0 +1,112 @@
+"""Parameters of the Gaussian process: the section `gp` of a mission file."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from auv_lse_common.mission_file.parameters import ParameterError, parameter
+
+#: Names of the covariance functions, see `kernels.py`.
+KERNELS = ("matern32", "matern52", "squared_exponential", "wendland_c2", "wendland_c4")
+
+#: Prior means, see `prior_mean.py`.
+MEANS = ("constant", "plane", "survey")
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class GpConfig:
+    """The prior of the water depth, and how soundings enter it (paper, section "Online GP")."""
+
+    kernel: str = parameter("matern52", choices=KERNELS, help="Covariance function k(p, p').")
+    signal_std_m: float = parameter(8.0, above=0.0, unit="m", help="Standard deviation of the depth about its mean.")
+    std_soundings: float = parameter(
+        100.0,
+        low=0.0,
+        help="The map that is told scales its standard deviation by what the soundings show of it, and signal_std_m "
+        "is worth so many soundings in that; 0: told by signal_std_m alone. Planners always use signal_std_m.",
+    )
+    length_scale_m: float = parameter(
+        85.0,
+        above=0.0,
+        unit="m",
+        help="Length scale (of the first axis). A Wendland kernel's support is a fixed multiple of it, "
+        "chosen so that one length means about the same correlation for every kernel.",
+    )
+    length_scale_2_m: float = parameter(
+        0.0, low=0.0, unit="m", help="Length scale across the first axis; 0 for isotropic."
+    )
+    rotation_deg: float = parameter(
+        0.0, low=-180.0, high=180.0, unit="deg", help="Direction of the first axis, clockwise from north."
+    )
+    noise_std_m: float = parameter(
+        0.3, above=0.0, unit="m", help="Standard deviation of one sounding about the depth (sigma_n)."
+    )
+    mean: str = parameter("constant", choices=MEANS, help="Prior mean m(p).")
+    mean_depth_m: float = parameter(15.0, unit="m", help="Constant mean, or the plane's depth at the origin.")
+    mean_slope_north: float = parameter(0.0, help="Plane: metres deeper per metre north.")
+    mean_slope_east: float = parameter(0.0, help="Plane: metres deeper per metre east.")
+    survey_file: str = parameter(
+        "", help="Survey: CSV of north_m, east_m, depth_m, or an npz grid; linear in between, nearest outside."
+    )
+    min_spacing_m: float = parameter(
+        10.0, low=0.0, unit="m", help="A sounding is kept as a center if at least this far from every kept one."
+    )
+    merge: bool = parameter(
+        True, help="A sounding too close to a kept center is averaged into it instead of being dropped."
+    )
+    local: bool = parameter(
+        False, help="Predict from the centers within support_m only (the paper); false: from all of them, exactly."
+    )
+    support_m: float = parameter(
+        0.0,
+        low=0.0,
+        unit="m",
+        help="Radius of the local subset (d_eps, along the first axis), and the support of a Wendland kernel. "
+        "0: a default multiple of the length scale.",
+    )
+    outlier_sigmas: float = parameter(
+        0.0, low=0.0, help="A sounding more than this many sigmas off its prediction is flagged, not kept; 0: no gate."
+    )
+    team_outlier_sigmas: float = parameter(
+        5.0,
+        low=0.0,
+        help="The same for samples heard from team mates, against the vehicle's own map; 0: no gate.",
+    )
+    max_centers: int = parameter(
+        3000,
+        low=1,
+        help="Kernel centers at most; half of them from samples heard. What would be one more is given up, and said.",
+    )
+    min_depth_m: float = parameter(0.0, unit="m", help="A sounding shallower than this is refused as absurd.")
+    max_depth_m: float = parameter(1000.0, unit="m", help="A sounding deeper than this is refused as absurd.")
+    map_resolution_m: float = parameter(5.0, above=0.0, unit="m", help="Cell size of the map.")
+    publish_period_s: float = parameter(
+        30.0, above=0.0, unit="s", help="Node: time between field, risk map, isobath and diagnostics."
+    )
+
+    def __post_init__(self) -> None:
+        """Checks what no single field can know.
+
+        Raises:
+            ParameterError: naming the fields that contradict each other.
+        """
+        for name in ("signal_std_m", "length_scale_m", "noise_std_m", "map_resolution_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ParameterError(f"gp.{name}: got {value!r}; expected a finite number > 0")
+        for name in ("kernel", "mean"):
+            choices = {"kernel": KERNELS, "mean": MEANS}[name]
+            if getattr(self, name) not in choices:
+                raise ParameterError(f"gp.{name}: got {getattr(self, name)!r}; expected one of {', '.join(choices)}")
+        if self.mean == "survey" and not self.survey_file:
+            raise ParameterError("gp.survey_file: got ''; expected the file of soundings that gp.mean 'survey' needs")
+        if self.min_depth_m >= self.max_depth_m:
+            raise ParameterError(
+                f"gp.min_depth_m: got {self.min_depth_m!r}; expected less than gp.max_depth_m ({self.max_depth_m!r})"
+            )
+        if self.noise_std_m < 1e-4 * self.signal_std_m:
+            raise ParameterError(
+                f"gp.noise_std_m: got {self.noise_std_m!r}; expected at least 1e-4 of gp.signal_std_m "
+                f"({self.signal_std_m!r}): below, rounding errors in the posterior would show"
+            )

@@ -1,0 +1,40 @@
+"""Section `level_set`: the isobath to find, and what wrong calls cost."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from auv_lse_common.mission_file.parameters import ParameterError, parameter
+
+#: How the expected risk is computed: exactly, or as in the paper with an approximate error function.
+METHODS = ("exact", "exponential_quadratic")
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class LevelSetConfig:
+    """The isobath looked for and what errors about it cost: the section `level_set` of a mission file."""
+
+    level_m: float = parameter(15.0, unit="m", help="Depth of the isobath (l).")
+    cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe place safe (c1).")
+    cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe place unsafe (c2).")
+    method: str = parameter("exact", choices=METHODS, help="How the expected risk is computed.")
+
+    def __post_init__(self) -> None:
+        """Refuses values that are not usable.
+
+        Raises:
+            ParameterError: naming the field.
+        """
+        if not math.isfinite(self.level_m):
+            raise ParameterError(f"level_set.level_m: got {self.level_m!r}; expected a finite depth")
+        for name in ("cost_false_safe", "cost_false_unsafe"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise ParameterError(f"level_set.{name}: got {getattr(self, name)!r}; expected a finite number > 0")
+        if self.method not in METHODS:
+            raise ParameterError(f"level_set.method: got {self.method!r}; expected one of {', '.join(METHODS)}")
+
+    @property
+    def largest_risk(self) -> float:
+        """The largest Bayes risk that a place can have: c1 c2 / (c1 + c2), where P(f >= l) = c1 / (c1 + c2)."""
+        return self.cost_false_safe * self.cost_false_unsafe / (self.cost_false_safe + self.cost_false_unsafe)

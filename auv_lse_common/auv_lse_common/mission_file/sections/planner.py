@@ -1,0 +1,203 @@
+"""Parameters of mission, vehicle, motion and planner, and the bundle of all that a planner needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
+
+from auv_lse_common.mission_file.methods import METHODS, PROPOSALS, RISK_METHODS
+from auv_lse_common.mission_file.parameters import ParameterError, parameter, section
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_depth
+from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
+
+if TYPE_CHECKING:
+    _T = TypeVar("_T")
+    FromMethod = Annotated[_T, "left out, it follows from the method"]
+else:
+    #: A parameter that follows from the method where it is left out (None); `PlannerConfig.complete` fills it in.
+    FromMethod = Optional
+
+#: Places of a path that can be valued at once: their covariances take 0.5 GB.
+MOST_PLACES = 8000
+
+
+def from_method(paper: Any, **options: Any) -> Any:
+    """A parameter that follows from the method where it is left out.
+
+    Args:
+        paper: Its value in the paper's augmented method, from which the other methods differ (`methods.py`).
+        options: As `parameter` takes them.
+    """
+    declared = parameter(None, **options)
+    return field(default=None, metadata={**declared.metadata, "paper": paper})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerConfig:
+    """How a vehicle plans. What is left out (None) follows from the method; see `methods.py`."""
+
+    method: str = parameter("tour", choices=tuple(METHODS), help="named set of the parameters that are left out")
+    credit: FromMethod[str] = from_method(
+        "whole",
+        choices=("whole", "beyond"),
+        help="'whole' counts all benefit at own places (the paper's), 'beyond' only what team mates' plans "
+        "would not bring",
+    )
+    horizon: FromMethod[int] = from_method(3, low=1, high=200, help="legs planned (paper: m)")
+    iterations: FromMethod[int] = from_method(100, low=1, help="tree search iterations a decision")
+    augmented: FromMethod[bool] = from_method(
+        True, help="whether a naive path continues the plan to the mission's end (paper: augmented)"
+    )
+    naive_paths: FromMethod[tuple[int, ...]] = from_method(
+        LAWNMOWERS[:1], low=0xE0, high=0xFE, help="ids of the naive paths to choose from (naive.py)"
+    )
+    incumbent: FromMethod[bool] = from_method(
+        True, help="whether the last plan is kept unless the new one is worth more on the same data"
+    )
+    exploration: FromMethod[float] = from_method(
+        0.2, low=0.0, help="exploration constant of UCT, on values scaled to 0..1"
+    )
+    batch: int = parameter(8, low=1, high=256, help="paths the search values together")
+    samples_per_leg: int = parameter(1, low=1, high=20, help="measurement places along a leg that count in the reward")
+    lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
+    lane_heading_deg: float | None = parameter(
+        None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
+    )
+    map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
+    proposals: FromMethod[str] = from_method(
+        "path",
+        choices=PROPOSALS,
+        help="what proposes plans: an optimized tour by the map's reward, a tree search on the path's reward (or by "
+        "Dec-MCTS), the naive path alone, or the next leg by chance or by a score",
+    )
+    anytime_weight: float = parameter(
+        1.0, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
+    )
+    own_share: float = parameter(
+        1.0, low=0.0, help="method tour: weight of what the next legs bring at their own places, beside the map's drop"
+    )
+    tour_interval: FromMethod[int] = from_method(
+        5, low=0, high=65535, unit="legs", help="method tour: legs after which the tour is optimized again; 0: never"
+    )
+    team_order: str = parameter(
+        "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"
+    )
+    coordination: str = parameter(
+        "sequential",
+        choices=("sequential", "dec_mcts"),
+        help="sequential (greedy), or Dec-MCTS (Best et al. 2019): by what the map gains, whatever the credit; "
+        "incumbent is then false",
+    )
+    deadline_s: float = parameter(
+        2.0, unit="s", low=0.0, help="wall clock after which the best plan so far is taken; 0: none; not in lockstep"
+    )
+    replan_lead_s: float = parameter(4.0, unit="s", low=0.0, help="time before a leg's end that the next is decided")
+    plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is dropped")
+    odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry at which planning stops")
+    map_timeout_s: float = parameter(60.0, unit="s", above=0.0, help="age of the map that is reported as a problem")
+    reanchor_m: float = parameter(
+        10.0, unit="m", above=0.0, help="distance off the leg at which planning starts from odometry"
+    )
+
+    @property
+    def counts_the_map(self) -> bool:
+        """Whether account and bound are of the drop of the map's risk, not of that at the own places."""
+        return self.complete().proposals == "tour"
+
+    def complete(self) -> PlannerConfig:
+        """This configuration with the method's values where they are left out: no `FromMethod` parameter is None.
+
+        Raises:
+            ValueError: if the parameters contradict each other.
+        """
+        paper = {f.name: f.metadata["paper"] for f in fields(self) if "paper" in f.metadata}
+        given = {name: value for name in paper if (value := getattr(self, name)) is not None}
+        values = {**paper, **METHODS[self.method], **given}
+        if values["augmented"] and not values["naive_paths"]:
+            values["naive_paths"] = paper["naive_paths"]
+        if not values["augmented"] and values["proposals"] != "naive":
+            values["naive_paths"] = ()
+        if self.coordination == "dec_mcts":
+            if values["proposals"] != "path" or self.method in RISK_METHODS:
+                raise ValueError(
+                    f"planner.coordination: 'dec_mcts' is a tree search by the exact risk; got planner.method "
+                    f"{self.method!r} with proposals {values['proposals']!r}; expected 'augmented', 'plain' or "
+                    "proposals 'path'"
+                )
+            values["incumbent"] = given.get("incumbent", False)  # the rule compares by the own places, this by the map
+        return replace(self, **values)
+
+
+def _knows_its_place(parameters: Mapping[str, Any]) -> bool:
+    """Whether the simulated vehicles know their places without any fix (`sim` belongs to another package)."""
+    sim = parameters.get("sim", {})
+    navigation = sim.get("navigation", {}) if isinstance(sim, Mapping) else {}
+    return isinstance(navigation, Mapping) and bool(sim.get("ideal") or navigation.get("ideal"))
+
+
+def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
+    """Refuses parameters that contradict each other, and paths of more places to the end than can be valued at once.
+
+    Raises:
+        ParameterError: with what contradicts, or the most steps that the method can plan.
+    """
+    try:
+        complete = planner.complete()
+    except ValueError as error:
+        raise ParameterError(f"{where}: {error}") from error
+    each = 2 if complete.proposals == "tour" else complete.samples_per_leg  # touring.OWN_PLACES
+    places = mission.steps * each
+    if places > MOST_PLACES and (complete.augmented or complete.proposals in ("tour", "naive")):
+        raise ParameterError(
+            f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, which values all "
+            f"{places} places to the mission's end at once: their covariances take {8e-9 * places**2:.0f} GB; expected "
+            f"at most {MOST_PLACES // each} steps, or planner.method plain, which looks some "
+            "legs ahead"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerSettings:
+    """All that a `VehiclePlanner` is made from."""
+
+    mission: MissionConfig = field(default_factory=MissionConfig)
+    level_set: LevelSetConfig = field(default_factory=LevelSetConfig)
+    area: AreaConfig
+    gp: GpConfig = field(default_factory=GpConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    vehicle: VehicleConfig = field(default_factory=VehicleConfig)
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, Any], where: str, vehicle: int | None = None) -> PlannerSettings:
+        """The settings in a nested parameter mapping; sections of other packages are left alone.
+
+        Args:
+            parameters: Nested mapping (section -> parameter -> value).
+            where: Where it came from, for messages.
+            vehicle: Number of the vehicle, from 1: it takes its turn of `DEPTHS_M` if no depth is given.
+
+        Raises:
+            ParameterError: naming the key, the value, what was expected and `where`.
+        """
+        if vehicle is not None:
+            parameters = with_depth(parameters, vehicle)
+        mission = section(MissionConfig, parameters, "mission", where)
+        planner = section(PlannerConfig, parameters, "planner", where)
+        check_planner(mission, planner, where)
+        own = section(VehicleConfig, parameters, "vehicle", where)
+        led = dict(parameters.get("link", {})).get("kind") == "mavlink"
+        return cls(
+            mission=mission,
+            level_set=section(LevelSetConfig, parameters, "level_set", where),
+            area=section(AreaConfig, parameters, "area", where),
+            gp=section(GpConfig, parameters, "gp", where),
+            motion=section(MotionConfig, parameters, "motion", where),
+            planner=planner,
+            vehicle=own.without_surfacing() if led or _knows_its_place(parameters) else own,
+        )

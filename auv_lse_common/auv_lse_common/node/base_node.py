@@ -1,0 +1,191 @@
+"""What all of the stack's nodes do alike: parameters that are checked and shown, steady timers, readers waited for."""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+
+from auv_lse_common.mission_file.parameters import check_sections, describe, merge, nest, to_mapping
+
+#: A clock that nothing sets back.
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+_ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
+#: How often (s) a node that waits for its readers looks for them.
+_MATCHED_PERIOD_S = 0.05
+#: In lockstep, wall clock (s) without a simulator after which a node says what it waits for.
+_NO_SIMULATOR_S = 30.0
+
+
+class BaseNode(Node):
+    """A node whose parameters come strictly from the mission's file and are all visible once it runs.
+
+    Attributes:
+        where: Where its parameters come from, for messages.
+        parameters: Its parameters, nested by section.
+        gather_s: How long (s) messages may gather while nobody waits for the node: taken together they cost less.
+    """
+
+    gather_s = 0.0
+
+    def __init__(self, name: str) -> None:
+        """Reads the parameters given to the node; refuses a top-level section that nobody owns."""
+        super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        self.where = f"parameters of {self.get_fully_qualified_name()}"
+        flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
+        own = {key: _plain(v) for key, v in flat.items()}
+        self.parameters = nest({k: v for k, v in own.items() if k.split(".")[0] not in _ROS_OWN})
+        check_sections(self.parameters, self.where)
+        self._tunable: tuple[str, ...] = ()
+        self._apply: Callable[[dict[str, Any]], None] | None = None
+        if self.lockstep:
+            self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator)
+
+    def create_timer(self, timer_period_sec: float, callback: Callable[[], None], *others: Any, **options: Any) -> Any:
+        """A timer on a steady clock: one on the system's would fall silent for as long as that is set back."""
+        options.setdefault("clock", _STEADY)
+        return super().create_timer(timer_period_sec, callback, *others, **options)
+
+    def _look_for_simulator(self) -> None:
+        """Lockstep: warns once if nobody gives the ticks that this node waits for."""
+        if self.count_publishers("/lockstep/tick") == 0:
+            self._lonely.cancel()
+            self.get_logger().warning(
+                f"sim.lockstep is true, but there has been no simulator for {_NO_SIMULATOR_S:g} s; this node does "
+                "nothing until a tick comes. On a vehicle, set sim.lockstep: false (or leave out the section sim)."
+            )
+
+    @property
+    def lockstep(self) -> bool:
+        """True if the simulator leads this node tick by tick (`sim.lockstep`)."""
+        return bool(self.parameters.get("sim", {}).get("lockstep", False))
+
+    @property
+    def recorded(self) -> int:
+        """1 if a recorder reads along in this mission (`record.folder` is set), else 0."""
+        return int(bool(self.parameters.get("record", {}).get("folder", "")))
+
+    def now_s(self) -> float:
+        """Seconds of the node's ROS clock."""
+        return self.get_clock().now().nanoseconds * 1e-9
+
+    def when_matched(
+        self, readers: Mapping[Publisher, int], then: Callable[[], None], patience_s: float = math.inf
+    ) -> None:
+        """Calls `then` once each publisher has at least its number of matched readers (discovery takes up to 3 s).
+
+        Args:
+            readers: The number of readers each publisher waits for.
+            then: What comes next.
+            patience_s: Wall clock (s) after which it comes without those readers that are not there.
+        """
+        checks = 0
+
+        def check() -> None:
+            nonlocal checks
+            checks += 1
+            counts = {p.topic: (p.get_subscription_count(), number) for p, number in readers.items()}
+            waiting = {topic: f"{now} of {number}" for topic, (now, number) in counts.items() if now < number}
+            if not waiting or checks * _MATCHED_PERIOD_S >= patience_s:
+                timer.cancel()
+                then()
+            elif checks % 200 == 0:  # every 10 s
+                self.get_logger().warning(f"still waiting for readers of {waiting}")
+
+        timer = self.create_timer(_MATCHED_PERIOD_S, check)
+
+    def show_parameters(
+        self,
+        sections: Mapping[str, Any],
+        tunable: tuple[str, ...] = (),
+        apply: Callable[[dict[str, Any]], None] | None = None,
+    ) -> None:
+        """Declares every parameter of the checked `sections` with its value, and lets the `tunable` ones change.
+
+        A tunable one without a value ("as the method says") is declared as not set, so that it can be set.
+
+        Args:
+            sections: {section: its configuration}.
+            tunable: Full names ("planner.iterations") that may change while the node runs.
+            apply: Called with all parameters, nested, when tunable ones change; raises ValueError to refuse.
+        """
+        self._tunable, self._apply = tunable, apply
+        descriptors: dict[str, ParameterDescriptor] = {}
+        for name, config in sections.items():
+            descriptors |= _descriptors(type(config), name, tunable)
+            for key, value in _flatten(to_mapping(config), name).items():
+                descriptor = descriptors.get(key, ParameterDescriptor(read_only=key not in tunable))
+                if self.has_parameter(key):  # a parameter file gave it
+                    given = self.describe_parameter(key)
+                    descriptor.type, descriptor.dynamic_typing = given.type, given.dynamic_typing
+                    self.set_descriptor(key, descriptor)
+                else:
+                    self.declare_parameter(key, value, descriptor)
+            self.parameters = merge(self.parameters, {name: to_mapping(config)})
+        for key in tunable:
+            if not self.has_parameter(key):
+                descriptor = descriptors.get(key, ParameterDescriptor())
+                descriptor.dynamic_typing = True
+                self.declare_parameter(key, None, descriptor)
+        self.add_on_set_parameters_callback(self._on_set)
+
+    def _on_set(self, changes: list[Parameter]) -> SetParametersResult:
+        changed = {p.name: _plain(p.value) for p in changes if p.name.split(".")[0] not in _ROS_OWN}
+        for name in changed:
+            if name not in self._tunable:
+                reason = (
+                    f"{name} takes effect only at the start of the node; tunable: {', '.join(self._tunable) or 'none'}"
+                )
+                return SetParametersResult(successful=False, reason=reason)
+            if changed[name] is None:
+                reason = f"{name} cannot be unset while the node runs; expected a value"
+                return SetParametersResult(successful=False, reason=reason)
+        if changed and self._apply is not None:
+            wanted = merge(self.parameters, nest(changed))
+            try:
+                self._apply(wanted)
+            except ValueError as error:  # an exception that leaves this callback would end the node
+                return SetParametersResult(successful=False, reason=str(error))
+            self.parameters = wanted
+            self.note_tuned(changed)
+        return SetParametersResult(successful=True)
+
+    def note_tuned(self, changed: Mapping[str, Any]) -> None:
+        """Parameters were changed while the node runs, {full name: value}."""
+
+
+def _descriptors(config: type, section: str, tunable: tuple[str, ...]) -> dict[str, ParameterDescriptor]:
+    """What `ros2 param describe` says of each parameter of a section: meaning, unit, range, and whether it may change.
+
+    The range is told as text: the node's own check, which names what was expected, stays the one that refuses.
+    """
+    return {
+        key: ParameterDescriptor(
+            name=key,
+            description=help + (f" [{unit}]" if unit else ""),
+            additional_constraints=allowed,
+            read_only=key not in tunable,
+        )
+        for key, _, unit, allowed, help in describe(config, f"{section}.")
+    }
+
+
+def _plain(value: Any) -> Any:
+    """A parameter's value as a mission file would have it: numbers come from messages as arrays."""
+    return list(value) if isinstance(value, array.array) else value
+
+
+def _flatten(nested: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in nested.items():
+        name = f"{prefix}.{key}"
+        flat.update(_flatten(value, name) if isinstance(value, Mapping) else {name: value})
+    return flat

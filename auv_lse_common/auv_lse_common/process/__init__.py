@@ -1,0 +1,1 @@
+"""Processes and ROS domains: started, watched, ended."""

@@ -1,0 +1,19 @@
+"""The qualities of service of the stack's topics."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from auv_lse_common.topics.table import Topic
+
+#: Every message counts: reliable, and room for a burst (depth 1 drops bursts).
+EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+#: For a state that is soon replaced: also hears drivers that publish with ROS's sensor QoS (best effort).
+NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: The last message also reaches readers that come later (latched).
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def quality_of(topic: Topic) -> QoSProfile:
+    """The quality of service of one of the stack's topics."""
+    return LATCHED if topic.latched else EVERY

@@ -1,0 +1,1 @@
+"""What all packages speak of: places, legs, plans, missions, seeds. No ROS, no files."""

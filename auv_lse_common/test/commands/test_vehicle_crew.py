@@ -1,0 +1,87 @@
+"""What runs for one vehicle, by its parameter file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from auv_lse_common.commands.vehicle import crew_of, main, vehicle_number
+from auv_lse_common.mission_file.parameters import ParameterError, read_parameter_file
+
+FOR_ALL = {
+    "mission": {"vehicles": 3},
+    "modem": {"kind": "micromodem", "port": "/dev/ttyS0"},
+    "link": {"kind": "mavlink"},
+    "record": {"folder": "bag"},
+}
+
+
+def write(folder: Path, own: dict[str, object] | None = None, **sections: object) -> Path:
+    path = folder / "vehicles.yaml"
+    body = {"/**": {"ros__parameters": {**FOR_ALL, **sections}}}
+    if own is not None:
+        body["/auv2/**"] = {"ros__parameters": own}
+    path.write_text(yaml.safe_dump(body))
+    return path
+
+
+def crew(file: Path, *, simulated: bool = False, record: bool | None = None):
+    return crew_of("auv2", file, file.parent / "dive", simulated, record)
+
+
+def test_the_file_says_which_nodes_run(tmp_path: Path) -> None:
+    found = crew(write(tmp_path))
+    names = ["gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node"]
+    assert [p.name for p in found.processes] == [f"auv2.{name}" for name in names]
+    assert found.recording == tmp_path / "dive" / "bag"
+    assert not found.simulated
+    assert not found.lockstep
+    bare = crew(write(tmp_path, own={"modem": {"kind": "direct"}, "link": {"kind": "direct"}}, record={"folder": ""}))
+    assert [p.executable for p in bare.processes] == names[:4], "this vehicle's own sections count"
+    assert bare.recording is None
+    assert crew(write(tmp_path), record=False).recording is None
+
+
+def test_a_file_with_a_section_sim_follows_the_simulator_which_records(tmp_path: Path) -> None:
+    file = write(tmp_path, sim={"lockstep": True, "tick_s": 1.0})
+    found = crew(file)
+    assert (found.simulated, found.lockstep, found.recording, found.file) == (True, True, None, file)
+    paced = crew(write(tmp_path, sim={"lockstep": False}))
+    assert (paced.simulated, paced.lockstep) == (True, False)
+
+
+def test_a_file_without_a_section_sim_can_follow_the_simulator(tmp_path: Path) -> None:
+    found = crew(write(tmp_path), simulated=True)
+    assert (found.simulated, found.lockstep) == (True, True)
+    whole = read_parameter_file(found.file)["/**"]
+    assert whole == {**FOR_ALL, "sim": {"lockstep": True}}, "the nodes' own default is false"
+
+
+@pytest.mark.parametrize("name", ["auv0", "auv256", "auv", "uav2", "auv-1", ""])
+def test_a_name_that_is_no_vehicles_is_refused(name: str) -> None:
+    with pytest.raises(ParameterError, match="expected a name from auv1 to auv255"):
+        vehicle_number(name)
+    assert vehicle_number("auv7") == vehicle_number("/auv7") == vehicle_number("7") == 7
+
+
+@pytest.mark.parametrize("name", ["mission", "sim", "modem", "link", "record"])
+@pytest.mark.parametrize("value", [5, None, [1]])
+def test_a_section_that_is_none_is_refused(name: str, value: object, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name}: expected a mapping of parameters, got"):
+        crew(write(tmp_path, **{name: value}))
+
+
+def test_what_cannot_run_is_said_and_nothing_is_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, out = write(tmp_path), tmp_path / "dive"
+    assert main(["auv4", str(file), "--out", str(out)]) == 2
+    assert "mission.vehicles: is 3; expected at least 4, to have an auv4" in capsys.readouterr().err
+    assert main(["auv1", str(tmp_path / "none.yaml"), "--out", str(out)]) == 2
+    assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
+    assert main(["auv1", str(write(tmp_path, plannner={})), "--out", str(out)]) == 2
+    assert "plannner: unknown section; did you mean 'planner'?" in capsys.readouterr().err
+    assert not out.exists()
+    (out / "bag").mkdir(parents=True)
+    assert main(["auv1", str(write(tmp_path)), "--out", str(out)]) == 2
+    assert "has a recording" in capsys.readouterr().err

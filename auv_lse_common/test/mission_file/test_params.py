@@ -1,0 +1,198 @@
+"""The strict loader: what it takes, and the words with which it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from auv_lse_common.mission_file.parameters import (
+    ParameterError,
+    check_sections,
+    describe,
+    from_mapping,
+    merge,
+    nest,
+    parameter,
+    parameters_for,
+    read_parameter_file,
+    read_yaml,
+    section,
+    to_mapping,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inner:
+    gain: float = parameter(1.0, above=0.0, unit="m", help="a gain")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outer:
+    count: int = parameter(3, low=1, high=9, help="a count")
+    name: str = parameter("a", choices=("a", "b"), help="a name")
+    on: bool = parameter(False, help="a switch")
+    angles: tuple[float, ...] = parameter((0.0,), low=-1.0, high=1.0, help="angles")
+    zones: dict[str, tuple[float, ...]] = parameter({}, help="named polygons")
+    limit: float | None = parameter(None, low=0.0, help="may be absent")
+    inner: Inner = field(default_factory=Inner)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Needy:
+    must: float = parameter(unit="s", low=0.0, help="no default")
+
+    def __post_init__(self) -> None:
+        if self.must == 13.0:
+            raise ValueError("must = 13: expected any other number")
+
+
+def test_defaults_and_values() -> None:
+    assert from_mapping(Outer, {}, "x") == Outer()
+    given_ = {"count": 5, "angles": [1, -1], "inner": {"gain": 2}, "zones": {"z": [1, 2.5]}, "limit": 4}
+    config = from_mapping(Outer, given_, "x")
+    assert config == Outer(count=5, angles=(1.0, -1.0), inner=Inner(gain=2.0), zones={"z": (1.0, 2.5)}, limit=4.0)
+    assert isinstance(config.inner.gain, float)
+    assert from_mapping(Outer, to_mapping(config), "x") == config
+
+
+@pytest.mark.parametrize(
+    ("mapping", "message"),
+    [
+        ({"cuont": 5}, r"f: s\.cuont: unknown parameter \(value 5\); did you mean 'count'\?"),
+        ({"zebra": 5}, r"known: angles, count, inner, limit, name, on, zones"),
+        ({"count": 10}, r"f: s\.count: got 10; expected int >= 1 and <= 9"),
+        ({"count": 2.0}, r"f: s\.count: got 2\.0"),
+        ({"count": True}, r"f: s\.count: got True"),
+        ({"name": "c"}, r"f: s\.name: got 'c'; expected one of 'a', 'b'"),
+        ({"on": 1}, r"f: s\.on: got 1"),
+        ({"angles": [0.0, 2.0]}, r"f: s\.angles\[1\]: got 2\.0; expected a list of floats >= -1 and <= 1"),
+        ({"angles": "0.0"}, r"f: s\.angles: got '0\.0'"),
+        ({"inner": {"gain": 0.0}}, r"f: s\.inner\.gain: got 0\.0; expected float > 0 m"),
+        ({"inner": {"gain": float("nan")}}, r"f: s\.inner\.gain: got nan"),
+        ({"inner": {"gain": float("inf")}}, r"f: s\.inner\.gain: got inf"),
+        ({"inner": {"gain": "1e999"}}, r"f: s\.inner\.gain: got '1e999'"),
+        ({"inner": {"gain": "1.5"}}, r"f: s\.inner\.gain: got '1\.5'"),
+        ({"limit": float("inf")}, r"f: s\.limit: got inf"),
+        ({"count": "1e0"}, r"f: s\.count: got '1e0'"),
+        ({"inner": 3}, r"f: s\.inner: expected a mapping of parameters, got 3"),
+        ({"zones": [1.0]}, r"f: s\.zones: got \[1\.0\]; expected a mapping"),
+        ({"limit": -1.0}, r"f: s\.limit: got -1\.0"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(mapping: dict[str, object], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        section(Outer, {"s": mapping}, "s", "f")
+
+
+@pytest.mark.parametrize(("text", "value"), [("1e-3", 1e-3), ("2E5", 2e5), ("1.5e3", 1.5e3)])
+def test_numbers_that_yaml_1_1_takes_for_text(text: str, value: float) -> None:
+    assert isinstance(yaml.safe_load(text), str)
+    assert from_mapping(Inner, {"gain": yaml.safe_load(text)}, "f").gain == value
+
+
+def test_missing_and_cross_checked() -> None:
+    with pytest.raises(ParameterError, match=r"f\.must: missing; expected float >= 0 s"):
+        from_mapping(Needy, {}, "f")
+    with pytest.raises(ParameterError, match=r"f: must = 13: expected any other number"):
+        from_mapping(Needy, {"must": 13.0}, "f")
+
+
+def test_sections_nobody_owns() -> None:
+    check_sections({"gp": {}, "planner": {}}, "f")
+    with pytest.raises(ParameterError, match=r"f: planer: unknown section; did you mean 'planner'\?"):
+        check_sections({"planer": {}}, "f")
+
+
+@given(st.dictionaries(st.from_regex(r"[a-z]{1,4}(\.[a-z]{1,4}x){0,2}", fullmatch=True), st.integers(), max_size=8))
+def test_nest_keeps_every_leaf(flat: dict[str, int]) -> None:
+    prefixes = {k for k in flat if any(other.startswith(k + ".") for other in flat)}
+    flat = {k: v for k, v in flat.items() if k not in prefixes}
+
+    def leaves(nested: dict[str, object], prefix: str = "") -> dict[str, object]:
+        found: dict[str, object] = {}
+        for key, value in nested.items():
+            name = f"{prefix}{key}"
+            found.update(leaves(value, name + ".") if isinstance(value, dict) else {name: value})
+        return found
+
+    assert leaves(nest(flat)) == flat
+
+
+def test_merge_goes_deep_and_leaves_its_arguments_alone() -> None:
+    base = {"a": {"x": 1, "y": 2}, "b": 3}
+    assert merge(base, {"a": {"y": 5}, "c": 4}) == {"a": {"x": 1, "y": 5}, "b": 3, "c": 4}
+    assert base == {"a": {"x": 1, "y": 2}, "b": 3}
+
+
+def test_a_nodes_parameters_follow_rcls_patterns(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(
+        "/**: {ros__parameters: {a: 1, s.x: 2}}\n/auv1/**: {ros__parameters: {a: 5}}\n"
+        "/auv1/gp_node: {ros__parameters: {s: {x: 9}}}\n"
+    )
+    patterns = read_parameter_file(path)
+    assert parameters_for(patterns, "/auv1/gp_node") == {"a": 5, "s": {"x": 9}}
+    assert parameters_for(patterns, "/auv2/gp_node") == {"a": 1, "s": {"x": 2}}
+    assert parameters_for(patterns, "/auv11/gp_node") == {"a": 1, "s": {"x": 2}}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "node", "matches"),
+    [
+        ("/**", "/gp_node", True),
+        ("**", "/auv1/gp_node", True),
+        ("/auv1/**", "/auv1/gp_node", True),
+        ("/auv1/**", "/auv1/a/gp_node", True),
+        ("auv1/**", "/auv1/gp_node", True),
+        ("/auv1/*", "/auv1/gp_node", True),
+        ("/auv1/*", "/auv1/a/gp_node", False),
+        ("/*/gp_node", "/auv1/gp_node", True),
+        ("/**/gp_node", "/auv1/gp_node", True),
+        ("/**/gp_node", "/gp_node", True),
+        ("/auv1", "/auv1/gp_node", False),
+        ("/auv[1]/**", "/auv1/gp_node", False),
+    ],
+)
+def test_a_star_is_one_name_and_two_stars_any_number(pattern: str, node: str, matches: bool) -> None:
+    assert parameters_for({pattern: {"a": 1}}, node) == ({"a": 1} if matches else {})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("- 1\n", "expected a ROS 2 parameter file"),
+        ("a: {b: 1}\n", "under 'a'"),
+        ("{", r"m.yaml: not valid YAML: line 1, column 2: expected the node content, but found '<stream end>'"),
+        ("/**: {a: !!python/name:x 1}", "not valid YAML: line 1, column 10: could not determine a constructor"),
+        (
+            "/**:\n  ros__parameters: {}\n/**:\n",
+            "not valid YAML: line 3, column 1: the key '/\\*\\*' stands here again",
+        ),
+        ("/**:\n  ros__parameters:\n    gp: {}\n    gp: {}\n", "line 4, column 5: the key 'gp' stands here again"),
+    ],
+)
+def test_files_of_another_shape_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text(text)
+    with pytest.raises(ParameterError, match=message):
+        read_parameter_file(path)
+    with pytest.raises(ParameterError, match="cannot be read: No such file"):
+        read_parameter_file(tmp_path / "none.yaml")
+
+
+def test_a_merged_key_may_be_given_again(tmp_path: Path) -> None:
+    path = tmp_path / "m.yaml"
+    path.write_text("x: &x {a: 1, b: 2}\ny: {<<: *x, b: 3}\n")
+    assert read_yaml(path)["y"] == {"a": 1, "b": 3}
+
+
+def test_describe_lists_every_parameter() -> None:
+    rows = {row[0]: row for row in describe(Outer, "s.")}
+    assert set(rows) == {"s.count", "s.name", "s.on", "s.angles", "s.zones", "s.limit", "s.inner.gain"}
+    assert rows["s.inner.gain"] == ("s.inner.gain", 1.0, "m", "> 0", "a gain")

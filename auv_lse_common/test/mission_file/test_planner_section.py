@@ -1,0 +1,88 @@
+import dataclasses
+
+import pytest
+
+from auv_lse_common.mission_file.methods import METHODS
+from auv_lse_common.mission_file.parameters import ParameterError, from_mapping
+from auv_lse_common.mission_file.sections.mission import MissionConfig
+from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings, check_planner
+from auv_lse_planner.methods import touring
+
+
+def test_methods_are_the_papers_and_single_parameters_go_before():
+    paper = PlannerConfig(method="augmented").complete()
+    assert (paper.proposals, paper.credit, paper.horizon, paper.augmented) == ("path", "whole", 3, True)
+    assert (paper.naive_paths, paper.incumbent) == ((0xF0,), True)
+    plain = PlannerConfig(method="plain").complete()
+    assert (plain.proposals, plain.credit, plain.horizon, plain.augmented) == ("path", "whole", 10, False)
+    assert (plain.naive_paths, plain.incumbent) == ((), False)
+    changed = PlannerConfig(method="augmented", horizon=5, incumbent=False, naive_paths=(0xF4, 0xF5)).complete()
+    assert (changed.horizon, changed.incumbent, changed.naive_paths) == (5, False, (0xF4, 0xF5))
+    assert PlannerConfig(method="plain", augmented=True).complete().naive_paths == (0xF0,)
+    assert PlannerConfig(method="plain", naive_paths=(0xF4,)).complete().naive_paths == ()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_nothing_that_follows_from_the_method_is_left_out(method):
+    complete = PlannerConfig(method=method).complete()
+    missing = {f.name for f in dataclasses.fields(complete) if getattr(complete, f.name) is None}
+    assert missing == {"lane_heading_deg"}  # which follows from the area
+    assert complete.complete() == complete
+
+
+def test_a_methods_values_are_parameters_that_a_file_may_give():
+    for method, values in METHODS.items():
+        assert from_mapping(PlannerConfig, {"method": method, **values}, "methods.py").method == method
+
+
+def test_the_default_counts_the_map_and_the_papers_methods_their_paths():
+    assert PlannerConfig().method == "tour"
+    assert {m for m in METHODS if PlannerConfig(method=m).counts_the_map} == {"tour", "fixed_tour"}
+
+
+@pytest.mark.parametrize(
+    ("planner", "message"),
+    [
+        ({"method": "bset"}, "planner.method: got 'bset'; expected one of"),
+        ({"iteratons": 5}, "did you mean 'iterations'"),
+        ({"horizon": 0}, "planner.horizon: got 0; expected"),
+        ({"naive_paths": [0x10]}, r"planner.naive_paths\[0\]: got 16"),
+    ],
+)
+def test_wrong_parameters_are_named(planner, message):
+    with pytest.raises(ParameterError, match=message):
+        PlannerSettings.from_parameters({"area": {}, "planner": planner}, "file.yaml")
+
+
+def test_the_depth_left_out_follows_from_the_vehicles_number():
+    depths = [PlannerSettings.from_parameters({"area": {}}, "f", k).vehicle.depth_m for k in (1, 2, 3, 4)]
+    assert depths == [3.0, 4.0, 5.0, 3.0]
+    given = {"area": {}, "vehicle": {"depth_m": 7.0, "speed_mps": 1.0}}
+    assert PlannerSettings.from_parameters(given, "f", 2).vehicle.depth_m == 7.0
+
+
+def test_configuration_round_trip():
+    from auv_lse_common.mission_file.parameters import to_mapping
+
+    config = PlannerConfig(method="plain", horizon=7, naive_paths=(0xF4,))
+    assert from_mapping(PlannerConfig, to_mapping(config), "again") == config
+
+
+@pytest.mark.parametrize(("method", "most"), [("augmented", 8000), ("tour", 4000), ("lawnmower", 8000)])
+def test_a_mission_too_long_to_be_valued_at_once_is_refused(method: str, most: int) -> None:
+    """Before, the first decision ended in a MemoryError."""
+    message = rf"mission.steps: got 65535 with planner.method '{method}'.* GB; expected at most {most} steps"
+    with pytest.raises(ParameterError, match=message):
+        check_planner(MissionConfig(steps=65535), PlannerConfig(method=method), "m.yaml")
+    assert touring.OWN_PLACES == 2
+    check_planner(MissionConfig(steps=most), PlannerConfig(method=method), "m.yaml")
+
+
+def test_a_method_that_looks_some_legs_ahead_may_have_any_length() -> None:
+    check_planner(MissionConfig(steps=65535), PlannerConfig(method="plain"), "m.yaml")
+
+
+def test_parameters_of_the_planner_that_contradict_each_other_are_refused_with_their_place():
+    message = r"m\.yaml: planner\.coordination: 'dec_mcts' is a tree search .* got planner\.method 'tour'"
+    with pytest.raises(ParameterError, match=message):
+        PlannerSettings.from_parameters({"area": {}, "planner": {"coordination": "dec_mcts"}}, "m.yaml")

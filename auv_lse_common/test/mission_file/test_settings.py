@@ -1,0 +1,191 @@
+"""The whole mission file: strict, complete, and the same after a round trip."""
+
+import subprocess
+import sys
+
+import pytest
+
+from auv_lse_common.mission_file.parameters import ParameterError, describe, parameters_for, read_parameter_file
+from auv_lse_common.mission_file.sections.places import places_of
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.mission_file.sections.sim import SimConfig
+from auv_lse_common.mission_file.sections.vehicle import DEPTHS_M
+from auv_lse_common.mission_file.settings import Settings
+
+
+def write(tmp_path, text):
+    path = tmp_path / "mission.yaml"
+    path.write_text(text)
+    return path
+
+
+MISSION = """
+/**:
+  ros__parameters:
+    mission: {vehicles: 4, seed: 9}
+    sim.dvl.noise_mps: 0.02
+    planner: {method: plain}
+/auv2/**:
+  ros__parameters:
+    vehicle: {depth_m: 4.5, start_delay_s: 30.0}
+    planner: {iterations: 50}
+/auv7/**:
+  ros__parameters:
+    vehicle: {depth_m: 9.0}
+"""
+
+
+def test_defaults_are_the_papers_field_trial():
+    s = Settings.load()
+    assert (s.mission.vehicles, s.mission.steps) == (3, 100)
+    assert [own.vehicle.depth_m for own in s.vehicles] == [3.0, 4.0, 5.0]
+    assert (s.level_set.level_m, s.tdma.slot_s, s.motion.turn_radius_m) == (15.0, 10.0, 15.0)
+    assert s.sim.altimeter.noise_m == 0.012
+
+
+def test_file_and_overrides(tmp_path):
+    path = write(tmp_path, MISSION)
+    s = Settings.load(path)
+    assert s.mission.seed == 9
+    assert s.sim.dvl.noise_mps == 0.02  # ROS's dotted names nest
+    assert [own.vehicle.depth_m for own in s.vehicles] == [DEPTHS_M[0], 4.5, DEPTHS_M[2], DEPTHS_M[0]]
+    assert s.vehicle(2).vehicle.start_delay_s == 30.0
+    assert (s.vehicle(1).planner.iterations, s.vehicle(2).planner.iterations) == (None, 50)
+    over = Settings.load(path, {"mission.seed": 3, "planner": {"iterations": 20}, "auv3.vehicle.speed_mps": 1.0})
+    assert over.mission.seed == 3
+    assert [own.planner.iterations for own in over.vehicles] == [20, 20, 20, 20]  # the last word, over /auv2 too
+    assert [own.planner.method for own in over.vehicles] == ["plain"] * 4
+    assert [own.vehicle.speed_mps for own in over.vehicles] == [1.5, 1.5, 1.0, 1.5]
+    assert over.vehicle(2).vehicle.depth_m == 4.5
+
+
+def test_complete_file_loads_to_the_same(tmp_path):
+    s = Settings.load(write(tmp_path, MISSION), {"area.no_go": {"island": [0.0, 0.0, 50.0, 0.0, 50.0, 50.0]}})
+    text = s.to_parameter_file()
+    again = Settings.load(write(tmp_path, text))
+    assert again.to_patterns() == s.to_patterns()
+    assert again.to_parameter_file() == text
+    assert again.mission.seed == 9
+    for number in range(1, 5):
+        assert again.vehicle(number) == s.vehicle(number)
+        assert again.planner_settings(number) == s.planner_settings(number)
+    assert again.sim == s.sim
+
+
+def test_complete_file_holds_every_default(tmp_path):
+    path = write(tmp_path, Settings.load().to_parameter_file())
+    values = parameters_for(read_parameter_file(path), "/auv1/gp_node")["sim"]
+    for name, default, *_ in describe(SimConfig):
+        level = values
+        *parents, leaf = name.split(".")
+        for parent in parents:
+            level = level[parent]
+        if default not in ((), {}, None):
+            got = level[leaf]
+            assert (tuple(got) if isinstance(got, list) else got) == default, name
+            assert isinstance(got, type(default) if not isinstance(default, tuple) else list), name
+
+
+def test_ros_reads_the_complete_file(tmp_path):
+    """rcl's YAML knows neither aliases nor nulls, and takes 1e-05 for a text."""
+    text = Settings.load(None, {"sim.gyro.noise_deg_rth": 1e-5}).to_parameter_file()
+    assert "1.0e-05" in text
+    for word in ("null", "&id", "*id", "[]", "{}"):
+        assert word not in text
+
+
+def test_parameters_of_a_vehicle_are_its_own(tmp_path):
+    s = Settings.load(write(tmp_path, MISSION))
+    assert s.parameters(2)["vehicle"]["depth_m"] == 4.5
+    assert s.parameters(3)["vehicle"]["depth_m"] == 5.0
+    assert s.parameters(3)["tdma"]["slot_s"] == 10.0
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("/**: {ros__parameters: {missions: {seed: 1}}}", r"missions: unknown section; did you mean 'mission'"),
+        ("/**: {ros__parameters: {sim: {dvl: {noise: 1.0}}}}", r"sim\.dvl\.noise: unknown parameter .*noise_mps"),
+        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"noise_mps: got -1\.0; expected float >= 0 m/s"),
+        ("/**: {ros__parameters: {sim: {dvl: {dropout_min_s: 3.0}}}}", r"dropout_min_s 3 > dropout_max_s 2"),
+        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed: got 1\.5; expected int"),
+        ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal: got 1; expected bool"),
+        ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma: the same for the whole team"),
+        ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim: the same for the whole team"),
+        ("/auv1/gp_node: {ros__parameters: {gp: {noise_std_m: 0.1}}}", r"/auv1/gp_node: expected '/\*\*' \(all\)"),
+        ("/auv0/**: {ros__parameters: {vehicle: {depth_m: 1.0}}}", r"vehicle 0; expected 1 to 3"),
+        ("/auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2: .*matches only a node.*expected '/auv2/\*\*'"),
+        ("auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"auv2: .*matches only a node.*expected '/auv2/\*\*'"),
+        ("/auv2/*: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2/\*: expected '/\*\*' \(all\)"),
+        ("/auv02/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv02/\*\*: expected '/\*\*' \(all\)"),
+        ("/auv*/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv\*/\*\*: expected '/\*\*' \(all\)"),
+        ("/auv2/**: {ros__parameters: {vehicle: {depht_m: 1.0}}}", r"auv2.*depht_m: unknown parameter .*depth_m"),
+        ("", r"is empty; expected a ROS 2 parameter file"),
+    ],
+)
+def test_errors_name_the_fault_and_what_was_expected(tmp_path, text, match):
+    with pytest.raises(ParameterError, match=match):
+        Settings.load(write(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "auv2/**: {ros__parameters: {vehicle: {depth_m: 8.0}}}\n/auv2/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}",
+        "/auv2/**: {ros__parameters: {vehicle: {depth_m: 8.0}}}\n/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}",
+    ],
+)
+def test_an_override_of_one_vehicle_wins_over_every_pattern_of_the_file(tmp_path, text):
+    path = write(tmp_path, text)
+    assert Settings.load(path).vehicle(2).vehicle.depth_m == 9.0
+    assert Settings.load(path, {"auv2.vehicle.depth_m": 6.0}).vehicle(2).vehicle.depth_m == 6.0
+
+
+def test_overrides_are_checked_as_the_file_is(tmp_path):
+    with pytest.raises(ParameterError, match=r"/auv2/\*\*: tdma: the same for the whole team"):
+        Settings.load(None, {"auv2.tdma.slot_s": 20.0})
+    with pytest.raises(ParameterError, match="vehicle 0; expected 1 to 3"):
+        Settings.load(None, {"auv0.vehicle.depth_m": 2.0})
+
+
+def test_reading_a_mission_file_imports_no_recorder_cluster_or_drawing():
+    code = (
+        "import sys, auv_lse_common.mission_file.settings; "
+        "print([m for m in ('rosbags', 'matplotlib', 'distributed', 'dask', 'pyarrow', 'auv_lse_record.recorder', "
+        "'auv_lse_sim.ground.ground_files') if m in sys.modules])"
+    )
+    path = ":".join(sys.path)
+    done = subprocess.run([sys.executable, "-c", code], env={"PYTHONPATH": path}, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_no_such_vehicle():
+    with pytest.raises(ValueError, match="vehicle 4: expected 1 to 3"):
+        Settings.load().vehicle(4)
+
+
+def test_a_complete_file_flown_by_a_larger_team_gives_the_new_ones_depths_in_turn():
+    complete = Settings.load(None, {"mission.vehicles": 2, "auv2.vehicle.depth_m": 7.5}).to_patterns()
+    larger = Settings.from_patterns(complete, "mission.yaml", {"mission.vehicles": 5})
+    assert [own.vehicle.depth_m for own in larger.vehicles] == [3.0, 7.5, 5.0, 3.0, 4.0]
+
+
+def test_what_follows_from_the_method_follows_the_method_that_is_flown():
+    """`places.correct` is left out: it is off with the paper's methods, and on again with others."""
+    settings = Settings.load(None, {"planner.method": "plain"})
+    assert settings.places_in_force(1).correct is False
+    again = settings.with_overrides({"planner.method": "tour"})
+    assert again.places_in_force(1).correct is True
+    own = Settings.load(None, {"auv2.planner.method": "plain"})
+    assert [own.places_in_force(k).correct for k in (1, 2, 3)] == [True, False, True]
+    assert places_of(own.parameters(2), "node").correct is False, "as its nodes take it"
+
+
+@pytest.mark.parametrize("ideal", ["sim.ideal", "sim.navigation.ideal"])
+def test_a_vehicle_that_knows_its_place_does_not_surface_for_a_fix(ideal):
+    settings = Settings.load(None, {ideal: True})
+    assert settings.planner_settings(1).vehicle.surfacings == 0
+    assert PlannerSettings.from_parameters(settings.parameters(1), "node", 1).vehicle.surfacings == 0
+    assert settings.with_overrides({ideal: False}).planner_settings(1).vehicle.surfacings is None
+    asked = settings.with_overrides({"vehicle.surfacings": 2})
+    assert asked.planner_settings(1).vehicle.surfacings == 2

@@ -1,0 +1,111 @@
+"""Journals: what a killed process wrote is read back; a torn line, another mission and a full disk do no harm."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from auv_lse_common.node.journal import Journal
+
+MISSION = {"vehicle": 2, "steps": 100}
+
+
+def test_records_are_read_back_to_the_last_bit(tmp_path: Path) -> None:
+    path = tmp_path / "a folder" / "gp é.journal"
+    values = [0.1 + 0.2, 1e-300, -0.0, math.inf, "Zürich", None, True, 2**100, [1, [2.5]], {"a": [1]}]
+    first = Journal(path, MISSION)
+    assert first.records == []
+    first.write("step", values)
+    first.write("plan")
+    again = Journal(path, MISSION)
+    assert again.records == [["step", values], ["plan"]]
+    again.write("more", 1)
+    assert len(Journal(path, MISSION).records) == 3
+    assert again.status == "2 records read back"
+
+
+def test_another_mission_is_put_aside(tmp_path: Path) -> None:
+    path = tmp_path / "gp.journal"
+    Journal(path, MISSION).write("step", 1)
+    other = Journal(path, {**MISSION, "steps": 101})
+    assert other.records == []
+    other.write("step", 2)
+    assert Journal(path, {**MISSION, "steps": 101}).records == [["step", 2]]
+    assert b'["step",1]' in (tmp_path / "gp.journal.old").read_bytes()
+
+
+def test_a_file_cut_anywhere_gives_the_whole_lines_before_the_cut(tmp_path: Path) -> None:
+    path = tmp_path / "gp.journal"
+    journal = Journal(path, MISSION)
+    for number in range(3):
+        journal.write("step", number)
+    data = path.read_bytes()
+    ends = [i for i, byte in enumerate(data) if byte == ord("\n")]
+    for cut in range(ends[0] + 1, len(data) + 1):
+        path.write_bytes(data[:cut])
+        read = Journal(path, MISSION)
+        whole = sum(end <= cut for end in ends[1:])  # a line without its end is whole, too
+        assert read.records == [["step", number] for number in range(whole)]
+        read.write("after")
+        assert Journal(path, MISSION).records[whole:] == [["after"]]
+
+
+def test_any_bytes_are_passed_over(tmp_path: Path) -> None:
+    path, rng = tmp_path / "gp.journal", np.random.default_rng(1)
+    for _ in range(100):
+        path.unlink(missing_ok=True)
+        journal = Journal(path, MISSION)
+        journal.write("step", 1)
+        data = bytearray(path.read_bytes())
+        for place in rng.integers(len(data), size=3):
+            data[place] = rng.integers(256)
+        path.write_bytes(bytes(data) + rng.bytes(20))
+        assert Journal(path, MISSION).records in ([], [["step", 1]])
+
+
+def test_a_journal_that_cannot_be_written_is_told_and_not_an_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    journal = Journal(tmp_path / "file" / "gp.journal", MISSION)
+    journal.write("step", 1)
+    assert not journal.kept
+    assert "cannot be written: " in journal.status
+    assert "a restart would lose what the node knows" in journal.status
+    if Path("/dev/full").exists():
+        full = Journal(tmp_path / "gp.journal", MISSION)
+        number = os.open("/dev/full", os.O_WRONLY)
+        os.dup2(number, full._file)
+        os.close(number)
+        full.write("step", 1)
+        full.write("step", 2)
+        assert "No space left on device" in full.problem
+    none = Journal(None, MISSION)
+    none.write("step", 1)
+    assert (none.status, none.kept, none.records) == ("", False, [])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="sends SIGKILL")
+def test_a_killed_process_leaves_whole_records(tmp_path: Path) -> None:
+    path = tmp_path / "gp.journal"
+    writer = (
+        "import sys; from pathlib import Path; from auv_lse_common.node.journal import Journal\n"
+        "j = Journal(Path(sys.argv[1]), {})\n"
+        "for n in range(10**9): j.write('step', n, 'x' * 300)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", writer, str(path)])
+    until = time.monotonic() + 20.0
+    while not (path.exists() and path.stat().st_size > 100_000):
+        assert time.monotonic() < until
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    read = Journal(path, {})
+    assert read.damaged == 0
+    assert [record[1] for record in read.records] == list(range(len(read.records)))

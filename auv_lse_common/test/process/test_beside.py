@@ -1,0 +1,35 @@
+"""Work beside other work: its result, its error, its end."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from auv_lse_common.process import background as module
+from auv_lse_common.process.background import beside
+
+
+@pytest.mark.parametrize("cores", [1, 2])
+def test_the_result_comes_back(cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module.os, "cpu_count", lambda: cores)
+    rest = beside(lambda: (os.getpid(), list(range(100_000))))
+    pid, numbers = rest()
+    assert numbers == list(range(100_000)), "more than a pipe holds"
+    assert (pid == os.getpid()) == (cores == 1)
+
+
+def test_an_error_is_raised_where_the_result_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module.os, "cpu_count", lambda: 2)
+    rest = beside(lambda: (tmp_path / "no" / "such").write_text("x"))
+    with pytest.raises(FileNotFoundError, match="such"):
+        rest()
+
+
+def test_a_process_that_is_killed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module.os, "cpu_count", lambda: 2)
+    rest = beside(lambda: os.kill(os.getpid(), signal.SIGKILL))
+    with pytest.raises(RuntimeError, match="ended with -9 and without a result"):
+        rest()

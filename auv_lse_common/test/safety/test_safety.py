@@ -1,0 +1,298 @@
+"""The safety watch: each limit exceeded, warned of, tripped and latched; ages under clocks that are set; the fence."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+
+import pytest
+
+from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.safety.fence import Fence
+from auv_lse_common.safety.watch import AutopilotSays, SafetyWatch
+from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, RunState, Stop
+
+SQUARE = (0.0, 0.0, 100.0, 0.0, 100.0, 200.0, 0.0, 200.0)
+OK = AutopilotSays(heard=True, armed=True, mode=4, battery=0.9, leak=0)
+SURFACE = Stop(action=Action.SURFACE)
+
+
+class Vehicle:
+    """A vehicle on its way, its mission and the watch; every step is 0.1 s and brings odometry."""
+
+    def __init__(self, has_autopilot: bool = False, at_once: bool = True, **values: object) -> None:
+        config = SafetyConfig(**{"mission_time_s": 500.0, "altitude_response": "hold", **values})
+        self.run = MissionRun(at_once, SURFACE)
+        self.watch = SafetyWatch(config, Fence(SQUARE, config.fence_margin_m), 10.0, has_autopilot)
+        self.now_s = 1000.0
+        self.place = (50.0, 50.0, 4.0)
+        self.blind = self.frozen = False
+        self.heading_rad, self.speed_mps, self.jitter_m = 0.3, 1.0, 1e-6
+
+    def wait(self, seconds: float, step_s: float = 0.1) -> Vehicle:
+        for _ in range(round(seconds / step_s)):
+            self.now_s += step_s
+            if not self.blind:
+                self.jitter_m = -self.jitter_m  # an estimate never stands still
+                north_m, east_m, depth_m = self.place
+                north_m += 0.0 if self.frozen else self.jitter_m
+                self.heading_rad = (self.heading_rad + 0.01) % 6.0
+                self.watch.odometry(self.heading_rad, north_m, east_m, depth_m, self.speed_mps)
+            self.watch.step(self.now_s, self.run)
+        return self
+
+
+def too_deep(vehicle: Vehicle) -> None:
+    vehicle.place = (50.0, 50.0, 12.0)
+
+
+def too_low(vehicle: Vehicle) -> None:
+    vehicle.watch.altitude(0.4)
+
+
+def outside(vehicle: Vehicle) -> None:
+    vehicle.place = (-200.0, 50.0, 4.0)
+
+
+def blind(vehicle: Vehicle) -> None:
+    vehicle.blind = True
+    vehicle.wait(30.0)
+
+
+def silent(vehicle: Vehicle) -> None:
+    vehicle.watch.autopilot(dataclasses.replace(OK, heard=False))
+    vehicle.wait(30.0)
+
+
+def drained(vehicle: Vehicle) -> None:
+    vehicle.watch.autopilot(dataclasses.replace(OK, battery=0.1))
+
+
+def leaking(vehicle: Vehicle) -> None:
+    vehicle.watch.autopilot(dataclasses.replace(OK, leak=1))
+
+
+def late(vehicle: Vehicle) -> None:
+    vehicle.wait(500.0 - vehicle.now_s + 1000.0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "limit", "words", "state", "stop"),
+    [
+        (too_deep, "depth", "depth 12.0 m; expected at most 10.0 m", RunState.HOLDING, SURFACE),
+        (too_low, "altitude", "altitude 0.4 m; expected at least 1.0 m", RunState.HOLDING, Stop(action=Action.HOLD)),
+        (outside, "fence", "200 m outside", RunState.HOLDING, SURFACE),
+        (blind, "odometry", "no usable odometry for 3", RunState.HOLDING, SURFACE),
+        (silent, "link", "no heartbeat of the autopilot for 3", RunState.HOLDING, Stop(action=Action.HOLD)),
+        (drained, "battery", "battery 10%; expected at least 20%", RunState.HOLDING, SURFACE),
+        (leaking, "leak", "reports a leak", RunState.ABORTED, SURFACE),
+        (late, "mission time", "expected at most 500 s", RunState.ABORTED, SURFACE),
+    ],
+)
+def test_a_limit_warns_then_commands_and_is_latched(fault, limit, words, state, stop) -> None:  # type: ignore[no-untyped-def]
+    vehicle = Vehicle()
+    vehicle.watch.autopilot(OK)
+    vehicle.wait(5.0)
+    assert (vehicle.run.standing.state, vehicle.watch.warnings) == (RunState.RUNNING, {})
+    fault(vehicle)
+    vehicle.wait(2.5)
+    assert words in vehicle.watch.warnings[limit]
+    assert vehicle.run.limits == {}, "it only warns at first"
+    vehicle.wait(1.0)
+    assert (vehicle.run.standing.state, vehicle.run.standing.stop) == (state, stop)
+    assert words in vehicle.run.limits[limit]
+    vehicle.blind, vehicle.place = False, (50.0, 50.0, 4.0)
+    vehicle.watch.altitude(30.0)
+    vehicle.watch.autopilot(OK)
+    vehicle.wait(60.0)
+    assert vehicle.run.standing.state is state, "latched, though all is well again"
+    assert vehicle.run.command(Command.GO, "test") != ""
+    vehicle.run.command(Command.RESET, "test")
+    if limit != "mission time":  # which is exceeded still
+        vehicle.wait(5.0)
+        assert vehicle.run.command(Command.GO, "test") == ""
+        assert vehicle.wait(5.0).run.standing.state is RunState.RUNNING
+
+
+def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
+    vehicle = Vehicle(depth_response="warn")
+    too_deep(vehicle)
+    assert "depth" in vehicle.wait(60.0).watch.warnings
+    assert vehicle.run.standing.state is RunState.RUNNING
+    vehicle = Vehicle()
+    for _ in range(5):  # a depth that flutters about its limit for less than patience_s each time
+        too_deep(vehicle)
+        vehicle.wait(2.0)
+        vehicle.place = (50.0, 50.0, 4.0)
+        vehicle.wait(0.1)
+    assert vehicle.run.limits == {}
+
+
+def test_before_the_mission_nothing_trips_while_the_vehicle_is_afloat() -> None:
+    vehicle = Vehicle(has_autopilot=True, at_once=False)
+    vehicle.place = (50.0, 50.0, 0.2)
+    too_low(vehicle)
+    leaking(vehicle)
+    vehicle.wait(60.0)
+    assert vehicle.run.standing.state is RunState.WAITING
+    assert set(vehicle.watch.warnings) == {"altitude", "altimeter", "leak"}
+
+
+def test_an_altimeter_that_stops_is_told_and_trips_nothing() -> None:
+    vehicle = Vehicle(altitude_response="surface").wait(60.0)
+    assert vehicle.watch.warnings == {}, "a vehicle need not have one"
+    vehicle.watch.altitude(float("nan"))
+    vehicle.wait(29.0)
+    assert vehicle.watch.warnings == {}, "no echo is no silence"
+    vehicle.now_s -= 3600.0  # the clock is set
+    vehicle.wait(1.0)
+    vehicle.wait(30.0)
+    assert vehicle.watch.warnings == {"altimeter": "no altitude for 60 s; expected one every 30 s"}
+    assert vehicle.run.limits == {}
+    vehicle.watch.altitude(12.0)
+    assert vehicle.wait(0.2).watch.warnings == {}
+
+
+def cruise(vehicle: Vehicle, metres: float, altitude_m: float | None = None, depth_m: float | None = None) -> Vehicle:
+    """Moves to the east at 1 m/s; altitude and depth vary by centimetres unless they are given."""
+    for second in range(round(metres)):
+        north_m, east_m, _ = vehicle.place
+        vehicle.place = (north_m, east_m + 1.0, 4.0 + 0.01 * (second % 3) if depth_m is None else depth_m)
+        vehicle.watch.altitude(12.0 + 0.01 * (second % 5) if altitude_m is None else altitude_m)
+        vehicle.wait(1.0, 1.0)
+    return vehicle
+
+
+def test_an_altimeter_that_hangs_while_the_vehicle_moves_counts_as_none() -> None:
+    vehicle = cruise(Vehicle(), 40.0)
+    assert vehicle.watch.warnings == {}
+    cruise(vehicle, 11.0, altitude_m=12.3)
+    assert vehicle.watch.warnings == {}, "flat ground"
+    cruise(vehicle, 2.0, altitude_m=12.3)
+    assert vehicle.watch.warnings == {"altimeter": "the altitude is 12.3 m to the last digit for 12 m of way: it hangs"}
+    vehicle.wait(40.0)
+    assert "no altitude for" in vehicle.watch.warnings["altimeter"], "then it fell silent"
+    assert cruise(vehicle, 3.0).watch.warnings == {}
+    assert vehicle.run.limits == {}
+    assert cruise(Vehicle(), 60.0, altitude_m=math.inf).watch.warnings == {}, "no ground in reach all the way"
+
+
+def test_a_depth_gauge_that_hangs_while_the_vehicle_moves_is_told() -> None:
+    vehicle = cruise(Vehicle(), 20.0)
+    assert cruise(vehicle, 49.0, depth_m=4.25).watch.warnings == {}
+    cruise(vehicle, 4.0, depth_m=4.25)
+    assert vehicle.watch.warnings == {"depth gauge": "the depth is 4.25 m to the last digit for 52 m of way: it hangs"}
+    assert cruise(vehicle, 1.0).watch.warnings == {}
+    assert vehicle.run.limits == {}
+    assert cruise(vehicle, 140.0, depth_m=0.0).watch.warnings == {}, "at the surface it is the same all the time"
+    ideal = cruise(Vehicle(), 220.0, depth_m=4.0)
+    assert ideal.watch.warnings == {}, "of an ideal vehicle in the simulator it never varies"
+
+
+def test_a_vehicle_that_is_found_submerged_before_its_mission_is_watched() -> None:
+    """Its computer has started again under water, on call: nobody is there to say GO."""
+    vehicle = Vehicle(has_autopilot=True, at_once=False)
+    leaking(vehicle)
+    vehicle.wait(60.0)
+    assert vehicle.run.standing.state is RunState.ABORTED
+    assert set(vehicle.run.limits) == {"leak"}
+
+
+def test_a_vehicle_that_comes_from_outside_is_not_fenced_in_before_it_has_arrived() -> None:
+    vehicle = Vehicle()
+    outside(vehicle)
+    assert vehicle.wait(60.0).run.limits == {}
+    vehicle.place = (50.0, 50.0, 4.0)
+    vehicle.wait(5.0)
+    outside(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"fence"}
+
+
+def test_after_a_reset_a_vehicle_outside_of_the_fence_may_come_back() -> None:
+    vehicle = Vehicle()
+    vehicle.wait(5.0)
+    outside(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"fence"}
+    vehicle.run.command(Command.RESET, "test")
+    assert vehicle.run.command(Command.GO, "test") == ""
+    assert vehicle.wait(60.0).run.standing.state is RunState.RUNNING
+    vehicle.place = (50.0, 50.0, 4.0)
+    vehicle.wait(5.0)
+    outside(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"fence"}, "it is back, and fenced in again"
+
+
+def test_a_watch_that_is_started_again_goes_on_with_its_time_and_fence() -> None:
+    first, second = Vehicle(), Vehicle()
+    first.wait(400.0)
+    second.watch.restore(json.loads(json.dumps(first.watch.snapshot())))
+    outside(second)
+    assert set(second.wait(5.0).run.limits) == {"fence"}
+    second.run.command(Command.RESET, "test")
+    second.run.command(Command.GO, "test")
+    assert set(second.wait(110.0).run.limits) == {"mission time"}
+
+
+def test_odometry_that_no_vehicle_can_have_counts_as_none() -> None:
+    vehicle = Vehicle()
+    vehicle.wait(5.0)
+    vehicle.place = (math.nan, 50.0, 4.0)
+    assert set(vehicle.wait(35.0).run.limits) == {"odometry"}
+
+
+def test_odometry_that_hangs_counts_as_none_once_the_vehicle_has_moved() -> None:
+    vehicle = Vehicle()
+    vehicle.frozen = True
+    assert vehicle.wait(60.0).run.limits == {}, "it waits at its start"
+    vehicle.place = (55.0, 50.0, 4.0)
+    assert set(vehicle.wait(60.0).run.limits) == {"odometry"}, "though its heading goes on changing"
+
+
+def test_odometry_that_says_it_stands_still_may_stand_still() -> None:
+    vehicle = Vehicle()
+    vehicle.frozen, vehicle.speed_mps = True, 0.0
+    vehicle.wait(5.0)
+    vehicle.place = (55.0, 50.0, 4.0)
+    assert vehicle.wait(60.0).run.limits == {}, "an ideal vehicle waits at the surface for its fix"
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
+def test_a_clock_that_is_set_makes_nothing_old(step_s: float) -> None:
+    vehicle = Vehicle(has_autopilot=True)
+    vehicle.watch.autopilot(OK)
+    vehicle.wait(5.0)
+    vehicle.now_s += step_s
+    assert vehicle.wait(10.0).run.limits == {}
+    vehicle.blind = True
+    vehicle.wait(20.0)
+    vehicle.now_s += step_s
+    assert vehicle.wait(8.0).run.limits == {}, "28 s without odometry by any clock that was not set"
+    assert set(vehicle.wait(8.0).run.limits) == {"odometry"}, "and that age was not forgotten"
+    vehicle.run.command(Command.RESET, "test")
+    vehicle.blind = False
+    assert vehicle.wait(5.0).run.limits == {}
+    blind(vehicle)
+    assert set(vehicle.wait(5.0).run.limits) == {"odometry"}, "and a real age still counts"
+
+
+def test_the_mission_waits_for_an_autopilot_that_is_heard_armed_and_in_its_mode() -> None:
+    vehicle = Vehicle(has_autopilot=True)
+    assert vehicle.wait(120.0).run.standing.reason == "the autopilot is not heard"
+    assert vehicle.run.limits == {}, "one that was never heard is not lost"
+    vehicle.watch.autopilot(dataclasses.replace(OK, armed=False))
+    assert vehicle.wait(1.0).run.standing.reason == "the autopilot is not armed"
+    vehicle.watch.autopilot(dataclasses.replace(OK, mode=19, mode_obeys=False))
+    assert "mode 19" in vehicle.wait(1.0).run.standing.reason
+    assert vehicle.run.standing.state is RunState.WAITING
+    vehicle.watch.autopilot(OK)
+    assert vehicle.wait(1.0).run.standing.state is RunState.RUNNING
+
+
+def test_the_fence_by_hand() -> None:
+    fence = Fence((*SQUARE, 0.0, 0.0), 10.0)  # the first corner once more
+    assert fence.outside_m(50.0, 50.0) == 0.0
+    assert fence.outside_m(-30.0, 50.0) == pytest.approx(30.0)
+    assert fence.outside_m(103.0, 204.0) == pytest.approx(5.0), "from the corner"
+    with pytest.raises(ValueError, match="at least 3 corners"):
+        Fence((0.0, 0.0, 1.0, 1.0), 10.0)

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+SLOW = "import sys, time\nprint('there', flush=True)\n{}time.sleep(60)\n"
+
+
+def start(folder: Path, text: str, *arguments: str) -> subprocess.Popen[str]:
+    (folder / "slow.py").write_text(text)
+    paths = [str(folder), str(ROOT / "auv_lse_common"), os.environ.get("PYTHONPATH", "")]
+    return subprocess.Popen(
+        [sys.executable, "-m", "auv_lse_common.support.command", "slow", *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_ctrl_c_while_a_module_is_imported_is_one_word_and_130(tmp_path: Path) -> None:
+    with start(tmp_path, SLOW.format("")) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "there\n"
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output, errors) == (130, "", "interrupted\n")
+
+
+@pytest.mark.parametrize(("end", "code"), [("sys.exit(3)\n", 3), ("sys.exit(int(len(sys.argv) != 3))\n", 0)])
+def test_exit_code_and_arguments_are_the_modules_own(tmp_path: Path, end: str, code: int) -> None:
+    with start(tmp_path, SLOW.format(end), "a", "b c") as process:
+        process.communicate(timeout=30)
+    assert process.returncode == code
+
+
+def test_every_script_that_is_python_is_run_so() -> None:
+    for script in sorted((ROOT / "scripts").iterdir()):
+        lines = [line for line in script.read_text().splitlines() if "exec python -m" in line]
+        assert all("exec python -m auv_lse_common.support.command " in line for line in lines), script.name

@@ -1,0 +1,131 @@
+"""The states of a mission: every command in every state, limits, and an autopilot that is not ready."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, RunState, Stop
+
+HOLD, SURFACE = Stop(action=Action.HOLD), Stop(action=Action.SURFACE)
+MESSAGES = Path(__file__).parents[3] / "auv_lse_msgs" / "msg"
+
+
+def constants(message: str) -> dict[str, int]:
+    """The numbers that a message names."""
+    text = (MESSAGES / f"{message}.msg").read_text()
+    return {name: int(value) for name, value in re.findall(r"^uint8 ([A-Z_]+)=(\d+)", text, re.MULTILINE)}
+
+
+def in_state(state: RunState) -> MissionRun:
+    """A mission in a state."""
+    run = MissionRun(at_once=False, on_abort=SURFACE)
+    path = {
+        RunState.WAITING: (),
+        RunState.RUNNING: (Command.GO,),
+        RunState.HOLDING: (Command.GO, Command.HOLD),
+        RunState.ABORTED: (Command.GO, Command.ABORT),
+        RunState.ENDED: (Command.GO, Command.END),
+    }[state]
+    run.set_ready("")
+    for command in path:
+        assert run.command(command, "test") == ""
+        run.set_ready("")
+    assert run.standing.state is state
+    return run
+
+
+W, R, H, A, E = RunState
+
+
+@pytest.mark.parametrize(
+    ("state", "after"),
+    [  # GO, HOLD, SURFACE, ABORT, RESET, END; None: refused
+        (W, (R, H, H, A, W, E)),
+        (R, (R, H, H, A, R, E)),
+        (H, (R, H, H, A, H, H)),
+        (A, (None, None, None, A, H, A)),
+        (E, (None, E, E, A, E, E)),
+    ],
+)
+def test_every_command_in_every_state(state: RunState, after: tuple[RunState | None, ...]) -> None:
+    for command, expected in zip(Command, after, strict=True):
+        run = in_state(state)
+        refused = run.command(command, "test")
+        assert bool(refused) is (expected is None), (state, command, refused)
+        assert run.standing.state is (state if expected is None else expected), (state, command)
+
+
+def test_the_numbers_are_those_of_the_messages() -> None:
+    state = constants("MissionState")
+    assert {m.name: m.value for m in RunState} | {m.name: m.value for m in Action} == state
+    assert {m.name: m.value for m in Command} == constants("MissionCommand")
+
+
+def test_what_the_vehicle_is_to_do_follows_from_the_state() -> None:
+    assert in_state(W).standing.stop == HOLD
+    assert in_state(R).standing.stop is None
+    assert in_state(E).standing.stop is None, "its last waypoint says what follows"
+    run = in_state(R)
+    run.command(Command.SURFACE, "test")
+    assert (run.standing.state, run.standing.stop) == (H, SURFACE)
+    run.command(Command.GO, "test")
+    assert run.standing.stop is None
+    run.command(Command.ABORT, "auv2", team=True)
+    assert run.standing.stop == SURFACE
+    assert run.standing.team_abort
+    assert "auv2" in run.standing.reason
+
+
+def test_an_abort_can_lead_to_a_place_and_the_place_must_be_known() -> None:
+    run = MissionRun(True, Stop(action=Action.GO_TO, place_m=(5.0, -7.0)))
+    assert run.standing.stop is None
+    run.command(Command.ABORT, "test")
+    assert run.standing.stop == Stop(action=Action.GO_TO, place_m=(5.0, -7.0))
+    with pytest.raises(ValueError, match=r"nan.*expected its north and east"):
+        Stop(action=Action.GO_TO)
+    with pytest.raises(ValueError, match="expected HOLD, SURFACE or GO_TO"):
+        Stop(action=Action.TRAVEL)
+
+
+def test_a_tripped_limit_is_latched_until_reset() -> None:
+    run = in_state(R)
+    run.trip("depth", SURFACE, "12.0 m deep")
+    assert (run.standing.state, run.standing.stop, run.standing.limits) == (H, SURFACE, ("depth: 12.0 m deep",))
+    assert "12.0 m deep" in run.command(Command.GO, "test"), "refused, and says why"
+    run.command(Command.HOLD, "test")
+    assert run.standing.stop == SURFACE, "an operator's hold does not sink it again"
+    run.trip("link", HOLD, "no heartbeat")
+    assert run.standing.stop == SURFACE, "the milder limit does not, either"
+    run.command(Command.RESET, "test")
+    assert (run.standing.state, run.standing.stop, run.standing.limits) == (H, HOLD, ())
+    assert run.command(Command.GO, "test") == ""
+    run.trip("leak", None, "a leak")
+    assert run.standing.state is A
+    run.trip("depth", HOLD, "12.0 m deep")
+    assert run.standing.state is A, "nothing milder than an abort undoes it"
+
+
+def test_an_autopilot_that_is_not_ready_keeps_the_mission_waiting_and_later_holds_it() -> None:
+    run = MissionRun(at_once=True, on_abort=SURFACE)
+    run.set_ready("the autopilot is not armed")
+    assert (run.standing.state, run.standing.reason) == (W, "the autopilot is not armed")
+    run.set_ready("")
+    assert run.standing.state is R
+    run.set_ready("the autopilot is in mode 19")
+    assert (run.standing.state, run.standing.stop) == (H, HOLD)
+    run.set_ready("")
+    assert run.standing.state is R, "it goes on by itself"
+
+
+@pytest.mark.parametrize("state", RunState)
+def test_a_restarted_mission_stands_as_it_did(state: RunState) -> None:
+    run = in_state(state)
+    run.trip("depth", SURFACE, "12.0 m deep")
+    again = MissionRun(at_once=True, on_abort=SURFACE)
+    again.restore(json.loads(json.dumps(run.snapshot())))
+    assert again.standing == run.standing
+    assert again.command(Command.GO, "test") == run.command(Command.GO, "test") != ""

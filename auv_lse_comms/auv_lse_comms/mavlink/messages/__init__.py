@@ -1,0 +1,1 @@
+"""MAVLink messages, parsed and written."""

@@ -1,0 +1,25 @@
+"""Flight modes in which autopilots follow targets, by their own numbers (HEARTBEAT.custom_mode)."""
+
+from __future__ import annotations
+
+from auv_lse_comms.mavlink.messages.wire import mavlink
+
+_PX4_MAIN, _PX4_SUB = 16, 24  # bits of custom_mode where PX4 has its main mode and its sub mode
+_ROVERS = (mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_TYPE_SURFACE_BOAT)
+
+
+def obeying_modes(autopilot: int, vehicle_type: int, mission: bool) -> tuple[int, ...]:
+    """The modes in which an autopilot follows what the link sends; empty: not known, so any may be right.
+
+    Args:
+        autopilot: MAV_AUTOPILOT of its heartbeat.
+        vehicle_type: MAV_TYPE of its heartbeat.
+        mission: Whether missions are uploaded to it, not position targets.
+    """
+    if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type == mavlink.MAV_TYPE_SUBMARINE:
+        return (3,) if mission else (4,)  # AUTO, GUIDED
+    if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type in _ROVERS:
+        return (10,) if mission else (15,)  # AUTO, GUIDED
+    if autopilot == mavlink.MAV_AUTOPILOT_PX4:
+        return (4 << _PX4_MAIN | 4 << _PX4_SUB,) if mission else (6 << _PX4_MAIN,)  # Mission, Offboard
+    return ()

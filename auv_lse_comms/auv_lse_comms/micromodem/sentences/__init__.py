@@ -1,0 +1,1 @@
+"""Sentences of the Micromodem-2, parsed and written."""

@@ -1,0 +1,1 @@
+"""Inner loops compiled with numba, imported when first used."""

@@ -1,0 +1,22 @@
+"""The modules of compiled (numba) code, imported when they are first used: numba takes a second to load."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+
+@cache
+def compiled_gp() -> Any:
+    """Compiled covariances and solves."""
+    from auv_lse_gp.compiled import covariances as module
+
+    return module
+
+
+@cache
+def compiled_risk() -> Any:
+    """Compiled expected Bayes risk."""
+    from auv_lse_gp.compiled import risk as module
+
+    return module

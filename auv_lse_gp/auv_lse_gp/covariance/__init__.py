@@ -1,0 +1,1 @@
+"""Kernels, prior mean, and the marginal likelihood of their parameters."""

@@ -1,0 +1,362 @@
+"""Maximum marginal likelihood: the Gaussian process' parameters from soundings.
+
+With K = s^2 (R + g I), s the signal's and sqrt(g) s the noise's standard deviation, and a mean H b linear in its
+parameters, the best b and s for given correlations have closed forms (Rasmussen and Williams 2006, sections 2.7 and
+5.4.1). What is left to search is small: the logarithms of the length scales and of g, and a rotation; its gradient is
+
+    d log p / d x = 1/2 [ a^T dA a / s^2 - tr(A^-1 dA) ],   A = R + g I,  a = A^-1 (z - H b).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_solve, cholesky, lapack
+from scipy.optimize import minimize
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_gp.covariance.kernels import CORRELATIONS, SUPPORT_RATIO
+
+Array = NDArray[np.float64]
+
+#: Smallest and largest noise variance / signal variance searched.
+LOWEST_RATIO, HIGHEST_RATIO = 1e-6, 1e2
+
+#: The data determine a parameter if its standard error is less than this factor (e^0.5 = 1.65 either way).
+DETERMINED = 0.5
+
+# -rho'(r) / r, from which follow all derivatives: d rho / d log length = that times the axis' part of r^2.
+_SLOPES: dict[str, Callable[[Array], Array]] = {
+    "matern32": lambda r: np.asarray(3.0 * np.exp(-math.sqrt(3.0) * r)),
+    "matern52": lambda r: np.asarray(5.0 / 3.0 * (1.0 + math.sqrt(5.0) * r) * np.exp(-math.sqrt(5.0) * r)),
+    "squared_exponential": lambda r: np.asarray(np.exp(-0.5 * r * r)),
+    "wendland_c2": lambda r: np.asarray(20.0 * np.maximum(1.0 - r, 0.0) ** 3),
+    "wendland_c4": lambda r: np.asarray(56.0 / 3.0 * (5.0 * r + 1.0) * np.maximum(1.0 - r, 0.0) ** 5),
+}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """The best parameters found.
+
+    Attributes:
+        config: They, as a configuration of the Gaussian process.
+        log_likelihood: Log marginal likelihood of the soundings.
+        standard_errors: By field of `config`: of the logarithm for signal, lengths and noise; plain for the others.
+        warnings: What the data cannot tell.
+        soundings: Number of soundings used.
+        evaluations: Evaluations of the likelihood and its gradient.
+        restarts: Log marginal likelihood that each start led to.
+    """
+
+    config: GpConfig
+    log_likelihood: float
+    standard_errors: dict[str, float]
+    warnings: list[str]
+    soundings: int
+    evaluations: int
+    restarts: list[float]
+
+
+class MarginalLikelihood:
+    """The likelihood of soundings under one kernel, as a function of its parameters.
+
+    Search variables x: log length, [log length across, rotation (rad)], log g.
+    """
+
+    def __init__(
+        self,
+        places_m: Array,
+        depths_m: Array,
+        kernel: str,
+        mean: str = "constant",
+        two_axes: bool = False,
+        mean_depth_m: float | None = None,
+    ) -> None:
+        """Takes soundings at `places_m` (n, 2) with `depths_m` (n,).
+
+        Args:
+            places_m: North, east (m).
+            depths_m: Depth (m).
+            kernel: One of `config.KERNELS`.
+            mean: "constant" or "plane".
+            two_axes: Whether to search two length scales and a rotation.
+            mean_depth_m: A constant mean that is known; by default it is learned.
+
+        Raises:
+            ValueError: for fewer than 10 soundings, soundings that lie at one place, or depths that the mean explains
+                exactly.
+        """
+        if mean not in ("constant", "plane"):
+            raise ValueError(f"mean: got {mean!r}; expected constant or plane (a survey has nothing to learn)")
+        if mean_depth_m is not None and mean != "constant":
+            raise ValueError(f"mean_depth_m: got {mean_depth_m!r}; expected it with a constant mean only")
+        if len(places_m) < 10:
+            raise ValueError(f"got {len(places_m)} soundings; expected at least 10 to learn from")
+        self.kernel = kernel
+        self.two_axes = two_axes
+        self.evaluations = 0
+        self._ratio = SUPPORT_RATIO.get(kernel, 1.0)
+        self._center = places_m.mean(axis=0)
+        offset = places_m - self._center
+        self.extent_m = float(np.ptp(places_m, axis=0).max())
+        if not self.extent_m > 0.0:
+            raise ValueError("all soundings lie at one place; expected soundings over an area")
+        self._north = offset[:, None, 0] - offset[None, :, 0]
+        self._east = offset[:, None, 1] - offset[None, :, 1]
+        distance = np.hypot(self._north, self._east)
+        self._square = distance**2
+        self.spacing_m = float(np.median(np.sort(distance + np.diag(np.full(len(offset), np.inf)), axis=1)[:, 0]))
+        ones = np.ones((len(offset), 1))
+        if mean_depth_m is not None:
+            self._basis, self._fixed = np.zeros((len(offset), 0)), mean_depth_m
+        else:
+            self._basis, self._fixed = (ones if mean == "constant" else np.hstack([ones, offset])), 0.0
+        self._depths = depths_m - self._fixed
+        if not np.ptp(depths_m) > 0.0:
+            raise ValueError(f"all soundings have the depth {float(depths_m[0])!r} m; expected depths that vary")
+        if mean == "plane":
+            off = self._depths - self._basis @ np.linalg.lstsq(self._basis, self._depths, rcond=None)[0]
+            if float(np.abs(off).max()) <= 1e-9 * float(np.ptp(depths_m)):  # what rounding leaves
+                raise ValueError(
+                    "all soundings lie on one plane; expected depths that vary about it (or mean constant)"
+                )
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Bounds of the search variables."""
+        length = (math.log(max(1e-3 * self.extent_m, 0.2 * self.spacing_m)), math.log(20.0 * self.extent_m))
+        rotation = (-2.0 * math.pi, 2.0 * math.pi)
+        ratio = (math.log(LOWEST_RATIO), math.log(HIGHEST_RATIO))
+        return [length, length, rotation, ratio] if self.two_axes else [length, ratio]
+
+    def _correlation(self, x: Array) -> tuple[Array, list[Array]]:
+        """R and its derivatives by all of x but the last."""
+        if not self.two_axes:
+            length = math.exp(x[0]) * self._ratio
+            square = self._square / length**2
+            r = np.sqrt(square)
+            return CORRELATIONS[self.kernel](r), [_SLOPES[self.kernel](r) * square]
+        one, two = math.exp(x[0]) * self._ratio, math.exp(x[1]) * self._ratio
+        cos, sin = math.cos(x[2]), math.sin(x[2])
+        u = (cos * self._north + sin * self._east) / one
+        v = (cos * self._east - sin * self._north) / two
+        r = np.sqrt(u * u + v * v)
+        slope = _SLOPES[self.kernel](r)
+        return CORRELATIONS[self.kernel](r), [slope * u * u, slope * v * v, slope * u * v * (one / two - two / one)]
+
+    def _solve(self, matrix: Array) -> tuple[Array, Array, Array, Array]:
+        """Cholesky factor, mean parameters b, residuals e and matrix^-1 e for a covariance (or a multiple of it)."""
+        lower = cholesky(matrix, lower=True, check_finite=False)
+        solved_depths = cho_solve((lower, True), self._depths, check_finite=False)
+        if not self._basis.shape[1]:
+            return lower, np.zeros(0), self._depths, solved_depths
+        solved_basis = cho_solve((lower, True), self._basis, check_finite=False)
+        mean = np.linalg.solve(self._basis.T @ solved_basis, self._basis.T @ solved_depths)
+        return lower, mean, self._depths - self._basis @ mean, solved_depths - solved_basis @ mean
+
+    def __call__(self, x: Array) -> tuple[float, Array]:
+        """Minus the log marginal likelihood at x with the best mean and signal, and its gradient."""
+        self.evaluations += 1
+        n = len(self._depths)
+        matrix, derivatives = self._correlation(x)
+        ratio = math.exp(x[-1])
+        matrix[np.diag_indices(n)] += ratio
+        try:
+            lower, _, residuals, weights = self._solve(matrix)
+        except LinAlgError:
+            return math.inf, np.zeros_like(x)
+        variance = float(residuals @ weights) / n
+        value = -0.5 * n * (math.log(2.0 * math.pi * variance) + 1.0) - float(np.sum(np.log(np.diag(lower))))
+        inverse = _inverse(lower)
+        gradient = [
+            0.5 * (float(weights @ d @ weights) / variance - float(np.einsum("ij,ij->", inverse, d)))
+            for d in derivatives
+        ]
+        gradient.append(0.5 * ratio * (float(weights @ weights) / variance - float(np.trace(inverse))))
+        return -value, -np.array(gradient)
+
+    def best_signal(self, x: Array) -> tuple[float, Array]:
+        """Standard deviation of the signal (m) and parameters of the mean that are best at x."""
+        matrix, _ = self._correlation(x)
+        matrix[np.diag_indices(len(matrix))] += math.exp(x[-1])
+        _, mean, residuals, weights = self._solve(matrix)
+        return math.sqrt(float(residuals @ weights) / len(residuals)), mean
+
+    def full_gradient(self, y: Array) -> Array:
+        """Gradient of the log likelihood by y: log signal, then the search variables, log noise in place of log g."""
+        signal2, noise2 = math.exp(2.0 * y[0]), math.exp(2.0 * y[-1])
+        correlation, derivatives = self._correlation(np.append(y[1:-1], 0.0))
+        matrix = signal2 * correlation
+        matrix[np.diag_indices(len(matrix))] += noise2
+        lower, _, _, weights = self._solve(matrix)
+        inverse = _inverse(lower)
+        by = [2.0 * signal2 * correlation, *(signal2 * d for d in derivatives)]
+        gradient = [0.5 * (float(weights @ d @ weights) - float(np.einsum("ij,ij->", inverse, d))) for d in by]
+        gradient.append(noise2 * (float(weights @ weights) - float(np.trace(inverse))))
+        return np.array(gradient)
+
+    def mean_parameters(self, y: Array) -> tuple[float, Array, Array]:
+        """Depth of the mean at north = east = 0, its slopes (2,), and the standard errors of these three (3,)."""
+        matrix = math.exp(2.0 * y[0]) * self._correlation(np.append(y[1:-1], 0.0))[0]
+        matrix[np.diag_indices(len(matrix))] += math.exp(2.0 * y[-1])
+        lower, mean, _, _ = self._solve(matrix)
+        slopes, errors = np.zeros(2), np.zeros(3)
+        if not len(mean):
+            return self._fixed, slopes, errors
+        information = self._basis.T @ cho_solve((lower, True), self._basis)
+        to_origin = np.eye(len(mean))
+        if len(mean) == 3:
+            slopes = mean[1:]
+            to_origin[0, 1:] = -self._center
+        covariance = to_origin @ np.linalg.solve(information, to_origin.T)
+        errors[: len(mean)] = np.sqrt(np.diag(covariance))
+        return float(to_origin[0] @ mean), slopes, errors
+
+
+def _inverse(lower: Array) -> Array:
+    """(L L^T)^-1, for traces of its product with a symmetric matrix: by LAPACK, then mirrored."""
+    inverse, _ = lapack.dpotri(lower, lower=1)
+    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
+
+
+def fit(
+    places_m: Array,
+    depths_m: Array,
+    *,
+    kernel: str = "matern52",
+    mean: str = "constant",
+    two_axes: bool = False,
+    mean_depth_m: float | None = None,
+    restarts: int = 5,
+    rng: np.random.Generator | None = None,
+) -> Fit:
+    """Learns the parameters by maximum marginal likelihood.
+
+    Args:
+        places_m: North, east (m) of the soundings (n, 2); the work grows with n^3, a thousand take seconds.
+        depths_m: Their depths (n,).
+        kernel: One of `config.KERNELS`.
+        mean: "constant" or "plane".
+        two_axes: Whether to learn two length scales and a rotation.
+        mean_depth_m: A constant mean that is known; by default it is learned.
+        restarts: Number of starts: length scales from the soundings' spacing to their extent.
+        rng: Draws the starts after the sixth; without it, they are spread over length scales like the first six.
+
+    Raises:
+        ValueError: if the soundings cannot be learned from, or no start leads to a likelihood.
+    """
+    target = MarginalLikelihood(places_m, depths_m, kernel, mean, two_axes, mean_depth_m)
+    bounds = target.bounds
+    best_x, best, found = None, math.inf, []
+    for start in _starts(target, restarts, rng):
+        result = minimize(target, start, jac=True, method="L-BFGS-B", bounds=bounds,
+                          options={"ftol": 1e-12, "gtol": 1e-5, "maxiter": 200})  # fmt: skip
+        found.append(-float(result.fun))
+        if result.fun < best:
+            best_x, best = np.array(result.x), float(result.fun)
+    if best_x is None:
+        raise ValueError("no start led to a covariance that can be factorized; expected soundings less alike in place")
+    signal, _ = target.best_signal(best_x)
+    y = np.concatenate([[math.log(signal)], best_x[:-1], [math.log(signal) + 0.5 * best_x[-1]]])
+    names = ["signal_std_m", "length_scale_m", *(["length_scale_2_m", "rotation_deg"] if two_axes else [])]
+    names.append("noise_std_m")
+    errors, warnings = _uncertainty(target, y, names)
+    depth0, slopes, mean_errors = target.mean_parameters(y)
+    values = dict(zip(names, np.exp(y), strict=True))
+    if two_axes:
+        values["rotation_deg"] = math.degrees(math.remainder(y[3], math.pi))  # an axis has no direction
+        errors["rotation_deg"] = math.degrees(errors["rotation_deg"])
+    if mean_depth_m is None:
+        errors["mean_depth_m"] = float(mean_errors[0])
+    if mean == "plane":
+        errors["mean_slope_north"], errors["mean_slope_east"] = float(mean_errors[1]), float(mean_errors[2])
+    config = GpConfig(
+        kernel=kernel,
+        mean=mean,
+        mean_depth_m=depth0,
+        mean_slope_north=float(slopes[0]),
+        mean_slope_east=float(slopes[1]),
+        **{name: float(value) for name, value in values.items()},  # type: ignore[arg-type]  # all are floats
+    )
+    warnings += _bounds_hit(best_x, bounds, two_axes)
+    if config.length_scale_m < 1.5 * target.spacing_m:
+        warnings.append(
+            f"length_scale_m: {config.length_scale_m:.3g} m is under 1.5 times the spacing of the soundings "
+            f"({target.spacing_m:.3g} m): expected soundings closer together to tell it from noise"
+        )
+    if config.length_scale_m > 0.5 * target.extent_m:
+        warnings.append(
+            f"length_scale_m: {config.length_scale_m:.3g} m is over half of the surveyed extent "
+            f"({target.extent_m:.3g} m): a trend rather than a correlation; try --mean plane"
+        )
+    if two_axes and abs(y[1] - y[2]) < 2.0 * math.hypot(errors["length_scale_m"], errors["length_scale_2_m"]):
+        warnings.append("length_scale_2_m: no different from length_scale_m within its error: one will do")
+    return Fit(
+        config=config,
+        log_likelihood=-best,
+        standard_errors=errors,
+        warnings=warnings,
+        soundings=len(depths_m),
+        evaluations=target.evaluations,
+        restarts=found,
+    )
+
+
+def _starts(target: MarginalLikelihood, count: int, rng: np.random.Generator | None) -> list[Array]:
+    """Starts (x) with length scales spread over their range; with `rng`, those after the sixth are drawn."""
+    bounds = target.bounds
+    low, high = math.log(2.0 * target.spacing_m + 1e-3 * target.extent_m), math.log(target.extent_m)
+    starts = []
+    for i in range(max(1, count)):
+        if i < 6 or rng is None:
+            share, ratio = ((i * 0.6180339887) + 0.5) % 1.0, (1e-2, 1e-4, 1e-1)[i % 3]
+            length, angle = low + share * (high - low), (0.3, 1.1, -0.6)[i % 3]
+        else:
+            length, ratio = rng.uniform(low, high), 10.0 ** rng.uniform(-5.0, 0.0)
+            angle = rng.uniform(-math.pi / 2, math.pi / 2)
+        x = [length, length - 0.3, angle, math.log(ratio)] if target.two_axes else [length, math.log(ratio)]
+        starts.append(np.array([min(max(v, a), b) for v, (a, b) in zip(x, bounds, strict=True)]))
+    return starts
+
+
+def _uncertainty(target: MarginalLikelihood, y: Array, names: list[str]) -> tuple[dict[str, float], list[str]]:
+    """Standard errors from the curvature of the likelihood at its maximum, and what they say about the data."""
+    step = 1e-4
+    hessian = np.array(
+        [
+            (target.full_gradient(y + step * e) - target.full_gradient(y - step * e)) / (2.0 * step)
+            for e in np.eye(len(y))
+        ]
+    )
+    values, vectors = np.linalg.eigh(-0.5 * (hessian + hessian.T))
+    flat = values <= 1e-6 * max(float(values.max()), 1.0)
+    spread = np.where(flat, np.inf, 1.0 / np.where(flat, 1.0, values))
+    with np.errstate(invalid="ignore"):
+        variance = np.nansum(np.where(vectors**2 < 1e-12, 0.0, vectors**2) * spread, axis=1)
+    errors = {name: float(math.sqrt(v)) for name, v in zip(names, variance, strict=True)}
+    warnings = []
+    for name, error in errors.items():
+        limit = math.radians(20.0) if name == "rotation_deg" else DETERMINED
+        if error > limit:
+            much = (
+                f"+-{math.degrees(error):.0f} degrees" if name == "rotation_deg" else f"a factor {math.exp(error):.2g}"
+            )
+            much = much if error < 20.0 else "any value fits"
+            warnings.append(f"{name}: the data hardly determine it ({much})")
+    return errors, warnings
+
+
+def _bounds_hit(x: Array, bounds: list[tuple[float, float]], two_axes: bool) -> list[str]:
+    names = ["length_scale_m", "length_scale_2_m", "rotation_deg", "noise_std_m"] if two_axes else [
+        "length_scale_m", "noise_std_m"]  # fmt: skip
+    return [
+        f"{name}: the search ended at the {'lower' if value <= low + 1e-6 else 'upper'} end of its range: "
+        "the data do not bound it there"
+        for name, value, (low, high) in zip(names, x, bounds, strict=True)
+        if name != "rotation_deg" and (value <= low + 1e-6 or value >= high - 1e-6)
+    ]

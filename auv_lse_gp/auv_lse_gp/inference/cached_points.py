@@ -1,0 +1,159 @@
+"""What a posterior says about fixed places, kept while measurements come and go: only what has changed is computed.
+
+`KeptColumns` keeps every row of the whitened covariance, so that it can follow the posterior back as well: for a map
+of a thousand places. `KeptMoments` keeps mean and variance alone, for a map of a hundred thousand.
+
+Both find out by themselves which rows of the posterior are as they were: each row has a number of its own
+(`Posterior.rows`), which is never used again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from auv_lse_gp.inference.point_posteriors import Columns
+from auv_lse_gp.inference.posterior import CHUNK, Posterior, add_whitened, checked_places
+
+Array = NDArray[np.float64]
+
+
+class KeptColumns:
+    """Columns of fixed places.
+
+    Attributes:
+        posterior: The posterior that is followed.
+        places_m: The places (P, 2).
+    """
+
+    def __init__(self, posterior: Posterior, places_m: Array) -> None:
+        """Starts with the posterior as it is."""
+        self.posterior = posterior
+        self.places_m = checked_places(places_m)
+        self._scaled = posterior.kernel.scale(self.places_m)
+        self._prior_mean = np.asarray(posterior.prior_mean(self.places_m), dtype=float)
+        self._prior_var = posterior.kernel.variance(self.places_m)
+        self._white = np.zeros((64, len(self.places_m)))
+        self._rows = posterior.rows[:0]
+
+    def columns(self) -> Columns:
+        """What the posterior says about the places now; `white` is a view that the next call overwrites."""
+        posterior = self.posterior
+        n = posterior.data_rows
+        self._update(n)
+        self._update(len(posterior))
+        white = self._white[: len(posterior)]
+        data_var = np.maximum(self._prior_var - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
+        planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
+        if posterior.places_uncertain:
+            floor = np.einsum("rp,rp->p", *[posterior.place_white.T @ white[:n]] * 2)
+            data_var, planned_var = data_var + floor, planned_var + floor
+        mean = self._prior_mean + posterior.whitened_residuals[:n] @ white[:n] if n else self._prior_mean
+        return Columns(self._scaled, white.T, mean, data_var, planned_var)
+
+    def _update(self, end: int) -> None:
+        """Brings the rows before number `end` up to date: forward substitution from the first that has changed."""
+        posterior = self.posterior
+        begin = _same_rows(self._rows, posterior.rows[:end])
+        if end > begin:
+            if end > len(self._white):
+                grown = np.zeros((max(end, 2 * len(self._white)), self._white.shape[1]))
+                grown[:begin] = self._white[:begin]
+                self._white = grown
+            lower = posterior.factor.lower
+            right = posterior.kernel.of_scaled(posterior.scaled[begin:end], self._scaled)
+            right -= lower[begin:end, :begin] @ self._white[:begin]
+            self._white[begin:end] = solve_triangular(
+                lower[begin:end, begin:end], right, lower=True, check_finite=False, overwrite_b=True
+            )
+            self._rows = posterior.rows[:end]
+
+
+class KeptMoments:
+    """Mean and variance at fixed places given the data.
+
+    Theory of operation. New measurements are conditioned on all at once: with the rows
+    R = L22^-1 (k(new, places) - L21 L11^-1 k(old, places)) of the whitened covariance that they add, the mean grows by
+    R^T b_new and the variance shrinks by the sum of R^2. L21 L11^-1 is one small solve, so an update costs one pass of
+    k(old, places), whatever the number of new measurements. The last `provisional` ones may still change: the state
+    before them is kept, and they are conditioned on anew each time. What the centers' uncertain places add to the
+    variance (`Posterior.place_variance`) changes as a whole, and is computed anew too: from R where all of it is there.
+    """
+
+    def __init__(self, posterior: Posterior, places_m: Array, provisional: int = 0) -> None:
+        """Starts with the prior.
+
+        Args:
+            posterior: The posterior that is followed.
+            places_m: The places (P, 2).
+            provisional: How many of the last measurements are expected to change.
+        """
+        self.posterior = posterior
+        self._places_m = checked_places(places_m)
+        self._scaled = posterior.kernel.scale(self._places_m)
+        self._prior_mean = np.asarray(posterior.prior_mean(self._places_m), dtype=float)
+        self._provisional = provisional
+        self._start_anew()
+
+    def _start_anew(self) -> None:
+        self._rows = self.posterior.rows[:0]
+        self._residuals = np.zeros(0)
+        self._mean = self._prior_mean.copy()
+        self._variance = np.array(self.posterior.kernel.variance(self._places_m))
+
+    def update(self) -> tuple[Array, Array, Array]:
+        """Mean, variance where places are known, and what uncertain places add to it, as they are now; (P,) each.
+
+        Planned places count in the variance.
+        """
+        posterior = self.posterior
+        rows, residuals = posterior.rows, posterior.whitened_residuals
+        n, old = len(rows), len(self._rows)
+        if _same_rows(self._rows, rows) < old or not np.array_equal(self._residuals, residuals[:old]):
+            self._start_anew()
+            old = 0
+        if n == old:
+            return self._mean.copy(), np.maximum(self._variance, 0.0), posterior.place_variance(self._scaled)
+        settled = max(old, n - self._provisional)
+        mean, variance, of_places = self._condition(old, settled, n)
+        self._rows, self._residuals = rows[:settled], residuals[:settled].copy()
+        return mean, np.maximum(variance, 0.0), of_places
+
+    def _condition(self, old: int, settled: int, new: int) -> tuple[Array, Array, Array]:
+        """Conditions on measurements old..settled for good, and on settled..new for the answer only.
+
+        Returns:
+            Mean and variance (P,), (P,), and what the centers' uncertain places add to the variance (P,).
+        """
+        posterior = self.posterior
+        of_places = np.zeros(len(self._scaled)) if old == 0 else posterior.place_variance(self._scaled)
+        kernel, factor, residuals = posterior.kernel, posterior.factor, posterior.whitened_residuals
+        lower, measured = factor.lower, posterior.scaled
+        weights = factor.solve_transposed(lower[old:new, :old].T, old) if old else None  # (old, m): L11^-T L21^T
+        own, kept = lower[old:new, old:new], settled - old
+        mean, variance = np.empty_like(self._mean), np.empty_like(self._variance)
+        memory = np.empty((new - old) * min(CHUNK, len(self._scaled)))  # used again: asking for more takes longer
+        for begin in range(0, len(self._scaled), CHUNK):
+            part = slice(begin, min(begin + CHUNK, len(self._scaled)))
+            rows = memory[: (new - old) * (part.stop - begin)].reshape(new - old, -1)
+            kernel.of_scaled(measured[old:new], self._scaled[part], rows)
+            if weights is None:
+                rows = factor.solve_in_place(rows)
+                if posterior.places_uncertain:
+                    off = posterior.place_white.T @ rows[: posterior.data_rows]
+                    np.einsum("rp,rp->p", off, off, out=of_places[part])
+            else:
+                kernel.subtract_weighted(measured[:old], weights, self._scaled[part], rows)
+                rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
+            add_whitened(rows[:kept], residuals[old:settled], self._mean[part], self._variance[part])
+            mean[part], variance[part] = self._mean[part], self._variance[part]
+            add_whitened(rows[kept:], residuals[settled:new], mean[part], variance[part])
+        return mean, variance, of_places
+
+
+def _same_rows(kept: NDArray[np.int64], now: NDArray[np.int64]) -> int:
+    """How many of the leading rows are the same."""
+    common = min(len(kept), len(now))
+    same = kept[:common] == now[:common]
+    return common if same.all() else int(np.argmin(same))

@@ -1,0 +1,44 @@
+"""The local subset: predicting from the centers within d_eps only (paper, section "Online GP")."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior, checked_places
+
+Array = NDArray[np.float64]
+
+
+def predict_locally(prior: Posterior, centers: Centers, places_m: ArrayLike) -> tuple[Array, Array]:
+    """Mean and variance (P,), (P,) at places (P, 2), each from the centers near it.
+
+    Centers are taken within d_eps of each tile of d_eps / 4 in the kernel's axes, not of each place. So the subset is a
+    superset of each place's own, and depends on the place alone, not on the others asked for.
+
+    Args:
+        prior: A posterior without data.
+        centers: All centers.
+        places_m: North, east (P, 2).
+    """
+    places = checked_places(places_m)
+    mean = np.array(prior.prior_mean(places), dtype=float)
+    variance = np.array(prior.kernel.variance(places))
+    if not len(centers):
+        return mean, variance
+    radius = prior.kernel.local_radius
+    side = radius / 4.0
+    scaled, scaled_centers = prior.kernel.scale(places), prior.kernel.scale(centers.places_m)
+    tiles, group = np.unique(np.floor(scaled / side), axis=0, return_inverse=True)
+    order = np.argsort(group.ravel(), kind="stable")
+    bounds = np.searchsorted(group.ravel()[order], np.arange(len(tiles) + 1))
+    for number, tile in enumerate(tiles):
+        members = order[bounds[number] : bounds[number + 1]]
+        gap = np.maximum(np.abs(scaled_centers - (tile + 0.5) * side) - 0.5 * side, 0.0)
+        near = np.flatnonzero(np.einsum("nd,nd->n", gap, gap) <= radius**2)
+        if len(near):
+            local = prior.blank()
+            local.extend(Centers(centers.places_m[near], centers.depths_m[near], centers.noise_std_m[near]))
+            mean[members], variance[members] = local.moments(places[members])
+    return mean, variance

@@ -1,0 +1,425 @@
+"""The posterior of the depth: the only place where the Gaussian process is conditioned on anything.
+
+It is conditioned on measurements X: first the data (kernel centers, whose depths z are known), then *planned places*,
+which will be measured and whose depths are not known yet. With K = k(X, X) + noise (RW2006: Rasmussen and Williams,
+Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
+
+    l. 2   L = chol(K)                             `Factor`, which grows by a row for each measurement
+    l. 3   mean(p) = m(p) + w(p)^T b,              b = L^-1 (z - m(X)), kept
+    l. 5   w(p) = L^-1 k(X, p)                     the *whitened covariance* of place p with the measurements
+    l. 6   cov(p, q) = k(p, q) - w(p)^T w(q)       and so var(p) = k(p, p) - |w(p)|^2
+
+The algorithm's line 3 is mean(p) = k(p, X) alpha with alpha = L^-T b; it is the same, and `mean_m` uses it.
+
+Where the centers' places are uncertain, each of r ways in which all of them may be wrong together changes what the
+centers should have measured by a column of E (n, r), at one standard deviation (`Centers.place_effect_m`). The mean at
+p is then off by -w(p)^T L^-1 E in each way, whatever will be measured elsewhere. So |w(p)^T L^-1 E|^2 is added to every
+variance that is told, the *place variance*: a floor that planned measurements do not remove.
+
+Rows of L and of w do not change when measurements are added after them. So the variance given the data alone is read
+from the first rows of w, and what planned places add from the others; forgetting measurements is dropping the last
+rows. What will be known after a planned measurement does not depend on its outcome: the variance falls, and the mean
+that is expected for then is today's.
+"""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dsyrk
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support import compiled
+from auv_lse_gp.compiled.modules import compiled_gp
+from auv_lse_gp.covariance.kernels import Kernel
+from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
+from auv_lse_gp.inference.centers import NO_CENTERS, Centers
+from auv_lse_gp.inference.factor import Factor, IllConditionedError
+from auv_lse_gp.inference.point_posteriors import Columns
+
+Array = NDArray[np.float64]
+
+#: Places handled at once by `moments` and `mean_m`, so that the work stays in the processor's cache.
+CHUNK = 2048
+#: Half of the distance (m) over which the slope of a prior mean is taken.
+_SLOPE_M = 0.5
+
+
+class Posterior:
+    """Posterior of the depth given data and, after it, places that will be measured.
+
+    Attributes:
+        kernel: Covariance function.
+        prior_mean: Prior mean, places (P, 2) -> depths (P,).
+        noise_var_m2: Variance of a measurement that is planned.
+    """
+
+    def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
+        """Starts with no data.
+
+        Args:
+            config: The prior, and the noise of a measurement that is planned.
+            mean: Prior mean (P, 2) -> (P,); by default the one that `config` describes.
+        """
+        self.kernel = Kernel(config)
+        self.prior_mean = mean or prior_mean(config)
+        self.noise_var_m2 = config.noise_std_m**2
+        self._std_soundings = config.std_soundings
+        self._factor = Factor()
+        self._centers = NO_CENTERS
+        self._scaled = np.zeros((0, 2))  # of all measurements
+        self._rows = np.zeros(0, dtype=np.int64)  # a number for each row, never used again: see `kept.py`
+        self._appended = 0
+        self._whitened = np.zeros(0)  # b = L^-1 (z - m(X))
+        self._place_white: Array | None = None  # L^-1 E, made when it is asked for
+
+    # ---------------------------------------------------------------- what it is conditioned on
+
+    def __len__(self) -> int:
+        """Number of measurements, data and planned: the mark that `truncate` takes."""
+        return len(self._scaled)
+
+    @property
+    def data_rows(self) -> int:
+        """Number of centers: the first rows of every whitened covariance."""
+        return len(self._centers)
+
+    @property
+    def planned_rows(self) -> int:
+        """Number of planned places: the rows after those."""
+        return len(self._scaled) - len(self._centers)
+
+    @property
+    def centers(self) -> Centers:
+        """The data; arrays not to be written to."""
+        return self._centers
+
+    def extend(self, centers: Centers) -> None:
+        """Conditions on more data, after the data there is.
+
+        Raises:
+            ValueError: if places are planned.
+            IllConditionedError: if the covariance cannot be factorized; nothing is changed.
+        """
+        if self.planned_rows:
+            raise ValueError(f"extend: {self.planned_rows} places are planned; expected forget_planned() before")
+        self._append(self.kernel.scale(centers.places_m), centers.noise_std_m**2)
+        self._set_data(self._centers.joined(centers), self.data_rows)
+
+    def plan(self, places_m: Array) -> None:
+        """Conditions on measurements that will be made at `places_m` (O, 2), whatever they will show.
+
+        They come after those already planned; the same place twice is two measurements.
+
+        Raises:
+            IllConditionedError: if the covariance cannot be factorized; nothing is changed.
+        """
+        if len(places_m):
+            scaled = self.kernel.scale(np.asarray(places_m, dtype=float))
+            self._append(scaled, np.full(len(scaled), self.noise_var_m2))
+
+    def truncate(self, size: int) -> None:
+        """Forgets all measurements but the first `size`; `len(posterior)` is the mark to come back to."""
+        self._factor.truncate(size)
+        self._scaled, self._rows = self._scaled[:size], self._rows[:size]
+        if size < self.data_rows:
+            self._centers = self._centers.slice(0, size)
+            self._place_white = None
+            self._whitened = self._whitened[:size]
+
+    def forget_planned(self) -> None:
+        """Goes back to the data alone."""
+        self.truncate(self.data_rows)
+
+    def follow(self, centers: Centers) -> int:
+        """Takes `centers` in place of the data there is, and forgets planned places.
+
+        Only what follows the first center that differs is computed; a depth that differs alone costs no factor.
+
+        Returns:
+            Number of the centers, from the first on, whose place and noise are unchanged.
+
+        Raises:
+            IllConditionedError: if they cannot be factorized; the posterior then has the unchanged ones only.
+        """
+        old = self._centers
+        common = min(len(old), len(centers))
+        same_row = (old.places_m[:common] == centers.places_m[:common]).all(axis=1) & (
+            old.noise_std_m[:common] == centers.noise_std_m[:common]
+        )
+        keep = _leading(same_row)
+        same_depths = _leading(old.depths_m[:keep] == centers.depths_m[:keep])
+        self.truncate(keep)
+        effect = centers.place_effect_m
+        taken = Centers(
+            np.array(centers.places_m, dtype=float),
+            np.array(centers.depths_m, dtype=float),
+            np.array(centers.noise_std_m, dtype=float),
+            None if effect is None else np.array(effect, dtype=float),
+        )
+        try:
+            self._append(self.kernel.scale(taken.places_m[keep:]), taken.noise_std_m[keep:] ** 2)
+        except IllConditionedError:
+            self._set_data(taken.slice(0, keep), same_depths)
+            raise
+        self._set_data(taken, same_depths)
+        return keep
+
+    def blank(self) -> Posterior:
+        """A posterior of the same prior, without data."""
+        other = copy.copy(self)
+        other._factor = Factor()
+        other.truncate(0)
+        return other
+
+    def copy(self) -> Posterior:
+        """A posterior of the same data, without planned places."""
+        other = copy.copy(self)
+        other._factor = self._factor.copy()
+        other.forget_planned()
+        return other
+
+    def _append(self, scaled: Array, noise_m2: Array) -> None:
+        """Appends measurements at scaled places (m, 2) to the factor: RW2006 algorithm 2.1, line 2, for new rows."""
+        if not len(scaled):
+            return
+        own = self.kernel.of_scaled(scaled, scaled)
+        own[np.diag_indices(len(scaled))] += noise_m2
+        self._factor.append(self.kernel.of_scaled(scaled, self._scaled), own)
+        self._scaled = np.concatenate([self._scaled, scaled])
+        self._rows = np.concatenate([self._rows, self._appended + np.arange(len(scaled))])
+        self._appended += len(scaled)
+
+    def _set_data(self, centers: Centers, same: int) -> None:
+        """Takes the depths of `centers`, whose rows are in the factor; the first `same` depths are as they were."""
+        self._centers = centers
+        self._place_white = None
+        if same == len(centers) == len(self._whitened):
+            return
+        residuals = centers.depths_m[same:]
+        if len(residuals):
+            residuals = residuals - self.prior_mean(centers.places_m[same:])
+        self._whitened = self._factor.solve_from(same, np.concatenate([self._whitened[:same], residuals]))
+
+    # ---------------------------------------------------------------- what it says about places
+
+    def columns(self, places_m: Array) -> Columns:
+        """What the posterior says about places (P, 2)."""
+        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
+        scaled = self.kernel.scale(places)
+        # RW2006 algorithm 2.1, line 5: v = L \ k_*, here a row for each place
+        white = self._factor.solve_rows_in_place(self.kernel.of_scaled(scaled, self._scaled))
+        n = self.data_rows
+        data, planned = white[:, :n], white[:, n:]
+        data_var = np.maximum(self.kernel.variance(places) - np.einsum("pn,pn->p", data, data), 0.0)  # line 6
+        planned_var = data_var
+        if self.planned_rows:
+            planned_var = np.maximum(data_var - np.einsum("pn,pn->p", planned, planned), 0.0)
+        if self.places_uncertain:
+            floor = np.einsum("pr,pr->p", *[data @ self.place_white] * 2)
+            data_var, planned_var = data_var + floor, planned_var + floor
+        mean = np.asarray(self.prior_mean(places), dtype=float)
+        if n:
+            mean = mean + data @ self._whitened  # line 4
+        return Columns(scaled, white, mean, data_var, planned_var)
+
+    def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
+        """Mean given the data, and variance given data and planned places (P,), (P,), of any number of places (P, 2).
+
+        Unlike `columns` it keeps nothing of the whitened covariance, and so takes no memory for it.
+        """
+        places = checked_places(places_m)
+        mean = np.array(self.prior_mean(places), dtype=float)
+        variance = np.array(self.kernel.variance(places))
+        scaled = self.kernel.scale(places)
+        self.condition_moments(scaled, mean, variance)
+        return mean, np.maximum(variance, 0.0) + self.place_variance(scaled)
+
+    @property
+    def places_uncertain(self) -> bool:
+        """Whether the centers' places are uncertain."""
+        return self._centers.place_effect_m is not None and bool(len(self._centers))
+
+    @property
+    def place_white(self) -> Array:
+        """L^-1 E (n, r) of the centers' place effects; (n, 0) where their places count as known."""
+        if self._place_white is None:
+            n, effect = self.data_rows, self._centers.place_effect_m
+            if effect is None:
+                effect = np.zeros((n, 0))
+            lower = self._factor.lower[:n, :n]
+            self._place_white = solve_triangular(lower, effect, lower=True, check_finite=False) if n else effect
+        return self._place_white
+
+    @property
+    def residual_ratio(self) -> float:
+        """|b|^2 / n of n data with residuals b, whitened by the prior: 1 in the mean if the prior is right.
+
+        Without data it is 1.
+        Where places are uncertain, b is whitened with their effects, too: |b|^2 is b' (1 + W W')^-1 b with W = L^-1 E.
+        """
+        b = self.whitened_residuals[: self.data_rows]
+        if not len(b):
+            return 1.0
+        squares = float(b @ b)
+        if self.places_uncertain:
+            white = self.place_white
+            along = white.T @ b
+            squares -= float(along @ np.linalg.solve(np.eye(len(along)) + white.T @ white, along))
+        return squares / len(b)
+
+    @property
+    def variance_scale(self) -> float:
+        """The factor c^2 by which the data find the prior's variance too large or too small.
+
+        With an inverse gamma prior of c^2 about 1, worth w data (`gp.std_soundings`), the mean of c^2 given the data is
+        (w + |b|^2) / (w + n) but for terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6); |b|^2
+        as in `residual_ratio`. Noise is scaled with the signal.
+        """
+        n, worth = self.data_rows, self._std_soundings
+        return (worth + n * self.residual_ratio) / (worth + n) if worth > 0.0 and n else 1.0
+
+    def place_variance(self, scaled: Array) -> Array:
+        """What the uncertain places of the centers add to the variance (P,) at scaled places (P, 2)."""
+        if not self.places_uncertain:
+            return np.zeros(len(scaled))
+        weights = self._factor.solve_transposed(self.place_white, self.data_rows)
+        off = np.zeros((weights.shape[1], len(scaled)))
+        self.kernel.subtract_weighted(self._scaled[: self.data_rows], weights, scaled, off)
+        return np.asarray(np.einsum("rp,rp->p", off, off))
+
+    def slopes(self, places_m: ArrayLike) -> Array:
+        """Slope (P, 2) of the mean depth at places (P, 2): metres per metre north and east."""
+        places = checked_places(places_m)
+        n = self.data_rows
+        weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
+        return slopes_of(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
+
+    def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
+        """Turns prior mean (P,) and variance (P,) of scaled places (P, 2) into the posterior's, in place."""
+        n = len(self)
+        if not n:
+            return
+        residuals = self.whitened_residuals
+        memory = np.empty(n * min(CHUNK, len(scaled)))
+        for begin in range(0, len(scaled), CHUNK):
+            part = slice(begin, min(begin + CHUNK, len(scaled)))
+            columns = part.stop - begin
+            white = memory[: n * columns].reshape(n, columns)
+            self._factor.solve_in_place(self.kernel.of_scaled(self._scaled, scaled[part], white))
+            add_whitened(white, residuals, mean[part], variance[part])
+
+    def mean_m(self, places_m: ArrayLike) -> Array:
+        """Mean (P,) of the depth at places (P, 2) given the data, without the cost of a variance."""
+        places = checked_places(places_m)
+        mean = np.array(self.prior_mean(places), dtype=float)
+        n = self.data_rows
+        if not n:
+            return mean
+        weights = self._factor.solve_transposed(-self._whitened, n)  # line 3: alpha = L^T \ (L \ y)
+        scaled = self.kernel.scale(places)
+        self.kernel.subtract_weighted(self._scaled[:n], weights[:, None], scaled, mean[None])  # line 4
+        return mean
+
+    # ---------------------------------------------------------------- joint covariance
+
+    def covariance(self, a: Columns, b: Columns) -> Array:
+        """Covariance (A, B) of the depths given the data and the planned places."""
+        if a is b and a.white.shape[1]:
+            lower = self.lower_covariance(a)
+            return np.tril(lower) + np.tril(lower, -1).T
+        return self.kernel.of_scaled(a.scaled, b.scaled) - a.white @ b.white.T
+
+    def lower_covariance(self, a: Columns) -> Array:
+        """Covariance (A, A) among places, its lower triangle only: half the work. Not to be read above it."""
+        own = self.kernel.of_scaled(a.scaled, a.scaled).T  # symmetric; Fortran-ordered, so changed in place
+        if not a.white.shape[1]:
+            return own
+        if a.white.flags.c_contiguous:
+            return np.asarray(dsyrk(-1.0, a.white.T, beta=1.0, c=own, trans=1, lower=1, overwrite_c=1))
+        return np.asarray(dsyrk(-1.0, np.asfortranarray(a.white), beta=1.0, c=own, lower=1, overwrite_c=1))
+
+    def measured_covariance(self, a: Columns) -> Array:
+        """Covariance (A, A) of measurements at places, that is with noise: its lower triangle only."""
+        matrix = self.lower_covariance(a)
+        np.einsum("ii->i", matrix)[:] += self.noise_var_m2
+        return matrix
+
+    def measured_covariances(self, paths: Columns, count: int) -> Array:
+        """Covariances (B, c, c) of measurements along each of several paths of equal length.
+
+        Args:
+            paths: Places of all paths, path after path, B * c of them.
+            count: Number of paths B.
+        """
+        length = len(paths) // count
+        white = paths.white.reshape(count, length, paths.white.shape[1])
+        scaled = paths.scaled.reshape(count, length, 2)
+        apart = scaled[:, :, None, :] - scaled[:, None, :, :]
+        matrices = self.kernel.of_scaled(np.zeros((1, 2)), apart.reshape(-1, 2)).reshape(count, length, length)
+        matrices -= white @ white.transpose(0, 2, 1)
+        np.einsum("bii->bi", matrices)[:] += self.noise_var_m2
+        return matrices
+
+    # ---------------------------------------------------------------- its parts
+
+    @property
+    def factor(self) -> Factor:
+        """L of data and planned places; not to be changed."""
+        return self._factor
+
+    @property
+    def scaled(self) -> Array:
+        """Places (n + o, 2) of all measurements in the kernel's axes and lengths; not to be written to."""
+        return self._scaled
+
+    @property
+    def rows(self) -> NDArray[np.int64]:
+        """A number for each measurement (n + o,): the same number is the same row of L and w, unchanged."""
+        return self._rows
+
+    @property
+    def whitened_residuals(self) -> Array:
+        """b (n + o,); zero for planned places, whose measurements are expected to show what the mean says."""
+        if not self.planned_rows:
+            return self._whitened
+        return np.concatenate([self._whitened, np.zeros(self.planned_rows)])
+
+
+def slopes_of(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, places_m: Array) -> Array:
+    """Slope (P, 2) at places (P, 2) of the depth m(p) + sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
+    found = kernel.gradient_sums(kernel.scale(places_m), np.tile(weights, (len(places_m), 1)), scaled)
+    for axis in (0, 1):
+        step = np.zeros(2)
+        step[axis] = _SLOPE_M
+        found[:, axis] += (mean(places_m + step) - mean(places_m - step)) / (2.0 * _SLOPE_M)
+    return found
+
+
+def add_whitened(white: Array, residuals: Array, mean: Array, variance: Array) -> None:
+    """mean (P,) += b^T w and variance (P,) -= sum of w^2, for whitened covariance w (n, P) and residuals b (n,)."""
+    if compiled.USE_NUMBA:
+        compiled_gp().add_whitened(white, residuals, mean, variance)
+        return
+    mean += residuals @ white
+    variance -= np.einsum("np,np->p", white, white)
+
+
+def checked_places(places_m: ArrayLike) -> Array:
+    """Places as an array (P, 2).
+
+    Raises:
+        ValueError: for another shape.
+    """
+    places = np.asarray(places_m, dtype=float)
+    if places.ndim != 2 or places.shape[1] != 2:
+        raise ValueError(f"places_m: got shape {places.shape}; expected (P, 2): north, east (m)")
+    return places
+
+
+def _leading(same: NDArray[np.bool_]) -> int:
+    """How many are true before the first that is not."""
+    return len(same) if same.all() else int(np.argmin(same))

@@ -1,0 +1,1 @@
+"""Bayes risk of the level set."""

@@ -1,0 +1,1 @@
+"""The online depth map of one vehicle."""

@@ -1,0 +1,60 @@
+"""The gate that soundings pass before they enter the map: what cannot be a sounding, and what is an outlier."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.vocabulary.frames import FARTHEST_M
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class SoundingError(ValueError):
+    """A sounding that cannot be one: not finite, or absurd."""
+
+
+def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: float) -> None:
+    """Refuses what cannot be a sounding.
+
+    Raises:
+        SoundingError: if a number is not finite, or the depth out of the configured range.
+    """
+    if not (math.isfinite(north_m) and math.isfinite(east_m) and math.isfinite(depth_m)):
+        raise SoundingError(
+            f"sounding north_m={north_m!r}, east_m={east_m!r}, depth_m={depth_m!r}: expected finite numbers"
+        )
+    if not config.min_depth_m <= depth_m <= config.max_depth_m:
+        raise SoundingError(
+            f"sounding at north_m={north_m:.1f}, east_m={east_m:.1f}: depth_m={depth_m!r}; expected "
+            f"{config.min_depth_m:g} to {config.max_depth_m:g} m (gp.min_depth_m, gp.max_depth_m)"
+        )
+    if max(abs(north_m), abs(east_m)) > FARTHEST_M:
+        raise SoundingError(
+            f"sounding at north_m={north_m!r}, east_m={east_m!r}: expected within 1000 km of the local origin"
+        )
+
+
+def can_be_soundings(config: GpConfig, rows: Array) -> Mask:
+    """Which rows (n, 3) of north, east, depth (m) `check_sounding` does not refuse, shape (n,)."""
+    with np.errstate(invalid="ignore"):
+        deep = (config.min_depth_m <= rows[:, 2]) & (rows[:, 2] <= config.max_depth_m)
+        near = (np.abs(rows[:, :2]) <= FARTHEST_M).all(axis=1)
+    return np.asarray(np.isfinite(rows).all(axis=1) & deep & near)
+
+
+def within_gate(config: GpConfig, depths_m: Array, mean_m: Array, variance_m2: Array, sigmas: float) -> Mask:
+    """Which soundings are no farther off their prediction than `sigmas` standard deviations, noise included.
+
+    Args:
+        config: The noise of a sounding.
+        depths_m: Soundings, shape (P,).
+        mean_m: Predicted depths there, shape (P,).
+        variance_m2: Variances of these depths, shape (P,).
+        sigmas: The gate.
+    """
+    return np.asarray(np.abs(depths_m - mean_m) <= sigmas * np.sqrt(variance_m2 + config.noise_std_m**2))

@@ -1,0 +1,185 @@
+"""The map: updated step by step it is what a map made at once would be; isobath and counts."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from auv_lse_common.mission_file.sections.gp import KERNELS
+from auv_lse_common.support import compiled
+from auv_lse_common.vocabulary.health import Level
+from auv_lse_gp import AreaConfig, DepthMap, GpConfig, LevelSet, OperatingArea, Outcome, Posterior, contours
+from auv_lse_gp.health import map_health, map_totals
+
+AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0), raster_m=4.0))
+
+
+@pytest.fixture(params=[True, False], ids=["numba", "numpy"])
+def _path(request, monkeypatch):
+    if request.param and not compiled.USE_NUMBA:
+        pytest.skip("numba is not installed")
+    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
+
+
+def depth(north, east):
+    return 15.0 + (north - 100.0) / 10.0 + 1.5 * np.sin(east / 30.0)
+
+
+def track(n, seed=0):
+    """Soundings of a wandering vehicle: it comes back to where it was."""
+    rng = np.random.default_rng(seed)
+    heading = np.cumsum(rng.normal(0, 0.3, n))
+    path = 100.0 + np.cumsum(np.column_stack([np.cos(heading), np.sin(heading)]) * 3.0, axis=0)
+    path = np.abs((path + 200.0) % 400.0 - 200.0)  # reflected into the area
+    return np.column_stack([np.arange(n) * 1.0, path, depth(path[:, 0], path[:, 1]) + rng.normal(0, 0.3, n)])
+
+
+@pytest.mark.usefixtures("_path")
+@pytest.mark.parametrize("merge", [False, True])
+@pytest.mark.parametrize("name", KERNELS)
+def test_step_by_step_is_the_same_as_at_once(name, merge):
+    config = GpConfig(kernel=name, merge=merge, min_spacing_m=8.0, length_scale_m=50.0)
+    level_set = LevelSet()
+    step_by_step = DepthMap(config, level_set, AREA)
+    soundings = track(300)
+    for part in np.array_split(soundings, 40):
+        step_by_step.add_soundings(part)
+        step_by_step.field()
+    field = step_by_step.field()
+    fresh = Posterior(config)
+    fresh.extend(step_by_step.centers)
+    mean, variance = fresh.moments(step_by_step.grid.places_m)
+    std = np.sqrt(variance)
+    inside = step_by_step.grid.inside
+    assert_allclose(field.mean_m[inside], mean, rtol=1e-9)
+    assert_allclose(field.prior_std_m[inside], std, rtol=1e-9)
+    std = std * np.sqrt(fresh.variance_scale)
+    assert_allclose(field.std_m[inside], std, rtol=1e-9)
+    assert_allclose(field.risk[inside], level_set.risk(mean, std), rtol=1e-7, atol=1e-12)
+    assert_allclose(field.p_safe[inside], level_set.p_safe(mean, std), rtol=1e-7, atol=1e-12)
+    assert field.revision == step_by_step.revision == step_by_step.field().revision
+    if merge:
+        assert step_by_step.counts.merged > 30
+
+
+def test_local_map_is_the_local_prediction():
+    config = GpConfig(local=True, merge=False, length_scale_m=30.0)
+    depth_map = DepthMap(config, LevelSet(), AREA)
+    depth_map.add_soundings(track(200))
+    mean, std = depth_map.gp.predict(depth_map.grid.places_m)
+    inside = depth_map.grid.inside
+    assert_allclose(depth_map.field().mean_m[inside], mean)
+    assert_allclose(depth_map.field().prior_std_m[inside], std)
+
+
+def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
+    depth_map = DepthMap(GpConfig(min_spacing_m=10.0, merge=False), LevelSet(), AREA)
+    outcomes = depth_map.add_soundings([[2.0, 104.0, 100.0, 15.0], [1.0, 100.0, 100.0, 15.0]])
+    assert outcomes == [Outcome.TOO_CLOSE, Outcome.KEPT]
+    outcomes = depth_map.add_samples([[50.0, 50.0, 10.0], [50.0, 53.0, 10.0]], 2)
+    assert outcomes == [Outcome.KEPT, Outcome.TOO_CLOSE]
+    assert depth_map.centers.places_m.tolist() == [[100.0, 100.0], [50.0, 50.0]]
+    assert depth_map.add_soundings(np.zeros((0, 4))) == []
+    with pytest.raises(ValueError, match=r"soundings: got shape \(1, 3\); expected \(n, 4\)"):
+        depth_map.add_soundings([[1.0, 2.0, 3.0]])
+
+
+def test_refused_soundings_are_counted_and_the_rest_is_taken():
+    depth_map = DepthMap(GpConfig(), LevelSet(), AREA)
+    outcomes = depth_map.add_soundings([[0.0, 1.0, 1.0, math.nan], [1.0, 50.0, 50.0, 12.0], [2.0, 9.0, 9.0, -4.0]])
+    assert outcomes == [None, Outcome.KEPT, None]
+    assert depth_map.counts.refused == 2
+    assert "depth_m=-4.0; expected 0 to 1000 m" in depth_map.last_problem
+    assert np.isfinite(depth_map.field().mean_m[depth_map.grid.inside]).all()
+
+
+def told_of(depth_map):
+    """What diagnostics say when all that was counted is recent."""
+    return map_health(depth_map, 0.0, 0.0, {}, map_totals(depth_map, {}))
+
+
+def surveyed(**values):
+    """A map with own soundings on a grid of the true depth, and places between them."""
+    depth_map = DepthMap(GpConfig(length_scale_m=60.0, **values), LevelSet(level_m=15.0), AREA)
+    rng = np.random.default_rng(2)
+    north, east = (axis.ravel() for axis in np.meshgrid(np.arange(10.0, 200.0, 20.0), np.arange(10.0, 240.0, 20.0)))
+    own = np.column_stack([np.arange(len(north)), north, east, depth(north, east) + rng.normal(0, 0.3, len(north))])
+    depth_map.add_soundings(own)
+    return depth_map, rng.uniform([20, 20], [180, 220], (200, 2)), rng
+
+
+def test_forged_samples_do_not_turn_the_map_over():
+    depth_map, places, rng = surveyed()
+    before = depth_map.field().p_safe.copy()
+    samples = np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, len(places))])
+    forged = rng.random(len(samples)) < 0.5
+    samples[forged, 2] = np.where(samples[forged, 2] > 15.0, 2.0, 874.0)
+    outcomes = np.array([o for packet in np.split(samples, 10) for o in depth_map.add_samples(packet, 3)])
+    assert (outcomes[forged] == Outcome.OUTLIER).all()
+    assert (outcomes[~forged] != Outcome.OUTLIER).mean() > 0.98
+    inside = depth_map.grid.inside
+    assert (((depth_map.field().p_safe > 0.5) != (before > 0.5))[inside]).mean() < 0.03
+    health = told_of(depth_map)
+    assert health.level is Level.WARN
+    assert "samples of auv3 do not fit the own map" in health.text
+    assert health.values["samples of auv3 that do not fit"] == f"{forged.sum()} of 200"
+
+
+def test_samples_with_a_mates_place_error_fit_and_are_not_told_of():
+    depth_map, places, rng = surveyed()
+    off = places + rng.normal(0.0, 3.0, places.shape)  # what drift leaves in a mate's places
+    depth_map.add_samples(np.column_stack([places, depth(*off.T) + rng.normal(0, 0.3, len(places))]), 2)
+    assert not depth_map.team[2].suspicious
+    assert told_of(depth_map).level is Level.OK
+
+
+def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
+    depth_map, places, _ = surveyed(max_centers=150, min_spacing_m=0.0, merge=False)
+    own = len(depth_map.centers)
+    assert own < 150
+    told = [depth_map.add_samples([[*place, depth(*place)]], 2)[0] for place in places]
+    assert len(depth_map.centers) == min(150, own + 75)
+    assert told[-1] is Outcome.FULL
+    assert "soundings given up: the map has gp.max_centers = 150" in told_of(depth_map).text
+
+
+def test_beyond_that_half_samples_are_still_merged_into_the_centers_there_are():
+    depth_map = DepthMap(GpConfig(max_centers=4, min_spacing_m=15.0), LevelSet(level_m=15.0), AREA)
+    samples = [[20.0, 20.0, 12.0], [60.0, 20.0, 12.0], [100.0, 20.0, 12.0], [62.0, 20.0, 12.0]]
+    kept, merged, full = Outcome.KEPT, Outcome.MERGED, Outcome.FULL
+    assert depth_map.add_samples(samples, 2) == [kept, kept, full, merged]
+    assert depth_map.counts.full == 1
+
+
+def test_isobath_and_its_band():
+    depth_map = DepthMap(GpConfig(mean_depth_m=15.0, length_scale_m=60.0), LevelSet(level_m=15.0), AREA)
+    rng = np.random.default_rng(1)
+    places = rng.uniform([0, 0], [200, 240], (500, 2))
+    depth_map.add_samples(np.column_stack([places, depth(*places.T) + rng.normal(0, 0.3, 500)]), 2)
+    isobath = depth_map.isobath()
+    assert isobath.band_probability == 0.95
+    line = max(isobath.lines, key=len)
+    true_north = 100.0 - 15.0 * np.sin(line[:, 1] / 30.0)
+    off = np.abs(line[:, 0] - true_north)
+    assert np.median(off) < 1.5
+    assert off.max() < 8.0  # at the edge of the data
+    assert np.ptp(line[:, 1]) > 225.0  # from side to side
+    for edge, side in ((isobath.shallow_edge, -1.0), (isobath.deep_edge, 1.0)):
+        points = max(edge, key=len)
+        offset = side * (points[:, 0] - np.interp(points[:, 1], *line[np.argsort(line[:, 1])].T[::-1]))
+        assert np.all(offset > 0.0)
+        mean, std = depth_map.gp.predict(points)
+        std = std * np.sqrt(depth_map.field().variance_scale)
+        # Linear between cells of 5 m, over which the band's edges are a few metres apart.
+        assert (mean - 15.0) / std == pytest.approx(np.full(len(points), side * 1.96), abs=0.5)
+
+
+def test_contours_of_a_cone():
+    grid = AREA.grid(2.0)
+    north, east = np.meshgrid(grid.north_m, grid.east_m, indexing="ij")
+    lines = contours(grid, np.hypot(north - 100.0, east - 120.0), 50.0)
+    assert len(lines) == 1
+    assert np.hypot(lines[0][:, 0] - 100.0, lines[0][:, 1] - 120.0) == pytest.approx(50.0, abs=0.05)
+    assert lines[0][0].tolist() == lines[0][-1].tolist()
+    assert contours(grid, np.full(grid.inside.shape, np.nan), 50.0) == []

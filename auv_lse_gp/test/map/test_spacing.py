@@ -1,0 +1,61 @@
+"""The spacing index against a loop over all places, after forgetting too."""
+
+import numpy as np
+import pytest
+
+from auv_lse_common.support import compiled
+from auv_lse_gp.map.spacing import SpacingIndex
+
+
+@pytest.fixture(params=[True, False], ids=["numba", "numpy"], autouse=True)
+def either(request, monkeypatch):
+    if request.param and not compiled.USE_NUMBA:
+        pytest.skip("numba is not installed")
+    monkeypatch.setattr(compiled, "USE_NUMBA", request.param)
+
+
+def nearest(kept, place, spacing_m):
+    distance = np.hypot(*(kept - place).T)
+    return int(np.argmin(distance)) if len(kept) and distance.min() < spacing_m else None
+
+
+@pytest.mark.parametrize("spacing_m", [0.0, 3.0, 10.0])
+def test_finds_the_nearest_place_within_the_spacing(spacing_m):
+    rng = np.random.default_rng(1)
+    index, kept = SpacingIndex(spacing_m), np.zeros((0, 2))
+    for size in (80, 30, 60, 0, 40):  # grows and is cut back
+        index.truncate(size)
+        kept = kept[:size]
+        while len(kept) < size:
+            kept = np.vstack([kept, rng.uniform(-50.0, 50.0, 2)])
+            index.add(*kept[-1].tolist())
+        assert len(index) == size
+        for place in rng.uniform(-60.0, 60.0, (200, 2)):
+            assert index.too_close(*place.tolist()) == nearest(kept, place, spacing_m)
+
+
+@pytest.mark.parametrize("most_new", [0, 5, 1000])
+def test_takes_places_as_one_after_another(most_new):
+    rng = np.random.default_rng(2)
+    index, kept, room = SpacingIndex(5.0), np.zeros((0, 2)), most_new
+    for count in (0, 1, 150):  # with more than the table has room for at first
+        places = rng.uniform(-50.0, 50.0, (count, 2))
+        room = most_new
+        near, new = index.take(places, most_new)
+        for place, number, is_new in zip(places, near.tolist(), new.tolist(), strict=True):
+            wanted = nearest(kept, place, 5.0)
+            if wanted is not None:
+                assert (number, is_new) == (wanted, False)
+            elif room:
+                assert (number, is_new) == (len(kept), True)
+                kept, room = np.vstack([kept, place]), room - 1
+            else:
+                assert (number, is_new) == (-1, False)
+        assert len(index) == len(kept)
+
+
+def test_a_place_at_exactly_the_spacing_is_not_too_close():
+    index = SpacingIndex(10.0)
+    index.add(0.0, 0.0)
+    assert index.too_close(10.0, 0.0) is None
+    assert index.too_close(6.0, 7.9) == 0

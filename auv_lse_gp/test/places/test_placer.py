@@ -1,0 +1,278 @@
+"""Soundings booked where they were taken: the map made again, and what it knows of the places that are left."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from places_helpers import Ground, Sailed, messages, sail, surface
+
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig, places_of
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_gp.inference.cached_points import KeptColumns, KeptMoments
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.places.book import SoundingBook
+from auv_lse_gp.places.placer import Placer
+
+AREA = OperatingArea(AreaConfig(polygon_m=(-300.0, -300.0, 300.0, -300.0, 300.0, 300.0, -300.0, 300.0)))
+CONFIG = PlacesConfig(correct=True)
+GP = GpConfig()
+
+
+def uncertain(rng: np.random.Generator, modes: int = 3) -> Centers:
+    places = rng.uniform(0.0, 200.0, (25, 2))
+    effect = 0.5 * rng.standard_normal((25, modes))
+    return Centers(places, rng.normal(15.0, 5.0, 25), np.full(25, 0.3), effect)
+
+
+# ---------------------------------------------------------------- the floor of the variance
+
+
+def test_place_variance_is_that_of_the_textbook():
+    """D Sigma D' with D = -k S^-1 H, here with H Sigma H' = E E'."""
+    rng = np.random.default_rng(0)
+    centers = uncertain(rng)
+    posterior = Posterior(GP)
+    posterior.follow(centers)
+    at = rng.uniform(0.0, 200.0, (7, 2))
+    covariance = posterior.kernel(centers.places_m, centers.places_m) + np.diag(centers.noise_std_m**2)
+    d = posterior.kernel(at, centers.places_m) @ np.linalg.solve(covariance, centers.place_effect_m)
+    expected = (d**2).sum(axis=1)
+    known = Posterior(GP)
+    known.follow(Centers(centers.places_m, centers.depths_m, centers.noise_std_m))
+    mean, variance = known.moments(at)
+    assert posterior.place_variance(posterior.kernel.scale(at)) == pytest.approx(expected, rel=1e-9)
+    assert posterior.moments(at)[0] == pytest.approx(mean)
+    assert posterior.moments(at)[1] == pytest.approx(variance + expected, rel=1e-9)
+    assert posterior.columns(at).data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
+    assert KeptColumns(posterior, at).columns().data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("provisional", [0, 9])
+def test_moments_that_are_kept_follow_the_place_variance(provisional: int) -> None:
+    rng = np.random.default_rng(3)
+    first, more = uncertain(rng), uncertain(rng)
+    posterior, at = Posterior(GP), rng.uniform(0.0, 200.0, (7, 2))
+    kept = KeptMoments(posterior, at, provisional)
+    told_anew = Centers(first.places_m, first.depths_m, first.noise_std_m, 2.0 * first.place_effect_m)
+    for centers in (first, first.joined(more), told_anew, more):  # from nothing, more of them, other effects, others
+        posterior.follow(centers)
+        for _ in range(2):  # the second time nothing is new
+            mean, variance, of_places = kept.update()
+            assert np.array([mean, variance + of_places]) == pytest.approx(np.array(posterior.moments(at)), rel=1e-9)
+            assert of_places == pytest.approx(posterior.place_variance(posterior.kernel.scale(at)), rel=1e-9)
+
+
+def test_no_planned_measurement_goes_below_the_floor():
+    rng = np.random.default_rng(1)
+    posterior = Posterior(GP)
+    posterior.follow(uncertain(rng))
+    at = rng.uniform(0.0, 200.0, (5, 2))
+    floor = posterior.place_variance(posterior.kernel.scale(at))
+    posterior.plan(np.repeat(at, 50, axis=0))
+    for columns in (posterior.columns(at), KeptColumns(posterior, at).columns()):
+        assert np.all(columns.planned_var_m2 >= floor)
+        assert columns.planned_var_m2 == pytest.approx(floor, abs=0.3**2 / 49.0)
+        assert np.all(columns.planned_var_m2 <= columns.data_var_m2)
+
+
+def test_the_slope_of_the_mean_is_that_of_differences():
+    rng = np.random.default_rng(2)
+    posterior = Posterior(GpConfig(mean="plane", mean_slope_north=0.1, mean_slope_east=-0.05))
+    posterior.follow(uncertain(rng))
+    at = rng.uniform(0.0, 200.0, (6, 2))
+    slopes = posterior.slopes(at)
+    for axis in (0, 1):
+        step = np.zeros(2)
+        step[axis] = 1e-3
+        assert slopes[:, axis] == pytest.approx(
+            (posterior.mean_m(at + step) - posterior.mean_m(at - step)) / 2e-3, abs=1e-5
+        )
+
+
+def test_a_common_error_of_all_places_is_worth_the_slope():
+    """Soundings on a plane, all shifted north by an unknown 2 m (std): the depth is then unknown by 2 m times slope."""
+    places = np.stack(np.meshgrid(np.arange(0.0, 200.0, 10.0), np.arange(0.0, 200.0, 10.0)), axis=-1).reshape(-1, 2)
+    depths = 15.0 + 0.1 * (places[:, 0] - 100.0)
+    posterior = Posterior(GP)
+    effect = np.full((len(places), 1), 0.1 * 2.0)
+    posterior.follow(Centers(places, depths, np.full(len(places), 0.3), effect))
+    middle = np.array([[95.0, 105.0]])
+    assert posterior.slopes(middle)[0] == pytest.approx([0.1, 0.0], abs=0.002)
+    assert posterior.place_variance(posterior.kernel.scale(middle))[0] == pytest.approx(0.2**2, rel=0.02)
+
+
+def test_centers_join_with_and_without_place_effects():
+    rng = np.random.default_rng(3)
+    some = uncertain(rng, 2)
+    plain = Centers(some.places_m, some.depths_m, some.noise_std_m)
+    assert plain.joined(plain).place_effect_m is None
+    joined = plain.joined(some)
+    assert joined.place_effect_m is not None
+    assert joined.place_effect_m[:25].tolist() == np.zeros((25, 2)).tolist()
+    assert np.array_equal(joined.slice(25, 50).place_effect_m, some.place_effect_m)
+
+
+# ---------------------------------------------------------------- booking
+
+
+def test_the_book_keeps_what_cannot_be_corrected_where_it_was_told():
+    book = SoundingBook()
+    nan = float("nan")
+    told = np.array([[1.0, 2.0], [3.0, 4.0]])
+    raw = np.array([[nan, nan], [30.0, 40.0]])
+    assert book.add(2, np.array([1.0, nan]), raw, told, np.array([9.0, 8.0]), None).tolist() == [
+        [1.0, 2.0],
+        [30.0, 40.0],
+    ]
+    assert len(book.pieces()) == 0
+    for _ in range(200):
+        book.add(1, np.zeros(3), np.ones((3, 2)), np.ones((3, 2)), np.ones(3), None)
+    assert len(book) == 602
+    assert book.depths_m[:2].tolist() == [9.0, 8.0]
+
+
+def played(team: list[Sailed], ground: Ground, config: PlacesConfig = CONFIG) -> MapIntake:
+    """The map of the first vehicle, told everything tick by tick."""
+    rng = np.random.default_rng(5)
+    depth_map = DepthMap(GP, LevelSet(), AREA)
+    intake = MapIntake(depth_map, Placer(1, config, depth_map))
+    heard = messages(rng, team, 0)
+    own, depths = team[0], [ground.depth_m(sailed.true) for sailed in team]
+    for i, t in enumerate(own.times.tolist()):
+        north, east = own.raw[i]
+        intake.add_dead_reckoning(
+            DeadReckoning(stamp_s=t, heading_rad=own.headings[i], north_m=north, east_m=east, depth_m=3.0)
+        )
+        intake.add_soundings([(t, north, east, depths[0][i], north, east)])
+        for fix in own.fixes:
+            if fix.stamp_s == t:
+                intake.add_fix(fix)
+        for mate, samples in [entry for entry in heard if t - 1.0 < entry[0].sent_s <= t]:
+            at = [int(np.argmin(((team[mate.source - 1].raw - s) ** 2).sum(axis=1))) for s in samples]
+            intake.add_navigation(mate)
+            intake.add_samples(t, mate.source, np.column_stack([samples, depths[mate.source - 1][at]]))
+        intake.step(t)
+    return intake
+
+
+def test_a_fix_moves_the_soundings_before_it_and_the_map_with_them():
+    rng = np.random.default_rng(33)
+    ground = Ground(rng, GP)
+    config = PlacesConfig(correct=True, heading_std_deg=4.0)  # ten metres of error, where a fix is off by one
+    team = [sail(rng, config, 30, box_m=350.0) for _ in range(2)]
+    surface(rng, team[0], 400)
+    intake = played(team, ground, config)
+    placer, own = intake.placer, team[0]
+    assert placer is not None
+    assert placer.rebooked >= 1
+    assert len(placer.book) > 700
+    mine = placer.book.vehicles == 1
+    at = placer.book.stamps_s[mine].astype(int)
+    before = np.sqrt(((own.raw[at] - own.true[at]) ** 2).sum(axis=1).mean())
+    after = np.sqrt(((placer.book.booked_m[mine] - own.true[at]) ** 2).sum(axis=1).mean())
+    assert after < 0.5 * before
+    cells = intake.map.grid.places_m
+    near = np.array([np.min(((own.true - cell) ** 2).sum(axis=1)) < 15.0**2 for cell in cells])
+    raw_map = DepthMap(GP, LevelSet(), AREA)
+    raw_map.add_soundings(np.column_stack([own.times, own.raw, ground.depth_m(own.true)]))
+    truth = ground.depth_m(cells[near])
+    error = intake.map.gp.predict(cells[near])[0] - truth
+    raw_error = raw_map.gp.predict(cells[near])[0] - truth
+    assert np.sqrt((error**2).mean()) < 0.7 * np.sqrt((raw_error**2).mean())
+    inside = intake.map.grid.inside
+    std = intake.map.field().std_m[inside][near]
+    assert np.mean((error / std) ** 2) < 1.5
+    assert intake.map.field().prior_std_m[inside] == pytest.approx(intake.map.gp.predict(cells)[1])
+
+
+def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():
+    rng = np.random.default_rng(32)
+    ground = Ground(rng, GP)
+    team = [sail(rng, CONFIG, 12, box_m=300.0)]
+    surface(rng, team[0], 200)
+    intake = played(team, ground, PlacesConfig(correct=True, moved_m=0.0))
+    placer = intake.placer
+    assert placer is not None
+    placer.correct()
+    fresh = DepthMap(GP, LevelSet(), AREA)
+    fresh.add_soundings(np.column_stack([placer.book.stamps_s, placer.book.booked_m, placer.book.depths_m]))
+    assert np.array_equal(intake.map.centers.places_m, fresh.centers.places_m)
+    assert np.array_equal(intake.map.centers.depths_m, fresh.centers.depths_m)
+    effect = intake.map.centers.place_effect_m
+    assert effect is not None
+    assert len(effect) == len(fresh.centers)
+    assert np.array_equal(effect, effect.astype(np.float32))
+
+
+def test_a_sounding_that_was_refused_counts_once_however_often_the_map_is_made_again():
+    placer = Placer(1, CONFIG, DepthMap(GP, LevelSet(), AREA))
+    placer.add_soundings(np.array([[1.0, 0.0, 0.0, 15.0, 0.0, 0.0], [2.0, 9.0, 0.0, np.nan, 9.0, 0.0]]))
+    for _ in range(2):
+        placer.placed.lay_out(placer.book.booked_m.copy())
+    assert (placer.placed.map.counts.kept, placer.placed.map.counts.refused) == (1, 1)
+
+
+def test_without_raw_places_the_map_is_as_without_a_placer():
+    depth_map, plain = DepthMap(GP, LevelSet(), AREA), DepthMap(GP, LevelSet(), AREA)
+    placed, other = MapIntake(depth_map, Placer(1, CONFIG, depth_map)), MapIntake(plain)
+    for t in range(1, 100):
+        for intake in (placed, other):
+            intake.add_soundings([(float(t), 2.0 * t, 0.5 * t, 15.0 + 0.05 * t)])
+            if t % 30 == 0:
+                intake.add_samples(float(t), 2, [[-t, 20.0, 14.0], [-t - 20.0, 20.0, 13.0]])
+            intake.step(float(t))
+    assert np.array_equal(depth_map.centers.places_m, plain.centers.places_m)
+    assert depth_map.field().std_m == pytest.approx(plain.field().std_m, nan_ok=True)
+
+
+def test_places_fly_unless_the_paper_is_flown():
+    assert places_of({}, "file").correct is True
+    assert places_of({"planner": {"method": "plain"}}, "file").correct is False
+    assert places_of({"planner": {"method": "plain"}, "places": {"correct": True}}, "file").correct is True
+    assert places_of({"planner": {"method": "plain"}, "places": {"correct": False}}, "file").correct is False
+
+
+def test_the_first_two_ways_are_those_that_a_fix_takes_away():
+    """A fix where the track ends, in the middle of the mean: it moves nothing, and the variance falls by these two."""
+    rng = np.random.default_rng(33)
+    ground = Ground(rng, GP)
+    config = PlacesConfig(correct=True, terrain=False, moved_m=1e9)
+    intake = played([sail(rng, CONFIG, 12, box_m=300.0)], ground, config)
+    placer = intake.placer
+    assert placer is not None
+    placer.correct()
+    assert placer.correction is not None
+    track = placer.smoother.tracks[1]
+    place = placer.correction.places(1, np.array([track.end_s]), track.nodes[-1:, 1:3])[0]
+    at = intake.map.grid.places_m[::37]
+    before = _place_parts(intake, at)
+    north_m, east_m = place.tolist()
+    raw_north_m, raw_east_m = track.nodes[-1, 1:3].tolist()
+    placer.fixed(
+        Fix(
+            stamp_s=track.end_s,
+            north_m=north_m,
+            east_m=east_m,
+            raw_north_m=raw_north_m,
+            raw_east_m=raw_east_m,
+            std_m=config.fix_std_m,
+        )
+    )
+    placer.correct()
+    after = _place_parts(intake, at)
+    assert before[:, :2].sum() > 0.5 * before.sum()
+    assert after.sum(axis=1) == pytest.approx(before[:, 2:].sum(axis=1), rel=0.02, abs=1e-4 * before.max())
+    assert after[:, :2].sum() < 0.7 * after.sum()
+
+
+def _place_parts(intake: MapIntake, places_m: np.ndarray) -> np.ndarray:
+    """What each way in which places may be wrong adds to the variance of places (P, 2), (P, ways)."""
+    posterior = Posterior(GP)
+    posterior.follow(intake.map.centers)
+    return (posterior.columns(places_m).white @ posterior.place_white) ** 2

@@ -1,0 +1,583 @@
+"""Places known afterwards: the model of a vehicle's errors, and the smoother against truth and a batch solution."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from places_helpers import Ground, Sailed, messages, sail, smoother_of, surface, terrain_of
+from scipy.optimize import least_squares
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_gp.covariance.kernels import Kernel
+from auv_lse_gp.covariance.prior_mean import prior_mean
+from auv_lse_gp.places.measurements import within_gate
+from auv_lse_gp.places.model import TeamModel
+from auv_lse_gp.places.pieces import pieces_of
+from auv_lse_gp.places.smoother import PlaceSmoother, Surfacings
+from auv_lse_gp.places.terrain import Terrain, TerrainTerm
+from auv_lse_gp.places.track import HeardTrack, OwnTrack
+
+CONFIG = PlacesConfig()
+
+
+def team_of(seed: int, config: PlacesConfig = CONFIG, legs: int = 60, vehicles: int = 3) -> list[Sailed]:
+    rng = np.random.default_rng(seed)
+    return [sail(rng, config, legs) for _ in range(vehicles)]
+
+
+def track_of(sailed: Sailed) -> OwnTrack:
+    track = OwnTrack()
+    for t, (north, east), heading in zip(sailed.times, sailed.raw, sailed.headings, strict=True):
+        track.add(t, north, east, heading)
+    return track
+
+
+def place_error_m(smoother: PlaceSmoother, team: list[Sailed], number: int) -> float:
+    """Root mean square of the place's error (m) of a vehicle (from 0) after smoothing."""
+    correction, sailed = smoother.smooth(), team[number]
+    error = correction.places(number + 1, sailed.times, sailed.raw) - sailed.true
+    return float(np.sqrt((error**2).sum(axis=1).mean()))
+
+
+# ---------------------------------------------------------------- the model
+
+
+def test_derivatives_of_places_are_those_of_differences():
+    model = TeamModel(CONFIG, {1: track_of(team_of(0, vehicles=1)[0])}, references={1})
+    rng = np.random.default_rng(1)
+    theta = model.prior_std() * rng.standard_normal(model.size)
+    vehicle = model.vehicles[1]
+    sums = vehicle.sums(vehicle.track.at(np.array([0.0, 100.5, 700.0, 1433.0])))
+    jacobian = sums.jacobian(theta)
+    for i in range(vehicle.block.stop):
+        step = np.zeros(model.size)
+        step[i] = 1e-4 * model.prior_std()[i]
+        difference = (sums.places(theta + step) - sums.places(theta - step)) / (2.0 * step[i])
+        # the step's square is left: 1e-8 of a derivative of up to a kilometre
+        assert np.allclose(jacobian[:, :, i], difference, atol=1e-4, rtol=1e-6)
+
+
+def test_the_model_holds_what_was_wrong():
+    """With the true values of all unknowns, places are true but for the harmonics' squares (1 degree: 0.3 mm/m)."""
+    config = PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0)
+    rng = np.random.default_rng(4)
+    sailed = sail(rng, config, 60, walks=False)
+    again = np.random.default_rng(4)
+    sail(again, config, 60, walks=False)
+    model = TeamModel(config, {1: track_of(sailed)}, references={1})
+    vehicle = model.vehicles[1]
+    sums = vehicle.sums(vehicle.track.at(sailed.times, sailed.raw))
+
+    def residuals(theta: np.ndarray) -> np.ndarray:
+        return np.asarray((sums.places(np.concatenate([theta, [0.0]])) - sailed.true).ravel())
+
+    fit = least_squares(residuals, np.zeros(6), x_scale=vehicle.prior_std())
+    assert np.sqrt((fit.fun**2).mean()) < 0.1
+    assert np.all(np.abs(fit.x) < 4.5 * vehicle.prior_std())
+
+
+def test_one_leg_by_hand():
+    """100 m north, compass 0.01 rad too large: the vehicle has gone 1 m to the west; a scale of .01 takes 1 m off."""
+    track = OwnTrack()
+    for second in range(101):
+        track.add(float(second), float(second), 0.0, 0.0)
+    model = TeamModel(PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0), {1: track}, references={1})
+    sums = model.vehicles[1].sums(track.at(np.array([100.0])))
+    theta = np.zeros(model.size)
+    theta[2] = 0.01
+    assert sums.places(theta)[0] == pytest.approx([100.0 * math.cos(0.01), -100.0 * math.sin(0.01)])
+    theta[2], theta[4] = 0.0, 0.01  # the harmonic that goes with cos psi, which is 1 here
+    assert sums.places(theta)[0] == pytest.approx([100.0, -1.0])
+    theta[4], theta[3] = 0.0, 0.01  # the one that goes with sin psi, which is 0
+    assert sums.places(theta)[0] == pytest.approx([100.0, 0.0])
+    theta[3], theta[5], theta[0] = 0.0, 0.01, 2.0
+    assert sums.places(theta)[0] == pytest.approx([100.0 / 1.01 - 2.0, 0.0])
+
+
+def test_a_mates_samples_are_put_on_its_way_in_order_of_time():
+    sailed = team_of(3, vehicles=1)[0]
+    track = HeardTrack()
+    track.add(0.0, *sailed.raw[0])
+    worst = []
+    for at in range(30, 1400, 30):
+        track.add(float(at), *sailed.raw[at])
+        chosen = np.unique(np.linspace(0, at - 1, 14).astype(int))  # of any age: a backlog
+        times = track.times_of(sailed.raw[chosen])
+        assert np.all(np.diff(times) >= 0.0)
+        track.refine(times, sailed.raw[chosen])
+        worst.append(float(np.quantile(np.abs(times - chosen), 0.9)))
+    # between two packets of 30 s a sample's time is off by some seconds where the vehicle turned
+    assert np.median(worst) < 10.0
+    there = track.at(sailed.times)
+    exact = track_of(sailed).at(sailed.times)
+    # times one degree: what is left of the harmonics' error is below half a metre
+    assert math.radians(1.0) * np.abs(there.sin_m - exact.sin_m).max() < 0.6
+
+
+# ---------------------------------------------------------------- against truth, a batch solution, and itself
+
+
+def test_nothing_measured_is_no_correction_and_the_prior():
+    team = team_of(5, vehicles=1)
+    smoother = smoother_of(CONFIG, team, 0, [])
+    correction = smoother.smooth()
+    assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw)
+    prior = TeamModel(CONFIG, {1: track_of(team[0])}, references={1}).prior_std()
+    assert np.sqrt(np.diag(correction.covariance)) == pytest.approx(prior)
+    assert PlaceSmoother(1, CONFIG).smooth().places(1, np.zeros(1), np.ones((1, 2))) == pytest.approx(np.ones((1, 2)))
+
+
+def test_a_vehicle_of_which_nothing_is_known_stays_where_it_was():
+    correction = smoother_of(CONFIG, team_of(5, vehicles=1), 0, []).smooth()
+    assert correction.places(7, np.zeros(2), np.ones((2, 2))).tolist() == np.ones((2, 2)).tolist()
+    assert not correction.jacobian(7, np.zeros(2), np.ones((2, 2))).any()
+    assert np.isnan(correction.place_std_m(7, np.zeros(2), np.ones((2, 2)))).all()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_smoother_agrees_with_a_batch_solution_that_knows_all_tracks(seed: int):
+    """scipy.optimize.least_squares on the whole problem, each second turned by its own error, all tracks known."""
+    config = PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0)
+    rng = np.random.default_rng(seed)
+    team = [sail(rng, config, 60, walks=False) for _ in range(3)]
+    for k, sailed in enumerate(team):
+        surface(rng, sailed, 700 + 60 * k)
+    heard = messages(rng, team, 0)
+    prior = TeamModel(config, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1}).prior_std()
+
+    def places(k: int, theta: np.ndarray) -> np.ndarray:
+        dn, de, b0, b1, b2, s = theta[6 * k : 6 * k + 6]
+        way = np.diff(team[k].raw, axis=0)
+        psi = team[k].headings[1:]
+        turn = -(b0 + b1 * np.sin(psi) + b2 * np.cos(psi))
+        north = way[:, 0] * np.cos(turn) - way[:, 1] * np.sin(turn)
+        east = way[:, 0] * np.sin(turn) + way[:, 1] * np.cos(turn)
+        start = team[k].raw[0] - [dn, de]
+        return np.asarray(start + np.concatenate([np.zeros((1, 2)), np.cumsum(np.column_stack([north, east]), axis=0)])
+                          / (1.0 + s))  # fmt: skip
+
+    def residuals(theta: np.ndarray) -> np.ndarray:
+        all_places = [places(k, theta) for k in range(3)]
+        rows = [theta / prior]
+        for k, sailed in enumerate(team):
+            for fix in sailed.fixes:
+                rows.append((np.array([fix.north_m, fix.east_m]) - all_places[k][int(fix.stamp_s)]) / fix.std_m)
+        for mate, _ in heard:
+            at = int(mate.sent_s)
+            r = float(np.linalg.norm(all_places[mate.source - 1][at] - all_places[0][at]))
+            clock = 18 + 2 * (mate.source - 2)
+            expected = (1.0 + theta[-1]) * r - theta[clock] - theta[clock + 1] * at * 1e-3
+            if mate.travel_s * 1500.0 >= 20.0:
+                rows.append(np.array([(mate.travel_s * 1500.0 - expected) / config.range_std_m]))
+        return np.concatenate(rows)
+
+    batch = least_squares(residuals, np.zeros(len(prior)), x_scale=prior)
+    smoother = smoother_of(config, team, 0, heard)
+    correction = smoother.smooth()
+    for k, sailed in enumerate(team):
+        ours = correction.places(k + 1, sailed.times, sailed.raw)
+        std = correction.place_std_m(k + 1, sailed.times, sailed.raw)
+        apart = np.abs(ours - places(k, batch.x))
+        # What differs is a mate's way between its packets: a part of what the answer itself leaves uncertain.
+        assert np.sqrt((apart**2).mean()) < 0.5 * np.sqrt((std**2).mean())
+    own = np.abs(correction.places(1, team[0].times, team[0].raw) - places(0, batch.x))
+    assert own.max() < 0.6
+
+
+def test_it_believes_no_more_than_is_so():
+    """Normalized estimation error squared of the place, over seeds and vehicles: 1 expected of each axis."""
+    own, mates, before, after = [], [], [], []
+    for seed in range(10):
+        rng = np.random.default_rng(100 + seed)
+        team = [sail(rng, CONFIG, 60) for _ in range(3)]
+        surface(rng, team[seed % 3], 700)
+        smoother = smoother_of(CONFIG, team, 0, messages(rng, team, 0))
+        correction = smoother.smooth()
+        for k, sailed in enumerate(team):
+            at = np.array([400, 800, 1200, 1400])
+            error = correction.places(k + 1, sailed.times[at], sailed.raw[at]) - sailed.true[at]
+            jacobian = correction.jacobian(k + 1, sailed.times[at], sailed.raw[at])
+            for e, rows in zip(error, jacobian, strict=True):
+                (own if k == 0 else mates).append(e @ np.linalg.solve(rows @ correction.covariance @ rows.T, e) / 2.0)
+            before.append(((sailed.raw - sailed.true) ** 2).sum(axis=1).mean())
+            after.append((error**2).sum(axis=1).mean())
+    # of ten teams, whose four places each are nearly one: mean 1, standard deviation about 0.25
+    assert 0.4 < np.mean(own) < 1.7
+    assert 0.4 < np.mean(mates) < 1.7
+    assert np.mean(after) < 0.1 * np.mean(before)
+
+
+def test_one_fix_of_a_mate_places_the_vehicle_too():
+    rng = np.random.default_rng(11)
+    team = [sail(rng, CONFIG, 60) for _ in range(3)]
+    without = place_error_m(smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0)), team, 0)
+    surface(rng, team[2], 700)
+    with_fix = place_error_m(smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0)), team, 0)
+    raw = math.sqrt(((team[0].raw - team[0].true) ** 2).sum(axis=1).mean())
+    assert with_fix < 0.6 * raw
+    assert with_fix < without
+
+
+def test_wrong_ranges_are_refused():
+    clean, dirty, refused = [], [], 0
+    for seed in range(4):
+        rng = np.random.default_rng(40 + seed)
+        team = [sail(rng, CONFIG, 60) for _ in range(3)]
+        surface(rng, team[0], 700)
+        clean.append(place_error_m(smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0)), team, 1))
+        heard = messages(np.random.default_rng(1), team, 0, outliers=0.05)
+        smoother = smoother_of(CONFIG, team, 0, heard)
+        dirty.append(place_error_m(smoother, team, 1))
+        refused += smoother.smooth().refused
+    assert refused >= 5
+    assert np.mean(dirty) < 1.5 * np.mean(clean) + 0.5
+
+
+def test_pings_give_ranges_where_no_clock_is_right():
+    """A clock that is 10 s off spoils one-way travel times, but no ping."""
+    rng = np.random.default_rng(11)
+    team = [sail(rng, CONFIG, 60) for _ in range(3)]
+    surface(rng, team[2], 700)
+    heard = [
+        (dataclasses.replace(mate, travel_s=math.nan), samples)
+        for mate, samples in messages(np.random.default_rng(1), team, 0)
+    ]
+    without = place_error_m(smoother_of(CONFIG, team, 0, heard), team, 0)
+    smoother = smoother_of(CONFIG, team, 0, heard)
+    for n, at in enumerate(range(45, len(team[0].times) - 60, 30)):
+        mate = 1 + n % 2
+        travel_s = math.dist(team[0].true[at], team[mate].true[at]) / 1500.0
+        smoother.heard(
+            MateNavigation(
+                stamp_s=float(team[0].times[at]), source=mate + 1, sent_s=math.nan, raw_north_m=math.nan,
+                raw_east_m=math.nan, travel_s=travel_s,
+            )
+        )  # fmt: skip
+    assert all(row.by_ping for row in smoother.ranges)
+    assert place_error_m(smoother, team, 0) < 0.6 * without
+
+
+def test_a_range_by_ping_waits_until_the_mate_has_told_where_it_was():
+    team = team_of(3, vehicles=2)
+    heard = messages(np.random.default_rng(1), team, 0)
+    smoother = smoother_of(CONFIG, team, 0, heard[:5])
+    last_s = heard[4][0].sent_s
+    ping = MateNavigation(
+        stamp_s=last_s + 5.0, source=2, sent_s=math.nan, raw_north_m=math.nan, raw_east_m=math.nan, travel_s=0.1
+    )
+    before = len(smoother.ranges)
+    smoother.heard(ping)
+    assert len(smoother.ranges) == before
+    smoother.heard(dataclasses.replace(heard[5][0], travel_s=math.nan))
+    assert len(smoother.ranges) == before + 1
+    assert smoother.ranges[-1].by_ping
+
+
+@pytest.mark.parametrize("heard_of", [1, 2])
+def test_one_echo_alone_moves_nothing(heard_of: int):
+    """Too few ranges for a median: 600 m too long is more than dead reckoning can be wrong by."""
+    team = team_of(3, vehicles=2)
+    heard = [
+        (dataclasses.replace(mate, travel_s=mate.travel_s + 0.4), samples)
+        for mate, samples in messages(np.random.default_rng(1), team, 0)[:heard_of]
+    ]
+    correction = smoother_of(CONFIG, team, 0, heard).smooth()
+    assert correction.refused == heard_of
+    assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw, abs=0.1)
+
+
+def test_a_fix_of_a_broken_receiver_moves_nothing():
+    team = team_of(3, vehicles=1)
+    raw_north, raw_east = (float(value) for value in team[0].raw[500])
+    fix = Fix(
+        stamp_s=500.0, north_m=raw_north + 2000.0, east_m=raw_east, raw_north_m=raw_north, raw_east_m=raw_east,
+        std_m=1.0,
+    )  # fmt: skip
+    smoother = smoother_of(CONFIG, team, 0, [])
+    smoother.fixed(fix)
+    correction = smoother.smooth()
+    assert correction.refused == 1
+    assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw, abs=0.1)
+    believed = smoother_of(CONFIG, team, 0, [])
+    believed.fixed(dataclasses.replace(fix, north_m=raw_north + 40.0))
+    assert believed.smooth().refused == 0
+
+
+@pytest.mark.parametrize("surfaced", [1, 3])
+def test_a_fix_that_all_else_contradicts_is_refused(surfaced: int):
+    """30 m off: dead reckoning alone could be wrong by as much, but not with the ranges to two mates."""
+    rng = np.random.default_rng(100)
+    team = [sail(rng, CONFIG, 60) for _ in range(3)]
+    for number in range(surfaced):
+        surface(rng, team[number], 600 + 60 * number)
+    right = team[0].fixes.pop()
+    without = smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0))
+    team[0].fixes.append(dataclasses.replace(right, north_m=right.north_m + 30.0))
+    wrong = smoother_of(CONFIG, team, 0, messages(np.random.default_rng(1), team, 0))
+    assert wrong.smooth().refused == without.smooth().refused + 1
+    assert place_error_m(wrong, team, 0) == pytest.approx(place_error_m(without, team, 0), abs=0.1)
+
+
+def test_the_fixes_of_instruments_that_are_worse_than_supposed_are_believed():
+    """Ten times worse: a gate that took the section for granted would refuse right fixes."""
+    worse = dataclasses.replace(CONFIG, heading_std_deg=7.1, harmonic_std_deg=10.0, scale_std=0.03)
+    rng = np.random.default_rng(103)
+    team = [sail(rng, worse, 60)]
+    surface(rng, team[0], 600)
+    surface(rng, team[0], 1100)
+    assert smoother_of(CONFIG, team, 0, []).smooth().refused == 0
+
+
+def test_places_do_not_depend_on_when_time_began():
+    """A vehicle's stamps are UTC, those of a simulation begin at 0: clocks part at the start, not in 1970."""
+    team = team_of(3, vehicles=2)
+    surface(np.random.default_rng(2), team[1], 600)
+    heard = messages(np.random.default_rng(1), team, 0)
+    utc = 1.7e9
+    later = [
+        dataclasses.replace(
+            sailed,
+            times=sailed.times + utc,
+            fixes=[dataclasses.replace(fix, stamp_s=fix.stamp_s + utc) for fix in sailed.fixes],
+        )
+        for sailed in team
+    ]
+    then = [(dataclasses.replace(m, stamp_s=m.stamp_s + utc, sent_s=m.sent_s + utc), s) for m, s in heard]
+    correction, shifted = smoother_of(CONFIG, team, 0, heard).smooth(), smoother_of(CONFIG, later, 0, then).smooth()
+    at, raw = team[0].times[::50], team[0].raw[::50]
+    assert shifted.places(1, at + utc, raw) == pytest.approx(correction.places(1, at, raw), abs=1e-3)
+    assert shifted.place_std_m(1, at + utc, raw) == pytest.approx(correction.place_std_m(1, at, raw), rel=1e-3)
+
+
+def test_a_clock_that_is_set_back_stops_no_track():
+    """By 30 s, as when a vehicle takes the time of GPS: the track, and the fix after it, go on."""
+    team = team_of(3, vehicles=1)
+    sailed, at = team[0], 700
+    smoother = PlaceSmoother(1, CONFIG)
+    for t, (north, east), heading in zip(sailed.times, sailed.raw, sailed.headings, strict=True):
+        stamp = t if t <= at else t - 30.0
+        smoother.moved(DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0))
+    assert smoother.refused == 1, "the first place after the step might have come late"
+    assert smoother.clock.set_back_s == pytest.approx(30.0, abs=2.0)
+    own = smoother.tracks[1]
+    assert own.end_s == pytest.approx(sailed.times[-1], abs=2.0)
+    assert own.nodes[-1, 1:3] == pytest.approx(sailed.raw[-1])
+    raw_north, raw_east = (float(value) for value in sailed.raw[at + 500])
+    smoother.fixed(
+        Fix(
+            stamp_s=float(sailed.times[at + 500]) - 30.0, north_m=raw_north + 3.0, east_m=raw_east,
+            raw_north_m=raw_north, raw_east_m=raw_east, std_m=1.0,
+        )
+    )  # fmt: skip
+    assert smoother.fixes(1)[0].stamp_s == pytest.approx(sailed.times[at + 500], abs=2.0)
+
+
+def test_one_raw_place_that_comes_late_sets_no_clock_back():
+    smoother = PlaceSmoother(1, CONFIG)
+    for stamp in (0.0, 1.0, 2.0, 3.0, 4.0, 0.5, 5.0, 6.0, 1.5, 7.0):
+        place = DeadReckoning(stamp_s=stamp, heading_rad=0.0, north_m=stamp, east_m=0.0, depth_m=3.0)
+        smoother.moved(place)
+    assert smoother.clock.set_back_s == 0.0
+    assert smoother.refused == 2
+    assert smoother.tracks[1].end_s == 7.0
+
+
+def test_packets_may_be_lost_and_no_clock_may_be_right():
+    rng = np.random.default_rng(8)
+    team = [sail(rng, CONFIG, 60) for _ in range(3)]
+    surface(rng, team[0], 700)
+    team[1].clock_s += 0.003
+    heard = messages(rng, team, 0, lost=0.3, sound=0.005)
+    correction = smoother_of(CONFIG, team, 0, heard).smooth()
+    error = correction.places(2, team[1].times, team[1].raw) - team[1].true
+    std = correction.place_std_m(2, team[1].times, team[1].raw)
+    assert np.sqrt((error**2).mean()) < 2.5 * np.sqrt((std**2).mean())
+
+
+# ---------------------------------------------------------------- terrain
+
+
+def test_terrain_brings_tracks_together_and_says_nothing_of_what_they_have_in_common():
+    rng = np.random.default_rng(21)
+    gp = GpConfig()
+    team = [sail(rng, CONFIG, 60) for _ in range(2)]
+    terrain = terrain_of(rng, team, 0, Ground(rng, gp), gp)
+    model = TeamModel(CONFIG, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1})
+    theta = np.zeros(model.size)
+    precision = model.prior_std() ** -2.0
+    slope, information = TerrainTerm(model, terrain).gradient(theta, precision)
+    common = model.common(theta)
+    size = np.abs(information).max() * np.abs(common).max() ** 2
+    assert np.abs(common.T @ information @ common).max() < 1e-9 * size
+    assert np.abs(common.T @ slope).max() < 1e-9 * np.abs(slope).max() * np.abs(common).max() * 1e3
+
+
+def test_terrain_alone_makes_places_better():
+    gains = []
+    for seed in range(4):
+        rng = np.random.default_rng(60 + seed)
+        gp = GpConfig()
+        team = [sail(rng, CONFIG, 60)]
+        smoother = smoother_of(CONFIG, team, 0, [])
+        correction = smoother.smooth(terrain_of(rng, team, 0, Ground(rng, gp), gp))
+        error = correction.places(1, team[0].times, team[0].raw) - team[0].true
+        gains.append(np.sqrt((error**2).mean()) / np.sqrt(((team[0].raw - team[0].true) ** 2).mean()))
+    assert np.mean(gains) < 0.8
+
+
+def test_common_directions_move_all_places_alike():
+    team = team_of(2, vehicles=2)
+    model = TeamModel(
+        PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0),
+        {k + 1: track_of(s) for k, s in enumerate(team)},
+        references={1},
+    )
+    theta = 0.3 * model.prior_std()
+    stamps = np.array([100.0, 900.0])
+    sums = {k: v.sums(v.track.at(stamps)) for k, v in model.vehicles.items()}
+    places = np.concatenate([s.places(theta) for s in sums.values()])
+    expected = (
+        np.tile([1.0, 0.0], (4, 1)),
+        np.tile([0.0, 1.0], (4, 1)),
+        places @ np.array([[0.0, 1.0], [-1.0, 0.0]]),  # J p
+        places,
+    )
+    common = model.common(theta)
+    for column, way in enumerate(expected):
+        moved = np.concatenate(
+            [sums[k].jacobian(theta) @ common[v.block, column] for k, v in model.vehicles.items()]
+        )  # fmt: skip
+        assert moved == pytest.approx(way, abs=1e-6)
+
+
+def test_terrain_that_cannot_be_factorized_is_left_out():
+    team = team_of(2, vehicles=1)
+    smoother = smoother_of(CONFIG, team, 0, [])
+    raw = np.zeros((50, 2))
+    pieces = pieces_of(np.ones(50, dtype=np.int64), np.arange(50.0), raw, np.full(50, math.inf))
+    assert len(pieces) == 0
+    gp = GpConfig()
+    broken = Terrain(
+        pieces_of(np.ones(3, dtype=np.int64), 30.0 * np.arange(3.0), 30.0 * np.ones((3, 2)), np.full(3, 9.0)),
+        Kernel(gp),
+        prior_mean(gp),
+        0.0,
+    )
+    assert np.isfinite(smoother.smooth(broken).theta).all()
+    assert np.isfinite(smoother.smooth(Terrain(pieces, Kernel(gp), prior_mean(gp), 0.3)).theta).all()
+
+
+def test_pieces_are_means_of_ten_metres_of_one_track():
+    stamps = np.arange(40.0)
+    raw = np.column_stack([np.arange(40.0), np.zeros(40)])
+    vehicles = np.repeat([1, 2], 20)
+    pieces = pieces_of(vehicles, stamps, raw, np.arange(40.0))
+    assert pieces.vehicles.tolist() == [1, 1, 2, 2]
+    assert pieces.depths_m[0] == pytest.approx(4.5)
+    assert pieces.raw_m[0] == pytest.approx([4.5, 0.0])
+    far = pieces_of(vehicles[:3], stamps[:3], np.array([[0.0, 0.0], [300.0, 0.0], [301.0, 0.0]]), stamps[:3])
+    assert len(far) == 2
+
+
+# ---------------------------------------------------------------- what may come in
+
+
+def test_hostile_numbers_are_refused_and_counted():
+    team = team_of(9, vehicles=2)
+    smoother = smoother_of(CONFIG, team, 0, messages(np.random.default_rng(2), team, 0))
+    before = smoother.smooth().theta
+    nan, inf = math.nan, math.inf
+    taken = smoother.refused
+    for stamp, north in ((nan, 0.0), (1e9, nan), (1e9, inf), (3.0, 0.0)):
+        smoother.moved(DeadReckoning(stamp_s=stamp, heading_rad=0.0, north_m=north, east_m=0.0, depth_m=3.0))
+    for value in (nan, inf):
+        smoother.fixed(Fix(stamp_s=1.0, north_m=value, east_m=0.0, raw_north_m=0.0, raw_east_m=0.0, std_m=1.0))
+    for source, sent, north in ((1, 2000.0, 0.0), (2, nan, nan), (2, 5.0, 0.0), (2, 2000.0, 1e7), (2, 2000.0, nan)):
+        smoother.heard(
+            MateNavigation(stamp_s=sent + 1.0, source=source, sent_s=sent, raw_north_m=north, raw_east_m=0.0)
+        )
+    assert np.isnan(smoother.sampled(3, np.ones((2, 2)))).all()
+    assert np.isnan(smoother.sampled(2, np.full((2, 2), nan))).all()
+    assert smoother.refused == taken + 4 + 2 + 5
+    assert smoother.smooth().theta == pytest.approx(before, abs=1e-3)
+
+
+def test_a_mates_first_packet_cannot_come_from_where_no_vehicle_can_be():
+    smoother = PlaceSmoother(1, CONFIG)
+    for t in range(60):
+        smoother.moved(DeadReckoning(stamp_s=float(t), heading_rad=0.0, north_m=float(t), east_m=0.0, depth_m=3.0))
+    far = MateNavigation(stamp_s=60.0, source=2, sent_s=59.0, raw_north_m=1400.0, raw_east_m=0.0)
+    smoother.heard(far)
+    assert (smoother.refused, list(smoother.tracks)) == (1, [1])
+    smoother.heard(dataclasses.replace(far, raw_north_m=1200.0))
+    assert list(smoother.tracks) == [1, 2]
+
+
+def test_a_wrong_first_packet_of_a_mate_does_not_lock_it_out():
+    """700 m off: the packets after it were refused until the mate could have gone there, two minutes later."""
+    team = team_of(3, vehicles=2)
+    heard = messages(np.random.default_rng(1), team, 0)[:8]
+    first, samples = heard[0]
+    wrong = dataclasses.replace(
+        first, raw_north_m=first.raw_north_m + 700.0, fix_north_m=0.0, fix_east_m=0.0, fix_raw_north_m=700.0,
+        fix_raw_east_m=0.0,
+    )  # fmt: skip
+    smoother = smoother_of(CONFIG, team, 0, [(wrong, samples + np.array([700.0, 0.0])), *heard[1:]])
+    without = smoother_of(CONFIG, team, 0, heard[1:])
+    assert smoother.refused == 1, "one of the first two was wrong"
+    assert smoother.fixes(2) == []
+    assert len(smoother.ranges) == len(without.ranges)
+    assert smoother.tracks[2].nodes[-1, 1:3] == pytest.approx(without.tracks[2].nodes[-1, 1:3])
+    # once confirmed, one wrong packet changes nothing
+    last = heard[-1][0]
+    smoother.heard(dataclasses.replace(last, sent_s=last.sent_s + 1.0, raw_north_m=last.raw_north_m + 700.0))
+    assert smoother.refused == 2
+    assert smoother.tracks[2].nodes[-1, 1:3] == pytest.approx(without.tracks[2].nodes[-1, 1:3])
+
+
+def test_absurd_ranges_and_fixes_leave_finite_places():
+    team = team_of(9, vehicles=2)
+    smoother = smoother_of(CONFIG, team, 0, [])
+    for i, travel in enumerate((math.nan, math.inf, -1.0, 0.0, 1e9, 1e-3, 0.5)):
+        smoother.heard(
+            MateNavigation(
+                stamp_s=30.0 * i + 30.2, source=2, sent_s=30.0 * i + 30.0, raw_north_m=0.0, raw_east_m=0.0,
+                travel_s=travel, fix_north_m=1e12, fix_east_m=0.0, fix_raw_north_m=math.nan, fix_raw_east_m=0.0,
+            )
+        )  # fmt: skip
+    correction = smoother.smooth()
+    assert len(smoother.ranges) == 1
+    assert np.isfinite(correction.places(1, team[0].times, team[0].raw)).all()
+    assert np.isfinite(correction.places(2, np.array([10.0]), np.array([[3.0, 4.0]]))).all()
+
+
+def test_fixes_of_one_surfacing_count_once():
+    surfacings = Surfacings(1)
+    for second in range(30):
+        surfacings.add(
+            Fix(stamp_s=600.0 + second, north_m=second, east_m=0.0, raw_north_m=second, raw_east_m=1.0, std_m=1.0)
+        )
+    surfacings.add(Fix(stamp_s=1200.0, north_m=0.0, east_m=0.0, raw_north_m=0.0, raw_east_m=1.0, std_m=1.0))
+    rows = surfacings.rows(0.5)
+    assert [row.stamp_s for row in rows] == [614.5, 1200.0]
+    assert rows[0].std_m == 1.0
+    assert rows[0].place_m == pytest.approx((14.5, 0.0))
+
+
+def test_the_gate_is_four_median_deviations_and_never_a_narrow_one():
+    residuals = np.concatenate([np.linspace(-1.0, 1.0, 41), [9.0, -30.0]])
+    assert within_gate(residuals).tolist() == [True] * 41 + [False] * 2
+    assert within_gate(np.array([0.0, 0.0, 1e-9, 1.5])).all()
+    assert within_gate(np.zeros(0)).tolist() == []
+
+
+def test_the_same_messages_give_the_same_places_bit_for_bit():
+    team = team_of(13)
+    heard = messages(np.random.default_rng(3), team, 0)
+    once, again = (smoother_of(CONFIG, team, 0, heard).smooth().theta for _ in range(2))
+    assert np.array_equal(once, again)

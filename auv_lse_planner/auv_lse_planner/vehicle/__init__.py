@@ -1,0 +1,1 @@
+"""The planner of one vehicle: timing, team mates, record keeping."""

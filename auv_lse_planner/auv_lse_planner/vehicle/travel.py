@@ -1,0 +1,215 @@
+"""Where a vehicle is on its legs: when its next decision is due, and from which state that decision plans."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.vocabulary.frames import is_possible
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_planner.vehicle.odometry_gate import OdometryGate
+
+Array = NDArray[np.float64]
+
+#: A vehicle this near to a leg's end (m) has travelled it: what rounding leaves of one that is exactly there.
+AT_END_M = 1e-9
+#: A vehicle whose heading is this far (rad) off its leg's does not go on from that leg's end as planned. Less is what a
+#: current asks for.
+ASIDE_RAD = math.pi / 4.0
+#: Nor does one that is this far (m) past that end, since the decision is late: it has turned to somewhere by then.
+PASSED_M = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedState:
+    """The vehicle's own estimate of where it is.
+
+    Attributes:
+        now_s: Mission time.
+        heading_rad: Heading (rad, clockwise from north).
+        north_m: North.
+        east_m: East.
+    """
+
+    now_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+
+
+class Travel:
+    """One vehicle on its legs.
+
+    The next leg is decided while the vehicle is still on the present one, and begins at that one's end.
+
+    Attributes:
+        estimate: The last estimated state; None before the first.
+        leg: The leg being travelled; None before the first decision.
+        leg_started_s: Mission time at which it began; NaN before the first decision.
+        decided: Number of steps decided.
+        running: Whether the mission goes: while it does not, nothing is due, and no leg's time runs.
+        gate: What estimates pass: no jumps.
+        absurd: Number of estimates that no vehicle can have; they are ignored.
+        given_up: Legs whose end was not passed in time (`overdue`), with the next one decided, or none to come.
+        finished: Whether all steps are decided and travelled; stays so wherever the vehicle circles then.
+    """
+
+    def __init__(self, vehicle: VehicleConfig, steps: int, surfacing_legs: int = 0) -> None:
+        """Starts before the first of so many steps; a surfacing takes the time of `surfacing_legs` of them."""
+        self._vehicle, self._steps, self._surfacing_legs = vehicle, steps, surfacing_legs
+        self._held_up_s = 0.0  # how long the vehicle surfaces before it begins the present leg
+        self.estimate: EstimatedState | None = None
+        self.leg: Leg | None = None
+        self.leg_started_s = math.nan
+        self.decided = 0
+        self.absurd = self.given_up = 0
+        self.gate = OdometryGate(vehicle.speed_mps)
+        self.finished = False
+        self.running = True
+        self._held_s = math.nan
+        self._next_leg: Leg | None = None
+
+    def run(self, now_s: float, running: bool) -> None:
+        """The mission goes, or holds, from `now_s` on."""
+        if self.running and not running:
+            self._held_s = now_s
+        elif running and not self.running:
+            self.leg_started_s += max(now_s - max(self._held_s, self.leg_started_s), 0.0)
+        self.running = running
+
+    def move(self, estimate: EstimatedState) -> None:
+        """Takes an estimated state; the next leg begins where the present one has ended, or when its time is up.
+
+        A vehicle may never pass the end: its autopilot holds just before it, or was told of another place. For the leg
+        decided next, or the mission's end, that is no reason to wait for ever.
+        """
+        e = estimate
+        if not math.isfinite(e.now_s) or not is_possible(e.heading_rad, e.north_m, e.east_m):
+            self.absurd += 1
+            return
+        if not self.gate.passes(e.now_s, e.north_m, e.east_m):
+            return
+        self.estimate = estimate
+        if not self.running:
+            return
+        leg, following = self.leg, self._next_leg
+        if leg is not None and following is not None and self._over(leg, estimate):
+            self._begin(following, estimate.now_s)
+        if self.leg is not None and self._next_leg is None and self.decided >= self._steps and not self.finished:
+            self.finished = self._over(self.leg, estimate)
+
+    def _over(self, leg: Leg, estimate: EstimatedState) -> bool:
+        """Whether the present leg is travelled, or given up."""
+        if self._remaining_m(leg, estimate) <= AT_END_M:
+            return True
+        overdue = self.overdue(estimate.now_s)
+        self.given_up += overdue
+        return overdue
+
+    def take(self, leg: Leg, now_s: float, at_once: bool) -> None:
+        """Takes the leg decided: it begins `at_once` (as the first does), or when the present one ends."""
+        self.decided = self._after(leg)
+        if self.leg is None or at_once:
+            self._begin(leg, now_s)
+        else:
+            self._next_leg = leg
+
+    def replace(self, leg: Leg) -> None:
+        """Takes a leg in place of the one taken last."""
+        self.decided = self._after(leg)
+        if self._next_leg is None:
+            self.leg = leg
+        else:
+            self._next_leg = leg
+
+    def snapshot(self) -> dict[str, Any]:
+        """Where the vehicle is on its legs, for a journal; where it is in the water comes with the next odometry."""
+        legs = {"leg": self.leg, "next_leg": self._next_leg}
+        values = {name: None if leg is None else dataclasses.asdict(leg) for name, leg in legs.items()}
+        return {
+            **values,
+            "leg_started_s": self.leg_started_s,
+            "decided": self.decided,
+            "finished": self.finished,
+            "held_up_s": self._held_up_s,
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Goes on from what `snapshot` gave."""
+        self.leg, self._next_leg = (
+            None if values[name] is None else Leg(**values[name]) for name in ("leg", "next_leg")
+        )
+        self.leg_started_s, self.decided, self.finished, self._held_up_s = (
+            values[name] for name in ("leg_started_s", "decided", "finished", "held_up_s")
+        )
+
+    def _after(self, leg: Leg) -> int:
+        """The step that follows a leg's own."""
+        return leg.step + 1 + (self._surfacing_legs if leg.surface else 0)
+
+    def _begin(self, leg: Leg, now_s: float) -> None:
+        self._held_up_s = self._vehicle.surfacing_s if self.leg is not None and self.leg.surface else 0.0
+        self.leg, self.leg_started_s, self._next_leg = leg, now_s, None
+
+    @property
+    def decided_leg(self) -> Leg | None:
+        """The leg decided last; None before the first decision."""
+        return self.leg if self._next_leg is None else self._next_leg
+
+    @staticmethod
+    def _remaining_m(leg: Leg, estimate: EstimatedState) -> float:
+        return leg.length_m - leg.progress_m(estimate.north_m, estimate.east_m)
+
+    def overdue(self, now_s: float) -> bool:
+        """Whether the leg has taken far longer than it should: the vehicle is held up or driven off."""
+        if self.leg is None or not self.running:
+            return False
+        expected_s = self.leg.length_m / self._vehicle.speed_mps
+        return now_s - self.leg_started_s > 4.0 * expected_s + 10.0 + self._held_up_s
+
+    def due(self, now_s: float, planner: PlannerConfig) -> bool:
+        """Whether a decision is due."""
+        if not self.running or self.estimate is None or self.decided >= self._steps or self._next_leg is not None:
+            return False
+        if now_s - self.estimate.now_s > planner.odometry_timeout_s:
+            return False
+        if self.leg is None:
+            return now_s >= self._vehicle.start_delay_s
+        lead_m = self._vehicle.speed_mps * planner.replan_lead_s
+        return bool(self._remaining_m(self.leg, self.estimate) <= lead_m or self.overdue(now_s))
+
+    def anchor(self, planner: PlannerConfig) -> tuple[Array, bool]:
+        """The state (3,) to plan from, and whether it comes from odometry instead of the last decision.
+
+        Raises:
+            ValueError: if there is no odometry yet.
+        """
+        if self.estimate is None:
+            raise ValueError("decide: no odometry yet; expected to be asked only when `due`")
+        here = np.array([self.estimate.heading_rad, self.estimate.north_m, self.estimate.east_m])
+        if self.leg is None:
+            v = self._vehicle
+            start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
+            off_m = math.hypot(here[1] - start[1], here[2] - start[2])
+            return (here, True) if off_m > planner.reanchor_m else (start, False)
+        remaining_m = self._remaining_m(self.leg, self.estimate)
+        heading = self.leg.state_at(self.leg.length_m - remaining_m)[0]
+        if (
+            abs(math.remainder(here[0] - heading, 2.0 * math.pi)) <= ASIDE_RAD
+            and self.leg.distance_off_m(here[1], here[2]) <= planner.reanchor_m
+            and remaining_m >= -PASSED_M
+            and not self.overdue(self.estimate.now_s)
+        ):
+            return self.leg.end_state, False
+        ahead_m = min(max(remaining_m, 0.0), self._vehicle.speed_mps * planner.replan_lead_s)
+        here[1] += ahead_m * math.cos(here[0])
+        here[2] += ahead_m * math.sin(here[0])
+        return here, True

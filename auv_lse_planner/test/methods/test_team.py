@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_planner.methods.team import Team
+from auv_lse_planner.paths.rollout import PlannedPath
+
+
+def _plan(step, north=0.0):
+    return Plan(step=step, heading_rad=0.0, north_m=north, east_m=0.0, actions=(5,), naive_path=0xFF)
+
+
+def _follow(plan):
+    """Ten legs straight on, 10 m each."""
+    states = np.zeros((11, 3))
+    states[:, 1] = plan.north_m + 10.0 * np.arange(11)
+    return PlannedPath(plan.step, states, np.full(10, 5), 1, states[1:, None, 1:])
+
+
+def _team(order="id", vehicle=3, expiry=600.0, kept=1):
+    return Team(vehicle, 4, order, 20.0, expiry, _follow, kept)
+
+
+def test_orders():
+    assert _team("id").before(7) == [1, 2]
+    assert _team("id", vehicle=1).before(7) == []
+    assert _team("all").before(7) == [1, 2, 4]
+    ranks = [len(_team("rotating", vehicle=v).before(5)) for v in (1, 2, 3, 4)]
+    assert sorted(ranks) == [0, 1, 2, 3]
+    assert ranks[5 % 4] == 0  # vehicle 1 + (step mod K) is first
+    assert set(_team("rotating", vehicle=1).before(5)) == {2, 3, 4}
+
+
+def test_places_already_passed_are_dropped_and_old_plans_expire():
+    team = _team()
+    team.hear(100.0, 1, _plan(4))
+    assert len(team.places_ahead(100.0, 1)) == 10
+    places = team.places_ahead(165.0, 1)  # 65 s at 20 s a leg
+    assert places[:, 0].tolist() == [40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]
+    assert len(team.places_ahead(101.0, 2)) == 0
+    assert team.age_s(701.0) == {1: 601.0}
+
+
+def test_a_plan_that_is_too_old_has_no_places_ahead():
+    team = _team(expiry=100.0)
+    team.hear(100.0, 1, _plan(4))
+    assert len(team.places_ahead(199.0, 1)) == 6
+    assert len(team.in_time_order(199.0)) == 1
+    assert len(team.places_ahead(200.0, 1)) == 0
+    assert team.in_time_order(200.0) == []
+
+
+def test_places_ahead_come_with_the_legs_until_a_mate_is_there():
+    """65 s at 20 s a leg: it is a quarter into its eighth leg, whose end comes in three quarters of a leg."""
+    team = _team()
+    team.hear(100.0, 1, _plan(4))
+    ((legs, places),) = team.in_time_order(165.0)
+    assert legs == pytest.approx(0.75 + np.arange(7))
+    assert places[:, 0].tolist() == [40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0]
+
+
+def test_an_unchanged_plan_keeps_its_clock_but_stays_fresh():
+    team = _team()
+    team.hear(100.0, 1, _plan(4))
+    team.hear(160.0, 1, _plan(4))
+    assert len(team.places_ahead(160.0, 1)) == 7
+    assert team.age_s(750.0) == {1: 590.0}
+
+
+def test_a_newer_plan_replaces_and_an_older_one_that_comes_late_does_not():
+    team = _team()
+    team.hear(100.0, 1, _plan(4))
+    team.hear(110.0, 1, _plan(5, north=50.0))
+    assert team.places_ahead(110.0, 1)[0, 0] == 60.0
+    team.hear(120.0, 1, _plan(3, north=-99.0))
+    assert team.places_ahead(120.0, 1)[0, 0] == 60.0
+
+
+def test_own_plans_are_ignored():
+    team = _team()
+    team.hear(0.0, 3, _plan(0))
+    assert team.age_s(0.0) == {}
+
+
+def test_kept_plans_are_drawn_newer_ones_more_often():
+    team = _team("all", kept=2)
+    team.hear(0.0, 1, _plan(0))
+    team.hear(0.0, 1, _plan(0, north=500.0))
+    draws = [team.draw(0.0, np.random.default_rng(seed))[0, 0] for seed in range(60)]
+    assert set(draws) == {10.0, 510.0}
+    assert draws.count(510.0) > draws.count(10.0)
+    assert _team("all").draw(0.0, np.random.default_rng(1)).shape == (0, 2)

@@ -1,0 +1,130 @@
+"""Fitted lanes: by hand, against the plain loops, and against the lanes that are not fitted."""
+
+import math
+
+import numpy as np
+import pytest
+from planner_helpers import world
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.compiled import plain
+from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, STRIPS
+from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.paths.fitted_lanes import ENDS, SIDES, fit, lay, mean_distance, points
+from auv_lse_planner.paths.naive import FITS_KEPT
+from auv_lse_planner.paths.rollout import Rollout
+from auv_lse_planner.reward.anytime import AnytimeReward
+
+
+def _rectangle(along, across, grid):
+    u, v = np.meshgrid(np.arange(0.5, along / grid) * grid, np.arange(0.5, across / grid) * grid, indexing="ij")
+    return np.column_stack([u.ravel(), v.ravel()])
+
+
+def test_lanes_by_hand():
+    places, corners = _rectangle(300.0, 200.0, 20.0), np.empty((7, 2))
+    # two lanes, half a gap (50 m) from the sides, ends half of that from the border; and one back between them
+    length = lay(places, np.array([20.0, 20.0]), np.zeros(2), 2, 1.0, 0.5, corners)
+    expected = [[0, 0], [25, 50], [275, 50], [275, 150], [25, 150], [25, 100], [275, 100]]
+    assert corners == pytest.approx(np.array(expected, dtype=float))
+    assert length == pytest.approx(math.hypot(25, 50) + 250 + 100 + 250)
+
+
+def test_the_mean_distance_by_hand():
+    line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+    places = np.array([[5.0, 3.0], [13.0, 4.0], [10.0, 14.0]])
+    assert mean_distance(places, line, 20.0) == pytest.approx((3.0 + 3.0 + 4.0) / 3.0)
+    assert mean_distance(places, line, 10.0) == pytest.approx((3.0 + 5.0 + 14.0) / 3.0)  # cut at the corner
+
+
+def test_points_are_a_leg_apart_and_go_straight_on():
+    line = np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+    expected = [[0, 0], [6, 0], [10, 2], [10, 8], [10, 14]]
+    assert points(line, 6.0, 4) == pytest.approx(np.array(expected, dtype=float))
+    assert points(line[:1], 6.0, 2) == pytest.approx(np.array([[0.0, 0.0], [6.0, 0.0], [12.0, 0.0]]))
+
+
+def test_compiled_equals_plain():
+    places, sides, ends = _rectangle(300.0, 200.0, 40.0), np.array(SIDES), np.array(ENDS)
+    arguments = (places, np.array([40.0, 40.0]), np.array([10.0, 20.0]), 900.0, sides, ends)
+    assert fit(*arguments) == plain(fit)(*arguments)
+    corners, again = np.empty((11, 2)), np.empty((11, 2))
+    own = (places, np.array([40.0, 40.0]), np.array([10.0, 20.0]), 3, 0.85, 0.7)
+    assert lay(*own, corners) == plain(lay)(*own, again)
+    assert np.array_equal(corners, again)
+    assert mean_distance(places, corners, 900.0) == plain(mean_distance)(places, corners, 900.0)
+    assert np.array_equal(points(corners, 23.5, 60), plain(points)(corners, 23.5, 60))
+
+
+@pytest.mark.parametrize("length", [700.0, 1500.0, 3000.0])
+def test_no_other_number_of_lanes_is_nearer_to_everything(length):
+    places, begin = _rectangle(600.0, 400.0, 25.0), np.zeros(2)
+    grid = np.array([25.0, 25.0])
+    turned, count, side, end = fit(places, grid, begin, length, np.array(SIDES), np.array(ENDS))
+    found = []
+    for across in (False, True):
+        own = places[:, ::-1].copy() if across else places
+        for lanes in range(1, 15):
+            corners = np.empty((4 * lanes - 1, 2))
+            if lay(own, grid, begin, lanes, 1.0, 0.85, corners) <= 1.25 * length:
+                found.append(mean_distance(own, corners, length))
+    corners = np.empty((4 * count - 1, 2))
+    own = places[:, ::-1].copy() if turned else places
+    lay(own, grid, begin, count, side, end, corners)
+    assert mean_distance(own, corners, length) <= min(found)
+
+
+LARGE = (-50.0, -50.0, 550.0, -50.0, 550.0, 650.0, -50.0, 650.0)
+BENT = (0.0, -50.0, 300.0, -50.0, 300.0, 250.0, 600.0, 250.0, 600.0, 550.0, 0.0, 550.0)
+
+
+# The shares are a little above those found: .90, .80, .71.
+@pytest.mark.parametrize(("polygon", "vehicles", "share"), [(LARGE, 1, 0.92), (LARGE, 3, 0.82), (BENT, 1, 0.75)])
+def test_fitted_lanes_leave_less_risk_than_covering_ones(polygon, vehicles, share):
+    area, motion, _, naive = world(polygon=polygon, vehicles=vehicles)
+    roll = Rollout(motion, naive, 100, 1)
+    kept = KeptColumns(Posterior(GpConfig()), area.grid(30.0).places_m)
+    left = []
+    for ids in (STRIPS, FITTED):
+        own, *mates = (roll.path(0, np.zeros(3), (), ids[number]).places_m for number in range(vehicles))
+        ahead = [(np.arange(1.0, 101.0), places) for places in mates]
+        reward = AnytimeReward(kept, LevelSet(), ahead, 100, 0, 100, 0.0)
+        left.append(reward.risk_before - reward.value(own[:, None]).end)
+    assert left[1] < share * left[0]
+
+
+def test_lanes_are_fitted_once_for_the_same_place_and_the_last_are_kept():
+    _, _, _, naive = world()
+    first = naive._fitted(np.array([0.0, 10.0, 20.0]), FITTED[0], 40)
+    assert naive._fitted(np.array([1.0, 10.0, 20.0]), FITTED[0], 40) is first  # the heading does not count
+    for north in range(2 * FITS_KEPT):
+        naive._fitted(np.array([0.0, float(north), 0.0]), FITTED[0], 40)
+    assert len(naive._fits) == FITS_KEPT
+    again = naive._fitted(np.array([0.0, 10.0, 20.0]), FITTED[0], 40)
+    assert again is not first
+    assert np.array_equal(again, first)
+
+
+def test_one_vehicle_has_one_strip():
+    *_, naive = world()
+    paths = [naive.actions(np.zeros(3), naive_path, 50) for naive_path in FITTED]
+    assert all(np.array_equal(paths[0], path) for path in paths)
+    assert naive.different((*COVERING, *FITTED)) == (*COVERING, FITTED[0])
+
+
+@pytest.mark.parametrize(
+    "polygon", [(0, 0, 400, 400, 0, 400), (0, 0, 500, 300, 400, 500, -100, 200), (0, 0, 300, 900, 600, 0)]
+)
+def test_a_slanted_area_has_strips_whose_box_reaches_beyond_its_raster(polygon):
+    area, motion, space, naive = world(polygon=tuple(map(float, polygon)), vehicles=3)
+    c, s = math.cos(naive._frames[0].axis_rad), math.sin(naive._frames[0].axis_rad)
+    for places, _ in naive._strip_places:
+        north, east = places[:, 0] * c - places[:, 1] * s, places[:, 0] * s + places[:, 1] * c
+        off = [-(space.clearance_m(n, e) + space.margin_m) for n, e in zip(north, east, strict=True)]
+        assert max(off) <= math.sqrt(0.5) * space.cell_m  # the nearest node is inside
+    start = np.array([0.5, *area.polygon.mean(axis=0)])
+    actions = naive.actions(start, FITTED[1], 60)
+    end = motion.roll(start, actions)[-1]
+    assert space.clearance_m(end[1], end[2]) > 0.0

@@ -1,0 +1,40 @@
+"""How much the map is doubted: by what soundings show of the ground, within limits."""
+
+import numpy as np
+import pytest
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_planner.reward.doubt import DOUBT, doubt
+
+
+def drawn(std_m: float) -> Posterior:
+    """A map of ground drawn from the prior, but with another standard deviation."""
+    config, rng = GpConfig(), np.random.default_rng(3)
+    places = rng.uniform(0.0, 600.0, (150, 2))
+    posterior = Posterior(config)
+    covariance = posterior.kernel(places, places) + config.noise_std_m**2 * np.eye(len(places))
+    depths = 15.0 + std_m / config.signal_std_m * np.linalg.cholesky(covariance) @ rng.standard_normal(len(places))
+    posterior.follow(Centers(places, depths, np.full(len(places), config.noise_std_m)))
+    return posterior
+
+
+def test_ground_nearly_as_rough_as_the_prior_is_doubted_in_proportion():
+    half = drawn(8.0 * np.sqrt(0.5))
+    assert half.residual_ratio == pytest.approx(0.5, rel=0.3)
+    assert doubt(half) == pytest.approx(DOUBT * half.residual_ratio)
+
+
+def test_flat_ground_is_not_doubted_and_doubt_has_a_limit():
+    assert drawn(2.0).residual_ratio < 1.0 / DOUBT
+    assert doubt(drawn(2.0)) == 1.0
+    assert doubt(drawn(24.0)) == DOUBT
+    assert doubt(Posterior(GpConfig())) == 1.0
+
+
+def test_what_will_be_measured_is_no_reason_for_doubt():
+    posterior = drawn(6.0)
+    before = doubt(posterior)
+    posterior.plan(np.array([[10.0, 20.0], [300.0, 40.0]]))
+    assert doubt(posterior) == before

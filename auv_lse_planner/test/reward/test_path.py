@@ -1,0 +1,173 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from planner_helpers import centers, dense_posterior, expected_risk
+
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.support.compiled import plain
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.reward import path as module
+from auv_lse_planner.reward.path import PathReward, small_inverse_diagonals
+
+
+def _situation(seed, data=60, team=0, level=None, credit="whole"):
+    rng = np.random.default_rng(seed)
+    config = GpConfig()
+    known = centers(rng, data)
+    posterior = Posterior(config)
+    posterior.follow(known)
+    others = rng.uniform(0, 400, (team, 2))
+    posterior.plan(others)
+    level = level or LevelSet()
+    return rng, config, known, others, level, PathReward(posterior, level, credit)
+
+
+def _dense_value(config, known, others, path, level, credit):
+    """The paper's reward by plain dense algebra."""
+    mean, var, after = dense_posterior(config, known, np.concatenate([others, path]), path)
+    if credit == "whole":
+        before = level.risk(mean, np.sqrt(var))
+    else:
+        _, _, planned = dense_posterior(config, known, others, path)
+        before = expected_risk(level, mean, var, planned)
+    return before - expected_risk(level, mean, var, after)
+
+
+LEVELS = [LevelSet(), LevelSet(cost_false_safe=20.0, cost_false_unsafe=5.0)]
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("credit", ["whole", "beyond"])
+@pytest.mark.parametrize(("data", "team", "length"), [(0, 0, 10), (60, 0, 30), (60, 25, 100), (200, 60, 13)])
+def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, level, credit):
+    rng, config, known, others, level, reward = _situation(data + length, data, team, level, credit)
+    for _ in range(3):
+        path = rng.uniform([0, 0], [360, 460], (length, 2))
+        columns = reward.posterior.columns(path)
+        dense = _dense_value(config, known, others, path, level, credit)
+        assert reward.contributions(columns) == pytest.approx(dense, abs=1e-9)
+        assert reward.value(columns) == pytest.approx(dense.sum(), abs=1e-9 * max(1.0, dense.sum()))
+
+
+def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
+    rng, *_, reward = _situation(3, 50, 10)
+    for length in (1, 7, 30):  # of one place, as the myopic baseline asks; short; long
+        columns = reward.posterior.columns(rng.uniform(0, 400, (4 * length, 2)))
+        one_by_one = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(4)]
+        assert reward.values_of_equal(columns, length) == pytest.approx(one_by_one, abs=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_longer_path_is_never_worth_less_and_none_is_worth_nothing(seed):
+    rng, *_, reward = _situation(seed, 40, 5)
+    path = reward.posterior.columns(rng.uniform(0, 400, (25, 2)))
+    values = [reward.value(path.take(np.arange(n))) for n in range(26)]
+    assert values[0] == 0.0
+    assert np.all(np.diff(values) >= -1e-9)
+
+
+def test_team_credit_takes_off_what_team_mates_bring_anyway():
+    rng = np.random.default_rng(6)
+    posterior = Posterior(GpConfig())
+    posterior.follow(centers(rng, 30))
+    path = rng.uniform(0, 400, (10, 2))
+    posterior.plan(path)  # a team mate goes exactly there
+    columns = posterior.columns(path)
+    whole, beyond = PathReward(posterior, LevelSet()), PathReward(posterior, LevelSet(), "beyond")
+    assert 0.0 < beyond.value(columns) < 0.2 * whole.value(columns)
+    posterior.forget_planned()
+    alone = PathReward(posterior, LevelSet()).value(posterior.columns(path))
+    assert whole.value(columns) > alone
+
+
+def test_unknown_credit_is_refused():
+    with pytest.raises(ValueError, match="credit: got 'half'"):
+        _situation(8, 5, credit="half")
+
+
+@pytest.mark.parametrize("length", [3, 30])  # factorized by compiled loops, and by LAPACK
+def test_places_whose_covariance_is_not_positive_definite_are_an_error(length):
+    rng, *_, reward = _situation(9, 50)
+    columns = reward.posterior.columns(rng.uniform(0, 400, (2 * length, 2)))
+    broken = dataclasses.replace(columns, white=3.0 * columns.white)  # explains more than there is
+    with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
+        reward.values_of_equal(broken, length)
+    with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
+        reward.value(broken.slice(0, length))
+
+
+def _reward(data, team, credit, seed=3):
+    rng = np.random.default_rng(seed)
+    posterior = Posterior(GpConfig())
+    posterior.follow(centers(rng, data))
+    posterior.plan(rng.uniform(0, 400, (team, 2)))
+    return rng, PathReward(posterior, LevelSet(), credit)
+
+
+@pytest.mark.parametrize("length", [1, 10, 24, 25])
+def test_paths_of_equal_length_are_worth_what_they_are_one_by_one(length):
+    rng, reward = _reward(50, 10, "beyond")
+    columns = reward.posterior.columns(rng.uniform(0, 400, (5 * length, 2)))
+    expected = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(5)]
+    assert reward.values_of_equal(columns, length) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("function", [small_inverse_diagonals, plain(small_inverse_diagonals)])
+def test_diagonals_of_small_inverses(function):
+    rng = np.random.default_rng(1)
+    for count in (1, 2, 3, 10, 24):
+        roots = rng.normal(size=(4, count, count + 2))
+        matrices = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(count)
+        expected = [np.diag(np.linalg.solve(m, np.eye(count))) for m in matrices]
+        diagonals = np.empty((4, count))
+        assert function(np.tril(matrices), diagonals)
+        assert diagonals == pytest.approx(np.array(expected), rel=1e-10)
+    assert not function(np.array([[[1.0, 0.0], [2.0, 1.0]]]), np.empty((1, 2)))
+
+
+def test_long_paths_take_the_other_way_and_are_worth_the_same(monkeypatch):
+    rng, reward = _reward(30, 0, "whole")
+    columns = reward.posterior.columns(rng.uniform(0, 400, (40, 2)))
+    short = reward.values_of_equal(columns, 10)
+    monkeypatch.setattr(module, "SMALL", 0)
+    assert reward.values_of_equal(columns, 10) == pytest.approx(short, abs=1e-11)
+
+
+def test_the_paths_own_reward_does_not_telescope():
+    """Legs are credited at their own place only, a planned path at all of its places at once."""
+    config, level = GpConfig(), LevelSet()
+    posterior = Posterior(config)
+    reward = PathReward(posterior, level)
+    path = posterior.columns(np.column_stack([np.arange(1, 41) * 10.0, np.zeros(40)]))
+    whole = reward.value(path)
+    # leg by leg on perfect data: each place is already well known when it is reached, so there is less left to credit
+    stepwise = 0.0
+    for i in range(40):
+        known = Centers(np.column_stack([np.arange(1, i + 1) * 10.0, np.zeros(i)]), np.full(i, 15.0), np.full(i, 0.3))
+        posterior.follow(known)
+        here = posterior.columns(np.array([[(i + 1) * 10.0, 0.0]]))
+        stepwise += PathReward(posterior, level).value(here)
+    assert stepwise < 0.95 * whole
+
+
+@pytest.mark.parametrize("length", [5, 30])
+def test_no_path_is_paid_for_the_floor_of_uncertain_places(length):
+    """What a path leaves is what the posterior has once it is planned: with the places' variance, before and after."""
+    rng = np.random.default_rng(4)
+    known = centers(rng, 40)
+    effect = 0.5 * rng.standard_normal((40, 3))
+    posterior = Posterior(GpConfig())
+    posterior.follow(Centers(known.places_m, known.depths_m, known.noise_std_m, effect))
+    path = rng.uniform(-100.0, 100.0, (length, 2))
+    reward = PathReward(posterior, LevelSet())
+    columns = posterior.columns(path)
+    left = reward.var_after_m2(columns)
+    two = reward.values_of_equal(posterior.columns(np.concatenate([path, path])), length)
+    assert two == pytest.approx([reward.value(columns)] * 2)
+    posterior.plan(path)
+    planned = posterior.columns(path).planned_var_m2
+    assert planned.min() > 0.0
+    assert left == pytest.approx(planned, rel=1e-6, abs=1e-9)

@@ -1,0 +1,124 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planner_helpers import centers, rollout, situation
+
+from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
+from auv_lse_common.vocabulary.plan import NONE
+from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.search.dec_mcts import JointDraws, distribution, search_dec_mcts
+
+STATE = np.array([0.3, 150.0, 150.0])
+SEQUENCE = (5, 5, 6)
+
+
+def _scene():
+    """Three draws: a mate mows as the first lawnmower would in one, as the second would in two."""
+    roll, space = rollout(20)
+    posterior = Posterior(GpConfig())
+    posterior.follow(centers(np.random.default_rng(9), 40))
+    first, second = (roll.path(0, STATE, SEQUENCE, h).naive_places_m for h in LAWNMOWERS[:2])
+    return roll, space, posterior, [first, second, second]
+
+
+GRID = Grid(np.arange(0.0, 361.0, 20.0), np.arange(0.0, 461.0, 20.0), np.ones((19, 24), dtype=bool), 20.0)
+
+
+def _drop(posterior, planned, places):
+    """Drop of the map's expected risk that places bring beyond those planned, by plain means."""
+
+    def risk(measured):
+        known = posterior.copy()
+        known.plan(measured)
+        columns = known.columns(GRID.places_m)
+        left = np.minimum(columns.planned_var_m2, columns.data_var_m2)
+        return LevelSet().expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - left), np.sqrt(left)).sum()
+
+    return risk(planned) - risk(np.concatenate([planned, places]))
+
+
+def _joint(roll, posterior, draws, ids, legs):
+    rewards = []
+    for places in draws:
+        against = posterior.copy()
+        against.plan(places)
+        rewards.append(AnytimeReward(KeptColumns(against, GRID.places_m), LevelSet(), (), legs, 0, 20, 0.0))
+    return JointDraws(rewards, roll, 0, STATE, ids)
+
+
+def test_a_sequence_is_worth_what_it_brings_to_the_map_beyond_the_mates_in_the_mean_over_the_draws():
+    roll, _, posterior, draws = _scene()
+    joint = _joint(roll, posterior, draws, (), len(SEQUENCE))
+    (value,) = joint([SEQUENCE])
+    places = roll.path(0, STATE, SEQUENCE, NONE).places_m
+    exact = np.mean([_drop(posterior, planned, places) for planned in draws])
+    assert value == pytest.approx(exact, rel=0.02)  # cells of hardly any risk are left out
+    assert joint.naive_path[SEQUENCE] == NONE
+
+
+def test_the_naive_path_is_the_best_in_the_mean_over_the_draws():
+    roll, _, posterior, draws = _scene()
+    ids = LAWNMOWERS[:2]
+    joint = _joint(roll, posterior, draws, ids, 20)
+    (value,) = joint([SEQUENCE])
+    paths = [roll.path(0, STATE, SEQUENCE, h).places_m for h in ids]
+    exact = [np.mean([_drop(posterior, planned, places) for planned in draws]) for places in paths]
+    assert value == pytest.approx(max(exact), rel=0.02)
+    assert joint.naive_path[SEQUENCE] == ids[int(np.argmax(exact))] == ids[0]
+    alone = _joint(roll, posterior, draws[:1], ids, 20)
+    alone([SEQUENCE])
+    assert alone.naive_path[SEQUENCE] == ids[1]  # what the first draw alone would choose
+
+
+def test_team_mates_get_a_plan_drawn_from_the_best():
+    roll, space, posterior, draws = _scene()
+    there = situation(STATE, np.random.default_rng(1), naive_paths=LAWNMOWERS[:2], iterations=60)
+    there = replace(there, grid=GRID)
+    found = search_dec_mcts(there, space, roll, posterior, LevelSet(), draws)
+    assert found.iterations == 20  # shared among the draws
+    assert found.for_team is not None
+    actions, naive_path = found.for_team
+    assert actions in [a for a, _ in found.ranking[:10]]
+    assert naive_path in LAWNMOWERS[:2]
+    assert found.value == max(v for _, v in found.ranking)
+
+
+def test_without_naive_paths_it_looks_as_far_as_the_horizon_and_the_mission_last():
+    roll, space, posterior, draws = _scene()
+    there = situation(STATE, np.random.default_rng(1), method="plain", horizon=5, iterations=48)
+    for step, horizon in ((0, 5), (18, 2)):
+        now = replace(there, grid=GRID, step=step, horizon=horizon)
+        found = search_dec_mcts(now, space, roll, posterior, LevelSet(), draws)
+        assert len(found.actions) == horizon
+        assert found.naive_path == NONE
+        places = roll.path(step, STATE, found.actions, NONE).places_m
+        exact = np.mean([_drop(posterior, planned, places) for planned in draws])
+        assert found.value == pytest.approx(exact, rel=0.03)
+    with pytest.raises(ValueError, match=r"situation\.grid: got None"):
+        search_dec_mcts(there, space, roll, posterior, LevelSet(), draws)
+
+
+def test_it_prefers_better_sequences_and_cools():
+    values = np.array([100.0, 99.0, 90.0])
+    early, late = distribution(values, 0), distribution(values, 99)
+    assert early.sum() == pytest.approx(1.0)
+    assert np.all(np.diff(early) < 0.0)
+    assert late[0] > early[0]
+
+
+def test_the_last_plan_is_kept_only_if_that_is_asked_for():
+    assert not PlannerConfig(coordination="dec_mcts", method="augmented").complete().incumbent
+    assert PlannerConfig(coordination="dec_mcts", method="augmented", incumbent=True).complete().incumbent
+
+
+def test_it_needs_a_tree_search():
+    for method in ("tour", "exponential_quadratic"):
+        with pytest.raises(ValueError, match="dec_mcts' is a tree search by the exact risk"):
+            PlannerConfig(method=method, coordination="dec_mcts").complete()

@@ -1,0 +1,71 @@
+"""When a vehicle surfaces."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_planner.paths.rollout import PlannedPath
+from auv_lse_planner.vehicle.surfacing import Surfacings
+
+LEG_M = 15.0 * math.pi / 2.0
+VEHICLE = VehicleConfig()
+
+
+def path(places_m: NDArray[np.float64], step: int) -> PlannedPath:
+    """A path through these places from a step on; only its states count here."""
+    states = np.column_stack([np.zeros(len(places_m)), places_m])[step:]
+    legs = len(states) - 1
+    return PlannedPath(step, states, np.zeros(legs, dtype=np.int64), legs, np.zeros((legs, 1, 2)))
+
+
+def decided(surfacings: Surfacings, places_m: NDArray[np.float64], pays: bool = True) -> list[int]:
+    """Steps at whose legs' ends a vehicle surfaces that travels through these places."""
+    return [step + 1 for step in range(len(places_m) - 1) if surfacings.due(path(places_m, step), lambda: pays)]
+
+
+def out_and_back(steps: int, turn: int) -> NDArray[np.float64]:
+    """A way out and back, farthest from the start at step `turn`, and no farther again."""
+    far = np.minimum(np.arange(steps + 1), 2 * turn - np.arange(steps + 1))
+    return np.column_stack([np.abs(far) * 20.0, np.zeros(steps + 1)])
+
+
+def surfacings(vehicle: int = 1, most: int = 1) -> Surfacings:
+    """Those of a vehicle in a mission of 100 steps."""
+    return Surfacings(vehicle, VEHICLE, most, 100, LEG_M)
+
+
+def test_a_surfacing_takes_whole_legs() -> None:
+    assert surfacings().legs == 4  # 60 s at 1.5 m/s are 90 m, 3.8 legs of 23.56 m
+
+
+@pytest.mark.parametrize(("vehicle", "turn", "expected"), [(1, 45, 45), (1, 25, 30), (1, 90, 90), (3, 45, 50)])
+def test_it_surfaces_where_the_way_turns_back_to_the_start_once_it_is_its_turn(
+    vehicle: int, turn: int, expected: int
+) -> None:
+    own = surfacings(vehicle)
+    assert decided(own, out_and_back(100, turn))[:1] == [expected]
+    assert own.done == 1
+
+
+def test_it_does_not_surface_where_that_does_not_pay_nor_where_it_has_nothing_left_to_do() -> None:
+    assert decided(surfacings(), out_and_back(100, 45), pays=False) == []
+    assert decided(surfacings(), out_and_back(100, 98)) == [], "the 4 legs that it takes are not left"
+    assert decided(surfacings(most=0), out_and_back(100, 45)) == []
+
+
+def test_it_waits_for_what_a_surfacing_brings_before_the_next() -> None:
+    there_and_back = np.column_stack([200.0 + 60.0 * np.sin(np.arange(101) * math.pi / 8.0), np.zeros(101)])
+    assert decided(surfacings(most=3), there_and_back) == [36, 68], "not at 52, and at 100 it is over"
+
+
+def test_after_a_restart_it_does_not_surface_again() -> None:
+    places = out_and_back(100, 45)
+    first, second = surfacings(), surfacings()
+    assert decided(first, places[:51]) == [45]
+    second.restore(first.snapshot())
+    assert decided(second, places) == []

@@ -1,0 +1,485 @@
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from planner_helpers import centers, depth, is_free, settings, track_of
+
+from auv_lse_common.mission_file.methods import METHODS
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.map.online import OnlineGp
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
+
+
+def _fly(planner, gp=None, ticks=2000, until=None, push=None):
+    """Perfect tracking at 1 Hz; `push(t)` is added to the reported position. Yields every decision."""
+    v = planner.settings.vehicle
+    state = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
+    leg, queue, decisions = None, [], []
+    for t in range(ticks):
+        off = np.zeros(2) if push is None else push(t)
+        planner.odometry(float(t), state[0], state[1] + off[0], state[2] + off[1])
+        if planner.finished or (until is not None and len(decisions) >= until):
+            return decisions
+        if planner.due(float(t)):
+            if gp is not None:
+                planner.set_centers(gp.centers, float(t))
+            decisions.append(planner.decide(float(t)))
+            if leg is None:
+                leg = decisions[-1].leg
+            else:
+                queue.append(decisions[-1].leg)
+        if leg is None:
+            continue
+        along = leg.progress_m(state[1], state[2]) + v.speed_mps
+        if along > leg.length_m and queue:
+            along -= leg.length_m
+            leg = queue.pop(0)
+        state = leg.state_at(along)
+        if gp is not None and t % 3 == 0:
+            gp.add(state[1], state[2], float(depth(state[None, 1:])[0]))
+    return decisions
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
+    s = settings({"method": method}, steps=12)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    decisions = _fly(planner, OnlineGp(s.gp))
+    assert planner.finished
+    assert [d.leg.step for d in decisions] == list(range(12))
+    assert [r.step for r in planner.records] == list(range(12))
+    for before, after in itertools.pairwise(decisions):
+        end = before.leg.end_state
+        assert (after.leg.north_m, after.leg.east_m) == pytest.approx((end[1], end[2]), abs=1e-3)
+    for d in decisions:
+        assert is_free(
+            planner.space,
+            np.array([d.leg.heading_rad, d.leg.north_m, d.leg.east_m]),
+            int(np.argmin(np.abs(planner.motion.turns_rad - d.leg.action_rad))),
+        )
+        assert d.bound.lower_bound_max >= d.bound.lower_bound
+        assert math.isfinite(d.bound.jbar)
+    assert not planner.due(1e6)
+    with pytest.raises(ValueError, match="all 12 steps are decided"):
+        planner.decide(1e6)
+
+
+def surfacing_pays(planner):
+    """The planner, to which a fix brings more than any legs that it costs."""
+    weigh = planner._horizon.weigh_surfacing
+    planner._horizon.weigh_surfacing = lambda now_s, legs: dataclasses.replace(weigh(now_s, legs), brings=math.inf)
+    return planner
+
+
+def test_a_lawnmower_goes_on_along_its_lanes_after_a_surfacing():
+    """Lanes are fitted to the legs that are left: with fewer of them they would begin anew."""
+    s = settings({"method": "lawnmower"}, steps=80, vehicle={"surfacings": 1})
+    planner = surfacing_pays(VehiclePlanner(1, s, np.random.default_rng(1)))
+    decisions = _fly(planner, ticks=3000)
+    without = settings({"method": "lawnmower"}, steps=80, vehicle={"surfacings": 0})
+    through = _fly(VehiclePlanner(1, without, np.random.default_rng(1)), ticks=3000)
+    surfaced = [decision.leg.step for decision in decisions if decision.leg.surface]
+    assert len(surfaced) == 1
+    assert planner.finished
+    assert len(decisions) == 76
+    places = [[(d.leg.north_m, d.leg.east_m) for d in flown] for flown in (decisions, through)]
+    assert np.array(places[0]) == pytest.approx(np.array(places[1][:76]), abs=1e-2)
+
+
+@pytest.fixture(scope="module")
+def surfaced():
+    """Settings, planner and decisions of a mission by tours, with a surfacing."""
+    s = settings({"method": "tour", "iterations": 20}, steps=80, vehicle={"surfacings": 1})
+    planner = surfacing_pays(VehiclePlanner(1, s, np.random.default_rng(1)))
+    return s, planner, _fly(planner, ticks=3000)
+
+
+def test_team_mates_are_told_when_a_plan_goes_on_after_a_surfacing(surfaced):
+    s, planner, decisions = surfaced
+    at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
+    decision, after = decisions[at], decisions[at + 1].leg
+    assert after.step == decision.leg.step + 5
+    told = planner.rollout.follow(decision.plan).from_step(after.step)
+    assert told.states[0] == pytest.approx(decision.leg.end_state, abs=1e-3), "it waits where the leg ends"
+    assert len(told) == 80 - after.step
+    # a mate that knew the plan from before: during the stop it thinks it somewhat behind, and then where it is
+    both = dataclasses.replace(s, mission=dataclasses.replace(s.mission, vehicles=2))
+    mate = VehiclePlanner(2, both, np.random.default_rng(1))
+    mate.hear(0.0, 1, dataclasses.replace(decision.plan, step=decision.plan.step - 4))
+    leg_s = mate.motion.leg_length_m / s.vehicle.speed_mps
+    gone_s = (decision.leg.step + 4 - decision.plan.step) * leg_s
+    mate.hear(gone_s, 1, decision.plan)
+    ahead = mate.team.places_ahead(gone_s + 5.0 * leg_s, 1)
+    assert ahead[0] == pytest.approx(told.places_m[0], abs=1e-3)
+
+
+def test_the_account_of_a_tour_pays_for_a_surfacing(surfaced):
+    """What its legs would have brought is missing from what is promised, and from the account as far as it holds it."""
+    _, _, decisions = surfaced
+    at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
+    before, now, after = (decisions[i].bound for i in (at - 1, at, at + 1))
+    assert now.promised < before.promised
+    assert 0.0 <= now.account < before.account or now.account == 0.0
+    assert now.lower_bound == pytest.approx(now.promised - now.account)
+    assert after.promised == pytest.approx(now.promised, rel=0.02), "the plan promises as much with fewer legs"
+
+
+def test_a_replay_surfaces_where_the_recorded_vehicle_did(surfaced):
+    s, _, decisions = surfaced
+    at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
+    other = VehiclePlanner(1, s, np.random.default_rng(2))
+    for decision in decisions[: at + 1]:
+        other.odometry(decision.bound.now_s, decision.leg.heading_rad, decision.leg.north_m, decision.leg.east_m)
+        other.decide(decision.bound.now_s)
+        other.adopt(decision.plan, decision.leg)
+    assert other._travel.decided == decisions[at + 1].leg.step
+    assert other._surfacings.done == 1
+    assert other.path.states[0] == pytest.approx(decisions[at].leg.end_state, abs=1e-3)
+
+
+@pytest.mark.parametrize("method", ["augmented", "tour"])
+def test_the_same_seed_decides_the_same(method):
+    s = settings({"method": method, "iterations": 100}, steps=5)
+    runs = [_fly(VehiclePlanner(1, s, np.random.default_rng(3)), OnlineGp(s.gp)) for _ in range(2)]
+    assert [d.leg for d in runs[0]] == [d.leg for d in runs[1]]
+    assert [d.plan for d in runs[0]] == [d.plan for d in runs[1]]
+
+
+def test_decisions_are_due_after_the_delay_and_near_the_legs_end():
+    s = settings(steps=3, vehicle={"start_delay_s": 5.0})
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    assert not planner.due(10.0)  # no odometry
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    assert not planner.due(4.0)
+    assert planner.due(5.0)
+    first = planner.decide(5.0)
+    assert planner.leg == first.leg
+    assert not planner.due(5.5)
+    lead = s.planner.replan_lead_s * s.vehicle.speed_mps
+    for left, due in ((lead + 0.5, False), (lead - 0.5, True)):
+        at = first.leg.state_at(first.leg.length_m - left)
+        planner.odometry(15.0, *at)
+        assert planner.due(15.0) is due
+    second = planner.decide(15.0)
+    assert planner.leg == first.leg  # still on the first
+    assert not planner.due(15.5)
+    at = second.leg.state_at(1.0)
+    planner.odometry(20.0, *at)
+    assert planner.leg == second.leg
+
+
+def test_without_fresh_odometry_it_stops_planning_and_says_so():
+    planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
+    assert any("odometry: none" in p for p in planner.problems(1.0).values())
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    assert planner.problems(1.0) == {}
+    assert planner.due(9.0)
+    assert not planner.due(11.0)
+    assert any("planning has stopped" in p for p in planner.problems(11.0).values())
+    planner.odometry(12.0, 0.0, 0.0, 0.0)
+    assert planner.due(12.0)
+    planner.odometry(13.0, math.nan, 0.0, 0.0)  # not a state: as if nothing had come
+    assert planner.due(13.0)
+
+
+def test_without_a_fresh_map_or_team_plans_it_goes_on_and_says_so():
+    planner = VehiclePlanner(2, settings(vehicles=2), np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    planner.set_centers(centers(np.random.default_rng(1), 5), 0.0)
+    assert any("no plan of vehicle 1" in p for p in planner.problems(1.0).values())
+    planner.odometry(100.0, 0.0, 0.0, 0.0)
+    assert any(p.startswith("map: last 100 s ago") for p in planner.problems(100.0).values())
+    assert planner.due(100.0)
+    planner.decide(100.0)
+
+
+def test_every_team_mate_has_a_problem_of_its_own():
+    planner = VehiclePlanner(3, settings(vehicles=3), np.random.default_rng(1))
+    first = {key for key, text in planner.problems(1.0).items() if text.startswith("team:")}
+    assert first == {"plan of 1 missing", "plan of 2 missing"}
+    planner.hear(2.0, 1, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,), naive_path=0xFF))
+    expiry_s = planner.settings.planner.plan_expiry_s
+    later = [{k: t for k, t in planner.problems(s).items() if t.startswith("team:")} for s in (3.0, 3.0 + expiry_s)]
+    assert set(later[0]) == {"plan of 2 missing"}
+    assert set(later[1]) == {"plan of 1 expired", "plan of 2 missing"}
+    assert set(planner.problems(4.0 + expiry_s)) == set(planner.problems(3.0 + expiry_s))  # keys last, texts change
+
+
+def test_the_incumbent_never_lets_jbar_fall_on_unchanged_data():
+    for method in ("augmented", "plain"):
+        s = settings({"method": method, "iterations": 40, "incumbent": True}, steps=15)
+        planner = VehiclePlanner(1, s, np.random.default_rng(2))
+        decisions = _fly(planner)  # no data ever arrives
+        for d in decisions[1:]:
+            assert d.bound.jbar >= d.bound.incumbent_value - 1e-9
+            assert d.bound.incumbent_kept == (d.bound.incumbent_value >= d.statistics.best_new_value)
+
+
+def test_without_the_incumbent_the_search_decides():
+    s = settings({"method": "augmented", "iterations": 10, "incumbent": False}, steps=10)
+    decisions = _fly(VehiclePlanner(1, s, np.random.default_rng(2)))
+    assert not any(d.bound.incumbent_kept for d in decisions)
+    assert any(d.bound.incumbent_value > d.bound.jbar for d in decisions[1:])
+
+
+def test_a_kept_plan_is_travelled_exactly_as_it_was_announced():
+    s = settings({"method": "augmented", "iterations": 30}, steps=30)
+    planner = VehiclePlanner(1, s, np.random.default_rng(5))
+    decisions = _fly(planner)
+    kept = [d for d in decisions if d.bound.incumbent_kept]
+    assert kept
+    for d in kept:
+        path = planner.rollout.follow(d.plan)  # what every receiver does
+        at = path.from_step(d.leg.step).states[0]
+        assert (d.leg.heading_rad, d.leg.north_m, d.leg.east_m) == tuple(at)
+        assert len(path) == 30 - d.plan.step
+
+
+def test_plans_survive_the_packets_float32():
+    s = settings(steps=10)
+    planner = VehiclePlanner(1, s, np.random.default_rng(5))
+    for d in _fly(planner):
+        p = d.plan
+        received = dataclasses.replace(
+            p,
+            heading_rad=float(np.float32(p.heading_rad)),
+            north_m=float(np.float32(p.north_m)),
+            east_m=float(np.float32(p.east_m)),
+        )
+        assert received == p
+        other = VehiclePlanner(1, s, np.random.default_rng(99))
+        assert np.array_equal(other.rollout.follow(received).states, planner.rollout.follow(p).states)
+
+
+def test_a_vehicle_driven_off_its_leg_plans_from_where_it_is():
+    s = settings(steps=6)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    first = planner.decide(0.0)
+    at = first.leg.state_at(first.leg.length_m - 3.0)
+    pushed = (at[1] + 30.0 * math.sin(at[0]), at[2] - 30.0 * math.cos(at[0]))
+    planner.odometry(14.0, at[0], *pushed)
+    second = planner.decide(14.0)
+    assert second.statistics.reanchored
+    assert math.hypot(second.leg.north_m - pushed[0], second.leg.east_m - pushed[1]) < 6.1
+    assert planner.leg == second.leg  # it does not wait for the end of a leg that it is not on
+
+
+def test_a_start_elsewhere_than_configured_is_taken_from_odometry():
+    planner = VehiclePlanner(1, settings(), np.random.default_rng(1))
+    planner.odometry(0.0, 1.0, 200.0, 300.0)
+    decision = planner.decide(0.0)
+    assert decision.statistics.reanchored
+    assert (decision.leg.north_m, decision.leg.east_m) == (200.0, 300.0)
+
+
+def test_it_escapes_from_a_corner_without_an_exception():
+    s = settings(vehicle={"start_north_m": 375.0, "start_east_m": 475.0, "start_heading_rad": 0.8}, steps=8)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    decisions = _fly(planner)
+    assert decisions[0].statistics.escape
+    assert not decisions[-1].statistics.escape
+    assert planner.finished
+
+
+@pytest.mark.parametrize(
+    ("method", "north", "east", "heading", "steps"),
+    [
+        ("augmented", -700.0, 30.0, 3.1, 200),
+        ("augmented", 900.0, -2000.0, 0.0, 200),
+        ("straddle", -700.0, 30.0, 3.1, 200),
+        ("tour", -300.0, 30.0, 3.1, 40),
+    ],
+)
+def test_a_vehicle_far_outside_comes_back_and_says_so(method, north, east, heading, steps):
+    planner = VehiclePlanner(1, settings({"method": method}, steps=steps), np.random.default_rng(0))
+    state, said = np.array([heading, north, east]), []
+    for step in range(steps):
+        planner.odometry(100.0 * step, *state)
+        said += [text for key, text in planner.problems(100.0 * step).items() if key == "outside"]
+        state = planner.decide(100.0 * step).leg.end_state
+        if planner.space.clearance_m(*state[1:]) > 0.0:
+            break
+    else:
+        pytest.fail(f"still outside, at {state}")
+    straight_m = math.hypot(north, east) + 200.0
+    assert step * planner.motion.leg_length_m < straight_m + 200.0
+    assert "m outside of the area: coming back" in said[0]
+
+
+def test_a_vehicle_beyond_the_limit_holds_and_says_so():
+    planner = VehiclePlanner(1, settings({"method": "augmented"}, steps=100), np.random.default_rng(0))
+    start = state = np.array([1.0, 5500.0, 300.0])
+    for step in range(20):
+        planner.odometry(100.0 * step, *state)
+        (text,) = (text for key, text in planner.problems(100.0 * step).items() if key == "outside")
+        assert "more than 5000 m: holding" in text
+        state = planner.decide(100.0 * step).leg.end_state
+    assert np.hypot(*(state - start)[1:]) < 100.0
+
+
+@pytest.mark.parametrize("value", [1e39, -1e39, 1e7, math.nan, math.inf])
+@pytest.mark.parametrize("field", [1, 2, 3])
+def test_absurd_odometry_is_ignored_and_counted(value, field):
+    planner = VehiclePlanner(1, settings({"method": "augmented"}, steps=10), np.random.default_rng(0))
+    good = [0.0, 0.1, 20.0, 30.0]
+    planner.odometry(*good)
+    bad = [1.0, *good[1:]]
+    bad[field] = value
+    planner.odometry(*bad)
+    assert "1 (of 1) messages" in planner.problems(1.0)["odometry absurd"]
+    assert np.isfinite(planner.decide(1.0).leg.end_state).all()
+
+
+@pytest.mark.parametrize("change", [{"heading_rad": 1e30}, {"north_m": 1e30}, {"east_m": -1e9}, {"heading_rad": -7.0}])
+def test_absurd_plans_are_refused_and_do_not_hang(change):
+    planner = VehiclePlanner(2, settings({"method": "augmented"}, steps=10, vehicles=2), np.random.default_rng(0))
+    good = Plan.at(0, np.array([0.1, 20.0, 30.0]), (), 0xF0)
+    planner.hear(0.0, 1, dataclasses.replace(good, **change))
+    assert planner.plans_refused == 1
+
+
+def test_shallow_ground_on_the_map_ends_the_incumbent():
+    s = settings({"method": "lawnmower"}, steps=12)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    first = planner.decide(0.0)
+    ahead = planner.rollout.follow(first.plan).states[3, 1:]
+    # a survey at every 20 m: 20 m of water, but for a shoal of 30 m radius in the third leg's way
+    survey = np.array([[n, e] for n in np.arange(-20.0, 200.0, 20.0) for e in np.arange(-20.0, 200.0, 20.0)])
+    depths = np.where(np.hypot(*(survey - ahead).T) < 30.0, 1.0, 20.0)
+    shoal = Centers(survey, depths, np.full(len(survey), 0.3))
+    planner.set_centers(shoal)
+    at = first.leg.end_state
+    planner.odometry(15.0, *at)
+    second = planner.decide(15.0)
+    assert second.statistics.incumbent_infeasible
+    assert not second.bound.incumbent_kept
+    path = planner.rollout.follow(second.plan)
+    for state, action in zip(path.states[:4], path.actions[:4], strict=False):
+        track = track_of(planner.motion, state, int(action), 1.0)
+        assert planner.posterior.mean_m(track).min() > 3.0
+
+
+def test_team_places_move_a_vehicle_elsewhere_and_bad_plans_are_refused():
+    s = settings({"method": "augmented", "credit": "beyond"}, vehicles=2, steps=10)
+    one = VehiclePlanner(1, s, np.random.default_rng(1))
+    two = VehiclePlanner(2, s, np.random.default_rng(1))
+    one.odometry(0.0, 0.0, 0.0, 0.0)
+    two.odometry(0.0, 0.0, 0.0, 0.0)
+    plan = one.decide(0.0).plan
+    two.hear(0.0, 1, dataclasses.replace(plan, naive_path=0x20))
+    two.hear(0.0, 1, dataclasses.replace(plan, actions=(77,)))
+    two.hear(0.0, 1, dataclasses.replace(plan, north_m=math.nan))
+    two.hear(0.0, 1, dataclasses.replace(plan, step=s.mission.steps + 1))  # else all true plans would count as older
+    assert any("4 (of 4) received plans" in p for p in two.problems(0.0).values())
+    two.hear(0.0, 1, plan)
+    decision = two.decide(0.0)
+    assert decision.statistics.team_places == 10
+    mine, theirs = two.rollout.follow(decision.plan).states[:, 1:], one.rollout.follow(plan).states[:, 1:]
+    apart = np.hypot(*(mine[-1] - theirs[-1]))
+    assert apart > 20.0
+
+
+def test_parameters_can_be_changed_while_it_runs():
+    s = settings({"method": "augmented", "iterations": 20}, steps=10)
+    planner = VehiclePlanner(1, s, np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    first = planner.decide(0.0)
+    planner.set_planner(PlannerConfig(method="plain", iterations=200))
+    planner.odometry(15.0, *first.leg.end_state)
+    second = planner.decide(15.0)
+    assert second.bound.method == "plain"
+    assert second.bound.iterations == 200
+    assert math.isfinite(second.bound.lower_bound)
+
+
+@pytest.mark.parametrize("method", ["augmented", "plain", "tour"])
+def test_a_deadline_gives_a_feasible_plan(method):
+    planner = VehiclePlanner(1, settings({"method": method}, steps=60), np.random.default_rng(1))
+    planner.set_centers(centers(np.random.default_rng(1), 100))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    decision = planner.decide(0.0, deadline=lambda: True)
+    assert decision.bound.deadline_hit
+    state = np.array([0.0, 0.0, 0.0])
+    for action in decision.plan.actions:
+        assert action in planner.space.feasible(state)
+        state = planner.motion.end_state(state, action)
+
+
+def test_samples_per_leg_count_in_the_reward():
+    values = []
+    for samples in (1, 3):
+        planner = VehiclePlanner(1, settings({"method": "plain", "samples_per_leg": samples}), np.random.default_rng(1))
+        planner.odometry(0.0, 0.0, 0.0, 0.0)
+        values.append(planner.decide(0.0).bound.jbar)
+    assert values[1] > 2.0 * values[0]
+
+
+def test_a_vehicle_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match=r"vehicle: got 4; expected 1 to mission\.vehicles = 2"):
+        VehiclePlanner(4, settings(vehicles=2), np.random.default_rng(1))
+
+
+def test_dec_mcts_plans_against_what_team_mates_may_do():
+    s = settings({"method": "augmented", "coordination": "dec_mcts", "iterations": 60}, vehicles=2, steps=8)
+    one, two = (VehiclePlanner(k, s, np.random.default_rng(k)) for k in (1, 2))
+    told = []
+    for now in range(3):
+        for planner, other in ((one, two), (two, one)):
+            at = planner.leg.end_state if planner.leg is not None and now else np.zeros(3)
+            planner.odometry(20.0 * now, *at)
+            if now > 1:
+                planner.odometry(20.0 * now, *planner.leg.end_state)
+            decision = planner.decide(20.0 * now)
+            other.hear(20.0 * now, planner.vehicle, decision.plan)
+            told.append(decision)
+            assert len(planner.rollout.follow(decision.plan)) == 8 - decision.plan.step
+            assert math.isfinite(decision.bound.jbar)
+    assert told[-1].statistics.team_places > 0
+    # what is told is drawn from a distribution: not always the path that is travelled
+    draws = [one.team.draw(60.0, np.random.default_rng(i)) for i in range(12)]
+    assert len({places.tobytes() for places in draws}) > 1
+
+
+def test_a_finished_vehicle_stays_finished_while_it_circles_and_waits_for_the_others():
+    planner = VehiclePlanner(1, settings({"method": "random"}, steps=2), np.random.default_rng(1))
+    last = _fly(planner)[-1].leg
+    assert planner.finished
+    planner.odometry(1e3, last.heading_rad, last.north_m, last.east_m)  # round the circle, back at its start
+    assert planner.finished
+    assert not [p for p in planner.problems(1e3).values() if p.startswith("leg")]
+
+
+def test_a_map_that_is_displaced_against_odometry_is_planned_in_and_legs_are_given_by_odometry():
+    """The plan begins where the map has the vehicle; a small change displaces the next leg, a large one the plan."""
+    planner = VehiclePlanner(1, settings({"method": "lawnmower"}, steps=20), np.random.default_rng(1))
+    planner.odometry(0.0, 0.0, 0.0, 0.0)
+    first = planner.decide(0.0)
+    steps = [(4.0, -3.0, False), (6.0, -3.0, False), (40.0, -3.0, True)]
+    leg, before = first.leg, (0.0, 0.0)
+    for number, (north_m, east_m, anew) in enumerate(steps, 1):
+        end = leg.end_state
+        planner.odometry(15.0 * number, *end)
+        planner.displaced(north_m, east_m)
+        decision = planner.decide(15.0 * number)
+        leg = decision.leg
+        assert decision.statistics.reanchored is anew
+        in_map = np.array([leg.north_m + north_m, leg.east_m + east_m])
+        expected = end[1:] + ((north_m, east_m) if anew else before)
+        assert in_map == pytest.approx(expected, abs=1e-4), "in the map the path goes on, or begins where it now is"
+        before = (north_m, east_m)
+    assert decision.plan.state[1:] == pytest.approx(in_map, abs=1e-4), "mates are told the plan in the map"
+
+
+def test_a_planner_started_again_goes_on_in_the_displaced_map():
+    planners = [VehiclePlanner(1, settings(steps=20), np.random.default_rng(1)) for _ in range(2)]
+    planners[0].displaced(5.0, 6.0)
+    planners[0].odometry(0.0, 0.0, 0.0, 0.0)
+    leg = planners[0].decide(0.0).leg
+    planners[1].restore(planners[0].snapshot())
+    assert planners[1].for_vehicle(leg) == planners[0].for_vehicle(leg) != leg

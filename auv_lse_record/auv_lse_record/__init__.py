@@ -1,0 +1,1 @@
+"""Recordings: written on the vehicle, read back and recovered anywhere."""

@@ -1,0 +1,149 @@
+"""Records every topic of a mission, raw, into one rosbag2 directory (MCAP)."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
+from std_msgs.msg import String
+
+from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.sections.mission import MissionConfig
+from auv_lse_common.mission_file.sections.record import RecordConfig
+from auv_lse_common.node.base_node import BaseNode
+from auv_lse_common.node.entry_point import Main
+from auv_lse_common.topics.quality import EVERY
+from auv_lse_common.topics.table import recorded_topics
+from auv_lse_msgs.msg import LockstepDone, LockstepTick
+from auv_lse_record.guard import GuardedWriter
+from auv_lse_record.recorder import RecorderError
+from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT
+from auv_lse_record.rosbag2_writer import make_writer
+from auv_lse_record.software import mission_text, version
+
+_DISCOVERY_PERIOD_S = 2.0
+#: In lockstep, where stamps tell all that matters of time, messages are taken this often (s): about once per tick.
+_GATHER_S = 0.02
+#: How often (s) the space on the disk is looked at.
+_LOOK_PERIOD_S = 2.0
+
+
+class RecorderNode(BaseNode):
+    """recorder_node: writes every topic of the mission, and any other it discovers, to `record.folder`."""
+
+    def __init__(self) -> None:
+        """Opens the recording and subscribes to every topic a mission has."""
+        super().__init__("recorder_node")
+        config = section(RecordConfig, self.parameters, "record", self.where)
+        mission = section(MissionConfig, self.parameters, "mission", self.where)
+        if not config.folder:
+            raise ParameterError(f"{self.where}: record.folder: missing; expected the rosbag2 directory to make")
+        self._share = {"auv_lse_msgs": Path(get_package_share_directory("auv_lse_msgs")) / "msg"}
+        snapshot = {"software": version(), "seed": str(mission.seed)}
+        try:
+            folder = Path(config.folder)
+            writer = make_writer(folder, list(self._share.values()), snapshot, config.flush_s)
+            self._bag = GuardedWriter(writer, folder, config.least_free_mb)
+        except RecorderError as error:
+            raise ParameterError(f"{self.where}: {error}") from error
+        self._refused: set[str] = set()
+        self._topics: set[str] = set()
+        self._reliable: dict[str, tuple[Subscription, type, bool]] = {}  # subscription, message, latched
+        self._write_text(MISSION_FILE, mission_text(sys.argv, self.parameters))
+        self._write_text(SOFTWARE, version())
+        for name, topic in recorded_topics(mission.vehicles).items():
+            self._record(name, topic.kind, latched=topic.latched)
+        if self.lockstep:
+            self.gather_s = _GATHER_S
+            self._done = self.create_publisher(LockstepDone, "/lockstep/done", EVERY)
+            self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
+        self._said = False
+        self.create_timer(_DISCOVERY_PERIOD_S, self._discover)
+        self.create_timer(_LOOK_PERIOD_S, self._look)
+        self.get_logger().info(f"recording to {config.folder}")
+
+    def _write_text(self, topic: str, text: str) -> None:
+        """Writes a text that holds for the whole recording; nobody publishes it."""
+        self._bag.add_topic(topic, TEXT, latched=True)
+        self._bag.write(topic, self.get_clock().now().nanoseconds, serialize_message(String(data=text)))
+        self._topics.add(topic)
+
+    def _record(self, topic: str, kind: str, latched: bool = False, best_effort: bool = False) -> None:
+        package, _, name = kind.split("/")
+        message = getattr(import_module(f"{package}.msg"), name)
+        self._bag.add_topic(topic, kind, latched)
+        self._subscribe(topic, message, latched, best_effort)
+        self._topics.add(topic)
+
+    def _subscribe(self, topic: str, message: type, latched: bool, best_effort: bool) -> None:
+        qos = QoSProfile(
+            depth=5000,
+            reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        )
+        subscription = self.create_subscription(message, topic, self._writer_of(topic), qos, raw=True)
+        if not best_effort:
+            self._reliable[topic] = (subscription, message, latched)
+
+    def _has_best_effort_writer(self, topic: str) -> bool:
+        """Whether a reliable subscription would miss one of the topic's writers (a best-effort one hears all)."""
+        writers = self.get_publishers_info_by_topic(topic)
+        return any(w.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for w in writers)
+
+    def _is_latched(self, topic: str) -> bool:
+        """Whether every writer of the topic keeps its last messages, so that what came before is recorded too."""
+        writers = self.get_publishers_info_by_topic(topic)
+        return bool(writers) and all(w.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for w in writers)
+
+    def _writer_of(self, topic: str) -> Callable[[bytes], None]:
+        clock = self.get_clock()
+
+        def write(data: bytes) -> None:
+            self._bag.write(topic, clock.now().nanoseconds, data)
+
+        return write
+
+    def _discover(self) -> None:
+        """Records topics that have come up; listens best effort where a vehicle's driver publishes so."""
+        for topic in [] if self.lockstep else list(self._reliable):
+            if self._has_best_effort_writer(topic):
+                subscription, message, latched = self._reliable.pop(topic)
+                self.destroy_subscription(subscription)
+                self._subscribe(topic, message, latched, best_effort=True)
+        for topic, kinds in self.get_topic_names_and_types():
+            if topic in self._topics or topic in self._refused or "/lockstep/" in topic:
+                continue
+            try:
+                package = kinds[0].split("/")[0]
+                if package not in self._share:
+                    self._share[package] = Path(get_package_share_directory(package)) / "msg"
+                    self._bag.learn(list(self._share.values()))
+                self._record(topic, kinds[0], self._is_latched(topic), self._has_best_effort_writer(topic))
+            except (RecorderError, PackageNotFoundError, ImportError, AttributeError) as error:
+                self._refused.add(topic)
+                self.get_logger().warning(f"{topic} ({', '.join(kinds)}) is not recorded: {error!r}")
+
+    def _look(self) -> None:
+        """Ends the recording if the disk is nearly full, and says so once."""
+        self._bag.look()
+        if self._bag.problem and not self._said:
+            self._said = True
+            self.get_logger().error(self._bag.problem)
+
+    def _on_tick(self, message: LockstepTick) -> None:
+        self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick))
+
+    def destroy_node(self) -> None:
+        """Ends the recording, so that it can be played, then the node."""
+        self._bag.close()
+        super().destroy_node()
+
+
+#: Entry point of `ros2 run auv_lse_record recorder_node`.
+main = Main(RecorderNode)

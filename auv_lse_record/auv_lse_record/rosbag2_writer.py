@@ -1,0 +1,120 @@
+"""Writes a run by rosbag2 itself, where ROS 2 brings it (rosbag2_py); else `recorder.BagWriter` writes it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from auv_lse_record.recorder import RecorderError
+
+#: Settings of rosbag2's MCAP storage: small chunks, so that a power cut loses little.
+_STORAGE = 'chunkSize: 65536\ncompression: "Zstd"\n'
+
+_QOS = """\
+- history: keep_last
+  depth: {depth}
+  reliability: reliable
+  durability: {durability}
+  deadline: {{sec: 9223372036, nsec: 854775807}}
+  lifespan: {{sec: 9223372036, nsec: 854775807}}
+  liveliness: automatic
+  liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}
+  avoid_ros_namespace_conventions: false
+"""
+_METADATA_VERSION = 9
+
+
+class Rosbag2Writer:
+    """One recording, written by rosbag2_py.
+
+    Attributes:
+        count: Messages written.
+    """
+
+    def __init__(self, folder: Path, snapshot: Mapping[str, str]) -> None:
+        """Starts the recording.
+
+        Args:
+            folder: The rosbag2 directory to make.
+            snapshot: Texts kept inside the recording's metadata.
+
+        Raises:
+            RecorderError: if the folder exists or cannot be made.
+        """
+        import rosbag2_py
+
+        self._rosbag2 = rosbag2_py
+        self.count = 0
+        if folder.exists():
+            raise RecorderError(f"record.folder = {str(folder)!r}: exists; expected a folder to make")
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as settings:
+            settings.write(_STORAGE)
+            settings.flush()
+            options = rosbag2_py.StorageOptions(
+                uri=str(folder), storage_id="mcap", storage_config_uri=settings.name, custom_data=dict(snapshot)
+            )
+            self._writer = rosbag2_py.SequentialWriter()
+            try:
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                self._writer.open(options, rosbag2_py.ConverterOptions("cdr", "cdr"))
+            except (RuntimeError, OSError) as error:
+                problem = f"record.folder = {str(folder)!r}: cannot start a recording there: {error}"
+                raise RecorderError(problem) from error
+        self._topics: set[str] = set()
+
+    def learn(self, folders: Sequence[Path]) -> None:
+        """Nothing to do: rosbag2 finds the definitions of messages by itself."""
+
+    def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:
+        """Announces a topic; arguments as those of `BagWriter.add_topic`.
+
+        Raises:
+            RecorderError: if the type is not known.
+        """
+        qos = _QOS.format(depth=1 if latched else 1000, durability="transient_local" if latched else "volatile")
+        metadata = self._rosbag2.TopicMetadata(
+            id=len(self._topics),
+            name=topic,
+            type=kind,
+            serialization_format="cdr",
+            offered_qos_profiles=self._rosbag2.to_rclcpp_qos_vector(qos, _METADATA_VERSION),
+        )
+        try:
+            self._writer.create_topic(metadata)
+        except RuntimeError as error:
+            raise RecorderError(f"topic {topic} of type {kind}: cannot be recorded: {error}") from error
+        self._topics.add(topic)
+
+    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        """Writes one message's CDR bytes, stamped `stamp_ns`."""
+        self._writer.write(topic, bytes(data), stamp_ns)
+        self.count += 1
+
+    def close(self) -> None:
+        """Ends the recording: writes the index and metadata.yaml."""
+        self._writer.close()
+
+
+def make_writer(folder: Path, message_folders: Sequence[Path], snapshot: Mapping[str, str], flush_s: float) -> Any:
+    """The writer of a recording: rosbag2's own where it is installed, else `BagWriter`.
+
+    Args:
+        folder: The rosbag2 directory to make.
+        message_folders: Folders with message definitions (each ".../share/PACKAGE/msg").
+        snapshot: Texts kept inside the recording's metadata.
+        flush_s: As `BagWriter` takes it.
+
+    Raises:
+        RecorderError: if the recording cannot be made, or neither rosbag2_py nor rosbags is installed.
+    """
+    try:
+        return Rosbag2Writer(folder, snapshot)
+    except ImportError:
+        pass  # no ROS 2 of the machine's own
+    from auv_lse_record.recorder import BagWriter, message_types
+
+    writer = BagWriter(folder, message_types(message_folders), snapshot, flush_s)
+    writer.learn(message_folders)
+    return writer

@@ -1,0 +1,258 @@
+"""What a mission leaves behind, in plain NumPy: all that evaluation and report need.
+
+A `RunData` comes from the fleet engine (`fleet.py`) or is read from a recording (`bag.py`); its readers need not know
+which. Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the start of
+the mission), headings rad clockwise from north, depths m of water, positive down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.parameters import parameters_for
+from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
+from auv_lse_common.vocabulary.plan import Plan
+
+Array = NDArray[np.float64]
+
+
+class DepthSource(Protocol):
+    """Anything that knows the true depth of water (`ground.Ground` does)."""
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Any:
+        """True depth of water (m, positive down) at north, east (m); NaN where unknown or land."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecisionRecord:
+    """One decision of a vehicle's planner, as it was published.
+
+    Attributes:
+        now_s: Mission time of the decision.
+        step: Step that the decided leg leads from (0 for the first).
+        plan: The plan that was published. A plan that is kept stays anchored where it began, so its step can be less
+            than `step`.
+        jbar: Value Jbar (or J without augmentation) of the plan by the planner's objective (units of risk).
+        reward_so_far: Reward of the legs travelled so far, by the planner (units of risk).
+        lower_bound: The planner's time-varying lower bound, reward so far + naive part of Jbar.
+        lower_bound_max: Running maximum of `lower_bound`.
+        wall_s: Wall-clock time that planning took, NaN if not recorded.
+        method: The method that planned ("augmented", "plain", ...).
+    """
+
+    now_s: float
+    step: int
+    plan: Plan
+    jbar: float
+    reward_so_far: float
+    lower_bound: float
+    lower_bound_max: float
+    wall_s: float = float("nan")
+    method: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PacketSent:
+    """A payload given to the modem.
+
+    Attributes:
+        stamp_s: Time the transmission starts.
+        source: Number of the sending vehicle (1, 2, ...).
+        payload: The bytes sent.
+    """
+
+    stamp_s: float
+    source: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PacketReceived:
+    """A payload that a modem received intact.
+
+    Attributes:
+        stamp_s: Time the reception was complete.
+        receiver: Number of the receiving vehicle.
+        source: Number of the sending vehicle.
+        snr_db: Signal-to-noise ratio at the receiver (dB), NaN if unknown.
+        payload: The bytes received (empty if they were not kept).
+        sent_s: Start of transmission by the sender's clock, NaN if unknown.
+        arrival_s: Start of reception by the receiver's clock, NaN if unknown.
+        travel_s: One-way travel time as measured with both clocks (s), NaN if unknown.
+    """
+
+    stamp_s: float
+    receiver: int
+    source: int
+    snr_db: float = float("nan")
+    payload: bytes = b""
+    sent_s: float = float("nan")
+    arrival_s: float = float("nan")
+    travel_s: float = float("nan")
+
+
+#: Columns of a vehicle's arrays.
+_COLUMNS = {
+    "truth": 4,
+    "odometry": 4,
+    "soundings": 4,
+    "raw_soundings_m": 2,
+    "received": 5,
+    "place_std_m": 2,
+    "dead_reckoning": 5,
+}
+
+
+def _rows(columns: int) -> Array:
+    return np.empty((0, columns))
+
+
+@dataclass(slots=True, kw_only=True)
+class VehicleRun:
+    """What one vehicle did, measured, heard and decided.
+
+    Attributes:
+        vehicle: Its number (1, 2, ...).
+        truth: True track, rows (time s, north m, east m, heading rad).
+        odometry: Estimated track (INS), rows (time s, north m, east m, heading rad).
+        soundings: Own measurements at estimated positions, rows (stamp s, north m, east m, depth m).
+        received: Team-mates' samples, rows (arrival s, source vehicle, north m, east m, depth m).
+        decisions: Every decision of its planner, in time order.
+        place_std_m: Standard deviation (m) of the place in each row of `odometry`, columns (north, east), by the
+            vehicle's own navigation; no rows where it says nothing about it.
+        raw_soundings_m: Raw place of each of `soundings` (dead-reckoned from the start, no fix taken), columns (north,
+            east); NaN where it is not known, and no rows where it is known of none.
+        dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
+        fixes: Fixes taken under way, in order of time.
+        mates: What each packet received told of its sender's navigation, in order of time.
+    """
+
+    vehicle: int
+    truth: Array = field(default_factory=lambda: _rows(4))
+    odometry: Array = field(default_factory=lambda: _rows(4))
+    soundings: Array = field(default_factory=lambda: _rows(4))
+    received: Array = field(default_factory=lambda: _rows(5))
+    decisions: list[DecisionRecord] = field(default_factory=list)
+    place_std_m: Array = field(default_factory=lambda: _rows(2))
+    raw_soundings_m: Array = field(default_factory=lambda: _rows(2))
+    dead_reckoning: Array = field(default_factory=lambda: _rows(5))
+    fixes: list[Fix] = field(default_factory=list)
+    mates: list[MateNavigation] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Checks the shapes, so that a wrong column is an error here and not a wrong figure.
+
+        Raises:
+            ValueError: naming the array, its shape and the shape expected.
+        """
+        for name, columns in _COLUMNS.items():
+            rows = np.asarray(getattr(self, name), dtype=float)
+            if rows.size == 0:
+                rows = _rows(columns)
+            if rows.ndim != 2 or rows.shape[1] != columns:
+                raise ValueError(f"auv{self.vehicle} {name}: shape {rows.shape}; expected (n, {columns})")
+            setattr(self, name, rows)
+        for name, other in (("place_std_m", "odometry"), ("raw_soundings_m", "soundings")):
+            count, expected = len(getattr(self, name)), len(getattr(self, other))
+            if count not in (0, expected):
+                raise ValueError(
+                    f"auv{self.vehicle} {name}: {count} rows; expected none or one for each of the {expected} rows of "
+                    f"{other}"
+                )
+
+    def place_std_at(self, stamps_s: Array) -> Array:
+        """Standard deviation (m) of the vehicle's place at times (n,), columns (north, east); NaN if unknown."""
+        if len(self.place_std_m) == 0:
+            return np.full((len(stamps_s), 2), np.nan)
+        times = self.odometry[:, 0]
+        return np.column_stack([np.interp(stamps_s, times, self.place_std_m[:, c]) for c in (0, 1)])
+
+    @property
+    def steps(self) -> int:
+        """Number of steps decided: 1 + the last decision's step, 0 without decisions."""
+        return max((d.step for d in self.decisions), default=-1) + 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundGrid:
+    """True depth on the grid of places that the mission is judged on.
+
+    Attributes:
+        north_m: North of the rows, shape (R,), ascending.
+        east_m: East of the columns, shape (C,), ascending.
+        depth_m: True depth (m), shape (R, C); NaN where unknown or land.
+        inside: True where the place belongs to the operating area, shape (R, C).
+    """
+
+    north_m: Array
+    east_m: Array
+    depth_m: Array
+    inside: NDArray[np.bool_]
+
+    @property
+    def resolution_m(self) -> float:
+        """Spacing of the grid (m)."""
+        return float(self.north_m[1] - self.north_m[0])
+
+    @property
+    def scored(self) -> NDArray[np.bool_]:
+        """Places that are judged: inside the area and of known depth, shape (R, C)."""
+        scored: NDArray[np.bool_] = self.inside & np.isfinite(self.depth_m)
+        return scored
+
+    @property
+    def places_m(self) -> Array:
+        """All places of the grid, row by row, shape (R * C, 2): north, east."""
+        north, east = np.meshgrid(self.north_m, self.east_m, indexing="ij")
+        return np.column_stack([north.ravel(), east.ravel()])
+
+    @classmethod
+    def sample(cls, ground: DepthSource, north_m: Array, east_m: Array, inside: NDArray[np.bool_]) -> GroundGrid:
+        """The true ground on a grid; `inside` (R, C) marks the places that belong to the operating area."""
+        north, east = np.meshgrid(north_m, east_m, indexing="ij")
+        depth = np.asarray(ground.depth_m(north.ravel(), east.ravel()), dtype=float).reshape(north.shape)
+        return cls(north_m=np.asarray(north_m), east_m=np.asarray(east_m), depth_m=depth, inside=np.asarray(inside))
+
+
+def origin_of(parameters: Mapping[str, Mapping[str, Any]]) -> tuple[float, float] | None:
+    """Latitude and longitude (deg, WGS84) of north = east = 0 by a mission file's `area`, None if it has none."""
+    area = parameters_for(parameters, "/auv1/planner_node").get("area", {})
+    latitude, longitude = area.get("origin_lat_deg"), area.get("origin_lon_deg")
+    return None if latitude is None or longitude is None else (float(latitude), float(longitude))
+
+
+@dataclass(slots=True, kw_only=True)
+class RunData:
+    """A whole mission.
+
+    Attributes:
+        parameters: The complete mission file: {node pattern ("/**", "/auv2/**"): nested parameters}.
+        vehicles: One entry per vehicle, in order of number.
+        sent: Every payload transmitted, in time order.
+        received: Every payload received, in time order.
+        ground: True ground on the evaluation grid; None if the truth is not known (a mission at sea).
+        sim_s: Mission time covered (s).
+        wall_s: Wall-clock time it took (s), NaN if not recorded.
+        origin: Latitude and longitude (deg, WGS84) of north = east = 0, or None.
+        notes: Remarks for the report (a start was moved, a deadline was hit, a node died).
+    """
+
+    parameters: Mapping[str, Mapping[str, Any]]
+    vehicles: list[VehicleRun]
+    sent: list[PacketSent] = field(default_factory=list)
+    received: list[PacketReceived] = field(default_factory=list)
+    ground: GroundGrid | None = None
+    sim_s: float = 0.0
+    wall_s: float = float("nan")
+    origin: tuple[float, float] | None = None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def steps(self) -> int:
+        """Steps of the vehicle that did most."""
+        return max((v.steps for v in self.vehicles), default=0)

@@ -1,0 +1,44 @@
+"""What a recording says of its origin: the mission file as flown, and the version of the software."""
+
+from __future__ import annotations
+
+import functools
+import subprocess
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.mission_file.parameters import read_parameter_file
+
+
+@functools.cache
+def version() -> str:
+    """Version of the running code: its commit ("-dirty": changed since), or the package's version."""
+    here = Path(__file__).resolve().parent
+    command = ["git", "-C", str(here), "describe", "--always", "--dirty"]
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        found = ""
+    return found or metadata.version("auv_lse_record")
+
+
+def mission_text(arguments: Sequence[str], parameters: Mapping[str, Any]) -> str:
+    """The mission file that a node was started with.
+
+    Args:
+        arguments: The node's command line: the first --params-file with a section `mission` is the mission file.
+        parameters: The node's own parameters, which stand in where no file was given.
+
+    Raises:
+        ParameterError: if a file cannot be read.
+    """
+    for argument, path in pairwise(arguments):
+        if argument == "--params-file" and any("mission" in p for p in read_parameter_file(path).values()):
+            return Path(path).read_text()
+    text: str = yaml.safe_dump({"/**": {"ros__parameters": dict(parameters)}}, sort_keys=False)
+    return text

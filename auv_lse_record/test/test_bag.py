@@ -1,0 +1,192 @@
+"""A mission written as a recording and read back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.rosbag2 import StoragePlugin
+from sim_helpers import other_bag
+
+from auv_lse_common.mission_file.parameters import read_parameter_file
+from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
+from auv_lse_common.vocabulary.plan import Tour
+from auv_lse_record import bag
+from auv_lse_record.bag import flown_parameters, read_bag, read_run, write_run
+from auv_lse_record.recording import MISSION_FILE, SOFTWARE, Recording, RecordingError, recording_in
+from auv_lse_record.software import version
+
+
+def same(a, b):
+    """Equal up to the nanosecond that a ROS stamp keeps and the rounding of a quaternion."""
+    np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-8)
+
+
+def test_a_run_survives_the_recording(tmp_path, synthetic_run):
+    run = synthetic_run(steps=6)
+    tour = Tour(segment_legs=2, bearings=(0, 255, 64))
+    decisions = run.vehicles[1].decisions
+    decisions[2] = replace(decisions[2], plan=replace(decisions[2].plan, tour=tour))
+    write_run(run, tmp_path / "run")
+    back = read_run(tmp_path / "run", ground=run.ground, wall_s=run.wall_s)
+    assert back.parameters == run.parameters
+    assert [v.vehicle for v in back.vehicles] == [1, 2]
+    for a, b in zip(run.vehicles, back.vehicles, strict=True):
+        same(a.soundings, b.soundings)
+        same(a.received, b.received)
+        same(a.odometry[:, :3], b.odometry[:, :3])
+        same(a.place_std_m, b.place_std_m)
+        assert len(b.place_std_m) == len(b.odometry)
+        same(np.exp(1j * a.truth[:, 3]), np.exp(1j * b.truth[:, 3]))  # headings, whatever the turn
+        same(a.truth[:, :3], b.truth[:, :3])
+        assert len(a.decisions) == len(b.decisions)
+        for c, d in zip(a.decisions, b.decisions, strict=True):
+            assert (c.step, c.plan) == (d.step, d.plan)
+            same(
+                (c.now_s, c.jbar, c.reward_so_far, c.lower_bound, c.wall_s),
+                (d.now_s, d.jbar, d.reward_so_far, d.lower_bound, d.wall_s),
+            )
+    assert [(p.source, p.payload) for p in back.sent] == [(p.source, p.payload) for p in run.sent]
+    assert [(p.receiver, p.source, p.snr_db) for p in back.received] == [
+        (p.receiver, p.source, p.snr_db) for p in run.received
+    ]
+    assert back.sim_s == pytest.approx(run.sim_s)
+
+
+def test_raw_places_fixes_and_mates_navigation_survive_the_recording(tmp_path, synthetic_run):
+    run = synthetic_run(steps=2)
+    one, two = run.vehicles
+    one.raw_soundings_m = one.soundings[:, 1:3] + 2.0
+    one.dead_reckoning = np.column_stack([one.odometry, np.full(len(one.odometry), 3.0)])
+    one.fixes = [Fix(stamp_s=20.0, north_m=1.0, east_m=2.0, raw_north_m=3.0, raw_east_m=4.0, std_m=0.8)]
+    told = MateNavigation(stamp_s=9.25, source=1, sent_s=9.0, raw_north_m=5.0, raw_east_m=6.0, travel_s=0.25)
+    fix = {"fix_raw_north_m": 3.0, "fix_raw_east_m": 4.0, "fix_north_m": 1.0, "fix_east_m": 2.0}
+    two.mates = [told, replace(told, stamp_s=39.25, sent_s=39.0, **fix)]
+    run.received[0] = replace(run.received[0], sent_s=9.0, arrival_s=9.25, travel_s=0.25)
+    write_run(run, tmp_path)
+    back = read_run(tmp_path)
+    same(back.vehicles[0].raw_soundings_m, one.raw_soundings_m)
+    same(back.vehicles[0].dead_reckoning, one.dead_reckoning)
+    assert back.vehicles[0].fixes == one.fixes
+    assert [mate.has_fix for mate in back.vehicles[1].mates] == [False, True]
+    assert back.vehicles[1].mates[1] == two.mates[1]
+    assert len(back.vehicles[1].raw_soundings_m) == 0, "known of none"
+    heard = back.received[0]
+    assert (heard.sent_s, heard.arrival_s, heard.travel_s) == (9.0, 9.25, 0.25)
+
+
+def test_a_driver_that_does_not_know_its_place_error_has_none(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    for vehicle in run.vehicles:
+        vehicle.place_std_m = np.empty((0, 2))
+    write_run(run, tmp_path)
+    back = read_run(tmp_path)
+    assert all(len(v.place_std_m) == 0 for v in back.vehicles)
+    assert np.isnan(back.vehicles[0].place_std_at(np.array([1.0, 2.0]))).all()
+
+
+def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, synthetic_run, monkeypatch):
+    run = synthetic_run(steps=2)
+    text = bag._definition("Plan").read_text()
+    assert "naive_path " in text
+    old = tmp_path / "Plan.msg"
+    no_tour = [line for line in text.splitlines(keepends=True) if "segment_legs" not in line and "bearings" not in line]
+    assert len(no_tour) == len(text.splitlines()) - 2
+    old.write_text("".join(no_tour).replace("naive_path ", "heuristic "))
+    now = bag._definition
+    monkeypatch.setattr(bag, "_definition", lambda name: old if name == "Plan" else now(name))
+    records = bag._records
+
+    def old_records(run, types):
+        def plan(naive_path, segment_legs, bearings, **fields):
+            return types["auv_lse_msgs/msg/Plan"](heuristic=naive_path, **fields)
+
+        return records(run, {**types, "auv_lse_msgs/msg/Plan": plan})
+
+    monkeypatch.setattr(bag, "_records", old_records)
+    write_run(run, tmp_path / "run")
+    back = read_run(tmp_path / "run")
+    assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
+
+
+def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
+    run = synthetic_run(steps=4)
+    write_run(run, tmp_path / "run")
+    (file,) = (tmp_path / "run" / "bag").glob("*.mcap")
+    counts = {}
+    with file.open("rb") as stream:
+        for _, channel, message, decoded in reader.make_reader(
+            stream, decoder_factories=[decoder.DecoderFactory()]
+        ).iter_decoded_messages():
+            counts[channel.topic] = counts.get(channel.topic, 0) + 1
+            if channel.topic == "/auv1/sounding" and counts[channel.topic] == 1:
+                stamp_ns = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
+                assert stamp_ns == message.log_time
+                assert decoded.depth_m == pytest.approx(run.vehicles[0].soundings[0, 3])
+    assert counts["/auv1/sounding"] == len(run.vehicles[0].soundings)
+    assert counts["/auv2/plan"] == 4
+    assert counts["/truth/auv2/odometry"] == len(run.vehicles[1].truth)
+
+
+def test_a_recording_holds_the_mission_file_and_the_softwares_version(tmp_path, synthetic_run):
+    run = synthetic_run(steps=2)
+    write_run(run, tmp_path)
+    with Recording(recording_in(tmp_path)) as recording:
+        assert recording.text(SOFTWARE) == version()
+        assert yaml.safe_load(recording.text(MISSION_FILE)).keys() == run.parameters.keys()
+        assert recording.topics[MISSION_FILE].latched
+        assert recording.topics["/auv1/plan"].latched
+        assert not recording.topics["/auv1/sounding"].latched
+    (tmp_path / "mission.yaml").unlink()
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    alone = tmp_path / "elsewhere" / "copied.mcap"
+    alone.parent.mkdir()
+    alone.write_bytes(file.read_bytes())
+    for path in (tmp_path, tmp_path / "bag", alone):
+        assert flown_parameters(path) == run.parameters, path
+        assert read_run(path).steps == 2
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3], ids=["mcap", "sqlite3"])
+def test_a_recording_of_another_recorder_is_read(tmp_path, synthetic_run, plugin):
+    run = synthetic_run(steps=3)
+    write_run(run, tmp_path / "run")
+    other_bag(tmp_path / "run" / "bag", tmp_path / "other", plugin)
+    with pytest.raises(RecordingError, match=r"holds no mission file .* --mission FILE"):
+        read_run(tmp_path / "other")
+    back = read_run(tmp_path / "other", mission=tmp_path / "run" / "mission.yaml")
+    assert back.parameters == read_parameter_file(tmp_path / "run" / "mission.yaml")
+    assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]
+    assert back.sim_s == pytest.approx(run.sim_s), "times are the messages' own"
+    (file,) = [f for f in (tmp_path / "other").iterdir() if f.suffix in (".mcap", ".db3")]
+    assert read_run(file, mission=tmp_path / "run" / "mission.yaml").steps == 3
+
+
+def test_a_second_recording_does_not_overwrite_the_first(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    write_run(run, tmp_path)
+    with pytest.raises(RecordingError, match=r"bag: exists"):
+        write_run(run, tmp_path)
+
+
+def test_a_recording_cut_off_is_named(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    with pytest.raises(RecordingError, match=r"nothing: does not exist"):
+        read_bag(tmp_path / "nothing", run.parameters)
+    with pytest.raises(RecordingError, match=r"has no metadata\.yaml"):
+        read_bag(tmp_path, run.parameters)
+    write_run(run, tmp_path)
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    file.write_bytes(file.read_bytes()[:100])
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read_bag(tmp_path / "bag", run.parameters)
+
+
+def test_a_recording_of_something_else_is_named(tmp_path, synthetic_run):
+    run = synthetic_run(steps=1)
+    run.vehicles, run.sent, run.received = [], [], []
+    write_run(run, tmp_path)
+    with pytest.raises(RecordingError, match="holds no topic"):
+        read_bag(tmp_path / "bag", run.parameters)

@@ -1,0 +1,233 @@
+"""Recordings made without ROS: what is written is read back, also after a power cut."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from auv_lse_record.guard import GuardedWriter
+from auv_lse_record.recorder import BagWriter, RecorderError, message_texts, message_types
+from auv_lse_record.recording import Recording, RecordingError, recording_in
+from auv_lse_record.recover import main, recover
+
+MESSAGES = Path(__file__).resolve().parents[2] / "auv_lse_msgs" / "msg"
+
+
+@pytest.fixture(scope="module")
+def types(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    folder = tmp_path_factory.mktemp("share") / "auv_lse_msgs" / "msg"
+    folder.parent.mkdir()
+    folder.symlink_to(MESSAGES)
+    return message_types([folder])
+
+
+def written(folder: Path, types: Any, messages: int, close: bool = True) -> BagWriter:
+    bag = BagWriter(folder, types, {"seed": "7"}, flush_s=1.0)
+    bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")
+    bag.add_topic("/auv1/plan", "auv_lse_msgs/msg/Plan", latched=True)
+    clock = types.types["rosgraph_msgs/msg/Clock"]
+    time = types.types["builtin_interfaces/msg/Time"]
+    for i in range(messages):
+        data = types.serialize_cdr(clock(clock=time(sec=i, nanosec=0)), "rosgraph_msgs/msg/Clock")
+        bag.write("/clock", i * 10**9, bytes(data))
+    if close:
+        bag.close()
+    return bag
+
+
+def test_a_recording_is_read_back_with_its_snapshot(tmp_path: Path, types: Any) -> None:
+    written(tmp_path / "bag", types, 10)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        stamps = [stamp for _, stamp, _ in reader.messages()]
+        seconds = [reader.deserialize(data, c.msgtype).clock.sec for c, _, data in reader.messages()]
+    assert stamps == [i * 10**9 for i in range(10)]
+    assert seconds == list(range(10))
+    text = (tmp_path / "bag" / "metadata.yaml").read_text()
+    assert "seed" in text
+    assert "transient_local" in text, "playback latches what was latched"
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
+        header = make_reader(file).get_header()
+    assert header.profile == "ros2"
+
+
+def test_definitions_are_whole_and_keep_their_comments(tmp_path: Path, types: Any) -> None:
+    """Two independent readers read every message by them; units and meanings are there for a person."""
+    bag = BagWriter(tmp_path / "bag", types, {})
+    bag.texts = message_texts([MESSAGES])
+    bag.add_topic("/auv1/sounding", "auv_lse_msgs/msg/Sounding")
+    bag.add_topic("/auv1/odometry", "nav_msgs/msg/Odometry")
+    kind = types.types["auv_lse_msgs/msg/Sounding"]
+    header = types.types["std_msgs/msg/Header"](
+        stamp=types.types["builtin_interfaces/msg/Time"](sec=3, nanosec=4), frame_id="map"
+    )
+    raw = {"raw_north_m": 1.5, "raw_east_m": 2.5}
+    message = kind(header=header, north_m=1.0, east_m=2.0, depth_m=3.0, **raw)
+    bag.write("/auv1/sounding", 1, bytes(types.serialize_cdr(message, "auv_lse_msgs/msg/Sounding")))
+    bag.close()
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        ((schema, _, _, by_mcap),) = reader.iter_decoded_messages()
+        schemas = {found.name: found.data.decode() for found in reader.get_summary().schemas.values()}
+    assert (by_mcap.header.stamp.sec, by_mcap.header.frame_id, by_mcap.depth_m) == (3, "map", 3.0)
+    assert "water surface to bottom, positive down" in schema.data.decode()
+    for part in (
+        "std_msgs/Header",
+        "geometry_msgs/PoseWithCovariance",
+        "geometry_msgs/Quaternion",
+        "geometry_msgs/Twist",
+    ):
+        assert f"MSG: {part}\n" in schemas["nav_msgs/msg/Odometry"], "the types in it are there"
+    with AnyReader([tmp_path / "bag"]) as reader:
+        ((connection, _, data),) = reader.messages()
+        assert reader.deserialize(data, connection.msgtype).depth_m == 3.0
+
+
+def test_types_that_come_up_later_can_be_recorded(tmp_path: Path, types: Any) -> None:
+    """It failed: the recorder read the new package's definitions, but the writer went on with the old ones."""
+    bag = BagWriter(tmp_path / "bag", types, {})
+    folder = tmp_path / "share" / "ctd_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Salinity.msg").write_text("float64 salinity_psu  # practical salinity\n")
+    with pytest.raises(RecorderError, match="ctd_msgs"):
+        bag.add_topic("/ctd", "ctd_msgs/msg/Salinity")
+    bag.types = message_types([folder])
+    bag.add_topic("/ctd", "ctd_msgs/msg/Salinity")
+    bag.close()
+
+
+def test_a_power_cut_costs_no_more_than_the_flush_time(tmp_path: Path, types: Any) -> None:
+    bag = written(tmp_path / "bag", types, 20, close=False)  # never closed: no index, no metadata
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
+        found = []
+        with contextlib.suppress(EndOfFile):  # it ends without its footer
+            for record in StreamReader(file).records:
+                if isinstance(record, Message):
+                    found.append(record.log_time)
+    assert len(found) >= 18
+    bag.close()
+
+
+def test_what_cannot_be_recorded_is_said(tmp_path: Path, types: Any) -> None:
+    written(tmp_path / "bag", types, 1)
+    with pytest.raises(RecorderError, match="exists already"):
+        BagWriter(tmp_path / "bag", types, {})
+    bag = BagWriter(tmp_path / "other", types, {})
+    with pytest.raises(RecorderError, match="no_such_msgs"):
+        bag.add_topic("/x", "no_such_msgs/msg/Thing")
+    bag.close()
+
+
+KILLED = """
+import os, sys, time
+from pathlib import Path
+sys.path[:0] = {path!r}
+from auv_lse_sim.record.recorder import BagWriter, message_types
+types = message_types([])
+bag = BagWriter(Path({folder!r}), types, {{}}, flush_s=1.0)
+bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")
+clock, stamp = types.types["rosgraph_msgs/msg/Clock"], types.types["builtin_interfaces/msg/Time"]
+for i in range(300):  # ten messages a second
+    data = types.serialize_cdr(clock(clock=stamp(sec=i, nanosec=0)), "rosgraph_msgs/msg/Clock")
+    bag.write("/clock", i * 10**8, bytes(data))
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_recorder_killed_loses_two_seconds_at_most_and_recover_makes_a_file_that_readers_open(tmp_path: Path) -> None:
+    folder = tmp_path / "a dive" / "bag"
+    folder.parent.mkdir()
+    done = subprocess.run([sys.executable, "-c", KILLED.format(path=sys.path, folder=str(folder))], check=False)
+    assert done.returncode == -9
+    with pytest.raises(RecordingError, match=r"scripts/recover .*bag\.mcap"), Recording(recording_in(folder)):
+        pass
+    found = recover(folder.parent)
+    assert found.messages >= 280, "thirty seconds at 10 Hz, less two"
+    with Recording(recording_in(folder)) as recording:
+        stamps = [stamp for _, stamp, _ in recording.messages(re.compile("/clock"))]
+    assert stamps == [i * 10**8 for i in range(found.messages)]
+    with (folder / "bag.mcap").open("rb") as file:
+        assert make_reader(file).get_summary().statistics.message_count == found.messages
+    assert main([str(folder)]) == 0, "the second time there is nothing to do"
+    assert (folder / "bag.mcap.torn").is_file()
+
+
+@pytest.mark.parametrize("at", [0.5, 0.9])
+def test_a_recording_cut_off_anywhere_is_recovered_up_to_there(tmp_path: Path, types: Any, at: float) -> None:
+    written(tmp_path / "bag", types, 100)
+    file = tmp_path / "bag" / "bag.mcap"
+    data = file.read_bytes()
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    file.write_bytes(data[: int(at * len(data))])
+    assert 0 < recover(tmp_path / "bag").messages <= 100
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as whole:
+        assert make_reader(whole).get_summary() is not None
+
+
+def test_what_is_no_recording_is_not_recovered(tmp_path: Path, types: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "none")]) == 1
+    assert "does not exist" in capsys.readouterr().err
+    (tmp_path / "x.mcap").write_bytes(b"no recording")
+    assert main([str(tmp_path / "x.mcap")]) == 1
+    assert "no message in it can be read" in capsys.readouterr().err
+    written(tmp_path / "bag", types, 3)
+    assert main([str(tmp_path / "bag")]) == 1
+    assert "nothing to recover" in capsys.readouterr().err
+
+
+def test_a_nearly_full_disk_ends_the_recording_and_leaves_it_whole(tmp_path: Path, types: Any) -> None:
+    bag, left = written(tmp_path / "bag", types, 5, close=False), [500.0]
+    guarded = GuardedWriter(bag, tmp_path / "bag", 200.0, lambda folder: left[0])
+    guarded.look()
+    assert guarded.problem == ""
+    left[0] = 150.0
+    guarded.look()
+    assert "150 MB are left; expected at least record.least_free_mb = 200 MB" in guarded.problem
+    guarded.write("/clock", 6 * 10**9, b"")
+    guarded.close()
+    assert guarded.dropped == 1
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert reader.message_count == 5
+
+
+class FullDisk:
+    """A writer on a disk without room; rosbag2's own raises RuntimeError."""
+
+    def __init__(self, error: Exception) -> None:
+        self.error = error
+
+    def add_topic(self, topic: str, kind: str, latched: bool) -> None:
+        raise self.error
+
+    def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        raise self.error
+
+    def close(self) -> None:
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), RuntimeError("No space left on device")])
+def test_a_full_disk_ends_the_recording_and_raises_nothing(tmp_path: Path, error: Exception) -> None:
+    guarded = GuardedWriter(FullDisk(error), tmp_path, 0.0)
+    guarded.write("/clock", 1, b"")
+    assert "No space left on device" in guarded.problem
+    guarded.write("/clock", 2, b"")
+    guarded.close()
+    assert guarded.dropped == 1
+
+
+def test_a_disk_that_fills_with_a_new_topic_ends_the_recording(tmp_path: Path) -> None:
+    guarded = GuardedWriter(FullDisk(OSError(28, "No space left on device")), tmp_path, 0.0)
+    guarded.add_topic("/late", "std_msgs/msg/String")
+    assert "No space left on device" in guarded.problem

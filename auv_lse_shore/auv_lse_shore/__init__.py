@@ -1,0 +1,1 @@
+"""What people use on deck: missions, checks, live view, replay, reports, exports, campaigns."""

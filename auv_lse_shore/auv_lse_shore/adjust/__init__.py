@@ -1,0 +1,1 @@
+"""After the dive: soundings put where they were taken."""

@@ -1,0 +1,94 @@
+"""scripts/adjust: the command line."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from auv_lse_common.support.user_error import words_of
+from auv_lse_record.bag import read_run
+from auv_lse_shore.adjust.report import lines, write_before_and_after
+from auv_lse_shore.export.errors import ExportError
+from auv_lse_shore.export.export import write_export
+from auv_lse_shore.export.rasters import rasterio
+from auv_lse_shore.export.reference import Reference
+from auv_lse_shore.export.soundings import write_soundings
+from auv_lse_shore.judge.adjustment import adjust, missing_in
+from auv_lse_shore.judge.team_map import adjusted_map, mission_settings, write_isobath
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/adjust."""
+    p = argparse.ArgumentParser(
+        prog="scripts/adjust",
+        description="Finds where all soundings of one or more runs were really taken, by everything that was recorded: "
+        "fixes, ranges between vehicles, and crossings of all tracks. Writes the soundings at these places with map "
+        "and isobath (as scripts/export does), before_and_after.csv with every sounding at both places, and moved.md, "
+        "which says what moved and by how much.",
+        epilog="Recordings of one dive by several vehicles, or of several dives in one local frame, are best given "
+        "together. What is known before (how good compass and DVL are) is the section places of the first run's "
+        "mission file. A second call replaces the files of the first; the recordings are only read.",
+    )
+    p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
+    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings that hold none")
+    p.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: adjusted in the first RUN)")
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Adjusts runs. Returns 0, 2 if that cannot be done, 130 after Ctrl-C."""
+    options = parser().parse_args(arguments)
+    first: Path = options.runs[0]
+    folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
+    try:
+        for line in adjusted(options.runs, folder, options.mission):
+            print(line, flush=True)
+    except (ValueError, OSError) as error:
+        print(f"error: {words_of(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped; what is in the folder may be incomplete: the same command writes it anew", file=sys.stderr)
+        return 130
+    return 0
+
+
+def adjusted(paths: Sequence[Path], folder: Path, mission: Path | None = None) -> Iterator[str]:
+    """Adjusts the runs at `paths` into `folder`; says what it does, line by line.
+
+    Raises:
+        AdjustError: if nothing can be adjusted, naming what is missing.
+        RecordingError, ParameterError: if a run cannot be read.
+    """
+    runs = []
+    for path in paths:
+        yield f"reading {path}"
+        runs.append(read_run(path, mission=mission))
+        for vehicle in runs[-1].vehicles:
+            if missing := missing_in(vehicle):
+                yield f"  auv{vehicle.vehicle}: {missing}: its soundings stay where they are"
+    names = [path.resolve().name for path in paths]
+    vehicles = sum(len(run.vehicles) for run in runs)
+    yield f"finding places: {sum(len(v.soundings) for r in runs for v in r.vehicles)} soundings of {vehicles} vehicles"
+    adjustment = adjust(runs)
+    report = lines(adjustment, runs, names)
+    yield from report
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "moved.md").write_text("\n".join(report) + "\n")
+    yield f"written: {folder / 'moved.md'}"
+    count = write_before_and_after(folder / "before_and_after.csv", adjustment, runs, names)
+    yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
+    team = adjusted_map(adjustment, mission_settings(runs[0].parameters, runs[0].vehicles[0].vehicle)[-1])
+    try:
+        rasterio()
+    except ExportError as error:
+        write_isobath(team, folder / "isobath.geojson", team.run.origin, [])
+        write_soundings(folder / "soundings.csv", team.run, Reference(origin=team.run.origin))
+        yield f"written: {folder / 'isobath.geojson'}, soundings.csv; no rasters and no QGIS project: {error}"
+        return
+    yield from write_export(team.run, team, folder)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

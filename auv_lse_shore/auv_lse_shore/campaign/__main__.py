@@ -1,0 +1,95 @@
+"""scripts/campaign: the command line of campaigns."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.user_error import words_of
+from auv_lse_shore.campaign import spec as campaign_spec
+from auv_lse_shore.campaign.cluster import cluster
+from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.options import add_cluster_options, default_root
+from auv_lse_shore.campaign.progress_display import progress_display
+from auv_lse_shore.campaign.rerun import rerun
+from auv_lse_shore.campaign.results import write_results
+from auv_lse_shore.campaign.rows import Rows, columns_of
+from auv_lse_shore.campaign.runner import locked, run_campaign
+from auv_lse_shore.campaign.spec import CampaignSpec
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/campaign."""
+    p = argparse.ArgumentParser(
+        prog="scripts/campaign",
+        description="Flies a grid or list of settings times seeds in simulation (fleet engine, no ROS), a result row "
+        "in Parquet for each mission as it finishes. Started again, it goes on where it stopped.",
+        epilog=campaign_spec.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    p.add_argument("spec", nargs="?", type=Path, metavar="SPEC.yaml", help="the campaign (below)")
+    p.add_argument("--out", type=Path, metavar="DIR", help="the campaign's folder (default: runs/campaigns/NAME)")
+    add_cluster_options(p)
+    p.add_argument("--retry-failed", action="store_true", help="fly missions that failed before again")
+    p.add_argument("--list", action="store_true", help="print the missions and which of them have a row, and end")
+    p.add_argument("--rerun", metavar="ID", help="fly the mission of one row of --out again, with full recording")
+    p.add_argument("--to", type=Path, metavar="DIR", help="run folder of --rerun (default: DIR/reruns/ID)")
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Flies a campaign. Returns 0; 1 if missions failed; 2 if it cannot be done; 130 after Ctrl-C."""
+    options = parser().parse_args(arguments)
+    if options.rerun is not None:
+        return _rerun(options)
+    try:
+        if options.spec is None:
+            raise CampaignError("SPEC.yaml: missing; expected a campaign file (or --rerun ID with --out DIR)")
+        spec = CampaignSpec.load(options.spec)
+        folder = options.out or default_root() / "campaigns" / spec.name
+        if options.list:
+            return _list(spec, folder)
+        with locked(folder):  # an error here comes before a cluster is started
+            (folder / "campaign.yaml").write_text(options.spec.read_text())
+        with cluster(options.scheduler, options.workers) as client, progress_display() as show:
+            state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
+        page = write_results(spec, folder, state)
+    except (ParameterError, CampaignError, OSError) as error:
+        print(f"error: {words_of(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)
+        return 130
+    print(f"{state.done} missions flown, {state.before} flown before, {state.failed} failed; {page}")
+    return 1 if state.failed else 0
+
+
+def _list(spec: CampaignSpec, folder: Path) -> int:
+    have = Rows(folder, columns_of(spec)).statuses() if (folder / "rows").is_dir() else {}
+    for job in spec.jobs():
+        print(f"{job.id}  {have.get(job.id, '-'):6}  seed {job.seed:<5} {job.group}")
+    return 0
+
+
+def _rerun(options: argparse.Namespace) -> int:
+    """Flies one mission again. If it fails, the error is not caught: its traceback is what the user wants to see."""
+    try:
+        if options.out is None:
+            raise CampaignError("--rerun: expected the campaign's folder in --out DIR")
+        to, changed = rerun(options.out, options.rerun, options.to)
+    except CampaignError as error:
+        print(f"error: {words_of(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    print(f"run folder: {to}")
+    if changed:
+        print(f"differs from the row: {', '.join(changed)}", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

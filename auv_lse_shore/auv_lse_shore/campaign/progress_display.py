@@ -1,0 +1,58 @@
+"""Shows how far a campaign has come: a live bar on a terminal, else a line every ten seconds."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+
+from auv_lse_shore.campaign.runner import CampaignState
+
+
+@contextlib.contextmanager
+def progress_display() -> Iterator[Callable[[CampaignState], None]]:
+    """Yields a function that displays a campaign's state; call it after each mission."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
+    from rich.progress import Progress as Bars
+
+    console = Console()
+    if not console.is_terminal:
+        last = [0.0]
+
+        def line(state: CampaignState) -> None:
+            done = state.before + state.done
+            if time.monotonic() - last[0] > 10.0 or done == state.total:
+                last[0] = time.monotonic()
+                print(
+                    f"{done}/{state.total} missions, {state.failed} failed, {duration(state.left_s)} left", flush=True
+                )
+
+        yield line
+        return
+    bars = Bars(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[left]}"),
+        console=console,
+    )
+    with bars:
+        task = bars.add_task("missions", total=None, left="starting")
+
+        def bar(state: CampaignState) -> None:
+            failed = f", {state.failed} failed" if state.failed else ""
+            text = f"{duration(state.left_s)} left{failed}"
+            bars.update(task, total=state.total, completed=state.before + state.done, left=text)
+
+        yield bar
+
+
+def duration(seconds: float) -> str:
+    """A time for readers: 45 s, 12 min, 3 h 20 min."""
+    if seconds != seconds:
+        return "unknown time"
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60.0)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"

@@ -1,0 +1,57 @@
+"""Flies the mission of one row again, with full recording."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet
+import yaml
+
+from auv_lse_record.bag import write_run
+from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.mission_row import BOUNDS, simulate
+from auv_lse_shore.judge.evaluation import evaluate
+from auv_lse_shore.report.report import write_outputs
+
+
+def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
+    """Flies the mission of one row again, with full recording: run folder with bag, summary, figures and report.
+
+    Args:
+        folder: The campaign's folder.
+        wanted: The row's id, or its first characters.
+        to: Run folder, by default one in the campaign's.
+
+    Returns:
+        The run folder, and the keys of the summary that differ from the row (times aside).
+
+    Raises:
+        CampaignError: if there is no such row, or the id fits several.
+        Exception: whatever the mission fails with; nothing is caught here.
+    """
+    paths = sorted((folder / "rows").glob(f"{wanted}*.parquet"))
+    if len(paths) != 1:
+        raise CampaignError(f"{folder}: {len(paths)} rows have an id that begins with '{wanted}'; expected one")
+    (row,) = pyarrow.parquet.read_table(paths[0]).to_pylist()
+    to = to or folder / "reruns" / str(row["id"])
+    if to.exists() and any(to.iterdir()):
+        raise CampaignError(f"{to}: exists and is not empty; expected a new folder (--to)")
+    to.mkdir(parents=True, exist_ok=True)
+    run = simulate(yaml.safe_load(row["parameters"]), f"mission {row['id']}", to)
+    write_run(run, to)
+    summary = write_outputs(evaluate(run, BOUNDS), to)
+    now = {field.name: getattr(summary, field.name) for field in dataclasses.fields(summary)}
+    timed = {"wall_s", "planning_median_s", "planning_max_s"}
+    changed = [name for name, value in now.items() if name not in timed and not _same(value, row.get(name))]
+    return to, changed if row["status"] == "ok" else []
+
+
+def _same(now: Any, then: Any) -> bool:
+    if isinstance(now, tuple):
+        return isinstance(then, list) and len(now) == len(then) and all(map(_same, now, then))
+    if isinstance(now, float) and math.isnan(now):
+        return then is None or bool(then != then)
+    return bool(now == then)

@@ -1,0 +1,222 @@
+"""What a campaign flies: settings times seeds, from a YAML file.
+
+name: loss                          # the campaign's name; its folder, unless --out says otherwise
+mission: ../missions/default.yaml   # optional: the mission file to start from (beside this file)
+set: {mission.steps: 50}            # optional: parameters of all missions, by dotted name
+grid:                               # every combination of these ...
+  planner.method: [augmented, plain]
+  sim.channel.packet_loss: [0.0, 0.5]
+list:                               # ... with each of these: a label, and the parameters that it stands for
+  - {label: pair, mission.vehicles: 2}
+  - {label: trio, mission.vehicles: 3}
+seeds: 50                           # 1 to 50; or a list; or {first: 101, count: 50}
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.mission_file.parameters import ParameterError, read_parameter_file, read_yaml
+from auv_lse_common.mission_file.settings import Patterns, Settings
+
+#: Keys of a campaign file.
+KEYS = ("name", "mission", "set", "grid", "list", "seeds")
+#: What names a folder: no path, no hidden file, nothing that does not print. Its length in bytes at most.
+_NAME = re.compile(r"[^\W.][^/\x00-\x1f\x7f]*")
+_LONGEST_NAME = 100
+#: More is a slip: weeks of flying, and a list of missions that no machine holds.
+_MOST_SEEDS = 100_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One mission of a campaign.
+
+    Attributes:
+        id: Names the mission: a digest of its complete parameters and of the survey that it flies over, so that after a
+            change of the campaign file only changed missions are flown.
+        group: Label of its setting; all seeds of one setting share it.
+        varied: The parameters in which settings differ, with this mission's values.
+        seed: Its seed.
+        patterns: Its complete mission file.
+    """
+
+    id: str
+    group: str
+    varied: Mapping[str, Any]
+    seed: int
+    patterns: Patterns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignSpec:
+    """A campaign.
+
+    Attributes:
+        name: Its name.
+        settings: Parameters of each setting (dotted names), with its label.
+        seeds: Seeds that every setting is flown with.
+        varied: Names of the parameters in which settings differ, in order.
+        base: The mission file that all settings start from, as written: defaults that depend on the number of
+            vehicles are filled in with a setting's own number.
+        where: The file that it came from, for messages.
+    """
+
+    name: str
+    settings: tuple[tuple[str, Mapping[str, Any]], ...]
+    seeds: tuple[int, ...]
+    varied: tuple[str, ...]
+    base: Patterns
+    where: str
+
+    @classmethod
+    def load(cls, path: Path) -> CampaignSpec:
+        """Reads a campaign file.
+
+        Raises:
+            ParameterError: naming the key, the value and what was expected.
+        """
+        return cls.from_mapping(read_yaml(path), str(path), path.resolve().parent, path.stem)
+
+    @classmethod
+    def from_mapping(cls, content: Any, where: str, folder: Path, name: str = "campaign") -> CampaignSpec:
+        """The campaign that a mapping (as in the file) describes; `folder` is where its mission file is looked for.
+
+        Raises:
+            ParameterError: naming the key, the value and what was expected.
+        """
+        if not isinstance(content, Mapping) or not content:
+            raise ParameterError(f"{where}: got {repr(content)[:60]}; expected a mapping with any of {', '.join(KEYS)}")
+        for key in content:
+            if key not in KEYS:
+                raise ParameterError(f"{where}: {key}: unknown key; expected one of {', '.join(KEYS)}")
+        common = _mapping(content.get("set", {}), f"{where}: set")
+        grid = _mapping(content.get("grid", {}), f"{where}: grid")
+        for parameter, values in grid.items():
+            if not isinstance(values, list) or not values:
+                raise ParameterError(f"{where}: grid: {parameter}: got {values!r}; expected a list of values")
+        listed = content.get("list", [{}])
+        if not isinstance(listed, list) or not listed:
+            raise ParameterError(f"{where}: list: got {listed!r}; expected a list of mappings")
+        settings: list[tuple[str, Mapping[str, Any]]] = []
+        for entry in listed:
+            own = dict(_mapping(entry, f"{where}: list"))
+            label = own.pop("label", None)
+            for values in itertools.product(*grid.values()):
+                chosen = dict(zip(grid, values, strict=True))
+                if both := set(own) & set(chosen):
+                    raise ParameterError(f"{where}: {', '.join(sorted(both))}: in grid and in list; expected in one")
+                parts = [str(label)] if label is not None else [_short(k, v) for k, v in own.items()]
+                parts += [_short(k, v) for k, v in chosen.items()]
+                settings.append((", ".join(parts) or "all", {**common, **own, **chosen}))
+        labels = [label for label, _ in settings]
+        if len(set(labels)) != len(labels):
+            twice = next(label for label in labels if labels.count(label) > 1)
+            raise ParameterError(f"{where}: two settings are called '{twice}'; expected different labels")
+        mission = content.get("mission")
+        file = folder / str(mission) if mission else None
+        Settings.load(file)  # errors of the file itself come first
+        for label, values in settings:
+            if "mission.seed" in values:
+                raise ParameterError(f"{where}: mission.seed in setting '{label}'; expected under `seeds`")
+        names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
+        return cls(
+            name=_folder_name(content.get("name") or name, where),
+            settings=tuple(settings),
+            seeds=_seeds(content.get("seeds", 1), where),
+            varied=tuple(names),
+            base=read_parameter_file(file) if file is not None else {"/**": {}},
+            where=where,
+        )
+
+    def jobs(self) -> list[Job]:
+        """Every mission, seed by seed: a campaign that is cut short has the same seeds of every setting.
+
+        Raises:
+            ParameterError: if a setting cannot be used.
+        """
+        jobs = []
+        by_setting = []
+        for label, values in self.settings:
+            settings = Settings.from_patterns(self.base, self.where, values)
+            survey = _digest(settings.sim.bathymetry.file, f"{self.where}: setting '{label}'")
+            by_setting.append((label, values, settings.to_patterns(), survey))
+        for seed in self.seeds:
+            for label, values, complete, survey in by_setting:
+                common = complete["/**"]
+                patterns = {**complete, "/**": {**common, "mission": {**common["mission"], "seed": seed}}}
+                text = json.dumps(patterns, sort_keys=True) + survey
+                digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+                varied = {name: values[name] for name in self.varied if name in values}
+                jobs.append(Job(id=digest, group=label, varied=varied, seed=seed, patterns=patterns))
+        ids = [job.id for job in jobs]
+        if len(set(ids)) != len(ids):
+            twice = next(job for job in jobs if ids.count(job.id) > 1)
+            raise ParameterError(
+                f"{self.where}: setting '{twice.group}' with seed {twice.seed} is the same mission as another one"
+            )
+        return jobs
+
+
+@functools.cache
+def _digest(file: str, where: str) -> str:
+    """Digest of a survey file's content, so that a changed file makes other missions; "" for no file."""
+    if not file:
+        return ""
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    except OSError as error:
+        raise ParameterError(f"{where}: sim.bathymetry.file: {file}: {error.strerror or error}") from error
+
+
+def _mapping(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ParameterError(f"{where}: got {value!r}; expected parameters by dotted name, as planner.method: plain")
+    return {str(k): v for k, v in value.items()}
+
+
+def _folder_name(value: Any, where: str) -> str:
+    """The campaign's name, which a folder gets."""
+    name = str(value)
+    if not isinstance(value, str | int) or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST_NAME:
+        raise ParameterError(
+            f"{where}: name: got {value!r}; expected a name for a folder: without '/', not beginning with '.', at most "
+            f"{_LONGEST_NAME} bytes"
+        )
+    return name
+
+
+def _seeds(value: Any, where: str) -> tuple[int, ...]:
+    first, count = 1, value
+    if isinstance(value, Mapping) and set(value) == {"first", "count"}:
+        first, count = value["first"], value["count"]
+    if _whole(first) and _whole(count) and count >= 1:
+        if count > _MOST_SEEDS:
+            raise ParameterError(f"{where}: seeds: got {value!r}; expected at most {_MOST_SEEDS} seeds")
+        return tuple(range(first, first + count))
+    if isinstance(value, Sequence) and not isinstance(value, str) and _different_seeds(value):
+        return tuple(value)
+    raise ParameterError(
+        f"{where}: seeds: got {value!r}; expected a number of seeds, a list of different whole numbers from 0, or "
+        "{first: from 0, count: from 1}"
+    )
+
+
+def _different_seeds(values: Sequence[Any]) -> bool:
+    return all(map(_whole, values)) and 0 < len(values) == len(set(values))
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _short(name: str, value: Any) -> str:
+    return f"{name.split('.')[-1]} {value}"

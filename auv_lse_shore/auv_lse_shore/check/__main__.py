@@ -1,0 +1,92 @@
+"""scripts/check: looks over a mission file before anybody flies it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from auv_lse_common.commands.vehicle import vehicle_number
+from auv_lse_common.mission_file.parameters import ParameterError, read_parameter_file
+from auv_lse_shore.check.findings import Findings
+from auv_lse_shore.check.geometry import check_geometry
+from auv_lse_shore.check.machine import check_machine
+from auv_lse_shore.check.mission_file import check_file
+from auv_lse_shore.check.schema import schema_text, template_text
+from auv_lse_shore.check.timing import check_timing
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/check."""
+    p = argparse.ArgumentParser(
+        prog="scripts/check",
+        description="Looks over a mission file: keys, units and ranges, area, starts and lanes, "
+        "slots, depths; says the "
+        "mission's time, the coverage to expect and what a packet holds. Starts nothing.",
+        epilog="Exit codes: 0 nothing is wrong (there may be warnings); 1 something is wrong, or "
+        "with --strict there are "
+        "warnings; 2 the file cannot be read, or the command line is wrong.",
+    )
+    p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files")
+    p.add_argument("--vehicle", metavar="NAME", help="also check that this machine can be that vehicle, as auv2")
+    p.add_argument("--strict", action="store_true", help="warnings count as errors")
+    p.add_argument("--quiet", action="store_true", help="errors and warnings only")
+    p.add_argument("--schema", action="store_true", help="print the JSON schema of mission files, for editors, and end")
+    p.add_argument(
+        "--template", action="store_true", help="print a commented mission file with every parameter, and end"
+    )
+    return p
+
+
+def check(path: Path, vehicle: str | None = None) -> Findings:
+    """What there is to say about a mission file.
+
+    Raises:
+        ParameterError: if it cannot be read.
+    """
+    findings = Findings()
+    settings = check_file(path, findings)
+    if settings is None:
+        return findings
+    methods = sorted({own.planner.method for own in settings.vehicles})
+    team = f"{settings.mission.vehicles} vehicle{'s' if settings.mission.vehicles > 1 else ''}"
+    findings.note(f"mission: {team}, {settings.mission.steps} legs each, method {', '.join(methods)}")
+    check_geometry(settings, findings)
+    check_timing(settings, findings)
+    if vehicle is not None:
+        simulated = "sim" in read_parameter_file(path).get("/**", {})
+        check_machine(settings, vehicle_number(vehicle), simulated, findings)
+    return findings
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Checks mission files. Returns 0, 1 or 2, as the help says."""
+    p = parser()
+    options = p.parse_args(arguments)
+    if options.schema or options.template:
+        print(schema_text() if options.schema else template_text(), end="")
+        return 0
+    if not options.mission:
+        p.error("expected a mission file: scripts/check config/missions/default.yaml")
+    code = 0
+    for path in options.mission:
+        try:
+            findings = check(path, options.vehicle)
+        except ParameterError as error:
+            print(f"error    {error}", file=sys.stderr)
+            code = 2
+            continue
+        print(path)
+        for level, text in findings.rows:
+            if level != "note" or not options.quiet:
+                print(f"  {level:8} {text.removeprefix(f'{path}: ')}")
+        errors, warnings = findings.count("error"), findings.count("warning")
+        print(f"  {errors} error{'' if errors == 1 else 's'}, {warnings} warning{'' if warnings == 1 else 's'}")
+        if errors or (options.strict and warnings):
+            code = max(code, 1)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,132 @@
+"""Area, starts, lanes and depths of a mission."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from auv_lse_common.mission_file.parameters import ParameterError, parameters_for
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.safety import Safety
+from auv_lse_shore.check.findings import Findings
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.navigable import can_turn, expectations, fit_to_ground
+
+#: Vehicles whose depths differ by less (m) are said to share one: a depth sensor and its control need some room.
+_LEAST_SEPARATION_M = 0.5
+
+
+def check_geometry(settings: Settings, findings: Findings) -> None:
+    """Whether vehicles start inside, lanes fit, and depths keep vehicles apart and let them cross the level."""
+    try:
+        area = OperatingArea(settings.area)
+        motion = MotionTable(settings.motion)
+    except ParameterError as error:
+        findings.error(f"{settings.where}: {error}")
+        return
+    _check_starts(settings, area, motion, findings)
+    _check_recovery(settings, findings)
+    _check_lanes(settings, area, motion, findings)
+    _check_depths(settings, findings)
+    for text in expectations(settings):
+        (findings.warning if " is too " in text else findings.note)(text)
+    _check_ground(settings, findings)
+
+
+def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable, findings: Findings) -> None:
+    margin = settings.area.margin_m
+    for number, own in enumerate(settings.vehicles, 1):
+        v = own.vehicle
+        start = np.array([v.start_north_m, v.start_east_m])
+        place = f"auv{number}: vehicle.start_north_m, start_east_m = {start[0]:g}, {start[1]:g} m"
+        clearance = float(area.clearance_m(start[None])[0])
+        if not area.contains(start[None])[0]:
+            findings.error(f"{place}: outside the operating area, or in a no-go area; expected a start inside")
+        elif clearance < margin:
+            findings.warning(
+                f"{place}: {clearance:.0f} m from the border; expected at least area.margin_m = {margin:g} m"
+            )
+        elif not can_turn(area, motion, v.start_heading_rad, start):
+            findings.warning(
+                f"{place}: has no room for a turning circle to either side (motion.turn_radius_m "
+                f"{settings.motion.turn_radius_m:g} m, area.margin_m {margin:g} m); expected a start "
+                "farther inside, or "
+                "another vehicle.start_heading_rad"
+            )
+
+
+def _check_recovery(settings: Settings, findings: Findings) -> None:
+    for number in range(1, settings.mission.vehicles + 1):
+        name = f"/auv{number}/safety_node"
+        try:
+            Safety.of(parameters_for(settings.to_patterns(), name), f"{settings.where} (auv{number})", number)
+        except ParameterError as error:
+            findings.error(str(error))
+
+
+def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, findings: Findings) -> None:
+    south, north, west, east = area.extent_m
+    across = min(north - south, east - west) - 2.0 * settings.area.margin_m
+    circle = 2.0 * settings.motion.turn_radius_m
+    spacing = settings.common.planner.lane_spacing_m
+    if across < circle:
+        findings.error(
+            f"area.polygon_m: {across:.0f} m wide within area.margin_m; expected at least a turning "
+            f"circle, {circle:g} m"
+        )
+        return
+    if spacing < circle:
+        findings.warning(
+            f"planner.lane_spacing_m = {spacing:g} m: expected at least {circle:g} m, twice motion.turn_radius_m: a "
+            "vehicle cannot turn from one lane into the next"
+        )
+    lanes = max(1, int(across // spacing))
+    if lanes < 2:
+        findings.warning(
+            f"planner.lane_spacing_m = {spacing:g} m: one lane fits the {across:.0f} m within the area's margin; "
+            f"expected less than {across / 2.0:.0f} m"
+        )
+    inner = (north - south - 2.0 * settings.area.margin_m) * (east - west - 2.0 * settings.area.margin_m)
+    needed = math.ceil(inner / spacing / motion.leg_length_m / settings.mission.vehicles)
+    findings.note(
+        f"lanes: {lanes} across at planner.lane_spacing_m = {spacing:g} m; mowing all of the area takes about {needed} "
+        f"legs of each vehicle, and the mission has {settings.mission.steps}"
+    )
+
+
+def _check_depths(settings: Settings, findings: Findings) -> None:
+    numbered = list(enumerate((own.vehicle for own in settings.vehicles), 1))
+    for (i, one), (k, other) in itertools.combinations(numbered, 2):
+        if abs(one.depth_m - other.depth_m) < _LEAST_SEPARATION_M:
+            findings.warning(
+                f"auv{i}, auv{k}: vehicle.depth_m = {one.depth_m:g} and {other.depth_m:g} m: expected "
+                f"{_LEAST_SEPARATION_M:g} m between them or more: nothing but depth keeps vehicles apart"
+            )
+    level = settings.level_set.level_m
+    for number, vehicle in numbered:
+        needed = vehicle.depth_m + vehicle.min_water_m
+        if needed >= level:
+            findings.warning(
+                f"auv{number}: vehicle.depth_m {vehicle.depth_m:g} + min_water_m "
+                f"{vehicle.min_water_m:g} = {needed:g} m: "
+                f"expected less than level_set.level_m = {level:g} m, or it cannot cross the isobath that it looks for"
+            )
+
+
+def _check_ground(settings: Settings, findings: Findings) -> None:
+    if not settings.sim.bathymetry.file:
+        return
+    try:
+        fitted, notes = fit_to_ground(settings, ground_of(settings), area_given=True)
+    except (GroundError, ParameterError, OSError) as error:
+        findings.error(f"{settings.where}: {error}")
+        return
+    changed = fitted.area != settings.area or fitted.vehicles != settings.vehicles
+    for text in notes:
+        if not text.startswith("coverage"):
+            (findings.warning if changed or text.startswith(("level", "dvl")) else findings.note)(text)

@@ -1,0 +1,191 @@
+"""Learns the Gaussian process' parameters from soundings, and writes them as a ROS 2 parameter file.
+
+Takes a table (CSV) with north_m, east_m, depth_m, or with lat, lon, depth_m (elevation_m, positive up, in place of
+depth_m); an npz grid with north_m, east_m, depth_m; or a recorded run (its folder, or its bag): then the soundings of
+all vehicles are used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.gp import KERNELS
+from auv_lse_common.support.atomic_files import write_whole
+from auv_lse_gp.covariance.likelihood import Fit, fit
+from auv_lse_gp.soundings import read_soundings_anywhere
+from auv_lse_record.recording import read_messages
+
+Array = NDArray[np.float64]
+
+#: Topics of a recorded run that hold soundings.
+SOUNDING_TOPICS = re.compile(r"/auv\d+/sounding")
+
+_UNITS = {"mean_slope_north": "m/m", "mean_slope_east": "m/m", "rotation_deg": "deg"}
+
+
+def recorded_soundings(path: Path) -> Array:
+    """Soundings (n, 3): north, east, depth (m) of all vehicles of a recorded run, in the order of the recording.
+
+    Args:
+        path: A run folder (with the recording in `bag`), or a rosbag2 directory.
+
+    Raises:
+        ValueError: if there is no recording, it cannot be read, or holds no sounding.
+    """
+    bag = path / "bag" if (path / "bag").is_dir() else path
+    if not (bag / "metadata.yaml").is_file():
+        raise ValueError(f"{path}: holds no recording; expected a run folder with bag/metadata.yaml, or a rosbag2 one")
+    rows = [(m.north_m, m.east_m, m.depth_m) for _, m in read_messages(bag, SOUNDING_TOPICS)]
+    if not rows:
+        raise ValueError(f"{bag}: holds no sounding; expected topics /auv1/sounding, /auv2/sounding, ...")
+    soundings = np.array(rows, dtype=float)
+    finite: Array = soundings[np.isfinite(soundings).all(axis=1)]
+    return finite
+
+
+def read(path: Path) -> tuple[Array, tuple[float, float] | None]:
+    """Soundings (n, 3) of a table, a grid, or a recorded run; if they came as lat, lon: their origin (deg).
+
+    Raises:
+        OSError: if it cannot be read.
+        ValueError: naming what was expected.
+    """
+    return (recorded_soundings(path), None) if path.is_dir() else read_soundings_anywhere(path)
+
+
+def report(result: Fit) -> str:
+    """The parameters with their standard errors, one a line, and the warnings."""
+    lines = [
+        f"log marginal likelihood {result.log_likelihood:.3f} of {result.soundings} soundings "
+        f"({result.evaluations} evaluations; the {len(result.restarts)} starts led to "
+        + ", ".join(f"{value:.3f}" for value in result.restarts)
+        + ")",
+        f"  kernel            {result.config.kernel}",
+        f"  mean              {result.config.mean}",
+    ]
+    for name, error in result.standard_errors.items():
+        value = getattr(result.config, name)
+        lines.append(f"  {name:17} {value:10.4g} {_UNITS.get(name, 'm'):4} {_error(name, value, error)}")
+    return "\n".join([*lines, *(f"warning: {warning}" for warning in result.warnings)])
+
+
+def _error(name: str, value: float, error: float) -> str:
+    if name.startswith("mean_") or name == "rotation_deg":
+        return f"+- {error:.2g}"
+    if not math.isfinite(error) or error > 20.0:
+        return "(any value fits)"
+    return f"({value * math.exp(-error):.4g} to {value * math.exp(error):.4g})"
+
+
+def parameter_file(result: Fit, source: str, origin: str = "") -> str:
+    """A ROS 2 parameter file with the section `gp`, ready for a mission; `origin`: words on the local origin."""
+    defaults = type(result.config)()
+    learned = {"kernel", "mean", "signal_std_m", "length_scale_m", "noise_std_m", "mean_depth_m"}
+    values = {
+        field.name: getattr(result.config, field.name)
+        for field in dataclasses.fields(result.config)
+        if field.name in learned or getattr(result.config, field.name) != getattr(defaults, field.name)
+    }
+    lines = [
+        f"# Learned by scripts/fit from {result.soundings} soundings of {source};",
+        f"# log marginal likelihood {result.log_likelihood:.3f}.",
+        *([f"# {origin}"] if origin else []),
+        *(f"# Warning: {warning}" for warning in result.warnings),
+        "/**:",
+        "  ros__parameters:",
+        "    gp:",
+    ]
+    for name, value in values.items():
+        if isinstance(value, str):
+            lines.append(f"      {name}: {value}")
+            continue
+        error = result.standard_errors.get(name)
+        note = f"  # {_error(name, value, error)}" if error is not None else ""
+        text = repr(float(f"{value:.5g}"))
+        lines.append(f"      {name}: {_plain_exponent(text)}{note}")
+    return "\n".join(lines) + "\n"
+
+
+def _plain_exponent(text: str) -> str:
+    """A number as YAML 1.1 reads it as one: "1e-05" needs a point."""
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line of `scripts/fit` and `ros2 run auv_lse_gp fit`. Returns the exit code."""
+    parser = argparse.ArgumentParser(prog="fit", description=__doc__)
+    parser.add_argument("source", type=Path, metavar="SOUNDINGS|RUN", help="table (CSV), npz grid, run folder or bag")
+    parser.add_argument("--kernel", choices=(*KERNELS, "best"), default="matern52",
+                        help="covariance function; best: the likeliest of all (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--mean", choices=("constant", "plane"), default="constant",
+                        help="prior mean (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--two-axes", action="store_true", help="learn two length scales and a rotation")
+    parser.add_argument("--points", type=int, default=500, metavar="N",
+                        help="use N soundings, drawn at random (default: %(default)s; work ~ N^3)")  # fmt: skip
+    parser.add_argument("--restarts", type=int, default=5, metavar="N",
+                        help="starts of the search (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=0, help="seed of the draw (default: %(default)s)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write a ROS 2 parameter file")
+    options = parser.parse_args(argv)
+    for name, low in (("points", 10), ("restarts", 1), ("seed", 0)):
+        if getattr(options, name) < low:
+            parser.error(f"--{name}: got {getattr(options, name)}; expected at least {low}")
+    if options.out is not None and not options.out.resolve().parent.is_dir():
+        parser.error(f"--out {options.out}: there is no folder {options.out.parent}")
+    try:
+        soundings, origin = read(options.source)
+        where = ""
+        if origin is not None:
+            where = f"lat, lon taken as metres north and east of their middle, {origin[0]:.6f}, {origin[1]:.6f} deg"
+            if options.mean == "plane":  # mean_depth_m is the plane's depth at the origin
+                where += "; the plane holds for a mission with that area.origin_lat_deg, area.origin_lon_deg"
+            print(where)
+        rng = np.random.default_rng(options.seed)
+        if len(soundings) > options.points:
+            print(f"using {options.points} of {len(soundings)} soundings, drawn at random (--points, --seed)")
+            soundings = soundings[np.sort(rng.choice(len(soundings), options.points, replace=False))]
+        results = [
+            fit(
+                soundings[:, :2],
+                soundings[:, 2],
+                kernel=kernel,
+                mean=options.mean,
+                two_axes=options.two_axes,
+                restarts=options.restarts,
+                rng=rng,
+            )
+            for kernel in (KERNELS if options.kernel == "best" else (options.kernel,))
+        ]
+    except OSError as error:
+        print(f"fit: {options.source}: cannot be read: {error.strerror or error}", file=sys.stderr)
+        return 2
+    except ValueError as error:
+        named = str(error).startswith(str(options.source))
+        print(f"fit: {'' if named else f'{options.source}: '}{error}", file=sys.stderr)
+        return 2
+    result = max(results, key=lambda r: r.log_likelihood)
+    if len(results) > 1:
+        for other in sorted(results, key=lambda r: -r.log_likelihood):
+            print(f"{other.config.kernel:20} {other.log_likelihood:.3f}")
+    print(report(result))
+    if options.out is not None:
+        try:
+            write_whole(options.out, parameter_file(result, options.source.name, where))
+        except OSError as error:
+            print(f"fit: {options.out}: cannot be written: {error.strerror or error}", file=sys.stderr)
+            return 2
+        print(f"written: {options.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

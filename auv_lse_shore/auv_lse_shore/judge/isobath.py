@@ -1,0 +1,162 @@
+"""Isobaths as lines: traced on a grid, compared with the true one, written as GeoJSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from auv_lse_common.vocabulary.frames import geodetic_from_local
+
+Array = NDArray[np.float64]
+
+#: Spacing (m) of the points along isobaths between which distances are measured.
+POINT_SPACING_M = 2.0
+
+#: A place of the true isobath counts as found if the estimated one passes within this distance (m).
+FOUND_WITHIN_M = 10.0
+
+
+def trace(north_m: Array, east_m: Array, depth_m: Array, level_m: float) -> list[Array]:
+    """Lines along which a gridded depth equals a level.
+
+    Args:
+        north_m: North of the rows, shape (R,).
+        east_m: East of the columns, shape (C,).
+        depth_m: Depth (m), shape (R, C); no line is drawn beside NaN.
+        level_m: Level (m).
+
+    Returns:
+        Lines, each of shape (n, 2): north, east (m). The deeper side is on the same side of all of them.
+    """
+    import contourpy
+
+    generator = contourpy.contour_generator(east_m, north_m, np.ma.masked_invalid(depth_m), name="serial")
+    return [np.asarray(line, dtype=float)[:, ::-1] for line in generator.lines(level_m) if len(line) > 1]
+
+
+def length_m(lines: Sequence[Array]) -> float:
+    """Total length (m) of lines of places (n, 2)."""
+    return float(sum(np.hypot(*np.diff(line, axis=0).T).sum() for line in lines))
+
+
+def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Array:
+    """Places (n, 2) at equal distances of about `spacing_m` along lines, each standing for as much of the line."""
+    points = []
+    for line in lines:
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+        count = max(1, round(along[-1] / spacing_m))
+        at = (np.arange(count) + 0.5) * along[-1] / count
+        points.append(np.column_stack([np.interp(at, along, line[:, 0]), np.interp(at, along, line[:, 1])]))
+    return np.concatenate(points) if points else np.empty((0, 2))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IsobathError:
+    """How far an estimated isobath is from the true one; NaN where one of the two does not exist.
+
+    Attributes:
+        mean_m: Mean distance between the two lines: half the mean from the estimate's points to the nearest of the
+            truth, half the mean from the truth's points to the nearest of the estimate. Missing pieces count by the
+            second half, made-up pieces by the first.
+        percentile_95_m: 95th percentile of the distances of both directions together.
+        found: Share of the true isobath within `FOUND_WITHIN_M` of the estimate.
+        made_up: Share of the estimate farther than that from every true isobath.
+    """
+
+    mean_m: float
+    percentile_95_m: float
+    found: float
+    made_up: float
+
+
+def compare(estimate: Sequence[Array], truth: Sequence[Array]) -> IsobathError:
+    """Distance between two isobaths, each a list of lines (n, 2) of north, east (m)."""
+    a, b = resample(estimate), resample(truth)
+    if len(a) == 0 or len(b) == 0:
+        missing = 0.0 if len(b) else math.nan
+        return IsobathError(
+            mean_m=math.nan, percentile_95_m=math.nan, found=missing, made_up=1.0 if len(a) else math.nan
+        )
+    to_truth, to_estimate = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
+    return IsobathError(
+        mean_m=float(0.5 * (to_truth.mean() + to_estimate.mean())),
+        percentile_95_m=float(np.percentile(np.concatenate([to_truth, to_estimate]), 95.0)),
+        found=float(np.mean(to_estimate <= FOUND_WITHIN_M)),
+        made_up=float(np.mean(to_truth > FOUND_WITHIN_M)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClaimError:
+    """How good the pieces are that a map claims to have found; NaN where there is nothing to compare.
+
+    Attributes:
+        mean_m: Mean distance of the pieces from the true isobath. What is missing does not count here, but in `found`.
+        percentile_95_m: 95th percentile of that distance.
+        found: Share of the true isobath within `FOUND_WITHIN_M` of the pieces.
+        made_up: Share of the pieces farther than that from every true isobath.
+    """
+
+    mean_m: float
+    percentile_95_m: float
+    found: float
+    made_up: float
+
+
+def judge_claim(claimed: Sequence[Array], truth: Sequence[Array]) -> ClaimError:
+    """Compares what is claimed with the true isobath, each a list of lines (n, 2) of north, east (m)."""
+    a, b = resample(claimed), resample(truth)
+    both = compare(claimed, truth)
+    if len(a) == 0 or len(b) == 0:
+        return ClaimError(mean_m=math.nan, percentile_95_m=math.nan, found=both.found, made_up=both.made_up)
+    off = cKDTree(b).query(a)[0]
+    return ClaimError(
+        mean_m=float(off.mean()),
+        percentile_95_m=float(np.percentile(off, 95.0)),
+        found=both.found,
+        made_up=both.made_up,
+    )
+
+
+def write_geojson(
+    path: Path,
+    features: Sequence[tuple[Mapping[str, Any], Sequence[Array]]],
+    origin: tuple[float, float] | None,
+) -> None:
+    """Writes isobaths as GeoJSON (RFC 7946).
+
+    With an origin, coordinates are WGS84 longitude, latitude, as the standard demands. Without one they are local
+    metres, east then north, and every feature's properties say so.
+
+    Args:
+        path: File to write.
+        features: Pairs of properties and the lines (n, 2) of north, east (m) that they describe.
+        origin: Latitude and longitude (deg) of north = east = 0, or None.
+    """
+    collection: dict[str, Any] = {"type": "FeatureCollection", "features": []}
+    for properties, lines in features:
+        coordinates = []
+        for line in lines:
+            if origin is None:
+                pairs, digits = np.column_stack([line[:, 1], line[:, 0]]), 2
+            else:
+                latitude, longitude = geodetic_from_local(line[:, 0], line[:, 1], *origin)
+                pairs, digits = np.column_stack([longitude, latitude]), 7
+            coordinates.append(np.round(pairs, digits).tolist())
+        system = "WGS84 longitude, latitude (deg)" if origin else "local metres: east, north of the mission's origin"
+        collection["features"].append(
+            {
+                "type": "Feature",
+                "properties": {**properties, "coordinates": system},
+                "geometry": {"type": "MultiLineString", "coordinates": coordinates},
+            }
+        )
+    path.write_text(json.dumps(collection, allow_nan=False, indent=1))

@@ -1,0 +1,175 @@
+"""The map from all soundings of all vehicles, and the isobath in it, piece by piece."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.parameters import parameters_for
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
+from auv_lse_record.run_data import RunData
+from auv_lse_shore.judge import certainty
+from auv_lse_shore.judge.adjustment import Adjustment, adjust, wanted
+from auv_lse_shore.judge.certainty import CLASSES, Piece
+from auv_lse_shore.judge.isobath import write_geojson
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TeamMap:
+    """What all vehicles together know in the end.
+
+    Attributes:
+        run: The mission, with soundings where they were taken as far as fixes, ranges and terrain tell (`adjust`), if
+            it flew with `places.correct`; else as it was.
+        settings: The first vehicle's settings: level, costs and prior are the same for all.
+        area: The operating area.
+        prior: The map before the first sounding.
+        field: The map given all soundings, in order of time.
+        isobath: Its contour at the level, with the band about it.
+        pieces: That contour, in pieces of one certainty.
+    """
+
+    run: RunData
+    settings: PlannerSettings
+    area: OperatingArea
+    prior: DepthField
+    field: DepthField
+    isobath: Isobath
+    pieces: list[Piece]
+
+    @property
+    def level_m(self) -> float:
+        """Depth of the isobath (m)."""
+        return self.settings.level_set.level_m
+
+
+def mission_settings(parameters: Mapping[str, Mapping[str, Any]], vehicles: int) -> list[PlannerSettings]:
+    """Planner settings of vehicles 1..K from a mission file's parameters.
+
+    Raises:
+        ParameterError: naming the parameter that cannot be used.
+    """
+    return [
+        PlannerSettings.from_parameters(parameters_for(parameters, f"/auv{k}/planner_node"), f"mission file, auv{k}")
+        for k in range(1, vehicles + 1)
+    ]
+
+
+def team_map(run: RunData) -> TeamMap:
+    """The map of a mission.
+
+    Where places are corrected, the map tells how uncertain they still are (`Posterior.place_variance`); the certainty
+    of the isobath's pieces takes that as the vehicles' place error.
+
+    Raises:
+        ValueError: if there is no vehicle.
+        ParameterError: if the parameters cannot be used.
+    """
+    if not run.vehicles:
+        raise ValueError("run: has no vehicle; expected at least one")
+    first = mission_settings(run.parameters, run.vehicles[0].vehicle)[-1]
+    area = OperatingArea(first.area)
+    if wanted(run):
+        return adjusted_map(adjust([run]), first)
+    depth_map = map_of(first, area, np.concatenate([v.soundings for v in run.vehicles]))
+    return _team_map(run, first, area, depth_map, depth_map.field())
+
+
+def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:
+    """The map of all runs of an adjustment; with several, its run has the vehicles of all of them."""
+    area = OperatingArea(settings.area)
+    depth_map = DepthMap(settings.gp, settings.level_set, area)
+    placed = adjustment.settle(depth_map)
+    places_known = depth_map.field()
+    placed.inform(adjustment.correction)
+    first = adjustment.runs[0]
+    run = dataclasses.replace(first, vehicles=[v for run in adjustment.runs for v in run.vehicles])
+    return _team_map(run, settings, area, depth_map, places_known)
+
+
+def _team_map(
+    run: RunData, settings: PlannerSettings, area: OperatingArea, depth_map: DepthMap, places_known: DepthField
+) -> TeamMap:
+    """As `team_map`, from the map and its field as if all places were known."""
+    prior = DepthMap(settings.gp, settings.level_set, area).field()
+    isobath = depth_map.isobath()
+    return TeamMap(
+        run=run,
+        settings=settings,
+        area=area,
+        prior=prior,
+        field=depth_map.field(),
+        isobath=isobath,
+        pieces=certainty.classify(isobath.lines, places_known, prior, sounded_places(run)),
+    )
+
+
+def map_of(settings: PlannerSettings, area: OperatingArea, soundings: Array) -> DepthMap:
+    """A map from soundings, rows (stamp s, north m, east m, depth m), in order of time."""
+    depth_map = DepthMap(settings.gp, settings.level_set, area)
+    depth_map.add_soundings(soundings)
+    return depth_map
+
+
+def sounded_places(run: RunData) -> Array:
+    """Where all vehicles measured: north, east, the place's error per axis (m; NaN where unknown), shape (S, 3)."""
+    return np.concatenate(
+        [
+            np.column_stack([v.soundings[:, 1:3], np.sqrt((v.place_std_at(v.soundings[:, 0]) ** 2).mean(axis=1))])
+            for v in run.vehicles
+        ]
+    )
+
+
+def write_isobath(team: TeamMap, path: Path, origin: tuple[float, float] | None, truth: list[Array]) -> None:
+    """Writes the estimated isobath, the band about it and, where known, the true one as GeoJSON.
+
+    Each piece of the estimate is a feature with its class (found, likely, guessed), the reason why it is not found,
+    and the median of its sideways standard deviation (null where the ground has no slope).
+
+    Args:
+        team: The map.
+        path: File to write.
+        origin: Latitude and longitude (deg) of north = east = 0, or None: then coordinates are local metres.
+        truth: Lines of the true isobath; empty where it is not known.
+    """
+    common = {
+        "depth_m": team.level_m,
+        "seed": team.settings.mission.seed,
+        "method": team.settings.planner.method,
+    }
+    features: list[tuple[Mapping[str, Any], list[Any]]] = [
+        (
+            {
+                "name": "estimated isobath",
+                "class": piece.kind,
+                "reason": piece.reason,
+                "length_m": round(piece.length_m, 1),
+                "std_m": _finite(float(np.median(piece.std_m))),
+                **common,
+            },
+            [piece.line],
+        )
+        for piece in sorted(team.pieces, key=lambda p: CLASSES.index(p.kind))
+    ]
+    band = f"{100.0 * team.isobath.band_probability:g} % band"
+    features.append(({"name": f"shallow edge of the {band}", "class": "band", **common}, team.isobath.shallow_edge))
+    features.append(({"name": f"deep edge of the {band}", "class": "band", **common}, team.isobath.deep_edge))
+    if truth:
+        features.append(({"name": "true isobath", "class": "true", **common}, truth))
+    write_geojson(path, features, origin)
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 1) if math.isfinite(value) else None

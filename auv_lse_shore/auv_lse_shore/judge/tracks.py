@@ -1,0 +1,54 @@
+"""Measures of vehicles' tracks: navigation error, length, distance to each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_record.run_data import VehicleRun
+
+Array = NDArray[np.float64]
+
+#: Separation of vehicles is not judged before this time (s): they all start at one place, at their own depths.
+SEPARATION_FROM_S = 60.0
+
+
+def true_positions(vehicle: VehicleRun) -> Array:
+    """A vehicle's soundings (n, 4) with their true positions."""
+    stamps = vehicle.soundings[:, 0]
+    moved = vehicle.soundings.copy()
+    for column in (1, 2):
+        moved[:, column] = np.interp(stamps, vehicle.truth[:, 0], vehicle.truth[:, column])
+    return moved
+
+
+def navigation_error(vehicle: VehicleRun) -> Array:
+    """Horizontal error (m) of each odometry message, (n,); empty without truth."""
+    if len(vehicle.truth) == 0 or len(vehicle.odometry) == 0:
+        return np.empty(0)
+    north, east = (np.interp(vehicle.odometry[:, 0], vehicle.truth[:, 0], vehicle.truth[:, c]) for c in (1, 2))
+    return np.asarray(np.hypot(vehicle.odometry[:, 1] - north, vehicle.odometry[:, 2] - east))
+
+
+def track(vehicle: VehicleRun) -> Array:
+    """The best known track (n, 4): the true one where there is one, else odometry."""
+    return vehicle.truth if len(vehicle.truth) else vehicle.odometry
+
+
+def path_length_m(vehicle: VehicleRun) -> float:
+    """Distance (m) along the best known track."""
+    return float(np.hypot(*np.diff(track(vehicle)[:, 1:3], axis=0).T).sum())
+
+
+def least_separation(vehicles: list[VehicleRun]) -> float | None:
+    """Least horizontal distance (m) between two vehicles after `SEPARATION_FROM_S`; None for a lone one."""
+    tracks = [track(v) for v in vehicles if len(track(v))]
+    if len(tracks) < 2:
+        return None
+    end = min(t[-1, 0] for t in tracks)
+    times = np.arange(SEPARATION_FROM_S, end, 1.0)
+    if len(times) == 0:
+        return None
+    at = [np.column_stack([np.interp(times, t[:, 0], t[:, c]) for c in (1, 2)]) for t in tracks]
+    pairs = [(i, j) for i in range(len(at)) for j in range(i)]
+    return min(float(np.hypot(*(at[i] - at[j]).T).min()) for i, j in pairs)

@@ -1,0 +1,220 @@
+"""scripts/live: a running mission, or a recording, on one page in a browser on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import math
+import os
+import signal
+import sys
+import threading
+import time
+import webbrowser
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.process.domain import DomainError, domain_number, local_environment, own_domain
+from auv_lse_common.support.atomic_files import write_whole
+from auv_lse_common.support.project_folder import project_folder
+from auv_lse_record.recording import RecordingError, recording_in
+from auv_lse_shore.live.sources.follow import RecordingFollower
+from auv_lse_shore.live.sources.timeline import Timeline
+from auv_lse_shore.live.viewers.feed import Feed, Playback, Viewer
+from auv_lse_shore.live.viewers.foxglove_viewer import DEFAULT_PORT as FOXGLOVE_PORT
+from auv_lse_shore.live.viewers.foxglove_viewer import FoxgloveError, FoxgloveViewer
+from auv_lse_shore.live.viewers.page import live_page
+from auv_lse_shore.live.viewers.server import DEFAULT_PORT, LiveServer, PortTakenError
+
+Work = Callable[[threading.Event], None]
+
+_LAST_PORT = 65535
+
+
+class LiveError(ValueError):
+    """A live view that cannot be made: the option, its value, and what was expected."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/live."""
+    p = argparse.ArgumentParser(
+        prog="scripts/live",
+        description="Shows a mission on one page in a browser on this machine: map with risk and isobath, tracks, "
+        "plans, packets in their slots, reward and bound, health. See docs/live.md.",
+    )
+    p.add_argument(
+        "run",
+        nargs="?",
+        type=Path,
+        metavar="RUN",
+        help="a run folder, a rosbag2 directory or an MCAP file, complete or still being written (default: the mission "
+        "that runs on this machine, or the next one)",
+    )
+    p.add_argument("--domain", metavar="N", help="ROS domain of the running mission (default: the newest mission here)")
+    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, if the recording has none")
+    p.add_argument(
+        "--port", type=int, default=DEFAULT_PORT, help=f"port on 127.0.0.1, 0: any (default: {DEFAULT_PORT})"
+    )
+    p.add_argument(
+        "--open",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="open the page in this machine's browser (default: --open)",
+    )
+    p.add_argument(
+        "--foxglove",
+        nargs="?",
+        type=int,
+        const=FOXGLOVE_PORT,
+        metavar="PORT",
+        help=f"also serve Foxglove and Lichtblick on ws://127.0.0.1:PORT (default: {FOXGLOVE_PORT}); the layout is "
+        "config/foxglove/mission.json",
+    )
+    p.add_argument(
+        "--rviz",
+        action="store_true",
+        help="also publish standard messages below /viz for RViz, on the mission's ROS domain (of a recording: on one "
+        "of its own); the configuration is config/rviz/mission.rviz",
+    )
+    p.add_argument(
+        "--rate",
+        type=float,
+        default=1.0,
+        metavar="X",
+        help="for --foxglove and --rviz: play a recording X times as fast as it was flown (default: 1)",
+    )
+    p.add_argument(
+        "--write", type=Path, metavar="FILE.html", help="write the page with the recording inside, and serve nothing"
+    )
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serves the live view. Returns 0, 1 if it failed, 2 if the request cannot be met, 130 after Ctrl-C."""
+    options = parser().parse_args(arguments)
+    timeline = Timeline()
+    try:
+        _check(options)
+        if options.run is None:
+            if options.write is not None:
+                raise RecordingError("--write: RUN is missing; expected a recording to write into the page")
+            work = listen_to_missions(timeline, options)
+        else:
+            follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
+            if options.write is not None:
+                return write_page(follower, timeline, options.write)
+            work = follower.follow
+        with viewers_of(timeline, options) as viewers:
+            feed = Feed(timeline, viewers, options.playback)
+            works = [work, feed.run] if viewers else [work]
+            return asyncio.run(serve(timeline, works, options.port, options.open))
+    except (DomainError, FoxgloveError, LiveError, ParameterError, RecordingError, PortTakenError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses numbers that are out of range.
+
+    Raises:
+        LiveError: naming the option.
+    """
+    if not 0 <= options.port <= _LAST_PORT:
+        raise LiveError(f"--port {options.port}: expected 0 to {_LAST_PORT} (0: any that is free)")
+    if options.foxglove is not None and not 1 <= options.foxglove <= _LAST_PORT:
+        raise LiveError(f"--foxglove {options.foxglove}: expected 1 to {_LAST_PORT}")
+    if not 0.0 < options.rate < math.inf:
+        raise LiveError(f"--rate {options.rate:g}: expected more than 0, and finite")
+
+
+def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
+    """What fills the timeline from running missions.
+
+    Raises:
+        DomainError: if --domain is none.
+    """
+    from auv_lse_shore.live.sources.running import MissionFollower
+
+    domain = None if options.domain is None else domain_number(options.domain)
+    os.environ.update(local_environment(project_folder(), domain or 0))
+    return MissionFollower(timeline, domain, options.mission).follow
+
+
+@contextmanager
+def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list[Viewer]]:
+    """The viewers that the command line asks for; sets `options.playback`, which they share.
+
+    Raises:
+        FoxgloveError: if Foxglove cannot be served.
+        DomainError: if no ROS domain is free.
+    """
+    options.playback = Playback(options.rate)
+    viewers: list[Viewer] = []
+    with ExitStack() as stack:
+        if options.foxglove is not None:
+            foxglove = FoxgloveViewer(options.foxglove, options.playback)
+            print(f"Foxglove, Lichtblick: open connection {foxglove.url}, layout config/foxglove/mission.json")
+            viewers.append(foxglove)
+        if options.rviz:
+            from auv_lse_shore.live.viewers.viz_node import VizPublisher
+
+            own = None if options.run is None else stack.enter_context(own_domain())
+            if own is not None:
+                os.environ.update(local_environment(project_folder(), own))
+                where = f"ROS_DOMAIN_ID={own} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+                print(f"RViz: {where} rviz2 -d config/rviz/mission.rviz")
+            viewers.append(VizPublisher(lambda: int(timeline.state["domain"]) if own is None else own))
+        yield viewers
+
+
+def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> int:
+    """Writes the page with a whole recording inside of it.
+
+    Raises:
+        LiveError: if the file cannot be written.
+    """
+    began_s = time.process_time()
+    follower.read()
+    _, _, events = timeline.since("", 0, sys.maxsize)
+    took_s = time.process_time() - began_s
+    try:
+        write_whole(path, live_page(events))
+    except OSError as error:
+        raise LiveError(f"--write {path}: cannot be written: {error.strerror or error}") from error
+    print(f"{len(events)} events in {took_s:.1f} s of processor time")
+    print(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB; needs no server)")
+    return 0
+
+
+def has_screen() -> bool:
+    """Whether a browser would open in a window: without a screen it might take over the terminal."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+async def serve(timeline: Timeline, works: Sequence[Work], port: int, open_browser: bool) -> int:
+    """Serves the page until Ctrl-C, while `works` fill and show the timeline, each on a thread of its own.
+
+    Raises:
+        PortTakenError: if the port is in use.
+    """
+    server = LiveServer(timeline, port)
+    stop, ended = threading.Event(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for sign in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(sign, ended.set)
+    threads = [threading.Thread(target=work, args=(stop,), daemon=True) for work in works]
+    for thread in threads:
+        thread.start()
+    print(f"live view: {server.url}   (Ctrl-C ends it)", flush=True)
+    if open_browser and has_screen():
+        await asyncio.to_thread(webbrowser.open, server.url)
+    await ended.wait()
+    stop.set()
+    await server.close()
+    for thread in threads:
+        await asyncio.to_thread(thread.join, 5.0)
+    return 130

@@ -1,0 +1,63 @@
+"""The live view as a process beside a mission."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from types import TracebackType
+
+from auv_lse_common.process.processes import die_with_parent
+from auv_lse_shore.live.viewers.server import DEFAULT_PORT, port_or_any
+
+
+class LiveProcess:
+    """`scripts/live` on a mission's domain, for as long as the context lasts; the page keeps what it has."""
+
+    def __init__(self, domain: int, environment: Mapping[str, str], say: Callable[[str], None]) -> None:
+        """Starts nothing yet.
+
+        Args:
+            domain: The mission's ROS domain.
+            environment: The process's environment.
+            say: Shows a line: the page's address, or why there is none.
+        """
+        port = port_or_any(DEFAULT_PORT)  # another mission's page may have it
+        self._command = [sys.executable, "-m", "auv_lse_sim.live", "--domain", str(domain), "--port", str(port)]
+        self._environment = dict(environment)
+        self._say = say
+
+    def __enter__(self) -> LiveProcess:
+        """Starts it; its address is shown when it is known."""
+        self._process = subprocess.Popen(
+            self._command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=self._environment,
+            preexec_fn=die_with_parent,
+            start_new_session=True,  # Ctrl-C is the mission's, which then ends this process
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Ends it."""
+        for sign, patience_s in ((signal.SIGINT, 5.0), (signal.SIGKILL, 5.0)):
+            if self._process.poll() is None:
+                self._process.send_signal(sign)
+                try:
+                    self._process.wait(patience_s)
+                except subprocess.TimeoutExpired:
+                    continue
+        self._reader.join(1.0)
+
+    def _read(self) -> None:
+        for line in self._process.stdout or ():
+            self._say(line.removesuffix("\n").removesuffix("   (Ctrl-C ends it)"))

@@ -1,0 +1,1 @@
+"""What the live view shows: from a running mission or a recording."""

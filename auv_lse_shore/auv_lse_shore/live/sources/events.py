@@ -1,0 +1,358 @@
+"""The messages of a mission as the events that a page draws: thinned, rounded, only what has changed.
+
+A message is any object with the fields of its ROS type, from a recording or from a subscription.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary import stamps
+from auv_lse_common.vocabulary.frames import heading_from_quaternion
+from auv_lse_common.vocabulary.mission_run import RunState
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_comms.packet.codec import PacketError, decode
+from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_record.bag import is_ping, plan_of
+from auv_lse_shore.judge.certainty import CLASSES, Piece, classify, lines_of
+from auv_lse_shore.judge.isobath import trace
+from auv_lse_shore.live.sources.map_layers import LayerCoder, grid_axes, scales_of, thinning
+from auv_lse_shore.live.sources.own_map import OwnMap
+from auv_lse_shore.live.sources.plan_lines import PlanLines, decimetres
+from auv_lse_shore.live.sources.timeline import Event
+
+Array = NDArray[np.float64]
+
+#: Topics of one vehicle that the page is made from, by their name below its namespace.
+VEHICLE_TOPICS = (
+    "odometry",
+    "sounding",
+    "field",
+    "plan",
+    "planner/bound",
+    "modem/tx",
+    "modem/rx",
+    "team/samples",
+    "tdma",
+    "mission/state",
+    "diagnostics",
+)
+
+#: Mission time (s) between the places of a track.
+_TRACK_S = 2.0
+#: Mission time (s) between two accounts of the simulator, unless the state changes.
+_STATUS_S = 2.0
+#: Mission time (s) after which a node's health is told again though it says the same.
+_HEALTH_S = 60.0
+#: Standard normal quantile of the band's edges: 95 % of the true isobath lies between them.
+_BAND_SIGMAS = 1.959964
+
+_STATES = ("waiting", "running", "finished", "failed")
+_LEVELS = ("ok", "warning", "error", "stale")
+
+
+def topics_of(vehicles: int) -> list[str]:
+    """Every topic that the page is made from, by full name."""
+    names = [f"/auv{k}/{name}" for k in range(1, vehicles + 1) for name in VEHICLE_TOPICS]
+    return ["/sim/status", *names, *(f"/truth/auv{k}/odometry" for k in range(1, vehicles + 1))]
+
+
+class MissionEvents:
+    """Makes the events of one mission.
+
+    Attributes:
+        last_s: Stamp (s) of the last message taken of each topic.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        """Takes the mission file, from which plans are followed and maps are scaled."""
+        self._settings = settings
+        self._area = OperatingArea(settings.area)
+        self._scales = scales_of(settings.level_set.level_m, settings.level_set.largest_risk)
+        self._lines: dict[int, PlanLines] = {}
+        self._coders: dict[int, LayerCoder] = {}
+        self._own_maps: dict[int, OwnMap] = {}
+        self._plans: dict[int, Plan] = {}
+        self._health: dict[str, tuple[str, str, float]] = {}
+        self._told_s: dict[str, float] = {}
+        self._runs: dict[int, Event] = {}
+        self._state = ""
+        self.last_s: dict[str, float] = {}
+        self._takers: dict[str, Callable[[int, float, Any], list[Event]]] = {
+            "odometry": self._pose,
+            "sounding": self._sounding,
+            "field": self._map,
+            "plan": self._plan,
+            "planner/bound": self._bound,
+            "modem/tx": self._sent,
+            "modem/rx": self._received,
+            "team/samples": self._samples,
+            "tdma": self._slots,
+            "mission/state": self._run,
+            "diagnostics": self._diagnostics,
+        }
+
+    def take(self, topic: str, message: Any) -> list[Event]:
+        """The events of a message; none for one that says nothing new, or of another topic."""
+        if topic == "/sim/status":
+            return self._status(message)
+        match = re.fullmatch(r"(/truth)?/auv(\d+)/(.+)", topic)
+        if match is None or not 1 <= int(match[2]) <= self._settings.mission.vehicles:
+            return []
+        vehicle, stamp_s = int(match[2]), seconds(message.header.stamp)
+        self.last_s[topic] = stamp_s
+        if match[1]:
+            return self._truth(vehicle, stamp_s, message)
+        taker = self._takers.get(match[3])
+        return taker(vehicle, stamp_s, message) if taker else []
+
+    def _due(self, key: str, stamp_s: float, period_s: float) -> bool:
+        """Whether it is `period_s` of mission time away from the last time that this was so."""
+        if abs(stamp_s - self._told_s.get(key, -math.inf)) < period_s - 1e-6:
+            return False
+        self._told_s[key] = stamp_s
+        return True
+
+    # ------------------------------------------------------------------ where the vehicles are
+
+    def _pose(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        maps = self._own_map(vehicle, stamp_s)
+        if not self._due(f"pose {vehicle}", stamp_s, _TRACK_S):
+            return maps
+        pose = message.pose.pose
+        q, covariance = pose.orientation, message.pose.covariance
+        event = {
+            "kind": "pose",
+            "vehicle": vehicle,
+            "t": stamp_s,
+            "north": round(pose.position.y, 1),
+            "east": round(pose.position.x, 1),
+            "heading": round(heading_from_quaternion(q.x, q.y, q.z, q.w), 3),
+            "depth": round(-pose.position.z, 2),
+            "speed": round(message.twist.twist.linear.x, 2),
+            "std": round(math.sqrt(max(0.0, covariance[0] + covariance[7])), 2),
+        }
+        return [event, *maps]
+
+    def _truth(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        if not self._due(f"truth {vehicle}", stamp_s, _TRACK_S):
+            return []
+        position = message.pose.pose.position
+        north, east = round(position.y, 1), round(position.x, 1)
+        return [{"kind": "truth", "vehicle": vehicle, "t": stamp_s, "north": north, "east": east}]
+
+    # ------------------------------------------------------------------ what they know and mean to do
+
+    def _sounding(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        self._map_of(vehicle).add_soundings([(stamp_s, message.north_m, message.east_m, message.depth_m)])
+        return []
+
+    def _map_of(self, vehicle: int) -> OwnMap:
+        if vehicle not in self._own_maps:
+            self._own_maps[vehicle] = OwnMap(self._settings.planner_settings(vehicle), self._area)
+        return self._own_maps[vehicle]
+
+    def _own_map(self, vehicle: int, stamp_s: float) -> list[Event]:
+        """The map of a vehicle that does not tell it, when one is due."""
+        field = self._map_of(vehicle).field(stamp_s)
+        if field is None:
+            return []
+        layers = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
+        return [self._map_event(vehicle, stamp_s, field.grid.north_m, field.grid.east_m, layers, field.variance_scale)]
+
+    def _map(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        self._map_of(vehicle).stop()
+        shape = (int(message.rows), int(message.columns))
+        told = {"risk": message.risk, "p_safe": message.p_safe, "depth": message.mean_m, "std": message.std_m}
+        layers = {name: np.asarray(values, dtype=float).reshape(shape) for name, values in told.items()}
+        scale = getattr(message, "variance_scale", 0.0) or 1.0  # recordings of before do not have it
+        return [self._map_event(vehicle, stamp_s, *grid_axes(message), layers, scale)]
+
+    def _map_event(
+        self, vehicle: int, stamp_s: float, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
+    ) -> Event:
+        level_m = self._settings.level_set.level_m
+        with np.errstate(invalid="ignore", divide="ignore"):
+            score = (layers["depth"] - level_m) / np.maximum(layers["std"], 1e-9)
+        apart = thinning(*layers["risk"].shape)
+        shown = {name: values[::apart, ::apart] for name, values in layers.items()}
+        coder = self._coders.setdefault(vehicle, LayerCoder(self._scales))
+        pieces = self._pieces(vehicle, north_m, east_m, layers, scale)
+        lines = {
+            **{kind: lines_of(pieces, kind) for kind in CLASSES},
+            "shallow_edge": trace(north_m, east_m, score, -_BAND_SIGMAS),
+            "deep_edge": trace(north_m, east_m, score, _BAND_SIGMAS),
+        }
+        return {
+            "kind": "map",
+            "vehicle": vehicle,
+            "t": stamp_s,
+            "rows": shown["risk"].shape[0],
+            "columns": shown["risk"].shape[1],
+            "south": round(float(north_m[0]), 2),
+            "west": round(float(east_m[0]), 2),
+            "cell": round(float(north_m[1] - north_m[0]) * apart, 3),
+            "mean_risk": round(float(np.nanmean(layers["risk"])), 5),
+            "layers": coder.code(shown),
+            **{name: [decimetres(line) for line in found] for name, found in lines.items()},
+        }
+
+    def _pieces(
+        self, vehicle: int, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
+    ) -> list[Piece]:
+        """The estimated isobath in pieces of one certainty each, as the report has it but without place errors."""
+        inside = np.isfinite(layers["depth"])
+        before = np.where(inside, self._settings.vehicle(vehicle).gp.signal_std_m, np.nan)
+        field, prior = (
+            DepthField(
+                grid=Grid(north_m=north_m, east_m=east_m, inside=inside, resolution_m=float(north_m[1] - north_m[0])),
+                mean_m=layers["depth"],
+                std_m=std,
+                prior_std_m=std / np.sqrt(own_scale),
+                risk=layers["risk"],
+                p_safe=layers["p_safe"],
+                variance_scale=own_scale,
+                revision=0,
+            )
+            for std, own_scale in ((layers["std"], scale), (before, 1.0))
+        )
+        lines = trace(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
+        return classify(lines, field, prior, np.empty((0, 3)))
+
+    def _plan(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        plan = plan_of(message)
+        if plan == self._plans.get(vehicle):
+            return []
+        self._plans[vehicle] = plan
+        if vehicle not in self._lines:
+            self._lines[vehicle] = PlanLines(self._settings.planner_settings(vehicle), self._area)
+        return [{"kind": "plan", "vehicle": vehicle, "t": stamp_s, **self._lines[vehicle].lines(plan)}]
+
+    def _bound(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        event = {
+            "kind": "bound",
+            "vehicle": vehicle,
+            "t": stamp_s,
+            "step": int(message.step),
+            "jbar": _number(message.jbar),
+            "reward": _number(message.reward_so_far),
+            "bound": _number(message.lower_bound),
+            "bound_max": _number(message.lower_bound_max),
+            "kept": bool(message.incumbent_kept),
+            "planning_s": round(float(message.planning_s), 4),
+            "late": bool(message.deadline_hit),
+        }
+        return [event]
+
+    # ------------------------------------------------------------------ what they tell each other
+
+    def _sent(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        if is_ping(message):
+            return []
+        event = {"kind": "sent", "vehicle": vehicle, "t": stamp_s, "bytes": len(message.payload)}
+        try:
+            packet = decode(bytes(message.payload))
+        except PacketError as error:
+            return [{**event, "problem": error.reason}]
+        return [{**event, "samples": len(packet.samples), "actions": len(packet.plan.actions)}]
+
+    def _received(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        if is_ping(message):
+            return []
+        event = {
+            "kind": "received",
+            "vehicle": vehicle,
+            "t": stamp_s,
+            "source": int(message.source),
+            "snr_db": _number(message.snr_db, 1),
+            "travel_s": _number(message.travel_s, 4),
+        }
+        return [event]
+
+    def _samples(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        places = np.column_stack([message.north_m, message.east_m])
+        source = int(message.source)
+        self._map_of(vehicle).add_samples(np.column_stack([places, message.depth_m]), source)
+        return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "places": decimetres(places)}]
+
+    def _slots(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        event = {
+            "kind": "slots",
+            "vehicle": vehicle,
+            "t": stamp_s,
+            "used": int(message.slots_used),
+            "missed": int(message.slots_missed),
+            "received": int(message.packets_received),
+            "reasons": {str(r): int(n) for r, n in zip(message.reasons, message.counts, strict=False)},
+        }
+        return [event]
+
+    # ------------------------------------------------------------------ how they are
+
+    def _diagnostics(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        events: list[Event] = []
+        for status in message.status:
+            level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
+            node, text = status.name.rsplit("/", 1)[-1], str(status.message)
+            name = _LEVELS[level] if level < len(_LEVELS) else _LEVELS[-1]
+            known = self._health.get(status.name)
+            if known and known[:2] == (name, text) and stamp_s - known[2] < _HEALTH_S:
+                continue
+            self._health[status.name] = (name, text, stamp_s)
+            values = {str(pair.key): str(pair.value) for pair in status.values}
+            event = {"kind": "health", "vehicle": vehicle, "t": stamp_s, "node": node, "level": name, "text": text}
+            events.append({**event, "values": values})
+        return events
+
+    def _run(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+        """How it stands with a vehicle's mission; safety_node says it again every second."""
+        event: Event = {
+            "kind": "run",
+            "vehicle": vehicle,
+            "t": stamp_s,
+            "state": RunState(int(message.state)).name.lower(),
+            "reason": str(message.reason),
+            "limits": [str(text) for text in message.limits],
+            "warnings": [str(text) for text in message.warnings],
+        }
+        if {**event, "t": 0.0} == {**self._runs.get(vehicle, {}), "t": 0.0}:
+            return []
+        self._runs[vehicle] = event
+        return [event]
+
+    def _status(self, message: Any) -> list[Event]:
+        stamp_s, state = seconds(message.header.stamp), _STATES[int(message.state)]
+        self.last_s["/sim/status"] = stamp_s
+        if state == self._state and not self._due("status", stamp_s, _STATUS_S):
+            return []
+        self._state = state
+        event = {
+            "kind": "status",
+            "t": stamp_s,
+            "state": state,
+            "text": str(message.message),
+            "steps": [int(n) for n in message.steps],
+            "sent": int(message.packets_sent),
+            "received": int(message.packets_received),
+            "lost": int(message.packets_lost),
+            "speed": round(float(message.speed), 2),
+        }
+        return [event]
+
+
+def seconds(stamp: Any) -> float:
+    """Seconds of a ROS time, to the millisecond."""
+    return round(stamps.seconds(stamp), 3)
+
+
+def _number(value: Any, digits: int = 3) -> float | None:
+    """A rounded number; None for NaN and infinity, which JSON lacks."""
+    return round(float(value), digits) if math.isfinite(value) else None

@@ -1,0 +1,86 @@
+"""Fills a timeline from a recording, on a thread of its own, for as long as the recording grows."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_record.recording import RecordingError
+from auv_lse_shore.live.sources.events import MissionEvents, topics_of
+from auv_lse_shore.live.sources.facts import mission_facts
+from auv_lse_shore.live.sources.recording import find_parameters, open_recording
+from auv_lse_shore.live.sources.timeline import Timeline
+
+#: Wall-clock seconds between two looks at a recording that grows.
+_PERIOD_S = 0.2
+#: Wall-clock seconds without a new byte after which nobody seems to write to a recording any more.
+_PATIENCE_S = 30.0
+#: Messages after which their events are handed on.
+_BATCH = 200
+
+
+class RecordingFollower:
+    """Reads a recording into a timeline, to its end if it has one.
+
+    Attributes:
+        problem: Why reading has ended before the recording's end; empty if it has not.
+    """
+
+    def __init__(self, recording: Path, timeline: Timeline, mission: Path | None = None) -> None:
+        """Reads the mission file and begins the timeline; reads no message yet.
+
+        Args:
+            recording: As `recording_in` gives it.
+            timeline: What is filled.
+            mission: The mission file; None: the one inside of the recording, or beside it.
+
+        Raises:
+            RecordingError: if there is no mission file.
+            ParameterError: if the mission file cannot be used.
+        """
+        if mission is None:
+            patterns, where = find_parameters(recording)
+            self.settings = Settings.from_patterns(patterns, where)
+        else:
+            self.settings = Settings.load(mission)
+            patterns = self.settings.to_patterns() if "sim:" in mission.read_text() else {}
+        folder = recording if recording.is_dir() else recording.parent
+        run = folder.parent if folder.name == "bag" else recording
+        self.problem = ""
+        self._file = open_recording(recording)
+        self._events = MissionEvents(self.settings)
+        self._topics = frozenset(topics_of(self.settings.mission.vehicles))
+        self._timeline = timeline
+        simulated = any("sim" in values for values in patterns.values())
+        timeline.begin(mission_facts(self.settings, name=run.name, simulated=simulated))
+        timeline.say(source="recording", growing=True, problem="")
+
+    def read(self) -> int:
+        """Reads what is new; returns the number of messages.
+
+        Raises:
+            RecordingError: if the recording is broken.
+        """
+        count, waiting = 0, []
+        for topic, message in self._file.messages(self._topics):
+            waiting += self._events.take(topic, message)
+            count += 1
+            if count % _BATCH == 0:
+                self._timeline.add(waiting)
+                waiting = []
+        self._timeline.add(waiting)
+        return count
+
+    def follow(self, stop: threading.Event) -> None:
+        """Reads until the recording's end, or until `stop` is set; says on the timeline how it went."""
+        quiet_s = 0.0
+        try:
+            while not stop.is_set() and not self._file.complete:
+                quiet_s = 0.0 if self.read() else quiet_s + _PERIOD_S
+                growing = not self._file.complete and quiet_s < _PATIENCE_S
+                self._timeline.say(growing=growing)
+                stop.wait(_PERIOD_S)
+        except RecordingError as error:
+            self.problem = str(error)
+            self._timeline.say(growing=False, problem=self.problem)

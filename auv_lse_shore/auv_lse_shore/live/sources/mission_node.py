@@ -1,0 +1,99 @@
+"""Listens to a running mission on its ROS domain, from outside: few topics, and none before the mission runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from types import TracebackType
+from typing import Any
+
+import rclpy
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from auv_lse_common.node.executor import make_executor
+from auv_lse_common.topics.quality import LATCHED, NEWEST, quality_of
+from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS
+from auv_lse_msgs.msg import SimStatus
+from auv_lse_shore.live.sources.events import topics_of
+
+#: Wall clock (s) without a word from a simulator after which the vehicles are listened to anyway: at sea there is none.
+_NO_SIMULATOR_S = 5.0
+#: Read from recordings only: who tells its map need not tell its soundings.
+_LEFT_OUT = ("sounding",)
+
+
+class MissionListener:
+    """A node that hands on every message of the topics that the page is made from; a context manager.
+
+    In lockstep each publisher waits for its readers before the first tick, and counts them. So this one joins a topic
+    of the vehicles only when the simulator says that the mission runs.
+
+    Attributes:
+        heard_s: Steady clock (s) of the last message; of the start before the first one.
+        state: The simulator's state as it said last, None if it has said nothing.
+    """
+
+    def __init__(self, vehicles: int, domain: int, take: Callable[[str, Any], None]) -> None:
+        """Joins nothing yet.
+
+        Args:
+            vehicles: Number of vehicles.
+            domain: ROS domain.
+            take: Takes a topic's full name and a message, on the thread that calls `serve`.
+        """
+        self._vehicles, self._domain, self._take = vehicles, domain, take
+        self._joined = False
+        self.state: int | None = None
+
+    def __enter__(self) -> MissionListener:
+        """Joins the domain; Ctrl-C stays the caller's."""
+        rclpy.init(domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("live_view", start_parameter_services=False, enable_rosout=False)
+        self._executor: Executor = make_executor()
+        self._executor.add_node(self._node)
+        self.heard_s = self._began_s = time.monotonic()
+        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leaves."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def serve(self, seconds_: float) -> None:
+        """Handles what comes for about so long."""
+        until = time.monotonic() + seconds_
+        while (left := until - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left)
+        alone = self.state is None and time.monotonic() - self._began_s > _NO_SIMULATOR_S
+        if not self._joined and (alone or self.state not in (None, SimStatus.WAITING)):
+            self._join()
+
+    def _on_status(self, message: SimStatus) -> None:
+        self.state = message.state
+        self._hear("/sim/status", message)
+
+    def _hear(self, topic: str, message: Any) -> None:
+        self.heard_s = time.monotonic()
+        self._take(topic, message)
+
+    def _join(self) -> None:
+        self._joined = True
+        for topic in topics_of(self._vehicles):
+            space, name = topic.lstrip("/").split("/", 1)
+            if topic == "/sim/status" or name in _LEFT_OUT:
+                continue
+            entry = TRUTH_TOPIC if space == "truth" else VEHICLE_TOPICS[name]
+            package, _, kind = entry.kind.split("/")
+            # A driver may publish its odometry best effort; the simulator's is reliable.
+            quality = NEWEST if name == "odometry" and self.state is None else quality_of(entry)
+            self._node.create_subscription(
+                getattr(import_module(f"{package}.msg"), kind), topic, partial(self._hear, topic), quality
+            )

@@ -1,0 +1,62 @@
+"""The map of a vehicle whose recording holds none: made anew from its soundings and the samples it heard."""
+
+from __future__ import annotations
+
+import math
+
+from numpy.typing import ArrayLike
+
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_gp.map.depth_map import DepthField, DepthMap
+
+#: Mission time (s) without a map from the vehicle after which one is made here.
+_PATIENCE_S = 5.0
+
+
+class OwnMap:
+    """Waits for the vehicle's own map for a moment, then makes one as its `gp_node` would."""
+
+    def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
+        """Makes nothing yet."""
+        self._settings = settings
+        self._area = area
+        self._map: DepthMap | None = None
+        self._waiting: list[tuple[int, ArrayLike]] = []  # the vehicle they come from, 0 for its own soundings
+        self._first_s = math.inf
+        self._made_s = -math.inf
+        self._stopped = False
+
+    def stop(self) -> None:
+        """The vehicle tells its map itself."""
+        self._stopped = True
+        self._waiting.clear()
+
+    def add_soundings(self, rows: ArrayLike) -> None:
+        """Takes own soundings: stamp (s), north, east, depth (m), shape (n, 4)."""
+        self._add(0, rows)
+
+    def add_samples(self, rows: ArrayLike, source: int) -> None:
+        """Takes samples heard from vehicle `source`: north, east, depth (m), shape (n, 3)."""
+        self._add(source, rows)
+
+    def _add(self, source: int, rows: ArrayLike) -> None:
+        if not self._stopped:
+            self._waiting.append((source, rows))
+
+    def field(self, now_s: float) -> DepthField | None:
+        """The map, if one is due at `now_s` and the vehicle does not tell its own."""
+        self._first_s = min(self._first_s, now_s)
+        period_s = self._settings.gp.publish_period_s
+        if self._stopped or now_s - self._first_s < _PATIENCE_S or now_s - self._made_s < period_s:
+            return None
+        self._made_s = now_s
+        if self._map is None:
+            self._map = DepthMap(self._settings.gp, self._settings.level_set, self._area)
+        for source, rows in self._waiting:
+            if source:
+                self._map.add_samples(rows, source)
+            else:
+                self._map.add_soundings(rows)
+        self._waiting.clear()
+        return self._map.field()

@@ -1,0 +1,85 @@
+"""A plan as lines on the map: its own actions as arcs, and what continues them to the mission's end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.vocabulary.naive_ids import HOLD, STRAIGHT_ON
+from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_planner.paths.naive import NaivePaths
+from auv_lse_planner.paths.rollout import Rollout
+
+Array = NDArray[np.float64]
+
+#: Points on each leg of a plan.
+POINTS_PER_LEG = 4
+
+
+class PlanLines:
+    """Follows the plans of one vehicle."""
+
+    def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
+        """Takes what a path follows from; the first plan compiles the inner loops if nothing has done so before."""
+        self._motion = MotionTable(settings.motion)
+        space = FreeSpace(area, self._motion, settings.area.raster_m)
+        naive = NaivePaths(space, settings.planner, area.polygon, settings.mission.vehicles)
+        self._rollout = Rollout(self._motion, naive, settings.mission.steps, settings.planner.samples_per_leg)
+        self._points_m = np.stack(
+            [self._motion.samples(action, POINTS_PER_LEG) for action in range(self._motion.actions)]
+        )
+
+    def lines(self, plan: Plan) -> dict[str, Any]:
+        """The plan's legs as one line of points, `POINTS_PER_LEG` to a leg after the first point.
+
+        Returns:
+            "step" of the first point, "own": how many legs are the plan's own actions, "line": north, east, north, ...
+            in decimetres, "waypoints" of the plan's tour likewise, and "continued": what continues the actions.
+        """
+        if not self._rollout.can_follow(plan):
+            return {"step": plan.step, "own": 0, "line": [], "waypoints": [], "continued": "unknown"}
+        path = self._rollout.follow(plan)
+        ahead, starboard = np.moveaxis(self._points_m[path.actions], 2, 0)
+        heading = path.states[:-1, :1]
+        c, s = np.cos(heading), np.sin(heading)
+        north = path.states[:-1, 1:2] + c * ahead - s * starboard
+        east = path.states[:-1, 2:3] + s * ahead + c * starboard
+        points = np.concatenate([path.states[:1, 1:], np.stack([north, east], axis=2).reshape(-1, 2)])
+        own = min(len(plan.actions), len(path))  # `path.own` has the tour's legs, too
+        waypoints = np.empty((0, 2))
+        if plan.tour is not None:
+            waypoints = plan.tour.waypoints_m(path.states[own, 1:], self._motion.leg_length_m)
+        return {
+            "step": plan.step,
+            "own": own,
+            "line": decimetres(points),
+            "waypoints": decimetres(waypoints),
+            "continued": _continued(plan),
+        }
+
+
+#: What naive paths are called that are no lanes.
+_NAIVE = {STRAIGHT_ON: "a straight line", HOLD: "a loop"}
+
+
+def _continued(plan: Plan) -> str:
+    """What continues a plan's actions, for a reader."""
+    parts = []
+    if plan.tour is not None:
+        parts.append(f"a tour of {len(plan.tour.bearings)} segments")
+    if plan.naive_path != NONE:
+        parts.append(_NAIVE.get(plan.naive_path, "lanes of a lawnmower"))
+    return ", then ".join(parts)
+
+
+def decimetres(points_m: Array | Sequence[Any]) -> list[int]:
+    """Places (n, 2) as whole decimetres: north, east, north, east, ..."""
+    flat: list[int] = np.round(10.0 * np.asarray(points_m)).astype(int).ravel().tolist()
+    return flat

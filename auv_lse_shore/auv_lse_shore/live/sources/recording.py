@@ -1,0 +1,163 @@
+"""A recording as messages, whether it is complete or still being written.
+
+The file is read from its beginning, record by record, by the MCAP format alone: an index, which a recording gets only
+at its end, is not needed, and neither is `metadata.yaml`.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.mission_file.parameters import parse_parameters, read_parameter_file
+from auv_lse_record.recording import MISSION_FILE, RecordingError, read_messages
+
+_MAGIC = b"\x89MCAP0\r\n"
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
+
+
+class RecordingFile:
+    """Reads the messages of one MCAP file as it grows.
+
+    Attributes:
+        path: The file.
+        complete: True once its end has been read: nobody writes to it any more.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Opens nothing yet."""
+        from rosbags.typesys import Stores, get_typestore
+
+        self.path = path
+        self.complete = False
+        self._offset = 0
+        self._types: Any = get_typestore(Stores.ROS2_JAZZY)
+        self._schemas: dict[int, Any] = {}
+        self._channels: dict[int, tuple[str, str]] = {}
+
+    def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
+        """The messages of some topics that have been written since the last call: topic and message.
+
+        Raises:
+            RecordingError: if the file cannot be read, is no MCAP file, or holds a message that cannot be decoded.
+        """
+        try:
+            with self.path.open("rb") as file:
+                for opcode, content in self._records(file):
+                    yield from self._contents(opcode, content, topics)
+        except RecordingError:
+            raise
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        except Exception as error:  # mcap and rosbags raise errors of many kinds for a damaged file
+            raise RecordingError(f"{self.path}: damaged near byte {self._offset}: {error!r}") from error
+
+    def _records(self, file: Any) -> Iterator[tuple[int, bytes]]:
+        """The records that are wholly there."""
+        if self._offset == 0:
+            start = file.read(len(_MAGIC))
+            if not _MAGIC.startswith(start):
+                raise RecordingError(f"{self.path}: begins with {start!r}; expected an MCAP file ({_MAGIC!r})")
+            if len(start) < len(_MAGIC):
+                return
+            self._offset = len(_MAGIC)
+        file.seek(self._offset)
+        while not self.complete and len(head := file.read(9)) == 9:
+            opcode, length = struct.unpack("<BQ", head)
+            content = file.read(length)
+            if len(content) < length:
+                return
+            self._offset += 9 + length
+            self.complete = opcode == _DATA_END
+            yield opcode, content
+
+    def _contents(self, opcode: int, content: bytes, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Channel, Chunk, Message, Schema
+        from mcap.stream_reader import breakup_chunk
+
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == _CHUNK:
+            records: list[Any] = breakup_chunk(Chunk.read(stream))
+        elif opcode == _SCHEMA:
+            records = [Schema.read(stream)]
+        elif opcode == _CHANNEL:
+            records = [Channel.read(stream)]
+        elif opcode == _MESSAGE:
+            records = [Message.read(stream, len(content))]
+        else:
+            return
+        for record in records:
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._add_channel(record, topics)
+            elif isinstance(record, Message) and record.channel_id in self._channels:
+                topic, kind = self._channels[record.channel_id]
+                yield topic, self._types.deserialize_cdr(record.data, kind)
+
+    def _add_channel(self, channel: Any, topics: frozenset[str]) -> None:
+        if channel.id in self._channels or channel.topic not in topics:
+            return
+        from rosbags.typesys import get_types_from_msg
+
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None or channel.message_encoding != "cdr":
+            raise RecordingError(
+                f"{self.path}: {channel.topic}: encoding {channel.message_encoding!r} without a usable schema; "
+                "expected CDR with its message definition, as rosbag2 writes it"
+            )
+        found = get_types_from_msg(schema.data.decode(), schema.name)
+        self._types.register({k: v for k, v in found.items() if k not in self._types.fielddefs})
+        self._channels[channel.id] = (channel.topic, schema.name)
+
+
+class WholeRecording:
+    """Reads the messages of a complete recording: several files, or sqlite3.
+
+    Attributes:
+        path: As `recording_in` gives it.
+        complete: True once it has been read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Opens nothing yet."""
+        self.path = path
+        self.complete = False
+
+    def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, Any]]:
+        """The messages of some topics: topic and message; none at the second call.
+
+        Raises:
+            RecordingError: if it cannot be read.
+        """
+        if not self.complete:
+            self.complete = True
+            yield from read_messages(self.path, re.compile("|".join(map(re.escape, sorted(topics)))))
+
+
+def open_recording(path: Path) -> RecordingFile | WholeRecording:
+    """The reader of what `recording_in` has found."""
+    return RecordingFile(path) if path.suffix == ".mcap" else WholeRecording(path)
+
+
+def find_parameters(recording: Path) -> tuple[dict[str, dict[str, Any]], str]:
+    """The mission file as flown and where it came from: inside of the recording, else beside it or above it.
+
+    Raises:
+        RecordingError: if there is none.
+        ParameterError: if it is not a parameter file.
+    """
+    with suppress(RecordingError):  # damaged: what can be read of it is shown by the file beside it
+        for _, message in open_recording(recording).messages(frozenset({MISSION_FILE})):
+            where = f"{recording} ({MISSION_FILE})"
+            return parse_parameters(str(message.data), where), where
+    for folder in (recording, recording.parent, recording.parent.parent):
+        if (path := folder / "mission.yaml").is_file():
+            return read_parameter_file(path), str(path)
+    raise RecordingError(f"{recording}: no mission.yaml beside it or above it, and none in it; name it: --mission FILE")

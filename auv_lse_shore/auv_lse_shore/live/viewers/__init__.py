@@ -1,0 +1,1 @@
+"""Who the live view is shown to: the page, Foxglove, RViz."""

@@ -1,0 +1,141 @@
+"""A WebSocket server for Foxglove and Lichtblick on this machine, with the standard messages of a mission."""
+
+from __future__ import annotations
+
+import socket
+from typing import Any
+
+from auv_lse_shore.live.viewers.feed import Playback
+from auv_lse_shore.live.viewers.server import ADDRESS
+from auv_lse_shore.live.viewers.standard_messages import StandardMessage, StandardMessages
+
+DEFAULT_PORT = 8765
+
+
+class FoxgloveError(RuntimeError):
+    """The server cannot be started."""
+
+
+class FoxgloveViewer:
+    """Serves the messages; a complete recording is played, paused and sought from the viewer's own time bar.
+
+    Attributes:
+        url: What the viewer is told to open.
+    """
+
+    def __init__(self, port: int, playback: Playback) -> None:
+        """Takes the port; serves when the first mission begins.
+
+        Raises:
+            FoxgloveError: if foxglove-sdk is not installed, or the port is taken.
+        """
+        try:
+            import foxglove
+        except ImportError:
+            raise FoxgloveError(
+                "--foxglove: needs the package foxglove-sdk, which is not installed: pip install foxglove-sdk "
+                "(into .venv: .venv/bin/pip install -c config/constraints.txt foxglove-sdk)"
+            ) from None
+        try:
+            with socket.create_server((ADDRESS, port)):
+                pass
+        except OSError as error:
+            raise FoxgloveError(
+                f"--foxglove {port}: cannot listen on {ADDRESS}:{port}: {error.strerror or error}; fix: --foxglove N "
+                "with another port"
+            ) from error
+        self._foxglove: Any = foxglove
+        self._port = port
+        self._playback = playback
+        self._server: Any = None
+        self._channels: dict[str, Any] = {}
+        self._last: dict[str, tuple[bytes, int]] = {}
+        self._messages: StandardMessages | None = None
+        self.url = f"ws://{ADDRESS}:{port}"
+
+    def begin(self, messages: StandardMessages, first_s: float, last_s: float) -> None:
+        """Starts the server, or starts it anew: a viewer then forgets the mission before.
+
+        Raises:
+            FoxgloveError: if the port is taken.
+        """
+        self.close()
+        self._messages = messages
+        self._context = self._foxglove.Context()
+        given: dict[str, Any] = {}
+        if last_s > first_s:
+            given["playback_time_range"] = (round(first_s * 1e9), round(last_s * 1e9))
+        try:
+            self._server = self._foxglove.start_server(
+                name="auv_lse",
+                host=ADDRESS,
+                port=self._port,
+                context=self._context,
+                server_listener=_listener(self),
+                **given,
+            )
+        except Exception as error:  # the SDK raises errors of its own
+            raise FoxgloveError(f"--foxglove {self._port}: cannot listen on {ADDRESS}:{self._port}: {error}") from error
+        self._port = self._server.port
+        self.url = f"ws://{ADDRESS}:{self._port}"
+
+    def show(self, message: StandardMessage) -> None:
+        """Sends a message to who has subscribed to its topic; who does so later gets the last one."""
+        if self._messages is None:
+            return
+        if message.topic not in self._channels:
+            schema = self._foxglove.Schema(
+                name=message.kind, encoding="ros2msg", data=self._messages.definition(message.kind).encode()
+            )
+            self._channels[message.topic] = self._foxglove.Channel(
+                message.topic, schema=schema, message_encoding="cdr", context=self._context
+            )
+        stamp_ns = round(message.stamp_s * 1e9)
+        self._last[message.topic] = (message.data, stamp_ns)
+        self._channels[message.topic].log(message.data, log_time=stamp_ns)
+
+    def repeat(self, topic: str) -> None:
+        """Sends the last message of a topic again."""
+        if topic in self._last and topic in self._channels:
+            data, stamp_ns = self._last[topic]
+            self._channels[topic].log(data, log_time=stamp_ns)
+
+    def control(self, request: Any) -> Any:
+        """Does what the viewer's time bar asks for; returns the state that it then shows."""
+        from foxglove.websocket import PlaybackCommand, PlaybackState, PlaybackStatus
+
+        playback = self._playback
+        playback.playing = request.playback_command == PlaybackCommand.Play
+        playback.rate = float(request.playback_speed) or playback.rate
+        sought = request.seek_time is not None
+        if sought:
+            playback.seek(request.seek_time * 1e-9)
+        return PlaybackState(
+            status=PlaybackStatus.Playing if playback.playing else PlaybackStatus.Paused,
+            current_time=request.seek_time if sought else round(playback.t * 1e9),
+            playback_speed=playback.rate,
+            did_seek=sought,
+            request_id=request.request_id,
+        )
+
+    def close(self) -> None:
+        """Stops the server."""
+        if self._server is not None:
+            self._server.stop()
+            self._server = None
+        self._channels.clear()
+        self._last.clear()
+
+
+def _listener(viewer: FoxgloveViewer) -> Any:
+    """What the SDK calls from its own threads."""
+    from foxglove.websocket import ServerListener
+
+    class Listener(ServerListener):  # type: ignore[misc]  # the SDK's class is untyped without its stubs
+        def on_subscribe(self, client: Any, channel: Any) -> None:
+            viewer.repeat(channel.topic)
+
+        def on_playback_control_request(self, playback_control_request: Any) -> Any:
+            return viewer.control(playback_control_request)
+
+    return Listener()

@@ -1,0 +1,56 @@
+"""The page: one HTML file without anything to fetch, made from the files in `page/`."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from auv_lse_shore.live.sources.timeline import Event
+
+_FOLDER = Path(__file__).parent / "page_files"
+
+#: The page's modules, each after those that it imports.
+_MODULES = (
+    "format.js",
+    "colors.js",
+    "store.js",
+    "player.js",
+    "link.js",
+    "map.js",
+    "slots.js",
+    "chart.js",
+    "vehicles.js",
+    "main.js",
+)
+_IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)
+_EXPORT = re.compile(r"^export ", re.MULTILINE)
+
+
+def script_hash(page: str) -> str:
+    """The hash of the page's script, as a Content-Security-Policy names it: no other script may run in the page."""
+    script = page.split('<script type="module">', 1)[1].split("</script>", 1)[0]
+    return f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}"
+
+
+def live_page(events: Sequence[Event] | None = None) -> str:
+    """The page as one HTML text.
+
+    Args:
+        events: A whole mission to be kept inside of the page, so that it needs no server; None: it asks the server
+            that it came from.
+    """
+    script = "\n".join(_EXPORT.sub("", _IMPORT.sub("", (_FOLDER / name).read_text())) for name in _MODULES)
+    # "<" is written as an escape: nothing in a mission can end the element that holds it.
+    kept = "" if events is None else json.dumps(events, separators=(",", ":")).replace("<", "\\u003c")
+    page = (_FOLDER / "index.html").read_text()
+    for mark, text in (
+        ("/* style.css */", (_FOLDER / "style.css").read_text()),
+        ("/* events */", kept),
+        ("/* modules */", script),
+    ):
+        page = page.replace(mark, text, 1)
+    return page

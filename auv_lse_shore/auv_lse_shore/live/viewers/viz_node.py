@@ -1,0 +1,51 @@
+"""Publishes the standard messages of a mission below /viz, for RViz."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from auv_lse_shore.live.viewers.standard_messages import StandardMessage, StandardMessages
+
+#: The last messages reach viewers that come later; room for a burst of markers of several vehicles.
+_KEPT = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class VizPublisher:
+    """A node that publishes; a viewer that comes late gets the last message of each topic."""
+
+    def __init__(self, domain_of: Callable[[], int]) -> None:
+        """Joins nothing yet; `domain_of` gives the ROS domain when a mission begins."""
+        self._domain_of = domain_of
+        self._context: Context | None = None
+        self._publishers: dict[str, Publisher] = {}
+
+    def begin(self, messages: StandardMessages, first_s: float, last_s: float) -> None:
+        """Joins the domain of a new mission."""
+        self.close()
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=self._domain_of(), signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("viz", context=self._context, start_parameter_services=False, enable_rosout=False)
+
+    def show(self, message: StandardMessage) -> None:
+        """Publishes a message."""
+        if message.topic not in self._publishers:
+            package, _, name = message.kind.split("/")
+            kind = getattr(import_module(f"{package}.msg"), name)
+            self._publishers[message.topic] = self._node.create_publisher(kind, message.topic, _KEPT)
+        self._publishers[message.topic].publish(message.data)
+
+    def close(self) -> None:
+        """Leaves the domain."""
+        if self._context is not None:
+            self._node.destroy_node()
+            self._context.try_shutdown()
+            self._context = None
+            self._publishers.clear()

@@ -1,0 +1,1 @@
+"""The mission command: a team mission as real processes."""

@@ -1,0 +1,237 @@
+"""scripts/mission: flies a team mission as real ROS 2 processes and leaves one run folder."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import json
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from auv_lse_common.mission_file.parameters import describe
+from auv_lse_common.mission_file.settings import SECTION_CLASSES, Settings
+from auv_lse_common.process.domain import DomainError, local_environment, note_run, own_domain
+from auv_lse_common.process.processes import LaunchError, Process
+from auv_lse_common.support import compiled
+from auv_lse_common.support.missing_packages import missing
+from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.support.user_error import words_of
+from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
+from auv_lse_shore.live.process import LiveProcess
+from auv_lse_shore.mission.conductor import Interrupt, MissionError, conduct
+from auv_lse_shore.mission.options import overrides_of, parser
+from auv_lse_shore.mission.run_folder import begun, run_folder
+from auv_lse_shore.mission.vehicle_file import write_vehicle_file
+from auv_lse_sim.engine.hardware import hardware_of
+from auv_lse_sim.engine.processes import mission_processes
+from auv_lse_sim.ground.chart import with_chart
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.navigable import fit_to_ground
+
+
+def _say(console: Console, text: str) -> None:
+    """Prints text as it is, with any [brackets] in it."""
+    console.print(Text(text), highlight=False, soft_wrap=True)
+
+
+def _complain(console: Console, error: object) -> None:
+    console.print(Text.assemble(("error:", "red"), f" {error}"), highlight=False, soft_wrap=True)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Flies a mission. Returns 0, 1 if it failed, 2 if the request cannot be met, 130 after Ctrl-C."""
+    options = parser().parse_args(arguments)
+    console = Console(stderr=False)
+    if options.parameters:
+        print_parameters(console)
+        return 0
+    root = project_folder()
+    try:
+        settings, notes = prepare(options, root)
+        if options.for_vehicles is not None:
+            write_vehicle_file(settings, options.for_vehicles)
+        else:
+            folder = run_folder(options.out, root)
+            with begun(folder):
+                settings = write_mission(settings, folder, options)
+    except ValueError as error:
+        _complain(console, error)
+        return 2
+    for note in notes:
+        _say(console, note)
+    if options.for_vehicles is not None:
+        _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/operations.md)")
+        return 0
+    _say(console, f"run folder: {folder}")
+    vehicles, together = settings.mission.vehicles, settings.sim.lockstep
+    processes = mission_processes(vehicles, options.modem, options.vehicle_link, together=together)
+    with ExitStack() as beside:
+        live = beside if options.live else None
+        return fly(settings, folder, console, processes, own_domain(), report=not options.no_report, live=live)
+
+
+def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str]]:
+    """The mission that the command line asks for, and sentences on what was changed to suit the ground.
+
+    Raises:
+        ValueError: naming what cannot be flown.
+    """
+    settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
+    if options.for_vehicles is not None and not settings.sim.bathymetry.file:
+        return settings, []  # a synthetic lake tells nothing about a real one
+    return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
+
+
+def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:
+    """Writes the complete mission.yaml into the run folder, with its recording and its emulated hardware in there."""
+    settings = with_chart(settings, folder)
+    settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
+    hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))
+    settings = settings.with_overrides(hardware)
+    (folder / "mission.yaml").write_text(settings.to_parameter_file())
+    return settings
+
+
+def fly(
+    settings: Settings,
+    folder: Path,
+    console: Console,
+    processes: Sequence[Process],
+    domain_of_its_own: AbstractContextManager[int],
+    *,
+    start_s: float | None = None,
+    report: bool = True,
+    live: ExitStack | None = None,
+) -> int:
+    """Flies a mission whose mission.yaml is in the run folder, and judges what it leaves.
+
+    Args:
+        settings: The mission.
+        folder: The run folder.
+        console: Where the progress is shown.
+        processes: What to start here.
+        domain_of_its_own: Gives the ROS domain, and keeps it for the mission.
+        start_s: As `conduct` takes it.
+        report: Whether to make the figures and the report.
+        live: Keeps the live view of the mission open, beyond the mission's end; None: there is none.
+
+    Returns:
+        Exit code.
+    """
+    interrupt = Interrupt()
+    started = time.monotonic()
+    try:
+        with domain_of_its_own as domain:
+            note_run(domain, folder)
+            environment = local_environment(project_folder(), domain)
+            if live is not None:
+                live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
+            watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+            _say(console, f"to watch from another terminal: export {watch}")
+            load = threading.Thread(target=load_judges, daemon=True)  # while the nodes leave a core to spare
+            phases = conduct(settings, folder, environment, console, interrupt, processes, start_s, load.start)
+    except (MissionError, LaunchError, DomainError) as error:
+        _complain(console, error)
+        return 1
+    wall_s = time.monotonic() - started
+    if interrupt.came and "mission" not in phases:
+        _say(console, "interrupted before the first tick: every process has ended, and nothing was recorded")
+        return 130
+    if interrupt.came:
+        _say(console, "interrupted: every process has ended; the recording can be read")
+    if not settings.record.folder or settings.sim.apart:  # vehicles apart record for themselves
+        return 130 if interrupt.came else 0
+    return _concluded(folder, settings, wall_s, phases, console, interrupt, report)
+
+
+def _concluded(
+    folder: Path,
+    settings: Settings,
+    wall_s: float,
+    phases: dict[str, float],
+    console: Console,
+    interrupt: Interrupt,
+    report: bool,
+) -> int:
+    """Evaluates the mission; an exit code: 130 if it, or this, was interrupted."""
+    code = 130 if interrupt.came else 0
+    mission = "the mission was interrupted" if interrupt.came else "the mission is complete"
+    interrupt.over()
+    try:
+        conclude(folder, settings, wall_s, phases, console, report=report)
+    except KeyboardInterrupt:
+        _say(console, f"interrupted: {mission} and recorded, but there is no report: scripts/replay {folder} --report")
+        return 130
+    except ImportError as error:
+        _complain(console, f"{mission}, but {missing(error, 'its figures and report')}")
+        return code or 1
+    except (OSError, ValueError) as error:
+        _complain(console, f"{mission}, but its evaluation failed: {words_of(error)}")
+        return code or 1
+    return code
+
+
+def print_parameters(console: Console) -> None:
+    """Every parameter of a mission file with default, unit, range and meaning."""
+    for name, cls in SECTION_CLASSES.items():
+        table = Table(title=f"{name}: {(cls.__doc__ or '').strip().splitlines()[0]}", title_justify="left")
+        for column in ("parameter", "default", "unit", "allowed", "meaning"):
+            table.add_column(column, overflow="fold")
+        for row in describe(cls, f"{name}."):
+            table.add_row(*(Text(str(cell)) for cell in row))
+        console.print(table)
+
+
+def load_judges() -> None:
+    """Loads what the report needs, which takes some seconds; what is missing is told when it is used."""
+    with contextlib.suppress(ImportError):
+        importlib.import_module("auv_lse_shore.report.report")
+        importlib.import_module("rosbags.highlevel")
+    if compiled.USE_NUMBA:
+        compiled_gp()
+        compiled_risk()
+
+
+def conclude(
+    folder: Path, settings: Settings, wall_s: float, phases: dict[str, float], console: Console, report: bool
+) -> None:
+    """Evaluates the recording into summary.json, isobath.geojson and, if `report`, the figures and the report."""
+    # Imported here: the figures' libraries take a second to load, and a mission that fails needs none of them.
+    from auv_lse_record.bag import read_run
+    from auv_lse_shore.judge.evaluation import evaluate, ground_grid
+    from auv_lse_shore.judge.team_map import write_isobath
+    from auv_lse_shore.report.report import write_report
+    from auv_lse_shore.report.words import headlines
+
+    began = time.monotonic()
+    ground = ground_grid(settings.planner_settings(1), ground_of(settings))
+    run = read_run(folder, mission=folder / "mission.yaml", ground=ground, wall_s=wall_s)
+    if report:
+        summary = write_report(run, folder)
+    else:
+        evaluation = evaluate(run)
+        summary = evaluation.summary
+        summary.write(folder / "summary.json")
+        write_isobath(evaluation.team_map, folder / "isobath.geojson", run.origin, evaluation.truth)
+    phases["report"] = time.monotonic() - began
+    times = folder / "logs" / "times.json"
+    times.write_text(json.dumps({**json.loads(times.read_text()), "wall_s": phases}, indent=1) + "\n")
+    for line in headlines(summary):
+        _say(console, line)
+    page = "report.html" if report else "summary.json"
+    took = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in phases.items())
+    _say(console, f"{folder / page}   ({took})")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""The mission file for vehicles: that of a simulated mission without what only the simulator needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.atomic_files import write_whole
+
+#: Where a vehicle's recorder writes, relative to the folder it is started in.
+RECORDING = "bag"
+
+_HEAD = """\
+# The mission file for the vehicles, every default filled in; made by scripts/mission --for-vehicles from
+# {source}. No section sim: nodes without a simulator run on their own clock. docs/operations.md
+"""
+
+
+def send_duration_s(settings: Settings) -> float:
+    """What `tdma.send_duration_s` has to be at least with the vehicles' modems."""
+    return max(settings.tdma.send_duration_s, *(own.modem.send_duration_s for own in settings.vehicles))
+
+
+def vehicle_file(settings: Settings) -> str:
+    """The parameter file that every vehicle of the mission gets.
+
+    There is no section `sim`, `modem.kind` is micromodem, `link.kind` is mavlink, `record.folder` is `RECORDING`, and
+    `tdma.send_duration_s` is as long as the slowest start of a modem makes it;
+    the mission waits for GO (`vehicle.start`); ports and endpoints are those of `settings`.
+
+    Raises:
+        ParameterError: if the addresses of modem or autopilot are a simulated run's, or a modem has none.
+    """
+    wanted: dict[str, Any] = {"record.folder": RECORDING, "tdma.send_duration_s": send_duration_s(settings)}
+    of_a_run = Path(settings.record.folder).is_absolute()
+    for k, own in enumerate(settings.vehicles, 1):
+        if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):
+            raise ParameterError(
+                f"{settings.where}: auv{k}: modem.kind is {own.modem.kind!r} and link.kind {own.link.kind!r}, at "
+                "addresses of that run's emulated hardware; expected a file written by hand, or by a run "
+                "without --modem emulated and --vehicle-link mavlink"
+            )
+        if not own.modem.port:
+            raise ParameterError(
+                f"{settings.where}: auv{k}: modem.port: missing; expected a serial device or 'tcp://HOST:PORT', as "
+                f"--set modem.port=/dev/ttyUSB0 (one vehicle's: --set auv{k}.modem.port=...)"
+            )
+        wanted[f"auv{k}.modem.kind"] = "micromodem"
+        wanted[f"auv{k}.link.kind"] = "mavlink"
+        wanted[f"auv{k}.vehicle.start"] = "on_call"
+    text = settings.with_overrides(wanted).to_parameter_file()
+    body = yaml.safe_load(text)
+    del body["/**"]["ros__parameters"]["sim"]
+    # leaves in one line; PyYAML writes floats with the point that YAML 1.1 wants
+    dumped: str = yaml.safe_dump(body, sort_keys=False, default_flow_style=None, width=110)
+    return _HEAD.format(source=settings.where) + dumped
+
+
+def write_vehicle_file(settings: Settings, path: Path) -> None:
+    """Writes the mission file for the vehicles.
+
+    Raises:
+        ParameterError: if vehicles cannot fly the mission as it is, or the file exists or cannot be written.
+    """
+    text = vehicle_file(settings)
+    try:
+        if path.exists():
+            raise ParameterError(f"--for-vehicles {path}: exists; expected a new file (nothing was changed)")
+        write_whole(path, text)
+    except OSError as error:
+        raise ParameterError(f"--for-vehicles {path}: cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,76 @@
+"""Follows a running mission from outside, for the live display."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from types import TracebackType
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from auv_lse_common.node.executor import make_executor
+from auv_lse_common.topics.quality import EVERY, LATCHED
+from auv_lse_common.topics.ros_conversions import seconds
+from auv_lse_msgs.msg import Bound, SimStatus
+from auv_lse_shore.mission.display import MissionProgress
+
+_STATES = {
+    SimStatus.WAITING: "waiting",
+    SimStatus.RUNNING: "running",
+    SimStatus.FINISHED: "finished",
+    SimStatus.FAILED: "failed",
+}
+
+
+class MissionWatch:
+    """A node that reads /sim/status and every planner's bound into a MissionProgress; a context manager."""
+
+    def __init__(self, progress: MissionProgress) -> None:
+        """Joins nothing yet."""
+        self._progress = progress
+        self._state, self._message = "waiting", "nothing heard from the simulator yet"
+
+    def __enter__(self) -> MissionWatch:
+        """Joins the mission's ROS domain; Ctrl-C stays the caller's."""
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("mission_display")
+        self._executor = make_executor()
+        self._executor.add_node(self._node)
+        self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
+        for vehicle in range(1, self._progress.vehicles + 1):
+            topic = f"/auv{vehicle}/planner/bound"
+            self._node.create_subscription(Bound, topic, partial(self._on_bound, vehicle), EVERY)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leaves."""
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def wait(self, seconds_: float) -> tuple[str, str]:
+        """Waits `seconds_`, then handles what has come in; returns the state ("waiting", ...) and its message.
+
+        One round takes every message that waits. Of the status, which comes with every tick, the last is enough.
+        """
+        time.sleep(seconds_)
+        self._executor.spin_once(timeout_sec=0.0)
+        return self._state, self._message
+
+    def _on_status(self, message: SimStatus) -> None:
+        self._state, self._message = _STATES[message.state], message.message
+        p = self._progress
+        p.sim_s = seconds(message.header.stamp)
+        p.steps = list(message.steps)
+        p.sent, p.received, p.lost = message.packets_sent, message.packets_received, message.packets_lost
+        p.speed = message.speed
+
+    def _on_bound(self, vehicle: int, message: Bound) -> None:
+        p = self._progress
+        p.rewards[vehicle] = message.reward_so_far
+        p.expected[vehicle] = message.reward_so_far + message.jbar
+        if message.lower_bound > message.reward_so_far:  # only a method with a bound promises more than it has
+            p.bounds[vehicle] = message.lower_bound_max

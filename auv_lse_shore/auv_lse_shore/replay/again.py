@@ -1,0 +1,129 @@
+"""Computes a recorded mission's maps and decisions again, and says what differs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from auv_lse_common.mission_file.parameters import nest
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.atomic_files import write_whole
+from auv_lse_record.recording import RecordingError
+from auv_lse_record.software import version
+from auv_lse_shore.mission.options import settings_given
+from auv_lse_shore.replay.decisions_again import DecisionStep, decisions_again
+from auv_lse_shore.replay.inputs import RecordedInputs, read_inputs
+from auv_lse_shore.replay.map_again import MapStep, map_again
+
+#: Rows of a table that are shown without --all.
+SHOWN = 20
+
+Row = MapStep | DecisionStep
+
+
+def recompute(options: Namespace) -> int:
+    """Does what the command line says (`options.py`) and prints it. Returns 0 if all is the same, else 1.
+
+    Raises:
+        RecordingError: if the recording cannot be read, or holds nothing to compare with.
+        ParameterError: if its mission file, or a --set, does not fit this version of the software.
+    """
+    inputs = read_inputs(options.run, options.mission)
+    overrides = settings_given(options.set)
+    flown = Settings.from_patterns(inputs.parameters, str(options.run))
+    settings = flown.with_overrides(overrides) if overrides else flown
+    print(f"recorded by {inputs.software or 'unknown software'}, computed again by {version()}")
+    for name in overrides:
+        print(f"changed: {name}: {_values(flown, name)} -> {_values(settings, name)}")
+    if not inputs.lockstep:
+        print(
+            "not flown in lockstep: what a map had at hand is known to about 0.1 s, and small differences may be that"
+        )
+    found: list[Row] = []
+    for part in options.recompute:
+        rows = _computed(part, inputs, settings, options.tolerance)
+        if not rows:
+            wanted = "maps (topic /auvN/field)" if part == "gp" else "decisions (topic /auvN/plan)"
+            raise RecordingError(f"{options.run}: --recompute {part}: the recording holds no {wanted}")
+        differing = [row for row in rows if row.differs]
+        what = "maps" if part == "gp" else "decisions"
+        print(f"{part}: {len(rows)} {what} compared, {len(differing)} differ")
+        chosen = rows if options.all else differing
+        for line in table(rows[0].TITLES, [row.cells for row in (chosen if options.all else chosen[:SHOWN])]):
+            print(line)
+        if not options.all and len(differing) > SHOWN:
+            print(f"... {len(differing) - SHOWN} more; --all or --csv FILE lists them")
+        found += rows
+    if options.csv is not None:
+        _write(options.csv, found)
+        print(f"written: {options.csv}")
+    return int(any(row.differs for row in found))
+
+
+def _computed(part: str, inputs: RecordedInputs, settings: Settings, tolerance: float) -> list[Row]:
+    rows: list[Row] = []
+    with_planner = [v for v in inputs.vehicles if v <= settings.mission.vehicles]
+    for i, number in enumerate(with_planner):
+        vehicle, show = inputs.vehicles[number], _progress(f"{part}, auv{number}", i, len(with_planner))
+        if part == "gp":
+            own = settings.planner_settings(number)
+            rows += map_again(vehicle, own, settings.places_in_force(number), inputs.lockstep, tolerance, show)
+        else:
+            rows += decisions_again(vehicle, settings, inputs.lockstep, tolerance, show)
+    if sys.stderr.isatty():
+        print(end="\x1b[K", file=sys.stderr, flush=True)
+    return rows
+
+
+def _progress(what: str, before: int, of: int) -> Callable[[float], None]:
+    """Shows the share done: on a terminal in one line, elsewhere nothing (a mission takes less than a minute)."""
+    shown = -1
+
+    def show(share: float) -> None:
+        nonlocal shown
+        percent = int(100.0 * (before + share) / of)
+        if percent != shown and sys.stderr.isatty():
+            shown = percent
+            print(f"{what}: {percent} %", end="\x1b[K\r", file=sys.stderr, flush=True)
+
+    return show
+
+
+def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows as lines of aligned columns under their titles; nothing without rows. Empty columns are left out."""
+    kept = [i for i in range(len(titles)) if any(row[i] for row in rows)]
+    lines = [[line[i] for i in kept] for line in ([titles, *rows] if rows else [])]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(kept))] if lines else []
+    return ["  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines]
+
+
+def _write(path: Path, rows: Sequence[Row]) -> None:
+    """Writes every row, the planner's after the map's, each kind under its titles."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    titles: tuple[str, ...] = ()
+    for row in rows:
+        if titles != row.TITLES:
+            titles = row.TITLES
+            writer.writerow([*titles, "differs"])
+        writer.writerow([*row.cells, row.differs])
+    write_whole(path, text.getvalue())
+
+
+def _values(settings: Settings, name: str) -> str:
+    """The value of a parameter; of each vehicle where they differ, or the parameter is one vehicle's."""
+    *sections, key = name.split(".")
+    if sections and sections[0].startswith("auv"):
+        sections = sections[1:]
+    values = []
+    for number in range(1, settings.mission.vehicles + 1):
+        level = nest(settings.parameters(number))
+        for section in sections:
+            level = level.get(section, {})
+        value = level.get(key)
+        values.append("as the method says" if value is None else str(value))
+    return values[0] if len(set(values)) == 1 else ", ".join(values)

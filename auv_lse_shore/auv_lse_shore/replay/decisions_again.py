@@ -1,0 +1,233 @@
+"""A vehicle's decisions, computed again from the odometry, the map and the team's plans that its planner was given.
+
+Each decision is made in the situation of the recorded one: where the two differ, the planner goes on from what was
+flown, so that a difference does not lead to others for no reason but that the vehicle is elsewhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from auv_lse_common.mission_file.parameters import ParameterError, nest, parameters_for, section
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_comms.intake import BridgeIntake
+from auv_lse_comms.settings import bridge_of
+from auv_lse_gp.map.receivers_risk import ReceiversRisk
+from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
+from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
+from auv_lse_shore.replay.inputs import RecordedDecision, VehicleInputs, ticks_of
+from auv_lse_shore.replay.map_again import MapAgain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecisionStep:
+    """A recorded decision against the one made now.
+
+    Attributes:
+        vehicle: Number of the vehicle.
+        step: Mission step.
+        now_s: Mission time.
+        turns_deg: Heading change of the leg, recorded and now.
+        plans: The plan in words, recorded and now.
+        values: Its value, recorded and now.
+        note: Why, or what else differs.
+        differs: Whether it is another decision.
+    """
+
+    vehicle: int
+    step: int
+    now_s: float
+    turns_deg: tuple[float, float]
+    plans: tuple[str, str]
+    values: tuple[float, float]
+    note: str
+    differs: bool
+
+    TITLES = ("vehicle", "step", "time (s)", "turn (deg)", "now", "plan", "now", "value", "now", "by", "note")
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """One row of the table."""
+        turns, values = (f"{v:+.0f}" for v in self.turns_deg), (f"{v:.6g}" for v in self.values)
+        plan, now = self.plans
+        by = f"{self.values[1] - self.values[0]:+.3g}"
+        head = (f"auv{self.vehicle}", str(self.step), f"{self.now_s:.1f}")
+        return (*head, *turns, plan, "same" if plan == now else now, *values, by, self.note)
+
+
+def decisions_again(
+    inputs: VehicleInputs,
+    settings: Settings,
+    lockstep: bool,
+    tolerance: float,
+    show: Callable[[float], None],
+) -> list[DecisionStep]:
+    """Compares every recorded decision with the one that today's planner makes of the same inputs.
+
+    Args:
+        inputs: The recorded inputs and decisions.
+        settings: Today's parameters.
+        lockstep: Whether time waited for the nodes.
+        tolerance: Relative difference of values that counts as none.
+        show: Called with the share that is done.
+    """
+    return _Again(inputs, settings, lockstep, tolerance).run(show)
+
+
+class _Again:
+    """One vehicle's planner, fed with its recorded inputs."""
+
+    def __init__(self, inputs: VehicleInputs, settings: Settings, lockstep: bool, tolerance: float) -> None:
+        number = inputs.vehicle
+        own = settings.planner_settings(number)
+        self._planner = VehiclePlanner(number, own, stream(own.mission.seed, "planner", number))
+        self._intake = PlannerIntake(self._planner)
+        self._parameters = parameters_for(settings.to_patterns(), f"/auv{number}/planner_node")
+        self._inputs, self._lockstep, self._tolerance = inputs, lockstep, tolerance
+        # A recording of the fleet engine has neither the map's centers nor the plans as the modem node passed them on.
+        self._map = None if inputs.centers else MapAgain(inputs, own, settings.places_in_force(number), lockstep)
+        self._plans = inputs.plans or _plans_heard(inputs, settings)
+        self._revision = -1
+        self._taken = {"odometry": 0, "corrected": 0, "plans": 0, "centers": 0, "tuned": 0}
+
+    def run(self, show: Callable[[float], None]) -> list[DecisionStep]:
+        decisions = {decision.now_s: decision for decision in self._inputs.decisions}
+        times = sorted({*ticks_of(self._inputs), *decisions}) if self._lockstep else sorted(decisions)
+        rows: list[DecisionStep] = []
+        early = False
+        for now_s in times:
+            decision = decisions.get(now_s)
+            self._take(now_s, None if self._lockstep or decision is None else decision.taken)
+            due = self._intake.take(now_s)
+            if decision is None:
+                early |= due
+            elif decision.step < self._planner.settings.mission.steps:
+                note = "due earlier now" if early else "" if due or not self._lockstep else "not due yet now"
+                rows.append(self._decide(decision, note))
+                early = False
+                show(len(rows) / len(decisions))
+        return rows
+
+    def _take(self, now_s: float, told: Taken | None) -> None:
+        """Everything that was there at `now_s`; what the planner told that it had taken goes before the times."""
+        inputs = ("tuned", self._tune), ("plans", self._hear), ("corrected", self._correct), ("odometry", self._move)
+        for name, give in inputs:
+            entries: Sequence[tuple[float, Any]] = self._plans if name == "plans" else getattr(self._inputs, name)
+            if name == "odometry" and not self._lockstep and not self._taken[name] and entries:
+                give(entries[0][1])  # the first decision had one, whenever the recorder heard it
+                self._taken[name] = 1
+            while self._taken[name] < len(entries):
+                there_s, entry = entries[self._taken[name]]
+                if told is None or name == "tuned":
+                    there = there_s <= now_s + 1e-9
+                else:
+                    there = self._taken[name] < told.plans if name == "plans" else entry[0] <= told.odometry_s + 1e-9
+                if not there:
+                    break
+                give(entry)
+                self._taken[name] += 1
+        if self._map is not None:
+            self._map.advance(now_s)
+            if self._map.map.revision != self._revision:
+                self._revision = self._map.map.revision
+                self._intake.set_centers(self._map.map.centers, self._revision)
+            if self._map.place is not None:
+                self._correct((self._map.place.stamp_s, self._map.place.north_m, self._map.place.east_m))
+            return
+        centers = self._inputs.centers
+        while self._taken["centers"] < len(centers):
+            there_s, (revision, found) = centers[self._taken["centers"]]
+            if there_s > now_s + 1e-9 if told is None else revision > told.map_revision:
+                break
+            self._intake.set_centers(found, revision)
+            self._taken["centers"] += 1
+
+    def _tune(self, changed: dict[str, Any]) -> None:
+        """A parameter that was changed by hand while the planner ran."""
+        own = {**self._parameters, "planner": {**self._parameters.get("planner", {}), **nest(changed)["planner"]}}
+        self._planner.set_planner(section(PlannerConfig, own, "planner", "recorded parameter change"))
+        self._parameters = own
+
+    def _hear(self, entry: tuple[float, int, Plan]) -> None:
+        self._intake.add_plan(*entry)
+
+    def _correct(self, entry: tuple[float, float, float]) -> None:
+        self._intake.set_corrected(*entry)
+
+    def _move(self, entry: tuple[float, float, float, float]) -> None:
+        if not self._lockstep:  # each of them moves the vehicle on, as it did the node's
+            self._planner.odometry(*entry)
+        self._intake.set_odometry(*entry)
+
+    def _decide(self, recorded: RecordedDecision, note: str) -> DecisionStep:
+        planner, turns = self._planner, np.deg2rad(self._planner.settings.motion.actions_deg)
+        if not planner.rollout.can_follow(recorded.plan):
+            raise ParameterError(
+                f"auv{self._inputs.vehicle}, step {recorded.step}: the recorded plan cannot be followed with these "
+                f"parameters (actions, steps, naive paths); expected those flown"
+            )
+        decision = planner.decide(recorded.now_s)
+        leg = recorded.leg or self._leg(recorded, decision.leg.surface)
+        same_leg = math.isclose(decision.leg.action_rad, leg.action_rad) and decision.leg.surface == leg.surface
+        same_plan = decision.plan == recorded.plan and same_leg
+        if decision.leg.step != recorded.step:
+            note = f"step {decision.leg.step} now"
+        if recorded.deadline_hit:
+            note = "the deadline ended the recorded search"
+        if not same_plan:
+            planner.adopt(recorded.plan, leg)
+        values = (recorded.jbar, decision.bound.jbar)
+        close = math.isnan(values[0]) or math.isclose(*values, rel_tol=self._tolerance, abs_tol=self._tolerance)
+        return DecisionStep(
+            vehicle=self._inputs.vehicle,
+            step=recorded.step,
+            now_s=recorded.now_s,
+            turns_deg=(math.degrees(leg.action_rad), math.degrees(decision.leg.action_rad)),
+            plans=(in_words(recorded.plan, turns), in_words(decision.plan, turns)),
+            values=values,
+            note=note,
+            differs=not (same_plan and close and not note),
+        )
+
+    def _leg(self, recorded: RecordedDecision, surface: bool) -> Leg:
+        """The leg of a decision of which only the plan was recorded; it surfaces as the one decided now."""
+        path = self._planner.rollout.follow(recorded.plan).from_step(recorded.step)
+        leg = self._planner.motion.leg(recorded.step, path.states[0], int(path.actions[0]))
+        return self._planner.for_vehicle(dataclasses.replace(leg, surface=surface))
+
+
+def in_words(plan: Plan, turns_rad: Any) -> str:
+    """A plan in a few words: its step, the turns (deg), the tour's bearings (1/256 turn), the naive path."""
+    shown = plan.actions[:6]
+    turns = " ".join(f"{math.degrees(turns_rad[a]):.0f}" for a in shown) + (" .." if len(plan.actions) > 6 else "")
+    parts = [f"{plan.step}:"] + ([turns] if turns else [])
+    if plan.tour is not None:
+        bearings = plan.tour.bearings
+        last = " .." if len(bearings) > 4 else ""
+        parts.append(f"tour {len(bearings)} x {plan.tour.segment_legs}: {' '.join(map(str, bearings[:4]))}{last}")
+    if plan.naive_path != NONE:
+        parts.append(f"path {plan.naive_path:X}")
+    return " ".join(parts)
+
+
+def _plans_heard(inputs: VehicleInputs, settings: Settings) -> list[tuple[float, tuple[float, int, Plan]]]:
+    """The team's plans in the packets that the modem received, as the bridge accepts them."""
+    number = inputs.vehicle
+    parameters = parameters_for(settings.to_patterns(), f"/auv{number}/modem_node")
+    where = f"{settings.where} (auv{number})"
+    intake = BridgeIntake(bridge_of(parameters, where, number, ReceiversRisk.from_parameters))
+    found = []
+    for there_s, packet in inputs.packets:
+        intake.add_packet(*packet)
+        found += [(there_s, (heard.stamp_s, heard.source, heard.packet.plan)) for heard in intake.hear()]
+    return found

@@ -1,0 +1,208 @@
+"""A vehicle's map, computed again from the soundings and samples that it was given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.sections.places import PlacesConfig
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_gp.intake import MapIntake
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.places.placer import placer_of
+from auv_lse_shore.replay.inputs import RecordedMap, VehicleInputs, ticks_of
+
+Array = NDArray[np.float64]
+
+#: Soundings that a node may have had before the recorder (s), in a mission without lockstep.
+_AHEAD_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapStep:
+    """A published map against the one computed again; differences are the largest over the places.
+
+    Attributes:
+        vehicle: Number of the vehicle.
+        now_s: Mission time.
+        centers: Number of kernel centers, recorded and now.
+        mean_m: Largest difference of the mean depth.
+        std_m: Largest difference of its standard deviation.
+        risk: Largest difference of the risk.
+        at_m: North, east (m) of the largest difference of the mean.
+        note: What else differs.
+        differs: Whether it is another map.
+    """
+
+    vehicle: int
+    now_s: float
+    centers: tuple[int, int]
+    mean_m: float
+    std_m: float
+    risk: float
+    at_m: tuple[float, float]
+    note: str
+    differs: bool
+
+    TITLES = ("vehicle", "time (s)", "centers", "now", "mean differs by (m)", "std by (m)", "risk by", "at (m)", "note")
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """One row of the table."""
+        at = f"{self.at_m[0]:.0f}, {self.at_m[1]:.0f}" if self.mean_m > 0.0 else ""
+        values = (f"{v:.3g}" for v in (self.mean_m, self.std_m, self.risk))
+        counts = (str(n) for n in self.centers)
+        return (f"auv{self.vehicle}", f"{self.now_s:.1f}", *counts, *values, at, self.note)
+
+
+class MapAgain:
+    """The map of one vehicle, brought forward in time."""
+
+    def __init__(self, inputs: VehicleInputs, settings: PlannerSettings, places: PlacesConfig, lockstep: bool) -> None:
+        """Starts with the prior.
+
+        Args:
+            inputs: The recorded inputs.
+            settings: Today's parameters.
+            places: Those of the correction of places.
+            lockstep: Whether time waited for the nodes.
+        """
+        self.map = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area))
+        self._intake = MapIntake(self.map, placer_of(inputs.vehicle, places, self.map))
+        self._inputs, self._lockstep = inputs, lockstep
+        self._soundings = self._samples = self._navigation = 0
+
+    @property
+    def place(self) -> DeadReckoning | None:
+        """Where the map has the vehicle; None where places are not corrected yet."""
+        return None if self._intake.placer is None else self._intake.placer.place
+
+    def advance(self, now_s: float, revision: int | None = None) -> None:
+        """Takes what was there at `now_s` (s); without lockstep, until the map has the recorded `revision`."""
+        if self._lockstep:
+            self._take(now_s)
+            return
+        while revision is None or self.map.revision < revision:
+            times = [
+                entries[done][0]
+                for entries, done in ((self._inputs.soundings, self._soundings), (self._inputs.samples, self._samples))
+                if done < len(entries)
+            ]
+            if not times or min(times) > now_s + (_AHEAD_S if revision is not None else 0.0):
+                return
+            self._take(min(times))
+
+    def _take(self, until_s: float) -> None:
+        """One step of the node, with everything that was there by `until_s` (s)."""
+        soundings, samples, navigation = self._inputs.soundings, self._inputs.samples, self._inputs.navigation
+        while self._navigation < len(navigation) and navigation[self._navigation][0] <= until_s + 1e-9:
+            self._add_navigation(navigation[self._navigation][1])
+            self._navigation += 1
+        while self._soundings < len(soundings) and soundings[self._soundings][0] <= until_s + 1e-9:
+            self._intake.add_soundings([soundings[self._soundings][1]])
+            self._soundings += 1
+        while self._samples < len(samples) and samples[self._samples][0] <= until_s + 1e-9:
+            self._intake.add_samples(*samples[self._samples][1])
+            self._samples += 1
+        self._intake.step(until_s)
+
+    def _add_navigation(self, entry: DeadReckoning | Fix | MateNavigation) -> None:
+        match entry:
+            case DeadReckoning():
+                self._intake.add_dead_reckoning(entry)
+            case Fix():
+                self._intake.add_fix(entry)
+            case MateNavigation():
+                self._intake.add_navigation(entry)
+
+
+def map_again(
+    inputs: VehicleInputs,
+    settings: PlannerSettings,
+    places: PlacesConfig,
+    lockstep: bool,
+    tolerance: float,
+    show: Callable[[float], None],
+) -> list[MapStep]:
+    """Compares every published map with the one computed again from the same inputs.
+
+    Args:
+        inputs: The recorded inputs and maps.
+        settings: Today's parameters.
+        places: Those of the correction of places.
+        lockstep: Whether time waited for the nodes.
+        tolerance: Relative difference that counts as none, beside the rounding of the published float32.
+        show: Called with the share that is done.
+    """
+    again, rows = MapAgain(inputs, settings, places, lockstep), []
+    recorded: Centers | None = None
+    note = ""
+    events: list[tuple[float, int, object]] = [(s, 0, entry) for s, entry in inputs.centers]
+    events += [(m.now_s, 1, m) for m in inputs.maps]
+    events += [(s, -1, None) for s in ticks_of(inputs)] if lockstep else []
+    events.sort(key=lambda event: event[:2])
+    for number, (now_s, _, event) in enumerate(events):
+        show(number / len(events))
+        if event is None:
+            again.advance(now_s)
+        elif isinstance(event, RecordedMap):
+            if not lockstep:
+                again.advance(now_s, None if not inputs.centers else again.map.revision)
+            rows.append(_compared(inputs.vehicle, event, again.map, recorded, note, tolerance))
+            note = ""
+        elif isinstance(event, tuple):
+            revision, recorded = event
+            again.advance(now_s, revision)
+            if lockstep:  # else a node may have taken several inputs at once, and only the maps can be compared
+                note = note or _centers_note(now_s, revision, recorded, again.map)
+    return rows
+
+
+def _centers_note(now_s: float, revision: int, recorded: Centers, depth_map: DepthMap) -> str:
+    """How the kernel centers differ from those published; "" if they are the same."""
+    now = depth_map.centers
+    if len(now) == len(recorded) and all(
+        np.array_equal(getattr(now, name), getattr(recorded, name)) for name in ("places_m", "depths_m", "noise_std_m")
+    ):
+        return ""
+    if len(now) != len(recorded):
+        return f"since {now_s:.1f} s: {len(now)} centers, not {len(recorded)} (revision {revision})"
+    apart = np.hypot(*(now.places_m - recorded.places_m).T)
+    if not np.allclose(apart, 0.0, atol=1e-6):
+        return f"since {now_s:.1f} s: a center is {apart.max():.2g} m off"
+    off = np.abs(now.depths_m - recorded.depths_m).max() if len(now) else 0.0
+    return f"since {now_s:.1f} s: a center's depth is {off:.2g} m off" if off > 1e-6 else ""
+
+
+def _compared(
+    vehicle: int, published: RecordedMap, depth_map: DepthMap, recorded: Centers | None, note: str, tolerance: float
+) -> MapStep:
+    field, centers = depth_map.field(), len(depth_map.centers)
+    counts = (centers if recorded is None else len(recorded), centers)
+    if field.mean_m.shape != published.mean_m.shape:
+        return MapStep(
+            vehicle=vehicle, now_s=published.now_s, centers=counts, mean_m=np.inf, std_m=np.inf, risk=np.inf,
+            at_m=(np.nan, np.nan), differs=True,
+            note=f"{field.mean_m.shape} cells, not {published.mean_m.shape}",
+        )  # fmt: skip
+    largest, differs = {}, counts[0] != counts[1] or bool(note)
+    at = (np.nan, np.nan)
+    for name in ("mean_m", "std_m", "risk"):
+        now, then = getattr(field, name).astype(np.float32), getattr(published, name)
+        apart = np.where(np.isnan(now) & np.isnan(then), 0.0, np.abs(now.astype(float) - then.astype(float)))
+        apart[np.isnan(apart)] = np.inf
+        allowed = (tolerance + np.finfo(np.float32).eps) * np.nanmax(np.abs(then), initial=1.0)
+        largest[name] = float(apart.max())
+        differs |= largest[name] > allowed
+        if name == "mean_m":
+            row, column = np.unravel_index(int(apart.argmax()), apart.shape)
+            at = (float(field.grid.north_m[row]), float(field.grid.east_m[column]))
+    return MapStep(
+        vehicle=vehicle, now_s=published.now_s, centers=counts, at_m=at, note=note, differs=differs, **largest
+    )

@@ -1,0 +1,111 @@
+"""Plays a recording for any viewer, and shows on the terminal where it is."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from auv_lse_common.process.domain import domain_number, local_environment, own_domain
+from auv_lse_record.recording import Recording, RecordingError, recording_in
+from auv_lse_shore.mission.display import clock
+from auv_lse_shore.replay.keys import HELP, Keys
+from auv_lse_shore.replay.pace import Programme, programme
+from auv_lse_shore.replay.player_node import Player, Progress
+
+#: Seconds between two lines of progress: in a terminal (one line, rewritten), elsewhere.
+_REWRITE_S, _LINE_S = 0.2, 10.0
+
+
+class ReplayError(ValueError):
+    """A replay that cannot be made: what was asked for, and what the recording has."""
+
+
+def play(options: Namespace, root: Path) -> int:
+    """Plays `options.run` as the command line says (`options.py`). Returns 0.
+
+    Raises:
+        RecordingError: if it cannot be read.
+        ReplayError: if the options do not fit the recording.
+    """
+    if not 0.0 < options.rate < math.inf:
+        raise ReplayError(f"--rate {options.rate:g}: expected more than 0, and finite")
+    if options.duration is not None and not options.duration > 0.0:
+        raise ReplayError(f"--duration {options.duration:g}: expected more than 0 s")
+    with Recording(recording_in(options.run)) as recording:
+        length_s = (recording.end_ns - recording.start_ns) * 1e-9
+        if not recording.topics or not recording.end_ns:
+            raise RecordingError(f"{options.run}: holds no message; nothing to play")
+        if not 0.0 <= options.start <= length_s:
+            raise ReplayError(f"--start {options.start:g}: expected 0 to {length_s:.1f} s, the recording's length")
+        chosen = programme(recording.topics, options.topics, options.commands)
+        if chosen.unknown:
+            there = ", ".join(sorted(recording.topics))
+            raise ReplayError(f"--topics {' '.join(chosen.unknown)}: not in the recording; it has {there}")
+        start_ns = recording.start_ns + round(options.start * 1e9)
+        stop_ns = recording.end_ns + 1
+        if options.duration is not None:
+            stop_ns = min(stop_ns, start_ns + round(options.duration * 1e9))
+        with _domain(options.domain, root), Keys() as keys, Player(recording, chosen.played, keys) as player:
+            _announce(chosen, player.missing, keys.available)
+            line = _Line(length_s)
+            again = True
+            while again:
+                line.end(player.play(start_ns, stop_ns, options.rate, options.paused, line.show))
+                again = options.loop
+    return 0
+
+
+@contextmanager
+def _domain(wanted: str | None, root: Path) -> Iterator[None]:
+    """The ROS domain: the one wanted, as this shell reaches it, or one of its own on this machine."""
+    if wanted is not None:
+        domain = domain_number(wanted)
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        print(f"on ROS domain {domain}, with this shell's discovery settings", flush=True)
+        yield
+        return
+    with own_domain() as domain:
+        os.environ.update(local_environment(root, domain))
+        watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+        print(f"to watch from another terminal: export {watch}", flush=True)
+        yield
+
+
+def _announce(chosen: Programme, missing: dict[str, str], keys: bool) -> None:
+    if chosen.commands:
+        print(f"left out, since vehicles and modems act on them: {', '.join(chosen.commands)} (--commands plays them)")
+    for topic, kind in missing.items():
+        print(f"left out: {topic}: its type {kind} is not installed here")
+    if keys:
+        print(HELP)
+    sys.stdout.flush()
+
+
+class _Line:
+    """The line of progress."""
+
+    def __init__(self, length_s: float) -> None:
+        self._length_s = length_s
+        self._terminal = sys.stdout.isatty()
+        self._shown_s = -float("inf")
+
+    def show(self, progress: Progress) -> None:
+        """Shows the progress, unless it did a moment ago."""
+        now_s = time.monotonic()
+        if now_s - self._shown_s >= (_REWRITE_S if self._terminal else _LINE_S):
+            self._shown_s = now_s
+            print(self._text(progress), end="\x1b[K\r" if self._terminal else "\n", flush=True)
+
+    def end(self, progress: Progress) -> None:
+        """The last line of a round."""
+        print(self._text(progress), end="\x1b[K\n" if self._terminal else "\n", flush=True)
+
+    def _text(self, p: Progress) -> str:
+        state = "pause  " if p.paused else "playing"
+        return f"{state} {clock(p.at_s)} of {clock(self._length_s)}  x {p.rate:.3g}  {p.messages} messages"

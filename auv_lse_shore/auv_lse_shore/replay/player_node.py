@@ -1,0 +1,148 @@
+"""Publishes a recording's messages as they were serialized, each at its time and with its quality of service."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from types import TracebackType
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+
+from auv_lse_common.topics.quality import EVERY
+from auv_lse_common.topics.ros_conversions import stamp
+from auv_lse_record.recording import RecordedTopic, Recording
+from auv_lse_shore.replay.keys import Keys
+from auv_lse_shore.replay.pace import CLOCK, RATE_STEP, Pace, last_of_each
+
+#: Wall clock (s) between two looks for keys, and two messages of the clock where the recording has none.
+_TELL_S = 0.025
+
+
+@dataclass(slots=True)
+class Progress:
+    """Where a replay is.
+
+    Attributes:
+        at_s: Seconds since the recording's first message.
+        rate: Seconds of the recording per second of wall clock.
+        paused: Whether it stands still.
+        messages: Messages published.
+    """
+
+    at_s: float
+    rate: float
+    paused: bool
+    messages: int = 0
+
+
+def quality_of(topic: RecordedTopic) -> QoSProfile:
+    """The quality of service that a topic was recorded with."""
+    return QoSProfile(
+        depth=topic.depth,
+        reliability=ReliabilityPolicy.RELIABLE if topic.reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+class Player:
+    """The node that publishes; a context manager.
+
+    Attributes:
+        missing: Topics that cannot be published because their messages are not installed, with their types.
+        progress: Where it is.
+    """
+
+    def __init__(self, recording: Recording, topics: tuple[RecordedTopic, ...], keys: Keys) -> None:
+        """Joins nothing yet."""
+        self.missing: dict[str, str] = {}
+        self.progress = Progress(0.0, 1.0, False)
+        self._recording, self._topics, self._keys = recording, topics, keys
+        self._told_s = -float("inf")
+        self._steps = 0  # messages asked for in a pause
+
+    def __enter__(self) -> Player:
+        """Joins the ROS domain with a publisher for each topic; Ctrl-C stays the caller's."""
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = rclpy.create_node("replay")
+        self._publishers = {}
+        for topic in self._topics:
+            package, _, name = topic.kind.split("/")
+            try:
+                kind = getattr(import_module(f"{package}.msg"), name)
+            except (ImportError, AttributeError):
+                self.missing[topic.name] = topic.kind
+                continue
+            self._publishers[topic.name] = self._node.create_publisher(kind, topic.name, quality_of(topic))
+        self._clock = None if CLOCK in self._publishers else self._node.create_publisher(Clock, CLOCK, EVERY)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leaves."""
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+    def play(
+        self, start_ns: int, stop_ns: int, rate: float, paused: bool, show: Callable[[Progress], None]
+    ) -> Progress:
+        """Plays once.
+
+        Args:
+            start_ns: Stamp to begin at. What was latched until then is published first.
+            stop_ns: Stamp to end before.
+            rate: Seconds of the recording per second of wall clock.
+            paused: Whether it begins with a pause.
+            show: Called several times a second.
+        """
+        pace = Pace(start_ns, rate, time.monotonic(), paused)
+        self.progress = progress = Progress((start_ns - self._recording.start_ns) * 1e-9, rate, paused)
+        latched = [topic.name for topic in self._topics if topic.latched and topic.name in self._publishers]
+        for topic, _, data in last_of_each(self._recording.raw(latched, stop_ns=start_ns)):
+            self._publishers[topic].publish(data)
+        for topic, stamp_ns, data in self._recording.raw(self._publishers, start_ns, stop_ns):
+            self._wait_for(stamp_ns, pace, progress, show)
+            self._publishers[topic].publish(data)
+            progress.messages += 1
+        self._wait_for(stop_ns, pace, progress, show)
+        return progress
+
+    def _wait_for(self, stamp_ns: int, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
+        self._tell(pace, progress, show)
+        while (wait_s := pace.wait_s(stamp_ns, time.monotonic())) > 0.0:
+            keys = self._keys.wait(min(wait_s, _TELL_S))
+            wall_s = time.monotonic()
+            for key in keys:
+                match key:
+                    case "pause":
+                        pace.toggle(wall_s)
+                    case "faster":
+                        pace.change_rate(RATE_STEP, wall_s)
+                    case "slower":
+                        pace.change_rate(1.0 / RATE_STEP, wall_s)
+            self._steps += keys.count("next")
+            if not pace.paused:
+                self._steps = 0
+            self._tell(pace, progress, show)
+            if self._steps:  # in a pause, each press is one message, also of several with one stamp
+                self._steps -= 1
+                pace.step_to(stamp_ns, wall_s)
+                return
+
+    def _tell(self, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
+        """At most every `_TELL_S`: publishes the clock, if the recording has none, and shows the progress."""
+        wall_s = time.monotonic()
+        if wall_s - self._told_s < _TELL_S:
+            return
+        self._told_s = wall_s
+        now_ns = pace.now_ns(wall_s)
+        progress.at_s = (now_ns - self._recording.start_ns) * 1e-9
+        progress.rate, progress.paused = pace.rate, pace.paused
+        if self._clock is not None:
+            self._clock.publish(Clock(clock=stamp(now_ns * 1e-9)))
+        show(progress)

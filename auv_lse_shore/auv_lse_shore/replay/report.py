@@ -1,0 +1,53 @@
+"""The report of a mission, made anew from its recording."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_record.bag import read_run
+from auv_lse_shore.judge.evaluation import ground_grid
+from auv_lse_shore.report.report import write_report
+from auv_lse_shore.report.words import headlines
+from auv_lse_sim.ground.ground_source import ground_of
+
+
+def report_again(run: Path, mission: Path | None, out: Path | None) -> list[str]:
+    """Makes summary, isobath, figures and page anew.
+
+    The true ground is known where the simulator's truth was recorded; a mission at sea has none.
+
+    Args:
+        run: The run folder, rosbag2 directory, or file of messages.
+        mission: The mission file that was flown, if the recording does not hold it.
+        out: Where to write, by default to the folder `run`, or beside the file `run`.
+
+    Returns:
+        The main figures, and where the page is: one line each.
+
+    Raises:
+        RecordingError: if it cannot be read.
+        ParameterError: if its mission file does not fit this version of the software.
+        OSError: if the folder cannot be written.
+    """
+    folder = out or (run if run.is_dir() else run.parent)
+    data = read_run(run, mission=mission, wall_s=_wall_s(folder))
+    if any(len(vehicle.truth) for vehicle in data.vehicles):
+        settings = Settings.from_patterns(data.parameters, str(run))
+        data.ground = ground_grid(settings.planner_settings(1), ground_of(settings))
+    summary = write_report(data, folder)
+    return [*headlines(summary), str(folder / "report.html")]
+
+
+def _wall_s(folder: Path) -> float:
+    """The wall clock that the mission took, by the summary that the folder holds already; NaN if it holds none."""
+    try:
+        found: Mapping[str, Any] = json.loads((folder / "summary.json").read_text())
+    except (OSError, ValueError):
+        return math.nan
+    value = found.get("wall_s")
+    return float(value) if isinstance(value, int | float) else math.nan

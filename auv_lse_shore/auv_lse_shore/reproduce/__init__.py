@@ -1,0 +1,1 @@
+"""The paper's field trials and claims, reproduced."""

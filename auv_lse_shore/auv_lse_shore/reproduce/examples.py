@@ -1,0 +1,65 @@
+"""One mission of each kind of a study in full, for the paper's figures: flown once, then read from its run folder."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_record import bag
+from auv_lse_record.run_data import GroundGrid
+from auv_lse_shore.campaign.mission_row import judged
+from auv_lse_shore.judge.evaluation import Evaluation, evaluate
+from auv_lse_shore.report.report import write_outputs
+from auv_lse_shore.reproduce.study import Study, trial_name
+
+
+def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], Evaluation]:
+    """One mission of each of the study's `examples`, with full recording.
+
+    Its seed is the trials' first, chosen before anything was flown. Without a client, only those flown before.
+    """
+    spec = study.campaigns["trials"]
+    wanted = {trial_name(k, m): (k, m) for k, m in study.examples}
+    jobs = {wanted[job.group]: job for job in spec.jobs() if job.seed == spec.seeds[0] and job.group in wanted}
+    places = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
+    flights = {
+        key: client.submit(judged, job.patterns, f"example {job.group}", pure=False)
+        for key, job in jobs.items()
+        if client is not None and not places[key].exists()
+    }
+    found: dict[tuple[int, str], Evaluation] = {}
+    for key, place in places.items():
+        if key in flights:
+            found[key] = flights[key].result()
+            _keep(found[key], place)
+        elif place.exists():
+            found[key] = evaluate(bag.read_run(place, ground=_kept_ground(place / "ground.npz")))
+    return found
+
+
+def _keep(evaluation: Evaluation, place: Path) -> None:
+    """Writes a run folder, which is there whole or not at all."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".part-", dir=place.parent) as part:
+        run = Path(part) / place.name
+        bag.write_run(evaluation.run, run)
+        _keep_ground(evaluation.run.ground, run / "ground.npz")
+        write_outputs(evaluation, run)
+        run.rename(place)
+
+
+def _keep_ground(ground: GroundGrid | None, path: Path) -> None:
+    if ground is not None:
+        np.savez_compressed(
+            path, north_m=ground.north_m, east_m=ground.east_m, depth_m=ground.depth_m, inside=ground.inside
+        )
+
+
+def _kept_ground(path: Path) -> GroundGrid | None:
+    if not path.exists():
+        return None
+    with np.load(path) as kept:
+        return GroundGrid(**{name: kept[name] for name in ("north_m", "east_m", "depth_m", "inside")})

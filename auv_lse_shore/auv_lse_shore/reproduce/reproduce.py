@@ -1,0 +1,128 @@
+"""scripts/reproduce: the paper's results in simulation, over many seeds, with its claims checked one by one.
+
+The study's campaigns go on where they were stopped; then one mission of each kind is flown in full, for the figures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.user_error import words_of
+from auv_lse_shore.campaign.cluster import cluster
+from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.options import add_cluster_options, default_root
+from auv_lse_shore.campaign.progress_display import duration
+from auv_lse_shore.campaign.results import write_results
+from auv_lse_shore.campaign.runner import CampaignState, made_folder
+from auv_lse_shore.reproduce.examples import examples
+from auv_lse_shore.reproduce.reproduce_page import write_page
+from auv_lse_shore.reproduce.study import CAMPAIGNS, METHODS, SENSITIVE, SWEEP_NAMES, full_study, quick_study
+from auv_lse_shore.reproduce.study_runner import estimate_s, fly_study
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/reproduce."""
+    p = argparse.ArgumentParser(
+        prog="scripts/reproduce",
+        description="Reproduces the paper's results in simulation: figures, a table over seeds with confidence "
+        "intervals, and its claims, one by one, with what supports or contradicts them here. Can be interrupted; "
+        "started again, it goes on where it stopped.",
+    )
+    p.add_argument("--quick", action="store_true", help="a small version, in about 3 minutes")
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder of results (default: runs/reproduce[-quick])")
+    p.add_argument(
+        "--seeds",
+        type=int,
+        default=50,
+        metavar="N",
+        help="seeds of the field trials (default: 50, with a chart 20)",
+    )
+    p.add_argument("--sweep-seeds", type=int, default=10, metavar="N", help="seeds of the sensitivities (default: 10)")
+    p.add_argument(
+        "--sweep-methods",
+        nargs="+",
+        choices=METHODS,
+        default=SENSITIVE,
+        metavar="NAME",
+        help=f"methods of the sensitivities (default: {' '.join(SENSITIVE)})",
+    )
+    p.add_argument(
+        "--sweeps",
+        nargs="+",
+        choices=SWEEP_NAMES,
+        default=SWEEP_NAMES,
+        metavar="NAME",
+        help=f"sensitivities (default: {' '.join(SWEEP_NAMES)})",
+    )
+    p.add_argument(
+        "--only",
+        nargs="+",
+        choices=CAMPAIGNS,
+        default=CAMPAIGNS,
+        help="campaigns to fly (default: all); of what the paper does not claim: scripts/campaign "
+        "config/campaigns/places.yaml",
+    )
+    add_cluster_options(p)
+    p.add_argument("--estimate", action="store_true", help="say how long it will take, and end")
+    p.add_argument("--page", action="store_true", help="write the page from the missions flown so far, and end")
+    return p
+
+
+#: Wall-clock time (s) that --quick gives to its missions; start, examples and page take the rest of its 3 minutes.
+QUICK_S = 90.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Reproduces the paper. Returns 0; 1 if missions failed; 2 if it cannot be done; 130 after Ctrl-C."""
+    began = time.monotonic()
+    options = parser().parse_args(arguments)
+    try:
+        if options.seeds < 1 or options.sweep_seeds < 1:
+            raise CampaignError(f"--seeds {options.seeds}, --sweep-seeds {options.sweep_seeds}: expected at least 1")
+        study = (
+            quick_study(QUICK_S)
+            if options.quick
+            else full_study(options.seeds, options.sweep_seeds, options.only, options.sweep_methods, options.sweeps)
+        )
+        folder = options.out or default_root() / ("reproduce-quick" if options.quick else "reproduce")
+        if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
+            raise CampaignError(f"{folder}: no mission was flown here; fix: the same command without --page")
+        made_folder(folder)
+        states: dict[str, CampaignState] = {}
+        if options.page:
+            flown = examples(study, folder, None)
+        else:
+            with cluster(options.scheduler, options.workers) as client:
+                threads = max(sum(client.nthreads().values()), 1)
+                if not options.quick:
+                    print("estimating the time", flush=True)
+                    left = duration(estimate_s(study, folder, client, threads))
+                    print(f"about {left} on {threads} cores; Ctrl-C stops, the same command goes on", flush=True)
+                    if options.estimate:
+                        return 0
+                states = fly_study(
+                    study,
+                    folder,
+                    client,
+                    lambda name, state: write_results(study.campaigns[name], folder / name, state),
+                )
+                flown = examples(study, folder, client if "trials" in study.only else None)
+        page = write_page(study, folder, flown)
+    except (ParameterError, CampaignError, OSError) as error:
+        print(f"error: {words_of(error)}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)
+        return 130
+    failed = sum(state.failed for state in states.values())
+    print(f"{page} ({failed} missions failed; {duration(time.monotonic() - began)})")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""What a study has found: rows by setting, tables and claims as text, and as data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from auv_lse_shore.campaign.rows import Row, Rows, columns_of, rows_of, value_of
+from auv_lse_shore.campaign.statistics import Interval, interval, proportion
+from auv_lse_shore.reproduce.claims import Claim
+from auv_lse_shore.reproduce.study import METHODS, Study, Sweep, sweep_name, trial_name
+
+#: Finished rows by team size and method.
+Groups = Mapping[tuple[int, str], Sequence[Row]]
+
+
+#: Rows at each point of a sensitivity, by method.
+Lines = dict[str, list[tuple[float, Sequence[Row]]]]
+
+#: Columns of the main table: key, heading.
+COLUMNS = (
+    ("team_reward", "team reward, stepwise (cost)"),
+    ("bound_kept", "above stepwise bound (share)"),
+    ("path_reward", "path reward (cost)"),
+    ("path_bound_kept", "above lawnmower's value (share)"),
+    ("risk_third", "risk at a third (cost/place)"),
+    ("risk_after", "final risk (cost/place)"),
+    ("f1", "F1"),
+    ("isobath_error_m", "isobath error (m)"),
+    ("isobath_found", "isobath found (share)"),
+    ("misclassified_m2", "misclassified (m²)"),
+    ("local_risk_error", "local-map risk error (cost/place)"),
+    ("delivery", "packets delivered (share)"),
+    ("planning_median_s", "median decision (s)"),
+)
+
+
+#: Columns of the tables of sensitivities: key, name with unit.
+SWEPT = {
+    "risk_after": "final risk (cost/place)",
+    "isobath_error_m": "isobath error (m)",
+    "local_risk_error": "local-map risk error (cost/place)",
+}
+
+
+def rows_by_campaign(study: Study, folder: Path) -> dict[str, list[Row]]:
+    """The rows of each of a study's campaigns so far, failed ones included."""
+    return {
+        name: [*rows_of(spec, Rows(folder / name, columns_of(spec)).read())] for name, spec in study.campaigns.items()
+    }
+
+
+def by_trial(rows: Sequence[Row], teams: Sequence[int]) -> dict[tuple[int, str], list[Row]]:
+    """Rows of the trials by team size and method; those without any are left out."""
+    groups = {(k, m): [r for r in rows if r["group"] == trial_name(k, m)] for k in teams for m in METHODS}
+    return {key: found for key, found in groups.items() if found}
+
+
+def by_sweep(study: Study, rows: Sequence[Row]) -> list[tuple[Sweep, Lines]]:
+    """The rows of each sensitivity, so far as it was flown."""
+    swept = []
+    for sweep in study.sweeps:
+        lines: Lines = {}
+        for method in METHODS:
+            for value, _ in sweep.points:
+                found = [r for r in rows if r["group"] == sweep_name(sweep, value, method)]
+                if found:
+                    lines.setdefault(method, []).append((value, found))
+        if lines:
+            swept.append((sweep, lines))
+    return swept
+
+
+def markdown(
+    found: Sequence[Claim],
+    trials: Groups,
+    charted: Groups,
+    large: Groups,
+    swept: Sequence[tuple[Sweep, Lines]],
+    subtitle: str,
+) -> str:
+    """Tables and claims as text, for a document."""
+    lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", "", *_markdown_table(trials)]
+    for claim in found:
+        lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark} How it stands. {claim.standing()}", ""]
+        lines += ["| prior | measured here | result | this claim is |", "|---|---|---|---|"]
+        lines += [
+            f"| {e.prior} | {e.what.replace('|', chr(92) + '|')} | {e.value} | {e.verdict} |" for e in claim.evidence
+        ]
+    if charted:
+        lines += ["", "**With a coarse chart as prior**", "", *_markdown_table(charted)]
+    if large:
+        lines += ["", "**In an area four times as large**", "", *_markdown_table(large)]
+    for sweep, by_method in swept:
+        lines += ["", f"**Sensitivity to {sweep.label}**: " + "; ".join(SWEPT.values()), ""]
+        lines.append(f"| {sweep.label} | seeds | " + " | ".join(by_method) + " |")
+        lines.append("|---" * (len(by_method) + 2) + "|")
+        for value, _ in sweep.points:
+            at = [dict(points).get(value, ()) for points in by_method.values()]
+            cells = ["; ".join(cell_of(rows, column) for column in SWEPT) for rows in at]
+            lines.append(f"| {value:g} | {max(map(len, at))} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _markdown_table(groups: Groups) -> list[str]:
+    columns = [(key, heading) for key, heading in COLUMNS if key not in ("bound_kept", "isobath_found")]
+    lines = ["| setting | seeds | " + " | ".join(heading for _, heading in columns) + " |"]
+    lines.append("|---" * (len(columns) + 2) + "|")
+    for (vehicles, method), rows in groups.items():
+        cells = [cell_of(rows, key) for key, _ in columns]
+        lines.append(f"| {trial_name(vehicles, method)} | {len(rows)} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _mean(rows: Sequence[Row], column: str) -> Interval:
+    return interval([value_of(r, column) for r in rows])
+
+
+def cell_of(rows: Sequence[Row], column: str) -> str:
+    """A column's mean with its interval; of how many missions, if some have no value (no isobath found at all)."""
+    values = [r.get(column) for r in rows]
+    if any(isinstance(v, bool) for v in values):
+        return proportion(values)
+    mean = _mean(rows, column)
+    return f"{mean}" if mean.count == len(rows) else f"{mean} ({mean.count} of {len(rows)})"
+
+
+def as_data(found: Sequence[Claim], campaigns: Mapping[str, Groups]) -> dict[str, Any]:
+    """Claims and tables as plain data, for JSON: a mean as [mean, low, high], None where unknown."""
+    tables: dict[str, list[dict[str, Any]]] = {}
+    for name, groups in campaigns.items():
+        tables[name] = []
+        for (vehicles, method), rows in groups.items():
+            entry: dict[str, Any] = {"vehicles": vehicles, "method": method, "seeds": len(rows)}
+            for column, _ in COLUMNS:
+                mean = _mean(rows, column)
+                entry[column] = [v if np.isfinite(v) else None for v in (mean.mean, mean.low, mean.high)]
+            tables[name].append(entry)
+    return {"claims": [asdict(claim) for claim in found], **tables}

@@ -1,0 +1,81 @@
+"""Flies a study: how long it will take, and its campaigns one after the other."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from auv_lse_shore.campaign.mission_row import judged
+from auv_lse_shore.campaign.progress_display import progress_display
+from auv_lse_shore.campaign.rows import Rows, columns_of
+from auv_lse_shore.campaign.runner import CampaignState, run_campaign
+from auv_lse_shore.reproduce.study import Study
+
+
+def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
+    """Time (s) that the missions without a row will take.
+
+    A setting with rows takes what they took. For the others a tenth of a mission is flown here, and counts ten times.
+    """
+    total = 0.0
+    probes: dict[tuple[str, str], list[Any]] = {}
+    left: dict[tuple[str, str], int] = {}
+    for name, spec in study.flown.items():
+        rows = Rows(folder / name, columns_of(spec)).read()
+        have = {row["id"] for row in rows}
+        for job in spec.jobs():
+            if job.id in have:
+                continue
+            known = [row["busy_s"] for row in rows if row["group"] == job.group and row["busy_s"]]
+            if known:
+                total += sum(known) / len(known)
+                continue
+            common = job.patterns["/**"]
+            kind = (name, str(common["planner"]["method"]))
+            left[kind] = left.get(kind, 0) + 1
+            if kind not in probes:
+                short = max(2, int(common["mission"]["steps"]) // 10)
+                probe = json.loads(json.dumps(job.patterns))
+                probe["/**"]["mission"]["steps"] = short
+                future = client.submit(_probe_s, probe, common["mission"]["steps"] / short, pure=False)
+                probes[kind] = [future]
+    for kind, futures in probes.items():
+        total += left[kind] * sum(client.gather(futures))
+    return total / threads
+
+
+def _probe_s(patterns: Mapping[str, Any], factor: float) -> float:
+    judged(patterns, "probe", 3)  # compiles, and fills the caches
+    began = time.perf_counter()
+    judged(patterns, "probe", 3)
+    return (time.perf_counter() - began) * factor
+
+
+def fly_study(
+    study: Study, folder: Path, client: Any, finished: Callable[[str, CampaignState], object]
+) -> dict[str, CampaignState]:
+    """Flies all campaigns of a study; within a budget, each gets its share of the time that is left.
+
+    Args:
+        study: The study.
+        folder: Its folder; each campaign has one of its name in it.
+        client: `distributed.Client` of the cluster to fly on.
+        finished: Called with the name and the state of each campaign when it has ended.
+
+    Raises:
+        ParameterError: if a setting cannot be used.
+        CampaignError: if another process works on the folder, or the cluster is gone.
+    """
+    began = time.monotonic()
+    states = {}
+    for index, (name, spec) in enumerate(study.flown.items()):
+        left = study.budget_s - (time.monotonic() - began)
+        share = left * (0.8 if index == 0 and len(study.flown) > 1 else 1.0)
+        print(f"{name}: {len(spec.settings)} settings, {len(spec.seeds)} seeds", flush=True)
+        with progress_display() as show:
+            states[name] = run_campaign(spec, folder / name, client, budget_s=share, progress=show)
+        finished(name, states[name])
+    return states

@@ -1,0 +1,19 @@
+from setuptools import find_packages, setup
+
+package = "auv_lse_shore"
+
+setup(
+    name=package,
+    version="0.1.0",
+    packages=find_packages(exclude=["test", "test.*"]),
+    package_data={f"{package}.live.viewers": ["page_files/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
+        (f"share/{package}", ["package.xml"]),
+    ],
+    zip_safe=True,
+    maintainer="AUV LSE developers",
+    maintainer_email="maintainers@auv-lse.org",
+    description="Mission command, checks, live view, replay, reports, exports and campaigns",
+    license="Apache-2.0",
+)

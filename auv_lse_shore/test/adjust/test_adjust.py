@@ -1,0 +1,220 @@
+"""After the dive: recordings whose places are found anew, and what is said of those that cannot be."""
+
+from __future__ import annotations
+
+import copy
+import csv
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
+from auv_lse_record.bag import read_run, write_run
+from auv_lse_shore.adjust.__main__ import main
+from auv_lse_shore.judge.adjustment import adjust, missing_in, wanted
+from auv_lse_shore.judge.adjustment_errors import AdjustError
+from auv_lse_shore.judge.evaluation import evaluate
+from auv_lse_shore.judge.team_map import team_map
+from auv_lse_shore.judge.tracks import true_positions
+
+
+def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
+    """The synthetic run with compasses that are off: raw tracks, soundings at raw places, packets, and a fix each."""
+    rng = np.random.default_rng(seed)
+    run = make_run(steps=steps, drift_mps=0.0)
+    run.parameters["/**"]["places"] = {"correct": True, "heading_std_deg": 4.0}
+    for vehicle, bias in zip(run.vehicles, bias_deg, strict=True):
+        truth, angle = vehicle.truth, math.radians(bias)
+        way = truth[:, 1:3] - truth[0, 1:3]
+        c, s = math.cos(angle), math.sin(angle)
+        raw = truth[0, 1:3] + way @ np.array([[c, s], [-s, c]]) + 0.5 * rng.standard_normal(2)
+        depth = np.full(len(truth), 3.0)
+        vehicle.dead_reckoning = np.column_stack([truth[:, 0], raw, truth[:, 3] + angle, depth])
+        vehicle.odometry = vehicle.dead_reckoning[:, :4].copy()
+        vehicle.place_std_m = np.ones((len(truth), 2))
+        at = np.column_stack([np.interp(vehicle.soundings[:, 0], truth[:, 0], raw[:, i]) for i in (0, 1)])
+        vehicle.soundings[:, 1:3] = at
+        vehicle.raw_soundings_m = at.copy()
+        if fixed:
+            i = int(0.6 * len(truth))
+            place = truth[i, 1:3] + 0.5 * rng.standard_normal(2)
+            vehicle.fixes = [
+                Fix(
+                    stamp_s=float(truth[i, 0]),
+                    north_m=float(place[0]),
+                    east_m=float(place[1]),
+                    raw_north_m=float(raw[i, 0]),
+                    raw_east_m=float(raw[i, 1]),
+                    std_m=1.0,
+                )
+            ]
+
+    def at(rows, stamp):
+        return np.array([np.interp(stamp, rows[:, 0], rows[:, c]) for c in (1, 2)])
+
+    by_number = {v.vehicle: v for v in run.vehicles}
+    for packet in run.received:
+        sender, receiver = by_number[packet.source], by_number[packet.receiver]
+        sent = packet.stamp_s - 5.25
+        apart = float(np.linalg.norm(at(sender.truth, sent) - at(receiver.truth, sent))) + 0.3 * rng.standard_normal()
+        north, east = at(sender.dead_reckoning, sent)
+        receiver.mates.append(
+            MateNavigation(
+                stamp_s=sent + apart / 1500.0,
+                source=packet.source,
+                sent_s=sent,
+                raw_north_m=float(north),
+                raw_east_m=float(east),
+                travel_s=apart / 1500.0,
+            )
+        )
+        stamps = sender.soundings[:, 0]
+        mask = (stamps > sent - 30.0) & (stamps <= sent)
+        chosen = np.float32(sender.soundings[mask][::10, 1:4]).astype(float)
+        rows = receiver.received
+        rows = rows[rows[:, 0] != packet.stamp_s]
+        new = np.column_stack([np.full(len(chosen), packet.stamp_s), np.full(len(chosen), packet.source), chosen])
+        receiver.received = np.concatenate([rows, new])
+    for vehicle in run.vehicles:
+        vehicle.received = vehicle.received[np.argsort(vehicle.received[:, 0], kind="stable")]
+    return run
+
+
+def off(vehicle, recorded):
+    """Root mean square distance (m) of a vehicle's soundings from where they were taken."""
+    apart = vehicle.soundings[:, 1:3] - true_positions(recorded)[:, 1:3]
+    return float(np.sqrt((apart**2).sum(axis=1).mean()))
+
+
+def test_soundings_go_where_they_were_taken(synthetic_run):
+    run = dived(synthetic_run)
+    adjustment = adjust([run])
+    for old, new, moved in zip(run.vehicles, adjustment.runs[0].vehicles, adjustment.moved, strict=True):
+        assert off(new, old) < 0.25 * off(old, old)
+        assert moved.largest_m >= moved.mean_m > 1.0
+        assert moved.fixes == 1
+        assert moved.ranges > 5
+        assert np.array_equal(new.soundings[:, [0, 3]], old.soundings[:, [0, 3]])
+        assert np.array_equal(new.odometry, old.odometry)
+        assert off(new, old) < 3.0 * np.sqrt(2.0) * moved.std_m
+    # samples heard are the mates' soundings, and go with them
+    heard, mates = adjustment.runs[0].vehicles[0].received, adjustment.runs[0].vehicles[1].soundings
+    apart = np.sqrt(((heard[:, None, 2:4] - mates[None, :, 1:3]) ** 2).sum(axis=2)).min(axis=1)
+    assert apart.max() < 0.01
+
+
+def test_the_report_judges_the_adjusted_map(synthetic_run):
+    run = dived(synthetic_run)
+    assert wanted(run)
+    team = team_map(run)
+    assert off(team.run.vehicles[0], run.vehicles[0]) < 0.25 * off(run.vehicles[0], run.vehicles[0])
+    corrected = evaluate(run, bounds=2).summary
+    run.parameters["/**"]["places"]["correct"] = False
+    assert not wanted(run)
+    as_flown = evaluate(run, bounds=2).summary
+    assert corrected.isobath_error_m < 0.5 * as_flown.isobath_error_m
+    assert corrected.place_error_m[0] < 0.25 * as_flown.place_error_m[0]
+    assert corrected.error_over_std < 0.5 * as_flown.error_over_std
+    assert corrected.navigation_error_m == as_flown.navigation_error_m
+
+
+def test_runs_together_are_better_than_alone(synthetic_run):
+    """A run without fixes takes its places from the ground that one with fixes has mapped."""
+    without = dived(synthetic_run, fixed=False, seed=2, bias_deg=(4.0, 4.0))
+    alone = adjust([without]).runs[0].vehicles
+    together = adjust([dived(synthetic_run), without]).runs[1].vehicles
+    before = np.mean([off(new, old) for new, old in zip(alone, without.vehicles, strict=True)])
+    after = np.mean([off(new, old) for new, old in zip(together, without.vehicles, strict=True)])
+    assert after < 0.7 * before
+
+
+def test_one_vehicles_recording_is_enough(synthetic_run):
+    run = dived(synthetic_run)
+    run.vehicles = run.vehicles[:1]
+    adjustment = adjust([run])
+    assert off(adjustment.runs[0].vehicles[0], run.vehicles[0]) < 0.4 * off(run.vehicles[0], run.vehicles[0])
+
+
+def test_each_vehicles_own_recording_of_a_dive_is_as_good_as_one_of_all(synthetic_run):
+    whole = dived(synthetic_run)
+    parts = [dataclasses.replace(whole, vehicles=[vehicle]) for vehicle in whole.vehicles]
+    together, apart = adjust([whole]), adjust(parts)
+    assert apart.ranges == together.ranges
+    assert set(apart.correction.model.vehicles) == {1, 2}, "a mate that was heard is the vehicle that recorded itself"
+    for one, other in zip(together.runs[0].vehicles, (run.vehicles[0] for run in apart.runs), strict=True):
+        np.testing.assert_allclose(other.soundings, one.soundings, atol=1e-6)
+        np.testing.assert_allclose(other.received, one.received, atol=1e-6)
+    dives = adjust([whole, dived(synthetic_run, seed=2)])
+    assert len(dives.correction.model.vehicles) == 4, "the same vehicles at the same times: another dive, simulated"
+
+
+def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):
+    run = dived(synthetic_run)
+    run.vehicles[1].dead_reckoning = np.empty((0, 5))
+    assert missing_in(run.vehicles[1]) == "no dead reckoning (topic dead_reckoning)"
+    adjustment = adjust([run])
+    assert [m.missing for m in adjustment.moved] == ["", "no dead reckoning (topic dead_reckoning)"]
+    assert np.array_equal(adjustment.runs[0].vehicles[1].soundings, run.vehicles[1].soundings)
+    run.vehicles[0].dead_reckoning = np.empty((0, 5))
+    with pytest.raises(AdjustError, match=r"auv1 of run 1: no dead reckoning \(topic dead_reckoning\)"):
+        adjust([run])
+    assert not wanted(run)
+
+
+def test_raw_places_that_were_not_recorded_come_from_the_raw_track(synthetic_run):
+    run, bare = dived(synthetic_run), dived(synthetic_run)
+    for vehicle in bare.vehicles:
+        vehicle.raw_soundings_m = np.empty((0, 2))
+    for a, b in zip(adjust([run]).runs[0].vehicles, adjust([bare]).runs[0].vehicles, strict=True):
+        assert a.soundings == pytest.approx(b.soundings, abs=1e-6)
+
+
+def test_runs_of_different_origins_are_refused(synthetic_run):
+    one, other = dived(synthetic_run, steps=6), dived(synthetic_run, steps=6)
+    one.origin, other.origin = (46.0, 6.0), (47.0, 6.0)
+    with pytest.raises(AdjustError, match="different origins"):
+        adjust([one, other])
+
+
+def test_a_recording_that_is_given_twice_is_refused(synthetic_run):
+    """It once counted twice, and the map believed itself more than it should."""
+    run = dived(synthetic_run, steps=6)
+    part = copy.copy(run)
+    part.vehicles = run.vehicles[1:]
+    with pytest.raises(AdjustError, match=r"auv2 of run 2 has the soundings of auv2 of run 1; expected each recording"):
+        adjust([run, part])
+
+
+def test_the_script_writes_map_table_and_what_moved_and_does_so_again(synthetic_run, tmp_path, capsys):
+    run = dived(synthetic_run)
+    folder = tmp_path / "a run"
+    write_run(run, folder)
+    for _ in range(2):
+        assert main([str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "| a run | auv1 |" in out
+    adjusted = folder / "adjusted"
+    assert "± " in (adjusted / "moved.md").read_text()
+    with (adjusted / "before_and_after.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(len(v.soundings) for v in run.vehicles)
+    assert any(abs(float(r["adjusted_north_m"]) - float(r["north_m"])) > 3.0 for r in rows)
+    lines = json.loads((adjusted / "isobath.geojson").read_text())["features"]
+    assert any(feature["properties"]["class"] == "found" for feature in lines)
+    assert (adjusted / "soundings.csv").is_file()
+    again = adjust([read_run(folder)]).runs[0].vehicles[0].soundings
+    assert again == pytest.approx(adjust([run]).runs[0].vehicles[0].soundings, abs=1e-5)
+
+
+def test_errors_of_the_script_name_the_thing(synthetic_run, tmp_path, capsys):
+    assert main([str(tmp_path / "none")]) == 2
+    assert "none" in capsys.readouterr().err
+    run = synthetic_run(steps=4)
+    write_run(run, tmp_path / "old")
+    assert main([str(tmp_path / "old")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: auv1 of run 1: no dead reckoning (topic dead_reckoning)")
+    assert not (tmp_path / "old" / "adjusted").exists()

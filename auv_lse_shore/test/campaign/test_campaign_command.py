@@ -1,0 +1,97 @@
+"""The command scripts/campaign."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from sim_helpers import TINY
+
+from auv_lse_shore.campaign.__main__ import main
+from auv_lse_shore.campaign.rows import Rows, columns_of
+from auv_lse_shore.campaign.runner import run_campaign
+from auv_lse_shore.campaign.spec import CampaignSpec
+
+
+def test_the_command_flies_and_lists(tmp_path, capsys):
+    file = tmp_path / "tiny.yaml"
+    file.write_text(yaml.safe_dump({"set": TINY, "seeds": 1}))
+    assert main([str(file), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
+    assert "1 missions flown, 0 flown before, 0 failed" in capsys.readouterr().out
+    assert main([str(file), "--out", str(tmp_path / "out"), "--list"]) == 0
+    assert re.match(r"[0-9a-f]{16}  ok      seed 1", capsys.readouterr().out)
+
+
+def test_the_command_reports_errors(tmp_path, capsys):
+    assert main([str(tmp_path / "none.yaml")]) == 2
+    assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
+    assert main([]) == 2
+    assert "SPEC.yaml: missing" in capsys.readouterr().err
+    (tmp_path / "tiny.yaml").write_text(yaml.safe_dump({"set": TINY}))
+    assert main([str(tmp_path / "tiny.yaml"), "--out", str(tmp_path / "tiny.yaml")]) == 2
+    assert "tiny.yaml: is a file; expected a folder" in capsys.readouterr().err
+    assert main(["--rerun", "abc"]) == 2
+    assert "--out DIR" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--workers", "0"], ["--workers", "-1"], ["--workers", "2", "--scheduler", "x"]])
+def test_workers_that_make_no_sense_are_refused(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["spec.yaml", *arguments])
+    assert ended.value.code == 2
+    assert "--workers" in capsys.readouterr().err
+
+
+def test_a_scheduler_elsewhere_is_used(tmp_path, client):
+    file = tmp_path / "tiny.yaml"
+    file.write_text(yaml.safe_dump({"set": TINY, "seeds": 2}))
+    client.wait_for_workers(2, timeout=120)
+    address = client.scheduler_info()["address"]
+    assert main([str(file), "--out", str(tmp_path / "out"), "--scheduler", address]) == 0
+    workers = {row["worker"].split(":")[1] for row in Rows(tmp_path / "out", None).read()}
+    assert workers <= set(map(str, client.run(os.getpid).values()))
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
+    spec_file, out = tmp_path / "tiny.yaml", tmp_path / "out"
+    spec_file.write_text(yaml.safe_dump({"set": TINY, "seeds": 16, "name": "test"}))
+    packages = [str(p) for p in Path(__file__).resolve().parents[3].glob("auv_lse_*") if (p / "setup.py").exists()]
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    path = os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "TMPDIR": str(scratch)}
+    module = "auv_lse_sim.campaign"
+    command = [sys.executable, "-m", module, str(spec_file), "--out", str(out), "--workers", "1"]
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+    try:
+        # The start imports and compiles, which takes seconds, and minutes on a machine that is busy. The limits are
+        # there to end a hung campaign only.
+        until = time.monotonic() + 300.0
+        while not list(out.glob("rows/*.parquet")):
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < until, "no mission has ended within 300 s"
+            time.sleep(0.05)
+        process.send_signal(sign)
+        _, errors = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    if sign != signal.SIGKILL:
+        assert process.returncode == 130
+        assert not list(scratch.glob("auv_lse_dask_*")), "its workers' folder is gone"
+        assert "the same command goes on from here" in errors
+    spec = CampaignSpec.load(spec_file)
+    rows = Rows(out, columns_of(spec))
+    kept = {p: p.stat().st_mtime_ns for p in rows.folder.glob("*.parquet")}
+    assert 1 <= len(kept) < 16
+    assert set(rows.statuses().values()) == {"ok"}
+    client.wait_for_workers(2, timeout=120)
+    state = run_campaign(spec, out, client)
+    assert (state.before, state.done, state.failed) == (len(kept), 16 - len(kept), 0)
+    assert all(p.stat().st_mtime_ns == stamp for p, stamp in kept.items())
+    assert sorted(row["seed"] for row in rows.read()) == list(range(1, 17))

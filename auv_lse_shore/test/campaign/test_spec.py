@@ -1,0 +1,115 @@
+"""The campaign file: what is flown, and what is refused."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+from sim_helpers import TINY, spec_of
+
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_shore.campaign import spec as campaign_spec
+from auv_lse_shore.campaign.spec import CampaignSpec
+
+
+def test_grid_times_list_times_seeds(tmp_path):
+    spec = spec_of(
+        tmp_path,
+        grid={"planner.method": ["augmented", "plain"], "sim.channel.packet_loss": [0.0, 0.5]},
+        list=[{"label": "one", "mission.vehicles": 1}, {"mission.vehicles": 3}],
+        seeds=[5, 9],
+    )
+    jobs = spec.jobs()
+    assert len(jobs) == 2 * 2 * 2 * 2
+    assert [j.seed for j in jobs] == [5] * 8 + [9] * 8  # seed by seed
+    assert jobs[0].group == "one, method augmented, packet_loss 0.0"
+    assert jobs[7].group == "vehicles 3, method plain, packet_loss 0.5"
+    assert jobs[7].varied == {"mission.vehicles": 3, "planner.method": "plain", "sim.channel.packet_loss": 0.5}
+    common = jobs[7].patterns["/**"]
+    assert common["mission"] == {"steps": 2, "seed": 5, "vehicles": 3}
+    assert common["planner"]["method"] == "plain"
+    assert common["sim"]["channel"]["packet_loss"] == 0.5
+    assert len({j.id for j in jobs}) == 16
+
+
+def test_ids_depend_on_the_mission_alone(tmp_path):
+    few = {j.id for j in spec_of(tmp_path, grid={"planner.method": ["plain"]}, seeds=2).jobs()}
+    more = {j.id for j in spec_of(tmp_path, grid={"planner.method": ["augmented", "plain"]}, seeds=3, name="x").jobs()}
+    assert few < more
+
+
+def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
+    (tmp_path / "m.yaml").write_text("/**:\n  ros__parameters:\n    level_set: {level_m: 12.0}\n")
+    (job,) = spec_of(tmp_path, mission="m.yaml").jobs()
+    assert job.patterns["/**"]["level_set"]["level_m"] == 12.0
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"grids": {}}, r"grids: unknown key; expected one of name, mission, set"),
+        ({"grid": {"planner.method": "plain"}}, r"grid: planner\.method: got 'plain'; expected a list"),
+        ({"grid": {"planner.metod": ["plain"]}}, r"planner\.metod: unknown parameter .* did you mean 'method'"),
+        ({"grid": {"mission.steps": [0]}}, r"mission\.steps: got 0; expected int >= 1"),
+        ({"seeds": [1, 1]}, r"seeds: got \[1, 1\]; expected"),
+        ({"seeds": 0}, "seeds: got 0"),
+        ({"seeds": 99999999999}, "seeds: got 99999999999; expected at most 100000 seeds"),
+        ({"seeds": {"first": 1, "count": 100001}}, "seeds: got .*; expected at most 100000 seeds"),
+        ({"list": [{"label": "a"}, {"label": "a"}]}, "two settings are called 'a'"),
+        ({"list": [{"label": "a"}, {"label": "b"}]}, "the same mission as another"),
+        ({"list": [{"planner.method": "plain"}], "grid": {"planner.method": ["plain"]}}, "in grid and in list"),
+        ({"set": ["x"]}, r"set: got \['x'\]; expected parameters by dotted name"),
+        ({"seeds": {"first": -5, "count": 3}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": {"first": 1, "count": 0}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": {"first": 1.9, "count": 2}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": {"first": "a", "count": 2}}, r"seeds: got .*expected a number of seeds"),
+        ({"seeds": [True, 2]}, r"seeds: got .*expected a number of seeds"),
+        ({"set": {**TINY, "mission.seed": 9}}, r"mission\.seed in setting 'all'; expected under `seeds`"),
+        ({"set": {**TINY, "sim.bathymetry.file": "nope.csv"}}, r"'all'.*bathymetry\.file: nope\.csv: No such file"),
+    ],
+)
+def test_a_wrong_campaign_is_refused_before_anything_flies(tmp_path, content, message):
+    with pytest.raises(ParameterError, match=message):
+        CampaignSpec.from_mapping({"set": TINY, **content}, "test.yaml", tmp_path).jobs()
+
+
+def test_vehicles_of_a_larger_team_have_depths_of_their_own(tmp_path):
+    (job,) = CampaignSpec.from_mapping({"set": {"mission.vehicles": 5}}, "test.yaml", tmp_path).jobs()
+    settings = Settings.from_patterns(job.patterns, "job")
+    assert [own.vehicle.depth_m for own in settings.vehicles] == [3.0, 4.0, 5.0, 3.0, 4.0]
+
+
+def test_another_survey_under_the_same_name_is_another_mission(tmp_path):
+    survey = tmp_path / "survey.csv"
+
+    def ids():
+        campaign_spec._digest.cache_clear()  # a new process
+        return {j.id for j in spec_of(tmp_path, set={**TINY, "sim.bathymetry.file": str(survey)}).jobs()}
+
+    survey.write_text("east_m,north_m,depth_m\n0,0,10\n")
+    before = ids()
+    assert before == ids()
+    survey.write_text("east_m,north_m,depth_m\n0,0,11\n")
+    assert before != ids()
+
+
+@pytest.mark.parametrize(
+    "path", sorted(Path(__file__).parents[3].glob("config/campaigns/*.yaml")), ids=lambda p: p.stem
+)
+def test_the_campaigns_of_the_project_can_be_flown(path):
+    """Their missions have no method or parameter that is gone."""
+    spec = CampaignSpec.load(path)
+    assert len(dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs()) > 1
+
+
+def test_in_the_campaign_of_places_only_those_surface_that_say_so():
+    path = Path(__file__).parents[3] / "config/campaigns/places.yaml"
+    spec = CampaignSpec.load(path)
+    for job in dataclasses.replace(spec, seeds=spec.seeds[:1]).jobs():
+        settings = Settings.from_patterns(job.patterns, "")
+        wanted = 2 if "surfacing where it pays" in job.group else 0
+        team = len(settings.vehicles)
+        assert [own.vehicle.surfacings for own in settings.vehicles] == [wanted] * team
+        corrects = [settings.places_in_force(v).correct for v in range(1, team + 1)]
+        assert corrects == ["as booked" not in job.group] * team
+        assert settings.sim.gps.surface_every_s == 0.0

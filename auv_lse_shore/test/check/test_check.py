@@ -1,0 +1,222 @@
+"""scripts/check: what it finds in mission files, the schema, the template, and the files that come with the project."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from auv_lse_common.mission_file.parameters import describe
+from auv_lse_common.mission_file.settings import SECTION_CLASSES, Settings
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_comms.packet.codec import room_for_samples
+from auv_lse_shore.check.__main__ import check, main
+from auv_lse_shore.check.schema import schema, schema_text, template_text
+
+ROOT = Path(__file__).resolve().parents[3]
+MISSIONS = sorted((ROOT / "config" / "missions").glob("*.yaml"))
+
+
+def write(folder: Path, own: dict[str, Any] | None = None, **sections: Any) -> Path:
+    path = folder / "a mission.yaml"
+    body = {"/**": {"ros__parameters": sections}}
+    if own is not None:
+        body["/auv2/**"] = {"ros__parameters": own}
+    path.write_text(yaml.safe_dump(body))
+    return path
+
+
+def found(path: Path, level: str, vehicle: str | None = None) -> list[str]:
+    return [text for of, text in check(path, vehicle).rows if of == level]
+
+
+@pytest.mark.parametrize("path", MISSIONS, ids=lambda path: path.name)
+def test_every_mission_file_of_the_project_is_right(path: Path) -> None:
+    assert found(path, "error") == []
+    assert found(path, "warning") == []
+
+
+def test_every_wrong_key_is_named_not_only_the_first(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        gp={"kernal": "matern52", "noise_std_m": -1.0},
+        sim={"channel": {"packet_los": 0.1}},
+        plannr={"horizon": 3},
+        mission={"steps": 2.5},
+        own={"vehicle": {"depth": 4.0}},
+    )
+    errors = found(path, "error")
+    assert [error.removeprefix(f"{path}: ") for error in errors] == [
+        "/**: gp.kernal: unknown parameter (value 'matern52'); did you mean 'kernel'?",
+        "/**: gp.noise_std_m: got -1.0; expected float > 0 m",
+        "/**: mission.steps: got 2.5; expected int >= 1 and <= 65535",
+        "/**: plannr: unknown section; did you mean 'planner'?",
+        "/**: sim.channel.packet_los: unknown parameter (value 0.1); did you mean 'packet_loss'?",
+        "/auv2/**: vehicle.depth: unknown parameter (value 4.0); did you mean 'depth_m'?",
+    ]
+
+
+def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
+    assert "expected key_file" in found(write(tmp_path, packet={"tag": True}), "error")[0]
+    assert "slot_s = 3 s: expected at least" in found(write(tmp_path, tdma={"slot_s": 3.0}), "error")[0]
+
+
+@pytest.mark.parametrize(
+    ("sections", "own", "level", "words"),
+    [
+        ({}, {"vehicle": {"start_north_m": 900.0}}, "error", "auv2: .* 900, 0 m: outside the operating area"),
+        ({}, {"vehicle": {"start_north_m": -45.0}}, "warning", "auv2: .* m from the border; expected at least .* 10 m"),
+        ({"area": {"polygon_m": [-20.0, -20.0, 30.0, -20.0, 30.0, 600.0, -20.0, 600.0]}}, None, "warning", "one lane"),
+        (
+            {"area": {"polygon_m": [-20.0, -20.0, 20.0, -20.0, 20.0, 600.0, -20.0, 600.0]}},
+            None,
+            "error",
+            "a turning circle",
+        ),
+        (
+            {},
+            {"vehicle": {"at_end": "go_to", "recovery_north_m": 900.0, "recovery_east_m": 0.0}},
+            "error",
+            "auv2.*: vehicle.recovery_north_m, .* = 900, 0 m, where vehicle.at_end leads: .* m outside of",
+        ),
+        ({"planner": {"lane_spacing_m": 20.0}}, None, "warning", "expected at least 30 m, twice motion.turn_radius_m"),
+        ({}, {"vehicle": {"depth_m": 3.2}}, "warning", "auv1, auv2: .* 3 and 3.2 m: expected 0.5 m between them"),
+        (
+            {"level_set": {"level_m": 6.0}},
+            None,
+            "warning",
+            r"auv1: .* = 6 m: expected less than level_set.level_m = 6 m",
+        ),
+        ({"tdma": {"order": [1, 2]}}, None, "warning", r"tdma.order = \[1, 2\]: no slot for auv3"),
+        ({"tdma": {"order": [1, 2, 9]}}, None, "error", "9"),
+        ({"tdma": {"max_range_m": 500.0}}, None, "warning", "expected at least 922 m, the length of the area"),
+        ({"planner": {"plan_expiry_s": 50.0}}, None, "warning", "expected at least two cycles, 60 s"),
+        ({"planner": {"replan_lead_s": 16.0}}, None, "warning", "expected less than the time of a leg, 15.7 s"),
+        ({"planner": {"deadline_s": 4.0}}, None, "warning", "expected less than planner.replan_lead_s = 4 s"),
+        ({"planner": {"method": "plain", "horizon": 200}}, None, "note", "200 actions and 3 samples"),
+        ({"mission": {"steps": 5}}, None, "warning", "the area is too large for this mission"),
+        ({"sim": {"bathymetry": {"file": "/nowhere.csv"}}}, None, "error", "nowhere.csv"),
+    ],
+)
+def test_what_it_finds(
+    tmp_path: Path, sections: dict[str, Any], own: dict[str, Any] | None, level: str, words: str
+) -> None:
+    rows = found(write(tmp_path, own=own, **sections), level)
+    assert any(re.search(words, row) for row in rows), rows
+
+
+def test_what_to_expect_of_the_papers_trial() -> None:
+    notes = found(ROOT / "config" / "missions" / "trial_3_augmented.yaml", "note")
+    assert any("3 x 10 s = a cycle of 30 s" in note for note in notes)
+    assert any("3 actions and 19 samples; 30 soundings a cycle: one of 2 is sent, 3 m apart" in note for note in notes)
+    assert any("mission time: 26 min 11 s (100 legs of 23.6 m" in note for note in notes)
+    plan = Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,) * 3, naive_path=0xF0)
+    assert room_for_samples(plan) == 19
+
+
+def test_whether_this_machine_can_be_a_vehicle(tmp_path: Path) -> None:
+    port, key = tmp_path / "port", tmp_path / "key"
+    port.write_text("")
+    modem = {"kind": "micromodem", "port": str(port)}
+    link = {"kind": "mavlink", "endpoint": "serial:///dev/no_such:57600"}
+    path = write(tmp_path, modem=modem, link=link, packet={"tag": True, "key_file": str(key), "session": "a"}, sim={})
+    errors = found(path, "error", "auv2")
+    assert f"modem.port = {port}: expected a serial device" in errors
+    assert "link.endpoint = /dev/no_such: is not on this machine" in errors
+    assert any(error.startswith("packet.key_file: ") for error in errors)
+    warnings = found(path, "warning", "auv2")
+    assert any("has a section sim" in text for text in warnings)
+    assert "record.folder: is empty: nothing of the dive is recorded" in warnings
+    assert found(path, "error", "auv4") == [*found(path, "error"), "auv4: expected one of the mission's 3 vehicles"]
+
+
+def test_exit_codes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    default = str(ROOT / "config" / "missions" / "default.yaml")
+    assert main([default]) == 0
+    assert "0 errors, 0 warnings" in capsys.readouterr().out
+    doubtful = str(write(tmp_path, mission={"steps": 5}))
+    assert (main([doubtful]), main([doubtful, "--strict"])) == (0, 1)
+    assert main([default, str(write(tmp_path, gp={"x": 1}))]) == 1
+    assert main([str(tmp_path / "none.yaml")]) == 2
+    with pytest.raises(SystemExit, match="2"):
+        main([])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "option"),
+    [("mission.schema.json", schema_text, "--schema"), ("missions/template.yaml", template_text, "--template")],
+)
+def test_what_is_made_from_the_declarations_is_current(name: str, text: Any, option: str) -> None:
+    path = ROOT / "config" / name
+    assert path.read_text() == text(), f"a parameter has changed: scripts/check {option} > config/{name}"
+
+
+def test_the_template_has_every_parameter_with_its_default(tmp_path: Path) -> None:
+    lines = template_text().splitlines()
+    whole = [" " + line[1:] if re.match(r"# {2,}\w+:", line) else line for line in lines]
+    path = tmp_path / "whole.yaml"
+    path.write_text("\n".join(whole))
+    values = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
+    for name, cls in SECTION_CLASSES.items():
+        for parameter, *_ in describe(cls, ""):
+            part = values[name]
+            for key in parameter.split("."):
+                assert key in part, f"{name}.{parameter}"
+                part = part[key]
+    assert Settings.load(path).to_patterns() == Settings.load(None, {"vehicle.depth_m": 3.0}).to_patterns()
+
+
+def accepts(rule: dict[str, Any], value: Any, root: dict[str, Any]) -> bool:
+    """Whether a schema accepts a value; the words of JSON schema that ours uses."""
+    if "$ref" in rule:
+        rule = root["definitions"][rule["$ref"].rsplit("/", 1)[1]]
+    kinds: dict[str, Any] = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int}
+    kinds |= {"number": (int, float), "null": type(None)}
+    wanted = rule.get("type", [])
+    wanted = [wanted] if isinstance(wanted, str) else wanted
+    if wanted and not any(isinstance(value, kinds[k]) and (k == "boolean" or value is not True) for k in wanted):
+        return False
+    if isinstance(value, dict):
+        known, patterns = rule.get("properties", {}), rule.get("patternProperties", {})
+        others = rule.get("additionalProperties", True)
+        for key, content in value.items():
+            rules = [known[key]] if key in known else [r for p, r in patterns.items() if re.search(p, key)]
+            rules = rules or ([others] if isinstance(others, dict) else [])
+            if (not rules and others is False) or not all(accepts(r, content, root) for r in rules):
+                return False
+        return all(key in value for key in rule.get("required", []))
+    if isinstance(value, list):
+        return all(accepts(rule["items"], v, root) for v in value)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (
+            value >= rule.get("minimum", value)
+            and value <= rule.get("maximum", value)
+            and ("exclusiveMinimum" not in rule or value > rule["exclusiveMinimum"])
+        )
+    return value in rule.get("enum", [value])
+
+
+def test_the_schema_accepts_what_the_loader_accepts_and_refuses_what_it_refuses(tmp_path: Path) -> None:
+    root = json.loads(schema_text())
+    for path in MISSIONS:
+        assert accepts(root, yaml.safe_load(path.read_text()), root), path
+    complete = yaml.safe_load(Settings.load(None).to_parameter_file())
+    assert accepts(root, complete, root)
+    for section in (
+        {"gp": {"kernal": "matern52"}},
+        {"gp": {"kernel": "rbf"}},
+        {"gp": {"noise_std_m": 0.0}},
+        {"mission": {"steps": 2.5}},
+        {"mission": {"vehicles": 21}},
+        {"sim": {"channel": {"packet_loss": 1.5}}},
+        {"planner": {"naive_paths": [1]}},
+        {"plannr": {}},
+    ):
+        assert not accepts(root, {"/**": {"ros__parameters": section}}, root), section
+        assert found(write(tmp_path, **section), "error")
+    assert not accepts(root, {"/auv1/**": {"ros__parameters": {"mission": {"steps": 5}}}}, root), "for all alike"
+    assert schema() == root

@@ -1,0 +1,259 @@
+"""What a mission found, for other programs: written, and read back by their libraries."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_record.bag import write_run
+from auv_lse_shore.export.__main__ import main
+from auv_lse_shore.export.errors import ExportError
+from auv_lse_shore.export.export import MAPS
+from auv_lse_shore.export.rasters import NODATA, rasterio, write_ascii_grid
+from auv_lse_shore.export.reference import Reference
+from auv_lse_shore.judge.team_map import team_map
+from auv_lse_sim.ground.ascii_ground import read_ascii_ground
+from auv_lse_sim.ground.geotiff_ground import read_geotiff_ground
+
+ORIGIN = (46.5, 6.6)
+
+#: A corner is cut off the area, so that the maps have cells outside of it, and north and east differ.
+POLYGON = [0.0, 0.0, 240.0, 0.0, 240.0, 200.0, 150.0, 300.0, 0.0, 300.0]
+
+
+def exported(tmp_path_factory, synthetic_run, origin):
+    """The export of a run folder with blanks in its path, its run and its map."""
+    run = synthetic_run(steps=12)
+    run.ground = None
+    run.parameters["/**"]["area"] = {**run.parameters["/**"]["area"], "polygon_m": POLYGON}
+    if origin is not None:
+        run.parameters["/**"]["area"].update(origin_lat_deg=origin[0], origin_lon_deg=origin[1])
+    folder = tmp_path_factory.mktemp("an export") / "run one"
+    write_run(run, folder)
+    assert main([str(folder)]) == 0
+    return folder / "export", run, team_map(run)
+
+
+@pytest.fixture(scope="module")
+def on_earth(tmp_path_factory, synthetic_run):
+    return exported(tmp_path_factory, synthetic_run, ORIGIN)
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory, synthetic_run):
+    return exported(tmp_path_factory, synthetic_run, None)
+
+
+@pytest.mark.parametrize(("name", "attribute"), [(m[0], m[1]) for m in MAPS])
+@pytest.mark.parametrize("ending", ["tif", "asc"])
+def test_rasters_are_read_back_by_rasterio(on_earth, name, attribute, ending):
+    folder, _, team = on_earth
+    with rasterio().open(folder / f"{name}.{ending}") as file:
+        assert file.nodata == NODATA
+        assert file.crs is not None
+        assert file.transform.e < 0.0 < file.transform.a  # north up
+        values = file.read(1, masked=True)
+        at = {(i, j): file.xy(i, j) for i in (0, file.height - 1) for j in (0, file.width - 1)}
+        crs = file.crs.to_wkt()
+    grid = team.field.grid
+    # The first row is the northernmost; x is east, y is north, at the cells' centers.
+    assert at[0, 0] == pytest.approx((grid.east_m[0], grid.north_m[-1]))
+    assert at[values.shape[0] - 1, values.shape[1] - 1] == pytest.approx((grid.east_m[-1], grid.north_m[0]))
+    expected = getattr(team.field, attribute)[::-1]
+    assert np.array_equal(values.mask, np.isnan(expected))
+    assert values.mask.any()
+    # float32 and seven digits of text
+    np.testing.assert_allclose(values.compressed(), expected[~np.isnan(expected)], rtol=1e-6, atol=1e-6)
+    from pyproj import Transformer
+
+    lon, lat = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(120.0, 80.0)
+    north, east = geodetic_from_local(80.0, 120.0, *ORIGIN)
+    assert (lat, lon) == pytest.approx((float(north), float(east)), abs=1e-9)  # 0.1 mm
+
+
+def test_units_and_coordinates_are_in_the_geotiff(on_earth, local):
+    for (folder, _, _), words in ((on_earth, "metres about 46.500000, 6.600000 deg"), (local, "local metres")):
+        with rasterio().open(folder / "depth.tif") as file:
+            assert file.units == ("m",)
+            assert file.descriptions == ("depth of water, positive down",)
+            assert file.tags()["coordinates"].startswith(words)
+    with rasterio().open(local[0] / "depth.tif") as file:
+        assert file.crs is None
+    assert not (local[0] / "depth.prj").exists()
+
+
+@pytest.mark.parametrize(("ending", "read"), [("tif", read_geotiff_ground), ("asc", read_ascii_ground)])
+def test_an_exported_depth_map_is_ground_for_another_mission(on_earth, ending, read):
+    folder, _, team = on_earth
+    ground = read(folder / f"depth.{ending}", BathymetryConfig(), ORIGIN)
+    field = team.field
+    north, east = np.meshgrid(field.grid.north_m[5:-5:7], field.grid.east_m[5:-5:7], indexing="ij")
+    depth = ground.depth_m(north, east)
+    expected = field.mean_m[5:-5:7, 5:-5:7]
+    both = np.isfinite(depth) & np.isfinite(expected)
+    assert both.sum() > 20
+    # The raster is resampled bilinearly and read by a spline: within 0.1 m on slopes of 1 in 15.
+    np.testing.assert_allclose(depth[both], expected[both], atol=0.1)
+
+
+def test_the_isobath_lies_where_the_map_has_it(on_earth, local):
+    for (folder, _, team), origin in ((on_earth, ORIGIN), (local, None)):
+        features = json.loads((folder / "isobath.geojson").read_text())["features"]
+        pieces = [f for f in features if f["properties"]["class"] in ("found", "likely", "guessed")]
+        assert len(pieces) == len(team.pieces)
+        assert {f["properties"]["class"] for f in features} >= {"found", "band"}
+        first = min(pieces, key=lambda f: f["properties"]["class"] != "found")
+        x, y = np.array(first["geometry"]["coordinates"][0]).T
+        north, east = (y, x) if origin is None else local_from_geodetic(y, x, *origin)
+        found = next(p for p in team.pieces if p.kind == "found")
+        np.testing.assert_allclose(np.column_stack([north, east]), found.line, atol=0.02)  # 7 decimals are 1 cm
+        assert first["properties"]["coordinates"].startswith("local metres" if origin is None else "WGS84")
+
+
+def test_soundings_have_time_vehicle_place_and_its_error(on_earth, local):
+    for (folder, run, _), origin in ((on_earth, ORIGIN), (local, None)):
+        with (folder / "soundings.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert len(rows) == sum(len(v.soundings) for v in run.vehicles)
+        times = [float(row["time_s"]) for row in rows]
+        assert times == sorted(times)
+        assert ("latitude_deg" in rows[0]) == (origin is not None)
+        for vehicle in run.vehicles:
+            own = [row for row in rows if row["vehicle"] == str(vehicle.vehicle)]
+            for column, values in (("time_s", 0), ("north_m", 1), ("east_m", 2), ("depth_m", 3)):
+                np.testing.assert_allclose([float(r[column]) for r in own], vehicle.soundings[:, values], atol=6e-4)
+            std = vehicle.place_std_at(vehicle.soundings[:, 0])
+            np.testing.assert_allclose([float(r["north_std_m"]) for r in own], std[:, 0], atol=6e-4)
+            np.testing.assert_allclose([float(r["east_std_m"]) for r in own], std[:, 1], atol=6e-4)
+            if origin is not None:
+                geodetic = [[float(r[c]) for r in own] for c in ("latitude_deg", "longitude_deg")]
+                north, east = local_from_geodetic(*geodetic, *origin)
+                np.testing.assert_allclose(np.column_stack([north, east]), vehicle.soundings[:, 1:3], atol=2e-3)
+
+
+def test_a_place_error_that_is_not_known_is_left_empty(tmp_path, synthetic_run):
+    run = synthetic_run(steps=2)
+    for vehicle in run.vehicles:
+        vehicle.place_std_m = np.empty((0, 2))
+    write_run(run, tmp_path)
+    assert main([str(tmp_path), "--out", str(tmp_path / "elsewhere")]) == 0
+    with (tmp_path / "elsewhere" / "soundings.csv").open() as file:
+        assert {(row["north_std_m"], row["east_std_m"]) for row in csv.DictReader(file)} == {("", "")}
+    assert not (tmp_path / "export").exists()
+
+
+def test_the_qgis_project_names_the_files_beside_it(on_earth, local):
+    """What QGIS reads of them is there, and every file that they name exists."""
+    for (folder, _, _), crs in ((on_earth, "EPSG:4326"), (local, None)):
+        project = ElementTree.parse(folder / "isobath.qgs").getroot()
+        layers = project.findall("projectlayers/maplayer")
+        ids = [layer.findtext("id") for layer in layers]
+        assert ids == [layer.get("id") for layer in project.findall("layer-tree-group/layer-tree-layer")]
+        assert all(len(name) > 10 for name in ids)  # QGIS replaces shorter ones, and then finds no layer
+        for layer in layers:
+            source = layer.findtext("datasource")
+            assert source.startswith("./")
+            assert (folder / source.split("?")[0]).is_file()
+            assert (folder / source.split("?")[0]).with_suffix(".qml").is_file()
+            assert (layer.find("pipe") is None) != (layer.find("renderer-v2") is None)
+            if layer.get("type") == "vector":
+                assert (layer.findtext("srs/spatialrefsys/authid") or None) == crs
+        assert project.findtext("properties/SpatialRefSys/ProjectionsEnabled") == ("0" if crs is None else "1")
+        for style in folder.glob("*.qml"):
+            assert ElementTree.parse(style).getroot().tag == "qgis"
+
+
+#: The system's Python, which sees QGIS where it is installed.
+SYSTEM_PYTHON = ("/usr/bin/python3", "-E", "-s")
+
+
+def has_qgis():
+    try:
+        return subprocess.run([*SYSTEM_PYTHON, "-c", "import qgis.core"], capture_output=True).returncode == 0
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not has_qgis(), reason="needs QGIS (Debian, Ubuntu: sudo apt install python3-qgis)")
+@pytest.mark.parametrize("where", ["on_earth", "local"])
+def test_qgis_itself_opens_and_draws_the_project(request, tmp_path, where):
+    folder, run, team = request.getfixturevalue(where)
+    program = Path(__file__).with_name("read_by_qgis.py")
+    environment = {"PATH": "/usr/bin:/bin", "QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path)}
+    command = [*SYSTEM_PYTHON, str(program), str(folder / "isobath.qgs"), str(tmp_path / "seen.png")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found["read"]
+    assert found["errors"] == []
+    layers = {layer["name"]: layer for layer in found["layers"]}
+    assert len(layers) == 5
+    assert all(layer["valid"] for layer in layers.values()), layers
+    assert {name for name, layer in layers.items() if layer["shown"]} == {
+        "15 m isobath", "soundings", "Bayes risk (cost per place)"
+    }  # fmt: skip
+    assert layers["soundings"]["features"] == sum(len(v.soundings) for v in run.vehicles)
+    grid = team.field.grid
+    west, south = grid.east_m[0] - grid.resolution_m, grid.north_m[0] - grid.resolution_m
+    east, north = grid.east_m[-1] + grid.resolution_m, grid.north_m[-1] + grid.resolution_m
+    for name, layer in layers.items():
+        x0, y0, x1, y1 = layer["extent"]
+        assert west <= x0 < x1 <= east, f"{name} lies elsewhere: {layer}"
+        assert south <= y0 < y1 <= north, f"{name} lies elsewhere: {layer}"
+    seen = np.asarray(Image.open(tmp_path / "seen.png").convert("RGB")).reshape(-1, 3)
+    assert len(np.unique(seen, axis=0)) > 20, "QGIS drew nothing"
+
+
+def test_the_picture_is_made_from_the_files_alone(on_earth, tmp_path):
+    from auv_lse_shore.export.picture import draw_export
+
+    for name in ("risk.tif", "depth.tif", "std.tif", "isobath.geojson", "soundings.csv"):
+        (tmp_path / name).write_bytes((on_earth[0] / name).read_bytes())
+    draw_export(tmp_path, tmp_path / "export.png")
+    assert (tmp_path / "export.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_second_export_replaces_the_first(on_earth, capsys):
+    folder = on_earth[0]
+    (folder / "depth.asc").write_text("old")
+    assert main([str(folder.parent)]) == 0
+    assert (folder / "depth.asc").read_text().startswith("ncols ")
+    assert "coordinates: metres about 46.5" in capsys.readouterr().out
+
+
+def test_a_map_without_origin_leaves_no_projection_of_an_earlier_one(tmp_path, on_earth):
+    field = on_earth[2].field
+    for origin, there in ((ORIGIN, True), (None, False)):
+        write_ascii_grid(tmp_path / "a.asc", field.grid, field.risk, Reference(origin=origin))
+        assert (tmp_path / "a.prj").exists() == there
+
+
+def test_a_missing_library_is_named_with_the_command_that_installs_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    with pytest.raises(ExportError, match=r"fix: pip install rasterio"):
+        rasterio()
+    assert main([str(tmp_path)]) == 2
+    assert "GeoTIFF needs rasterio" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_no_run_is_named(tmp_path, capsys):
+    assert main([str(tmp_path / "nothing")]) == 2
+    assert "nothing" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_no_traceback(tmp_path, monkeypatch, capsys):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("auv_lse_shore.export.__main__.export", stopped)
+    assert main([str(tmp_path)]) == 130
+    assert "stopped" in capsys.readouterr().err

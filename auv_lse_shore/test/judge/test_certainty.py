@@ -1,0 +1,126 @@
+"""What is claimed of an isobath: found, likely, or guessed."""
+
+import numpy as np
+import pytest
+
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.gp import GpConfig
+from auv_lse_gp.covariance.kernels import Kernel
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_shore.judge import certainty, isobath
+from auv_lse_shore.judge.certainty import FLAT, FOUND, GUESSED, LIKELY, NOT_VISITED, PLACES_UNCERTAIN
+
+AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 300.0, 0.0, 300.0, 600.0, 0.0, 600.0)))
+
+
+def classified(soundings, place_std_m=0.0, **gp):
+    """A map of (north, east, depth) soundings (n, 3), and its isobath's pieces."""
+    config = {"length_scale_m": 60.0, "noise_std_m": 0.2, **gp}
+    depth_map = DepthMap(GpConfig(**config), LevelSet(level_m=15.0), AREA)
+    prior = depth_map.field()
+    stamps = np.arange(float(len(soundings)))[:, None]
+    depth_map.add_soundings(np.hstack([stamps, soundings]))
+    places = np.column_stack([soundings[:, :2], np.full(len(soundings), place_std_m)])
+    return certainty.classify(depth_map.isobath().lines, depth_map.field(), prior, places)
+
+
+def slope(east_from, east_to, per_m=0.1):
+    """Soundings every 12 m on a plane that is 15 m deep at north = 150, on lanes along north every 30 m."""
+    north, east = np.meshgrid(np.arange(10.0, 300.0, 12.0), np.arange(east_from, east_to, 30.0))
+    return np.column_stack([north.ravel(), east.ravel(), 15.0 + per_m * (north.ravel() - 150.0)])
+
+
+def test_where_the_ground_was_measured_the_line_is_found():
+    pieces = classified(slope(0.0, 601.0), std_soundings=0.0)
+    assert {p.kind for p in pieces} == {FOUND}
+    assert certainty.length_of(pieces, FOUND) == pytest.approx(600.0, rel=0.03)
+    # At a sounding the depth is known to 0.2 m, so the line to 2 m on a slope of 0.1; between soundings less well.
+    assert 1.5 < min(p.std_m.min() for p in pieces) < 3.0 < max(p.std_m.max() for p in pieces)
+    assert all(p.reason == "" for p in pieces)
+
+
+def test_ground_smoother_than_the_prior_narrows_the_line_and_does_not_find_more_of_it():
+    """The told standard deviation shrinks; the share of the prior that the soundings removed stays."""
+    ground = slope(400.0, 601.0)
+    by_prior, told = (classified(ground, std_soundings=worth) for worth in (0.0, 100.0))
+    assert min(p.std_m.min() for p in told) < 0.9 * min(p.std_m.min() for p in by_prior)
+    guessed = [certainty.length_of(pieces, GUESSED) for pieces in (by_prior, told)]
+    assert guessed[1] == pytest.approx(guessed[0], rel=0.05)
+
+
+def test_nothing_is_claimed_where_nobody_measured():
+    """The prior's own mean is the level: without data the map's contour is the prior's, and runs everywhere."""
+    pieces = classified(slope(400.0, 601.0))
+    in_the_west = [p for p in pieces if p.line[:, 1].min() < 300.0]
+    assert in_the_west, "the mean crosses the level there, too"
+    assert all(p.line[:, 1].min() > 330.0 for p in pieces if p.kind != GUESSED)
+    assert {p.reason for p in in_the_west} == {NOT_VISITED}
+    found = certainty.lines_of(pieces, FOUND)
+    assert isobath.length_m(found) == pytest.approx(200.0, rel=0.1)
+
+
+def test_a_steep_prior_finds_nothing_by_itself():
+    one = np.array([[10.0, 10.0, 1.0]])
+    plane = {"mean": "plane", "mean_depth_m": 0.0, "mean_slope_north": 0.1, "signal_std_m": 0.9}
+    pieces = classified(one, **plane)  # 0.9 m on a slope of 0.1: within 9 m to either side, says the chart
+    assert certainty.length_of(pieces, GUESSED) == pytest.approx(600.0, rel=0.05)
+    assert {p.kind for p in pieces} == {GUESSED}
+
+
+def test_vehicles_unsure_of_their_places_find_less():
+    pieces = classified(slope(0.0, 601.0), place_std_m=15.0)
+    assert {(p.kind, p.reason) for p in pieces} == {(LIKELY, PLACES_UNCERTAIN)}
+    unknown = classified(slope(0.0, 601.0), place_std_m=np.nan)  # a driver that says nothing about it
+    assert {p.kind for p in unknown} == {FOUND}
+
+
+def test_on_flat_ground_a_small_error_moves_the_line_far():
+    pieces = classified(slope(0.0, 601.0, per_m=0.004))
+    assert FOUND not in {p.kind for p in pieces}
+    assert {p.reason for p in pieces} == {FLAT}
+
+
+def test_pieces_are_the_whole_line_without_gaps():
+    pieces = classified(slope(200.0, 400.0))
+    kinds = {p.kind for p in pieces}
+    assert kinds == {FOUND, LIKELY, GUESSED}
+    ends = np.array([p.line[0] for p in pieces] + [p.line[-1] for p in pieces])
+    inner = [end for end in ends if 3.0 < end[1] < 597.0]  # the outermost cells' centers are at 2.5 and 597.5
+    for end in inner:  # each inner end is that of two pieces
+        assert np.count_nonzero(np.all(np.isclose(ends, end), axis=1)) >= 2
+
+
+def test_a_short_stretch_is_worth_no_more_than_what_is_beside_it():
+    east = np.arange(0.0, 105.0, 5.0)
+    places = np.column_stack([np.zeros_like(east), east])
+    ranks = np.full(21, 2)
+    ranks[5:7] = 0  # 10 m
+    ranks[12:18] = 1  # 30 m
+    out = certainty._without_short_runs(ranks, places)
+    assert set(out[:12]) == {2}
+    assert set(out[12:18]) == {1}
+
+
+def test_classes_are_as_sure_as_they_say():
+    """Lakes drawn from the prior, measured on a few lanes: what is found is within two standard deviations."""
+    rng = np.random.default_rng(5)
+    config = GpConfig(length_scale_m=60.0, noise_std_m=0.2)
+    grid = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 300.0, 0.0, 300.0, 600.0, 0.0, 600.0))).grid(10.0)
+    places = grid.places_m
+    factor = np.linalg.cholesky(Kernel(config)(places, places) + 1e-6 * np.eye(len(places)))
+    off = {kind: [] for kind in certainty.CLASSES}
+    for _ in range(6):
+        depth = 15.0 + factor @ rng.standard_normal(len(places))
+        lanes = np.isin(np.round(places[:, 1]), np.round(grid.east_m[4::11]))
+        soundings = np.column_stack([places[lanes], depth[lanes] + 0.2 * rng.standard_normal(lanes.sum())])
+        truth = isobath.trace(grid.north_m, grid.east_m, grid.fill(depth), 15.0)
+        for piece in classified(soundings):
+            distance = isobath.cKDTree(isobath.resample(truth)).query(piece.line)[0]
+            off[piece.kind] += distance.tolist()
+    # 95 % of the found places lie within 2 x 10 m and of the likely ones within 2 x 30 m; the distance to the nearest
+    # piece of the truth can only be less. Some 200 places of each class: 0.9 is three standard errors below 0.95.
+    assert len(off[FOUND]) > 100
+    assert np.mean(np.array(off[FOUND]) <= 20.0) > 0.9
+    assert np.mean(np.array(off[LIKELY]) <= 60.0) > 0.9
+    assert np.mean(off[FOUND]) < np.mean(off[LIKELY]) < np.mean(off[GUESSED])

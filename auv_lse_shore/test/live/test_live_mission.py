@@ -1,0 +1,84 @@
+"""The live view of a running mission: joins its ROS domain when it runs, and knows what was said before."""
+
+from __future__ import annotations
+
+import importlib.util
+import threading
+import time
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.node import Node
+
+from auv_lse_common.process.domain import local_environment, note_run, own_domain, run_on
+from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.topics.quality import EVERY, LATCHED
+from auv_lse_common.topics.ros_conversions import header
+from auv_lse_msgs.msg import SimStatus
+from auv_lse_record.bag import write_run
+from auv_lse_shore.live.sources.running import MissionFollower, RunningMission, newest_mission
+from auv_lse_shore.live.sources.timeline import Timeline
+
+pytestmark = pytest.mark.ros
+
+
+def wait_for(condition, what):
+    until = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < until, what
+        time.sleep(0.05)
+
+
+def test_a_running_mission_is_joined_when_it_runs_and_left_when_it_ends(tmp_path, monkeypatch, synthetic_run):
+    run, timeline, stop = tmp_path / "a run", Timeline(), threading.Event()
+    write_run(synthetic_run(steps=12), run)  # the part of the mission that was before
+
+    def events(kind):
+        return [e for e in timeline.since("", 0, 10**6)[2] if e["kind"] == kind]
+
+    with own_domain() as domain:
+        for name, value in local_environment(project_folder(), domain).items():
+            monkeypatch.setenv(name, value)
+        note_run(domain, run)
+        assert run_on(domain) == run
+        assert newest_mission() == RunningMission(domain, run)
+        follower = threading.Thread(target=MissionFollower(timeline, domain, None).follow, args=(stop,))
+        context = Context()
+        rclpy.init(context=context, domain_id=domain)
+        node = Node("mission", context=context)
+        status = node.create_publisher(SimStatus, "/sim/status", LATCHED)
+        odometry = node.create_publisher(Odometry, "/auv1/odometry", EVERY)
+        status.publish(SimStatus(header=header(0.0), state=SimStatus.WAITING, message="for the nodes"))
+        follower.start()
+        try:
+            wait_for(lambda: events("status"), "the simulator is heard")
+            assert timeline.state["growing"]
+            assert odometry.get_subscription_count() == 0, "nobody is counted among the readers before it runs"
+            status.publish(SimStatus(header=header(300.0), state=SimStatus.RUNNING, steps=[20, 20]))
+            wait_for(odometry.get_subscription_count, "the vehicles are listened to")
+            for i in range(10):
+                odometry.publish(Odometry(header=header(300.0 + i)))
+            wait_for(lambda: [e for e in events("pose") if e["t"] >= 308.0], "odometry is heard")
+            wait_for(lambda: events("sent"), "what was said before comes from the recording")
+            assert events("mission")[0]["name"] == "a run"
+            assert [e["t"] for e in events("pose") if e["vehicle"] == 1 and e["t"] < 200.0]
+            name = timeline.since("", 0, 1)[0]
+            odometry.publish(Odometry(header=header(5.0)))
+            wait_for(lambda: timeline.since("", 0, 1)[0] != name, "time went back: another mission has begun")
+        finally:
+            node.destroy_node()
+            context.try_shutdown()
+            if not follower.is_alive():
+                stop.set()
+    try:
+        wait_for(lambda: not timeline.state["growing"], "the mission has ended")
+        assert newest_mission() is None or newest_mission().run != run
+    finally:
+        stop.set()
+        follower.join(20)

@@ -1,0 +1,208 @@
+"""The live view's page in a real browser: what it shows, its keys, small and large windows, lost connections."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import threading
+import time
+from io import BytesIO
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, Browser
+from PIL import Image
+
+from auv_lse_record.bag import write_run
+from auv_lse_record.recording import recording_in
+from auv_lse_shore.live.sources.follow import RecordingFollower
+from auv_lse_shore.live.sources.timeline import Timeline
+from auv_lse_shore.live.viewers.server import LiveServer
+
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason="needs Chromium (Debian, Ubuntu: sudo apt install chromium)")
+
+
+class Serving:
+    """A server on a thread of its own, as `scripts/live` runs it; may be stopped and started again on its port."""
+
+    def __init__(self, timeline):
+        self.timeline, self.port = timeline, 0
+        self.start()
+
+    def start(self):
+        ready = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._serve(ready)), daemon=True)
+        self._thread.start()
+        assert ready.wait(10)
+
+    async def _serve(self, ready):
+        server = LiveServer(self.timeline, self.port)
+        self.port, self.url = server.port, server.url
+        self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
+        ready.set()
+        await self._ended.wait()
+        await server.close()
+
+    def stop(self):
+        self._loop.call_soon_threadsafe(self._ended.set)
+        self._thread.join(10)
+
+
+@pytest.fixture(scope="module")
+def serving(tmp_path_factory, synthetic_run):
+    folder = tmp_path_factory.mktemp("page") / "a run"
+    write_run(synthetic_run(), folder)
+    serving = Serving(Timeline())
+    RecordingFollower(recording_in(folder), serving.timeline).follow(threading.Event())
+    yield serving
+    serving.stop()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory, serving):
+    with Browser(tmp_path_factory.mktemp("chromium")) as browser:
+        browser.size(1366, 768)
+        browser.open(serving.url)
+        browser.wait("window.liveView && liveView.store.list('map', 2).length > 10", "the whole recording")
+        yield browser
+
+
+def at(browser, t):
+    """Shows the moment `t` (s) and waits until it is drawn."""
+    browser.ask(f"liveView.player.seek({t})")
+    frames = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+    assert browser.ask(frames)
+
+
+def text(browser, name):
+    return browser.ask(f"document.getElementById('{name}').textContent")
+
+
+def pixels(browser, name):
+    """What a canvas shows, shape (rows, columns, 4)."""
+    url = browser.ask(f"document.getElementById('{name}').toDataURL('image/png')")
+    return np.asarray(Image.open(BytesIO(base64.b64decode(url.split(",", 1)[1]))).convert("RGBA")).astype(int)
+
+
+def test_it_shows_the_mission_and_reports_no_error(browser):
+    at(browser, 200.0)
+    assert text(browser, "title") == "a run"
+    assert text(browser, "map-title") == "What auv1 knows of the 15 m isobath"
+    assert text(browser, "state") == "recording"
+    assert browser.ask("document.querySelectorAll('.vehicle').length") == 2
+    assert "12 of 30" in text(browser, "vehicles")
+    assert text(browser, "slots-words").startswith("Slot of auv")
+    assert browser.ask("document.getElementById('problem').hidden")
+    assert browser.errors == []
+    for canvas in ("map", "slots", "reward", "risk"):
+        shown = pixels(browser, canvas)
+        assert len(np.unique(shown.reshape(-1, 4), axis=0)) > 20, f"{canvas} is blank"
+
+
+def test_the_map_changes_with_the_moment_the_layer_and_the_vehicle(browser):
+    at(browser, 60.0)
+    early = pixels(browser, "map")
+    at(browser, 400.0)
+    late = pixels(browser, "map")
+    assert (early != late).any(axis=2).mean() > 0.1
+    browser.press("d")
+    at(browser, 400.0)
+    assert browser.ask("document.querySelector('#layers [aria-checked=true]').textContent") == "Depth"
+    assert (pixels(browser, "map") != late).any(axis=2).mean() > 0.1
+    browser.press("r")
+    browser.press("2")
+    at(browser, 400.0)
+    assert text(browser, "map-title").startswith("What auv2 knows")
+    assert browser.ask("document.querySelectorAll('.vehicle[aria-pressed=true]').length") == 1
+    browser.press("1")
+    browser.press("+")
+    at(browser, 400.0)
+    assert (pixels(browser, "map") != late).any(axis=2).mean() > 0.1
+    browser.press("0")
+    at(browser, 400.0)
+    assert (pixels(browser, "map") == late).all()
+
+
+def test_keys_move_through_time(browser):
+    at(browser, 100.0)
+    browser.press("ArrowRight")
+    assert browser.ask("liveView.player.t") == 110.0
+    browser.press("ArrowLeft", shift=True)
+    assert browser.ask("liveView.player.t") == 50.0
+    browser.press("Home")
+    assert browser.ask("liveView.player.t") == 0.0
+    browser.press(" ")
+    browser.wait("liveView.player.t > 2", "it plays")
+    browser.press(" ")
+    stopped = browser.ask("liveView.player.t")
+    time.sleep(0.1)
+    assert browser.ask("liveView.player.t") == stopped
+    browser.press("End")
+    assert browser.ask("liveView.player.t === liveView.store.lastS")
+    spoken = "document.getElementById('time').getAttribute('aria-valuetext')"
+    browser.wait(
+        spoken,
+        "the slider says the time",
+        good=lambda value: value == f"{value.split(' of ')[1]} of " + value.split(" of ")[1],
+    )
+
+
+def test_everything_can_be_reached_by_keys_and_has_a_name(browser):
+    names = browser.ask(
+        "[...document.querySelectorAll('button, input, select, canvas:not([aria-hidden])')].map((e) => "
+        "e.textContent.trim() || e.getAttribute('aria-label') || e.getAttribute('aria-describedby') || "
+        "e.closest('label')?.textContent)"
+    )
+    assert len(names) > 15
+    assert all(names)
+    browser.press("?")
+    assert browser.ask("document.getElementById('help').open")
+    browser.ask("document.getElementById('help').close()")
+
+
+@pytest.mark.parametrize(
+    ("width", "height"), [(1366, 768), (1920, 1080), (1100, 800), (820, 1180), (390, 844), (320, 568)]
+)
+def test_nothing_is_cut_off_sideways(browser, width, height):
+    browser.size(width, height, mobile=width < 900)
+    at(browser, 200.0)
+    assert browser.ask("document.documentElement.scrollWidth") <= width
+    assert browser.ask("document.getElementById('map').clientHeight") > 200
+    assert browser.ask("document.getElementById('play').getBoundingClientRect().bottom") <= height + 1
+    beyond = browser.ask(
+        "[...document.querySelectorAll('.vehicle dd')].filter((dd) => dd.scrollWidth > dd.clientWidth || "
+        "dd.getBoundingClientRect().right > dd.closest('.vehicle').getBoundingClientRect().right - 4)"
+        ".map((dd) => dd.textContent)"
+    )
+    assert beyond == [], "a card ends before its text"
+    browser.size(1366, 768)
+
+
+def test_text_is_legible_in_both_themes(browser):
+    def luminance(color):
+        parts = [int(color[i : i + 2], 16) / 255.0 for i in (1, 3, 5)]
+        linear = [p / 12.92 if p <= 0.03928 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+        return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
+
+    of = "getComputedStyle(document.documentElement).getPropertyValue('--{}').trim()"
+    for scheme in ("dark", "light"):
+        browser.media(prefers_color_scheme=scheme)
+        browser.wait(f"document.documentElement.hasAttribute('data-dark') === {str(scheme == 'dark').lower()}")
+        for ink in ("ink", "soft", "accent", "ok", "warn", "bad"):
+            for paper in ("paper", "card"):
+                pair = sorted(luminance(browser.ask(of.format(name))) for name in (ink, paper))
+                contrast = (pair[1] + 0.05) / (pair[0] + 0.05)
+                assert contrast >= 4.5, f"{scheme}: {ink} on {paper}: {contrast:.1f}; expected WCAG's 4.5"
+
+
+def test_a_lost_connection_comes_back_and_a_new_mission_begins_anew(browser, serving):
+    have = browser.ask("liveView.store.changes")
+    serving.stop()
+    browser.wait("document.getElementById('state').textContent.includes('connection lost')")
+    serving.start()
+    browser.wait("document.getElementById('state').textContent === 'recording'", "connected again")
+    assert browser.ask("liveView.store.changes") == have, "it went on where it was"
+    _, _, events = serving.timeline.since("", 0, 1)
+    serving.timeline.begin({**events[0], "name": "the next one"})
+    browser.wait("document.getElementById('title').textContent === 'the next one'")
+    assert browser.ask("liveView.store.list('pose', 1).length") == 0

@@ -1,0 +1,194 @@
+"""The live view's server: it serves this machine's own page and nobody else."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+from auv_lse_record.bag import write_run
+from auv_lse_shore.live.command import main
+from auv_lse_shore.live.sources.timeline import Timeline
+from auv_lse_shore.live.viewers.page import live_page
+from auv_lse_shore.live.viewers.server import LiveServer, PortTakenError, port_or_any
+
+
+def served(talk):
+    """Serves a timeline of 1001 events on some free port and runs `talk(server, timeline)`."""
+
+    async def run():
+        timeline = Timeline()
+        timeline.begin({"kind": "mission"})
+        timeline.add([{"kind": "n", "t": i} for i in range(1000)])
+        server = LiveServer(timeline, 0)
+        try:
+            return await talk(server, timeline)
+        finally:
+            await server.close()
+
+    return asyncio.run(asyncio.wait_for(run(), 30))
+
+
+async def status(url, **options):
+    try:
+        return (await AsyncHTTPClient().fetch(HTTPRequest(url, **options))).code
+    except HTTPClientError as error:
+        return error.code
+
+
+def test_only_the_page_of_this_machine_is_answered():
+    async def talk(server, _):
+        url, port = server.url, server.port
+        assert await status(url) == 200
+        assert await status(url, headers={"Host": f"localhost:{port}", "Origin": f"http://localhost:{port}"}) == 200
+        for host in ("evil.example", f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}"):
+            assert await status(url, headers={"Host": host}) == 403, host
+        for origin in (
+            "http://evil.example",
+            "null",
+            f"https://127.0.0.1:{port}",
+            f"http://127.0.0.1:{port}.evil.example",
+        ):
+            assert await status(url, headers={"Origin": origin}) == 403, origin
+            request = HTTPRequest(f"ws://127.0.0.1:{port}/events", headers={"Origin": origin})
+            with pytest.raises(HTTPClientError, match="403"):
+                await websocket_connect(request)
+        for path in ("etc/passwd", "../server.py", "%2e%2e/server.py", "page/main.js", "events/../", "//etc/passwd"):
+            assert await status(url + path) == 404, path
+        assert await status(url, method="POST", body="x") == 405
+
+    served(talk)
+
+
+def test_it_listens_on_this_machine_alone():
+    async def talk(server, _):
+        assert server.url.startswith("http://127.0.0.1:")
+        others = {a[4][0] for a in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)} - {"127.0.0.1"}
+        for address in others:
+            with socket.socket() as probe:
+                probe.settimeout(1.0)
+                assert probe.connect_ex((address, server.port)) != 0, address
+
+    served(talk)
+
+
+def test_the_page_fetches_nothing_and_runs_its_own_script_only():
+    async def talk(server, _):
+        answer = await AsyncHTTPClient().fetch(server.url)
+        policy = answer.headers["Content-Security-Policy"]
+        assert policy.startswith("default-src 'none'")
+        assert re.search(r"script-src 'sha256-[\w+/]+=';", policy)
+        assert answer.headers["Cache-Control"] == "no-store"
+
+    served(talk)
+    assert not re.findall(r"(?:src|href)\s*=\s*\"(?!data:)", live_page())
+    assert not re.findall(r"^(?:import|export) ", live_page(), re.MULTILINE)
+
+
+def test_text_of_a_mission_cannot_leave_its_element():
+    page = live_page([{"kind": "mission", "name": "</script><script>alert(1)</script>"}])
+    assert "alert(1)" in page
+    assert "</script><script>alert" not in page
+
+
+def test_several_pages_get_every_event_and_one_that_comes_back_goes_on():
+    async def collect(socket_, name, have):
+        await socket_.write_message(json.dumps({"name": name, "have": have}))
+        found, begins = [], []
+        while True:
+            told = json.loads(await socket_.read_message())
+            begins.append(told["from"])
+            found += told["events"]
+            if have + len(found) >= 1001:
+                return told["name"], found, begins
+
+    async def talk(server, timeline):
+        url = f"ws://127.0.0.1:{server.port}/events"
+        first, second = await websocket_connect(url), await websocket_connect(url)
+        (name, found, _), (other, again, _) = await asyncio.gather(collect(first, "", 0), collect(second, "", 0))
+        assert name == other
+        assert found == again
+        assert [e["t"] for e in found[1:]] == list(range(1000))
+        first.close()
+        _, rest, begins = await collect(await websocket_connect(url), name, 990)
+        assert (begins[0], len(rest)) == (990, 11)
+        timeline.begin({"kind": "mission", "name": "another"})
+        told = json.loads(await second.read_message())
+        assert (told["from"], [e["name"] for e in told["events"]], told["name"] != name) == (0, ["another"], True)
+        bad = await websocket_connect(url)
+        await bad.write_message("[]")
+        assert await bad.read_message() is None
+        assert bad.close_code == 1003
+
+    served(talk)
+
+
+def test_a_port_that_is_taken_is_named_with_its_option():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        assert port_or_any(port) == 0, "a mission's live view takes another one"
+        with pytest.raises(PortTakenError, match=rf"--port {port}: .*Address already in use.*fix: --port N"):
+            LiveServer(Timeline(), port)
+
+
+def test_the_command_says_what_is_wrong(tmp_path, capsys):
+    assert main([str(tmp_path / "nowhere")]) == 2
+    assert "nowhere: does not exist; expected a run folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--port", "99999"], "--port 99999: expected 0 to 65535"),
+        (["--foxglove", "99999"], "--foxglove 99999: expected 1 to 65535"),
+        (["--rate", "0"], "--rate 0: expected more than 0"),
+        (["--rate", "nan"], "--rate nan: expected more than 0"),
+        (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
+    ],
+)
+def test_options_that_cannot_be_met_are_named(tmp_path, capsys, synthetic_run, arguments, expected):
+    write_run(synthetic_run(steps=1), tmp_path / "run")
+    assert main([str(tmp_path / "run"), "--no-open", *arguments]) == 2
+    assert expected in capsys.readouterr().err
+
+
+def test_the_command_serves_until_ctrl_c(tmp_path, synthetic_run):
+    folder = tmp_path / "a run"
+    write_run(synthetic_run(), folder)
+    command = [sys.executable, "-m", "auv_lse_sim.live", str(folder), "--port", "0", "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        watchdog = threading.Timer(60.0, process.kill)
+        watchdog.start()
+        try:
+            line = process.stdout.readline()
+            assert "http://127.0.0.1:" in line, process.stderr.read()
+            time.sleep(0.2)
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=30)
+        finally:
+            watchdog.cancel()
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+    assert (process.returncode, errors) == (130, "")
+
+
+def test_a_recording_can_be_written_into_the_page(tmp_path, synthetic_run):
+    folder, page = tmp_path / "run", Path(tmp_path / "page.html")
+    write_run(synthetic_run(), folder)
+    assert main([str(folder), "--write", str(page)]) == 0
+    events = json.loads(page.read_text().split('type="application/json">', 1)[1].split("</script>", 1)[0])
+    assert (events[0]["kind"], events[0]["name"]) == ("mission", "run")

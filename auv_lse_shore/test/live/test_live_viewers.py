@@ -1,0 +1,143 @@
+"""Standard messages for RViz and Foxglove: what they hold, what the layouts name, and who serves them."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import json
+import re
+import socket
+import struct
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.typesys import Stores, get_typestore
+from tornado.httpclient import HTTPRequest
+from tornado.websocket import websocket_connect
+
+from auv_lse_record.bag import write_run
+from auv_lse_record.recording import recording_in
+from auv_lse_shore.live.sources.follow import RecordingFollower
+from auv_lse_shore.live.sources.timeline import Timeline
+from auv_lse_shore.live.viewers import foxglove_viewer
+from auv_lse_shore.live.viewers.feed import Feed, Playback
+from auv_lse_shore.live.viewers.foxglove_viewer import FoxgloveError, FoxgloveViewer
+from auv_lse_shore.live.viewers.standard_messages import StandardMessages
+
+ROOT = Path(__file__).resolve().parents[3]
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+@pytest.fixture(scope="module")
+def timeline(tmp_path_factory, synthetic_run):
+    folder, timeline = tmp_path_factory.mktemp("viewers") / "run", Timeline()
+    write_run(synthetic_run(steps=12), folder)
+    RecordingFollower(recording_in(folder), timeline).follow(threading.Event())
+    return timeline
+
+
+@pytest.fixture(scope="module")
+def told(timeline):
+    """Every message of the mission, by topic, read again from its bytes."""
+    _, _, events = timeline.since("", 0, 10**6)
+    messages, found = StandardMessages(events[0]), {}
+    for message in [*messages.first(0.0), *(m for e in events[1:] for m in messages.take(e))]:
+        found.setdefault(message.topic, []).append((message.kind, STORE.deserialize_cdr(message.data, message.kind)))
+    return events, found
+
+
+def test_they_hold_what_the_page_shows(told):
+    events, found = told
+    poses = [e for e in events if e["kind"] == "pose" and e["vehicle"] == 1]
+    last = found["/viz/auv1/pose"][-1][1]
+    assert (last.pose.position.y, last.pose.position.x) == (poses[-1]["north"], poses[-1]["east"]), "ENU"
+    maps = [e for e in events if e["kind"] == "map" and e["vehicle"] == 2]
+    grid = found["/viz/auv2/risk_map"][-1][1]
+    assert (grid.info.width, grid.info.height) == (maps[-1]["columns"], maps[-1]["rows"])
+    inside = grid.data[grid.data >= 0]
+    assert inside.max() <= 100
+    percent = 100.0 * maps[-1]["mean_risk"] / events[0]["largest_risk"]
+    assert np.mean(inside) == pytest.approx(percent, abs=0.5), "rounded to whole percent"
+    actions, rest = found["/viz/auv1/plan/actions"][0][1], found["/viz/auv1/plan/continuation"][0][1]
+    per = events[0]["points_per_leg"]
+    assert (len(actions.poses), len(rest.poses)) == (3 * per + 1, 9 * per + 1)
+    assert actions.poses[-1].pose.position == rest.poses[0].pose.position
+    heard = [m for _, array in found["/viz/packets"] for m in array.markers if m.ns.startswith("heard")]
+    assert len(heard) == len([e for e in events if e["kind"] == "received"])
+    assert all(m.lifetime.sec == 10 for m in heard)
+
+
+def test_the_layouts_name_topics_that_there_are(told):
+    _, found = told
+    layout = (ROOT / "config" / "foxglove" / "mission.json").read_text()
+    json.loads(layout)
+    rviz = yaml.safe_load((ROOT / "config" / "rviz" / "mission.rviz").read_text())
+    displays = {d["Topic"]["Value"]: d["Class"] for d in rviz["Visualization Manager"]["Displays"] if "Topic" in d}
+    named = set(displays) | {name.removesuffix(".data") for name in re.findall(r'"(/viz/[\w/]+(?:\.data)?)"', layout)}
+    known = set(found) | {"/viz/diagnostics"}  # a recording of the fleet engine has none
+    assert {re.sub("auv3", "auv1", name) for name in named} <= known
+    kinds = {"Map": "OccupancyGrid", "Path": "Path", "MarkerArray": "MarkerArray", "Polygon": "PolygonStamped"}
+    for topic, display in displays.items():
+        kind = found[re.sub("auv3", "auv1", topic)][0][0]
+        assert kind.endswith("/" + kinds[display.split("/")[1]]), topic
+
+
+def test_without_foxglove_the_command_that_installs_it_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "foxglove", None)
+    with pytest.raises(FoxgloveError, match="pip install foxglove-sdk"):
+        FoxgloveViewer(0, Playback(1.0))
+
+
+@pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, reason="needs foxglove-sdk (an optional dependency)")
+def test_foxglove_gets_every_topic_and_its_time_bar_moves_the_recording(timeline):
+    playback, stop = Playback(1.0), threading.Event()
+    viewer = FoxgloveViewer(free_port(), playback)
+    feed = threading.Thread(target=Feed(timeline, [viewer], playback).run, args=(stop,))
+
+    async def talk():
+        request = HTTPRequest(viewer.url, headers={"Sec-WebSocket-Protocol": "foxglove.sdk.v1"})
+        socket_ = await websocket_connect(request)
+        channels, topics, state = {}, set(), None
+        wanted_topics = {"/viz/auv1/risk_map", "/viz/auv2/track", "/viz/vehicles", "/viz/true_isobath"}
+        await socket_.write_message(
+            b"\x03" + struct.pack("<Bf?q", 0, 500.0, True, 100_000_000_000) + struct.pack("<I", 1) + b"x", binary=True
+        )
+        while not wanted_topics <= topics or state is None:
+            data = await socket_.read_message()
+            assert data is not None, (topics, state)
+            if isinstance(data, str):
+                message = json.loads(data)
+                if message.get("op") == "serverInfo":
+                    assert "playbackControl" in message["capabilities"]
+                if message.get("op") == "advertise":
+                    new = {c["id"]: c["topic"] for c in message["channels"]}
+                    channels |= new
+                    wanted = [{"id": number, "channelId": number} for number in new]
+                    await socket_.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+            elif data[0] == 1:
+                topics.add(channels[struct.unpack_from("<I", data, 1)[0]])
+            elif data[0] == 5:
+                state = data
+        socket_.close()
+
+    try:
+        feed.start()
+        for _ in range(100):
+            if viewer._server is not None:
+                break
+            stop.wait(0.1)
+        asyncio.run(asyncio.wait_for(talk(), 30))
+        assert playback.t >= 100.0
+        with pytest.raises(FoxgloveError, match=r"--foxglove \d+: cannot listen .* fix: --foxglove N"):
+            FoxgloveViewer(viewer._port, playback)
+    finally:
+        stop.set()
+        feed.join(10)
+
+
+def free_port():
+    with socket.create_server((foxglove_viewer.ADDRESS, 0)) as probe:
+        return probe.getsockname()[1]

@@ -1,0 +1,122 @@
+"""The launch files, against stand-ins for launch and launch_ros, which no wheel brings: what they declare and start."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from auv_lse_common.mission_file.settings import Settings
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+class Action:
+    """Whatever a launch file makes: it keeps what it was made with."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.args, self.kwargs = args, kwargs
+
+
+class LaunchConfiguration(Action):
+    def perform(self, context: dict[str, str]) -> str:
+        return context[self.args[0]]
+
+
+@pytest.fixture
+def launch(monkeypatch: pytest.MonkeyPatch) -> Any:
+    names = {
+        "launch": ["LaunchDescription"],
+        "launch.actions": ["DeclareLaunchArgument", "EmitEvent", "OpaqueFunction"],
+        "launch.events": ["Shutdown"],
+        "launch.substitutions": [],
+        "launch_ros": [],
+        "launch_ros.actions": ["Node"],
+        "ament_index_python": [],
+        "ament_index_python.packages": [],
+    }
+    for module, classes in names.items():
+        made: Any = types.ModuleType(module)
+        for name in classes:
+            setattr(made, name, type(name, (Action,), {}))
+        monkeypatch.setitem(sys.modules, module, made)
+    sys.modules["launch.substitutions"].LaunchConfiguration = LaunchConfiguration  # type: ignore[attr-defined]
+    share = lambda package: str(ROOT / package)
+    sys.modules["ament_index_python.packages"].get_package_share_directory = share  # type: ignore[attr-defined]
+
+    def load(path: str, **given: str) -> tuple[dict[str, str], Any]:
+        """The arguments' defaults, and a function that gives the nodes."""
+        spec = importlib.util.spec_from_file_location("a_launch_file", ROOT / path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        *declared, start = module.generate_launch_description().args[0]
+        assert all(action.kwargs["description"] for action in declared), "--show-args has something to say"
+        arguments = {action.args[0]: action.kwargs["default_value"] for action in declared}
+        return arguments, lambda: start.kwargs["function"]({**arguments, **given})
+
+    return load
+
+
+VEHICLE_NODES = ("gp_node", "safety_node", "planner_node", "modem_node")
+
+
+def names(nodes: list[Action]) -> list[str]:
+    return [f"{n.kwargs.get('namespace', '/').rstrip('/')}/{n.kwargs['executable']}" for n in nodes]
+
+
+def test_a_mission(launch: Any, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    given = {"vehicles": "2", "steps": "7", "seed": "3", "real_time_factor": "5", "out": str(out)}
+    arguments, start = launch("auv_lse_sim/launch/mission.launch.py", **given)
+    assert Path(arguments["params_file"]).is_file()
+    nodes = start()
+    of_vehicles = [f"/auv{k}/{name}" for k in (1, 2) for name in VEHICLE_NODES]
+    assert names(nodes) == ["/recorder_node", *of_vehicles, "/sim_node"]
+    settings = Settings.load(out / "mission.yaml")
+    assert (settings.mission.vehicles, settings.mission.steps, settings.mission.seed) == (2, 7, 3)
+    assert (settings.sim.real_time_factor, settings.sim.lockstep) == (5.0, False)
+    assert settings.record.folder == str(out / "bag")
+    assert [n.kwargs["parameters"][1]["use_sim_time"] for n in nodes] == [*[True] * 9, False]
+    assert nodes[0].kwargs["sigterm_timeout"] == "30.0", "a recorder has the time to close its file"
+    with pytest.raises(ValueError, match="exists and is not empty"):
+        start()
+
+
+def test_a_mission_with_emulated_modems_has_ranges(launch: Any, tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    _, start = launch("auv_lse_sim/launch/mission.launch.py", modem="emulated", out=str(out))
+    assert "/auv1/micromodem_node" in names(start())
+    assert Settings.load(out / "mission.yaml").vehicle(1).modem.synchronous, "as with scripts/mission"
+
+
+def test_a_mission_without_a_recorder(launch: Any, tmp_path: Path) -> None:
+    _, start = launch("auv_lse_sim/launch/mission.launch.py", record="false", out=str(tmp_path / "run"))
+    assert "/recorder_node" not in names(start())
+    assert Settings.load(tmp_path / "run" / "mission.yaml").record.folder == ""
+    _, start = launch("auv_lse_sim/launch/mission.launch.py", record="maybe", out=str(tmp_path / "other"))
+    with pytest.raises(ValueError, match="record:=maybe: expected true or false"):
+        start()
+
+
+def test_a_vehicle(launch: Any, tmp_path: Path) -> None:
+    file = tmp_path / "vehicles.yaml"
+    modem, record = {"kind": "micromodem", "port": "/dev/ttyS0"}, {"folder": "bag"}
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"modem": modem, "record": record}}}))
+    path = "auv_lse_common/launch/vehicle.launch.py"
+    _, start = launch(path, name="auv2", params_file=str(file), out=str(tmp_path / "dive"))
+    nodes = start()
+    of_vehicle = [f"/auv2/{name}" for name in (*VEHICLE_NODES, "micromodem_node")]
+    assert names(nodes) == ["/recorder_node", *of_vehicle]
+    assert nodes[0].kwargs["parameters"][1] == {"record.folder": str(tmp_path / "dive" / "bag")}
+    assert nodes[0].kwargs["sigterm_timeout"] == "30.0", "a recorder has the time to close its file"
+    assert all(node.kwargs["respawn"] for node in nodes[1:])
+    _, start = launch(path)
+    with pytest.raises(ValueError, match=r"expected name:=auv2 params_file:=vehicles\.yaml"):
+        start()

@@ -1,0 +1,153 @@
+"""The command line of scripts/mission, without flying: the vehicles' file, and how it says what is wrong."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import yaml
+from rich.console import Console
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from auv_lse_common.mission_file.methods import METHODS
+from auv_lse_common.mission_file.parameters import ParameterError, parameters_for, read_parameter_file
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.support.project_folder import project_folder
+from auv_lse_shore.mission import mission
+from auv_lse_shore.mission.mission import main
+from auv_lse_shore.mission.options import parser
+from auv_lse_shore.mission.vehicle_file import vehicle_file
+from auv_lse_sim.engine.hardware import hardware_of
+
+pytestmark = pytest.mark.ros
+
+PORT = ("--set", "modem.port=/dev/ttyUSB0")
+
+
+def test_a_link_that_is_down_for_a_while_finds_its_port_free() -> None:
+    wanted = hardware_of("direct", "mavlink", Settings.load(), Path("/nowhere"))
+    ports = [int(wanted[f"auv{k}.link.endpoint"].rsplit(":", 1)[1]) for k in (1, 2, 3)]
+    assert len(set(ports)) == 3
+    assert min(ports) > 60999, "no socket of another process gets it by chance while the node is started again"
+
+
+def test_emulated_modems_are_synchronous_unless_a_vehicle_pings(tmp_path: Path) -> None:
+    file, folder = tmp_path / "mission.yaml", tmp_path / "run"
+    file.write_text("/auv2/**:\n  ros__parameters: {modem: {ping: true}}\n")
+    for words, pings, synchronous in (
+        ([], False, True),
+        ([str(file)], True, False),
+        (["--set", "auv2.modem.ping=true"], True, False),
+        (["--set", "modem.synchronous=false"], False, False),
+        (["--set", "auv2.modem.synchronous=false"], False, False),
+    ):
+        options = parser().parse_args([*words, "--modem", "emulated"])
+        settings = mission.prepare(options, project_folder())[0]
+        folder.mkdir(exist_ok=True)
+        modem = mission.write_mission(settings, folder, options).vehicle(2).modem
+        assert (modem.ping, modem.synchronous) == (pings, synchronous), words
+
+
+def run_file(folder: Path, modem: str = "direct", link: str = "direct") -> Path:
+    """The mission.yaml that a simulated run leaves."""
+    settings = Settings.load(None, {"mission.steps": 40, "auv2.vehicle.depth_m": 6.5, "gp.noise_std_m": 0.25})
+    settings = settings.with_overrides({"record.folder": str(folder / "bag")})
+    settings = settings.with_overrides(hardware_of(modem, link, settings, folder))
+    path = folder / "mission.yaml"
+    path.write_text(settings.to_parameter_file())
+    return path
+
+
+def test_the_vehicles_file_of_a_run_lets_nodes_run_without_a_simulator(tmp_path: Path) -> None:
+    out = tmp_path / "vehicles.yaml"
+    assert main([str(run_file(tmp_path)), "--for-vehicles", str(out), *PORT]) == 0
+    for k in (1, 2, 3):
+        own = parameters_for(read_parameter_file(out), f"/auv{k}/planner_node")
+        assert "sim" not in own
+        assert own["record"]["folder"] == "bag"
+        assert (own["modem"]["kind"], own["modem"]["port"]) == ("micromodem", "/dev/ttyUSB0")
+        assert (own["link"]["kind"], own["link"]["endpoint"]) == ("mavlink", "udpin://127.0.0.1:14550")
+        assert own["link"]["soundings"] is True
+        assert own["vehicle"]["depth_m"] == (3.0, 6.5, 5.0)[k - 1]
+    again = Settings.load(out)
+    assert (again.mission.steps, again.common.gp.noise_std_m) == (40, 0.25)
+    assert str(tmp_path / "bag") not in out.read_text()
+    before = out.read_text()
+    assert main([str(run_file(tmp_path)), "--for-vehicles", str(out), *PORT]) == 2, "it exists"
+    assert out.read_text() == before
+    assert {p.name for p in tmp_path.iterdir()} == {"mission.yaml", "vehicles.yaml"}, "nothing was flown"
+
+
+def test_the_area_asked_for_is_not_fitted_to_the_synthetic_lake(tmp_path: Path) -> None:
+    path, out = tmp_path / "mission.yaml", tmp_path / "vehicles.yaml"
+    corners = [0.0, 0.0, 3000.0, 0.0, 3000.0, 3000.0, 0.0, 3000.0]
+    path.write_text(f"/**:\n  ros__parameters:\n    area: {{polygon_m: {corners}}}\n")
+    assert main([str(path), "--for-vehicles", str(out), *PORT]) == 0
+    assert list(Settings.load(out).area.polygon_m) == corners
+
+
+def test_hardware_that_vehicles_do_not_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=r"auv1: modem\.port: missing; expected a serial device"):
+        vehicle_file(Settings.load(run_file(tmp_path)))
+    for modem, link in (("emulated", "direct"), ("direct", "mavlink")):
+        with pytest.raises(ParameterError, match="of that run's emulated hardware"):
+            vehicle_file(Settings.load(run_file(tmp_path, modem, link), {"modem.port": "/dev/ttyUSB0"}))
+    by_hand = tmp_path / "by_hand.yaml"
+    link = {"kind": "mavlink", "endpoint": "serial:///dev/ttyS1:57600", "soundings": False}
+    modem = {"kind": "micromodem", "port": "tcp://10.0.0.2:4000"}
+    by_hand.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"modem": modem, "link": link}}}))
+    out = tmp_path / "vehicles.yaml"
+    out.write_text(vehicle_file(Settings.load(by_hand)))
+    own = Settings.load(out).vehicle(2)
+    assert (own.modem.port, own.link.endpoint, own.link.soundings) == (modem["port"], link["endpoint"], False)
+    assert vehicle_file(Settings.load(out)).splitlines()[3:] == out.read_text().splitlines()[3:], "of its own, too"
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("planner.iterations=[1", "error: --set 'planner.iterations=[1': the value is not YAML: "),
+        ("planner.[/x]=1", "planner.[/x]: unknown parameter"),
+        ("planner.iterations", "expected NAME=VALUE"),
+        (
+            "planner.iteratons=5",
+            "error: --set planner.iteratons=5: planner.iteratons: unknown parameter (value 5); did you mean",
+        ),
+        ("auv2.planner.horizon=0", "error: --set auv2.planner.horizon=0: planner.horizon: got 0; expected int >= 1"),
+        ("planer.horizon=3", "error: --set planer.horizon=3: planer: unknown section; did you mean 'planner'?"),
+        ("planner.method=best", "error: --set planner.method=best: planner.method: got 'best'; expected one of 'tour'"),
+    ],
+)
+def test_a_wrong_set_is_named(
+    argument: str, words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    assert main(["--set", argument, "--out", str(tmp_path / "run")]) == 2
+    printed = capsys.readouterr().out
+    assert words in printed
+
+
+@pytest.mark.parametrize(("factor", "words"), [("0", "expected more than 0; without it"), ("-1", "got -1.0; expected")])
+def test_a_pace_that_cannot_be_is_refused(
+    factor: str, words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0 was taken and flown at once real time, where the parameter says that it is as fast as it goes."""
+    monkeypatch.setenv("COLUMNS", "300")
+    assert main(["--real-time-factor", factor]) == 2
+    assert f"error: --real-time-factor {factor}: " in (said := capsys.readouterr().out)
+    assert words in said
+
+
+def test_the_help_names_the_methods_that_there_are() -> None:
+    listed = parser().format_help().split("planning method: ")[1].split(" (docs/planner.md)")[0]
+    assert "".join(listed.split()).split(",") == list(METHODS)
+
+
+def test_a_nodes_last_words_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    words = "[ERROR] [1.5] [auv1.gp_node]: [/x] [red]"
+    mission._complain(Console(width=200), words)
+    mission._say(Console(width=200), words)
+    assert capsys.readouterr().out == f"error: {words}\n{words}\n"

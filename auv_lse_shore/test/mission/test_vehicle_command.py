@@ -1,0 +1,90 @@
+"""scripts/sim and scripts/vehicle, each in a process of its own: together they fly the mission of scripts/mission."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
+    pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.process.domain import own_domain
+from auv_lse_record.bag import read_run
+from auv_lse_record.recording import read_messages
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.ground.ground_source import ground_of
+from benchmarks.faults import kills
+
+pytestmark = [pytest.mark.ros, pytest.mark.mission]
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def start(module: str, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "AUV_LSE_ROOT": str(ROOT)},
+    )
+
+
+def test_vehicles_started_one_by_one_fly_the_same_mission(tmp_path: Path) -> None:
+    folder = tmp_path / "a run"
+    with own_domain() as free:  # let go at once: scripts/sim takes it
+        domain = ("--domain", str(free))
+    short = ("--vehicles", "2", "--steps", "5", "--seed", "5", "--no-report", "--out", str(folder))
+    started = [start("auv_lse_shore.mission.sim", *short, *domain)]
+    try:
+        until = time.monotonic() + 60.0
+        while not (folder / "mission.yaml").is_file():
+            assert time.monotonic() < until, "the simulator has not written its mission.yaml"
+            time.sleep(0.1)
+        for k in (2, 1):
+            vehicle = ("auv_lse_common.commands.vehicle", f"auv{k}", str(folder / "mission.yaml"), *domain)
+            started.append(start(*vehicle, "--out", str(tmp_path / f"auv {k}")))
+        outputs = [process.communicate(timeout=150)[0] for process in started]
+    finally:
+        for process in started:
+            process.kill()
+    assert [process.returncode for process in started] == [0, 0, 0], outputs
+    assert f"scripts/vehicle auv2 {folder / 'mission.yaml'}" in outputs[0]
+    assert "auv2: the simulated mission has finished" in outputs[1]
+    by_hand = read_run(folder)
+    settings = Settings.load(folder / "mission.yaml")
+    by_fleet = Fleet(settings, ground_of(settings)).run()  # equal to scripts/mission: test_mission.py
+    assert [p.payload for p in by_hand.sent] == [p.payload for p in by_fleet.sent]
+    assert len(by_hand.sent) > 2
+    for one, other in zip(by_hand.vehicles, by_fleet.vehicles, strict=True):
+        assert [(d.now_s, d.plan) for d in one.decisions] == [(d.now_s, d.plan) for d in other.decisions]
+
+
+def test_vehicles_that_share_nothing_but_the_water_survive_the_death_of_every_node(tmp_path: Path) -> None:
+    """Three ROS domains; packets pass through emulated modems alone. In real time: three legs, a minute."""
+
+    def one_of_each(travel_s: float) -> list[tuple[float, int, str]]:
+        return [(3.0 + 5.0 * number, 1, node) for number, node in enumerate(kills.NODES)]
+
+    flight = kills.fly(tmp_path / "lake é 1", 3, one_of_each, {"tdma.slot_s": "8.0"})
+    assert flight.codes == [0, 0, 0], flight.outputs
+    assert len(flight.kills) == 6
+    assert all(kill.back_s < 15.0 for kill in flight.kills), flight.kills  # 5 s on a machine that has time
+    assert not any(kill.lost for kill in flight.kills), flight.kills
+    assert len(flight.sockets) > 20, "of three processes and their nodes"
+    assert [socket for socket in flight.sockets if not socket.local] == [], "nothing listens beyond this machine"
+    assert flight.steps == {1: [0, 1, 2], 2: [0, 1, 2]}, "the planner went on at its step"
+    for k, mate in ((1, 2), (2, 1)):
+        heard = list(read_messages(flight.recordings[k], re.compile("/auv.*")))
+        assert {topic.split("/")[1] for topic, _ in heard} == {f"auv{k}"}, "no topic of the mate's"
+        plans = [message for topic, message in heard if topic == f"/auv{k}/team/plans"]
+        assert plans, "the mate's plan came through the water"
+        assert {plan.vehicle for plan in plans} == {mate}

@@ -1,0 +1,312 @@
+"""Every benchmark runs at its smallest size, so that none can rot unnoticed. What the figures are is not tested."""
+
+import importlib
+import json
+import math
+import re
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from pyarrow import Table, parquet
+
+from auv_lse_common.mission_file.sections.world import LakeConfig
+from auv_lse_sim.ground.lake import SyntheticLake
+from benchmarks import __main__ as bench
+from benchmarks.command import end_with
+from benchmarks.rows import KEYS
+
+
+def check(rows):
+    """Rows as `scripts/bench` prints them, with finite figures."""
+    assert rows
+    for row in rows:
+        assert tuple(row) == KEYS
+        assert row["value"] is not None
+        assert math.isfinite(row["value"]), row
+        assert row["ratio"] is None or math.isfinite(row["ratio"]), row
+        assert bool(row["goal"]) == (row["holds"] is not None), row
+
+
+@pytest.fixture
+def survey(tmp_path):
+    """Soundings of a small lake along lines, as a CSV file."""
+    file = tmp_path / "lake.csv"
+    lake = SyntheticLake(LakeConfig(seed=3, height_m=400.0, width_m=400.0, north_m=0.0, east_m=0.0, islands=0))
+    places = np.array([(n, e) for e in np.arange(-180.0, 181.0, 40.0) for n in np.arange(-180.0, 181.0, 6.0)])
+    depths = lake.depth_m(places[:, 0], places[:, 1])
+    rows = [f"{n},{e},{d}" for (n, e), d in zip(places, depths, strict=True) if np.isfinite(d)]
+    file.write_text("\n".join(["north_m,east_m,depth_m", *rows]) + "\n")
+    return file
+
+
+@pytest.mark.parametrize("group", ["gp", "planner", "comms", "fleet"])
+def test_a_group_runs_at_its_smallest_size(group, tmp_path):
+    file = tmp_path / "rows.json"
+    assert bench.main([group, "--smoke", "--json", str(file)]) == 0
+    check(json.loads(file.read_text()))
+
+
+@pytest.mark.ros
+def test_the_executor_group_runs_at_its_smallest_size(tmp_path):
+    file = tmp_path / "rows.json"
+    assert bench.main(["executor", "--smoke", "--json", str(file)]) == 0
+    rows = json.loads(file.read_text())
+    check(rows)
+    assert next(row["value"] for row in rows if row["name"] == "executor: lost or out of order") == 0
+
+
+@pytest.mark.ros
+@pytest.mark.mission
+def test_the_mission_group_runs_at_its_smallest_size(tmp_path):
+    file = tmp_path / "rows.json"
+    assert bench.main(["mission", "--smoke", "--json", str(file)]) == 0
+    check(json.loads(file.read_text()))
+
+
+def test_gp_measures_its_choices_on_soundings_of_a_real_lake(survey):
+    gp = importlib.import_module("benchmarks.gp")
+    lake = gp.Survey.of(survey)
+    warnings.simplefilter("ignore", UserWarning)  # short supports are what is measured
+    rows = [*gp.local_subset(lake, gp.SMOKE), *gp.merging(lake, gp.SMOKE), *gp.hyperparameters(lake, gp.SMOKE)]
+    check(rows)
+    assert any("real lake, lake" in row["against"] for row in rows)
+
+
+def test_the_made_up_survey_can_be_sounded():
+    """It once held depths below 0, which `OnlineGp.add` refuses."""
+    gp = importlib.import_module("benchmarks.gp")
+    lake = gp.Survey.of(None)
+    assert lake.depths_m.min() >= gp.LEAST_DEPTH_M
+    assert len(lake.places_m) > 2000
+
+
+def test_the_other_libraries_are_asked_in_the_form_that_gp_writes(tmp_path, capsys, monkeypatch):
+    rivals = importlib.import_module("benchmarks.gp_rivals")
+    gp = importlib.import_module("benchmarks.gp")
+    places, depths = gp.made_up(30)
+    scales = {"signal_std": 8.0, "length": 70.0, "noise_std": 0.3, "mean": 15.0}
+    data = {"places": places, "depths": depths, "queries": places[:5], "new": places[:2], "new_depths": depths[:2]}
+    np.savez(tmp_path / "data.npz", **data, **scales, fit_places=places, fit_depths=depths)
+    monkeypatch.setattr(sys, "argv", ["gp_rivals.py", str(tmp_path / "data.npz")])
+    rivals.main()
+    results = json.loads(capsys.readouterr().out)
+    assert results.keys() == {"scikit-learn", "GPyTorch"}
+    for result in results.values():
+        assert "missing" in result or {"version", "mean_sum", "std_sum"} <= result.keys()
+
+
+def test_the_figure_of_the_channel_is_drawn(tmp_path):
+    importlib.import_module("benchmarks.comms").channel_figure(tmp_path / "channel.png", packets=1)
+    assert (tmp_path / "channel.png").stat().st_size > 10_000
+
+
+def test_the_fuzzer_runs(capsys):
+    importlib.import_module("benchmarks.comms_fuzz").main(["300"])
+    assert "300 inputs, only PacketError escaped" in capsys.readouterr().out
+
+
+def test_the_navigation_consistency_is_measured(capsys):
+    assert importlib.import_module("benchmarks.navigation_consistency").main(["2", "60"]) == 0
+    assert capsys.readouterr().out.count("drift at the end") == 3
+
+
+def test_the_search_is_held_against_the_optimum(capsys):
+    importlib.import_module("benchmarks.planner_yardstick").main(["--situations", "1", "--iterations", "20"])
+    assert capsys.readouterr().out.count("of 1 situations") == 2
+
+
+def test_methods_are_held_against_hindsight(capsys):
+    hindsight = importlib.import_module("benchmarks.hindsight")
+    assert hindsight.main(["--lakes", "1", "--steps", "4", "--methods", "random", "--mutations", "3"]) == 0
+    out = capsys.readouterr().out
+    assert "| hindsight |" in out
+    assert "| hindsight on the isobath |" in out
+    assert "| random |" in out
+    assert out.count("100% |") == 2  # each aim by its own paths
+
+
+def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys):
+    from benchmarks import places_drift
+
+    monkeypatch.setattr(places_drift, "CONDITIONS", {"x3": (3.0, 0.0)})
+    wanted = ["--seeds", "7500", "1", "--steps", "6", "--out", str(tmp_path / "new" / "rows.jsonl")]
+    assert places_drift.main(wanted) == 0
+    first = capsys.readouterr().out
+    assert [line.split(" | ")[1] for line in first.splitlines()[2:]] == list(places_drift.WAYS)
+    monkeypatch.setattr(places_drift, "flown", None)  # what the file has is not flown again
+    assert places_drift.main(wanted) == 0
+    assert capsys.readouterr().out == first
+
+
+def test_the_time_of_a_fix_and_the_memory_of_a_planner_are_measured(monkeypatch, capsys):
+    from benchmarks import planner_memory, surfacing_time
+
+    monkeypatch.setattr(surfacing_time, "PARTS", (0.5,))
+    assert surfacing_time.main(["--seeds", "7500", "1", "--steps", "6"]) == 0
+    assert capsys.readouterr().out.splitlines()[2].startswith("| 50% | 1 | ")
+    assert planner_memory.main(["--most", "100"]) in (0, 1)
+    assert capsys.readouterr().out.splitlines()[2].startswith("| 100 | ")
+
+
+def test_settings_of_a_campaign_are_compared_with_their_first():
+    from benchmarks.places_table import table
+
+    names = ("isobath_error_m", "isobath_error_true_positions_m", "risk_after", "loss_after", "error_over_std")
+    groups = {
+        group: {seed: dict.fromkeys(names, value + seed) | {"place_error_m": [3.0, 4.0]} for seed in (1, 2)}
+        for group, value in (("x1, as before", 2.0), ("x1, corrected", 1.0))
+    }
+    lines = table(groups)
+    assert "| -1 |" in lines[3]
+    assert "3.536" in lines[2]
+
+
+def test_methods_are_compared_scene_by_scene():
+    from benchmarks import headline_table
+
+    names = (*(name for name, _, _ in headline_table.COLUMNS), "mowing_risk")
+    groups = {
+        "one: tour": {1: dict.fromkeys(names, 1.0), 2: dict.fromkeys(names, 3.0)},
+        "one: lanes": {1: dict.fromkeys(names, 2.0), 2: dict.fromkeys(names, 4.0), 3: dict.fromkeys(names, 9.0)},
+        "two: tour": {1: dict.fromkeys(names, 1.0)},
+    }
+    assert headline_table.means(groups)[3].startswith("| one: lanes | 3 | 5.00 | 5.000 |")
+    (line,) = headline_table.pairs(groups)[2:]
+    assert line.startswith("| one: tour against lanes | 2 | -38 % (-196..+121; worst -25; lower on 2) |")
+
+
+def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, capsys):
+    from benchmarks import headline_table, places_table
+
+    (tmp_path / "rows").mkdir()
+    labels = ("two: tour", "two: lanes", "one: tour")
+    listed = [{"label": label} for label in labels]
+    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump({"mission": "../missions/default.yaml", "list": listed}))
+    names = {*(name for name, _, _ in headline_table.COLUMNS), "mowing_risk", "isobath_error_true_positions_m"}
+    for number, label in enumerate(sorted(labels)):
+        row = dict.fromkeys(sorted(names), 1.0 + number) | {"group": label, "seed": 1, "status": "ok"}
+        parquet.write_table(Table.from_pylist([row]), tmp_path / "rows" / f"{number}.parquet")
+    assert list(places_table.rows_of([tmp_path])) == list(labels)
+    assert headline_table.main([str(tmp_path)]) == 0
+    assert "| two: tour against lanes | 1 | +50 %" in capsys.readouterr().out
+    assert places_table.main([str(tmp_path)]) == 0
+    assert places_table.main([str(tmp_path / "none")]) == 2
+
+
+def test_missions_below_their_bound_are_counted(tmp_path, capsys):
+    bound = importlib.import_module("benchmarks.planner_bound")
+    lines = tmp_path / "bound.jsonl"
+    for number in (0, 12):  # a synthetic lake, and one of the planner's own prior with a quarter of the packets lost
+        for method in bound.METHODS:
+            row = bound.mission(number, method, rule=True, steps=2, iterations=4)
+            lines.open("a").write(json.dumps(row) + "\n")
+    bound.main(["--table", str(lines)])
+    assert capsys.readouterr().out.count("| kept |") == 2 * len(bound.METHODS)
+
+
+def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, capsys):
+    prior = importlib.import_module("benchmarks.gp_prior")
+    monkeypatch.setitem(prior.SMALL, "mission.steps", 2)
+    lines = tmp_path / "new" / "prior.jsonl"
+    options = ["--small", "--method", "lawnmower", "--lakes", "1", "--stds", "8", "--out", str(lines)]
+    prior.main(options)
+    prior.main(options)  # nothing is flown twice
+    assert len(lines.read_text().splitlines()) == 4
+    out = capsys.readouterr().out
+    assert out.count("lake 8200 done") == 1
+    assert out.count("| matern52, 70 m, 8 m | 1 |") == 2
+
+
+def test_methods_are_flown_over_lakes(tmp_path, capsys):
+    methods = importlib.import_module("benchmarks.planner_methods")
+    lines = tmp_path / "new" / "methods.jsonl"
+    options = ["--out", str(lines), "--methods", "lawnmower", "random", "--vehicles", "1", "--lakes", "1"]
+    methods.main([*options, "--steps", "2", "--processes", "1"])
+    methods.main([*options, "--steps", "2", "--processes", "1"])  # nothing is flown twice
+    assert len(lines.read_text().splitlines()) == 2
+    assert "0 missions to fly, 2 in" in capsys.readouterr().out
+
+
+def test_windows_of_a_real_lake_are_found_and_flown(tmp_path, capsys):
+    methods = importlib.import_module("benchmarks.planner_methods")
+    lake = SyntheticLake(LakeConfig(seed=5001, height_m=500.0, width_m=600.0, north_m=200.0, east_m=250.0, islands=0))
+    north_m, east_m = np.arange(-40.0, 441.0, 10.0), np.arange(-40.0, 541.0, 10.0)
+    depth_m = lake.depth_m(*np.meshgrid(north_m, east_m, indexing="ij"))
+    np.savez(tmp_path / "grid.npz", north_m=north_m, east_m=east_m, depth_m=depth_m)
+    name = next(methods.windows(tmp_path / "grid.npz", "small"))[0]
+    row = methods.mission("lawnmower", 1, "small", name, 0.0, str(tmp_path / "grid.npz"), 2)
+    assert row["lake"] == name
+    assert math.isfinite(row["risk_end"])
+    whole = importlib.import_module("benchmarks.real_lake")
+    assert whole.main([str(tmp_path / "grid.npz"), "--windows", "1", "--vehicles", "1", "--steps", "2"]) == 0
+    table = capsys.readouterr().out
+    assert table.count("| 1 vehicle: ") == 5
+
+
+def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, capsys):
+    reference = importlib.import_module("benchmarks.reference_missions")
+    short = {"mission.vehicles": 1, "mission.steps": 2, "planner.iterations": 4, "gp.map_resolution_m": 20.0}
+    short["planner.method"] = "plain"
+    monkeypatch.setitem(reference.MISSIONS, "plain", short)
+    file = tmp_path / "before.json"
+    assert reference.main(["--write", str(file), "--only", "plain"]) == 0
+    assert reference.main(["--compare", str(file), "--only", "plain"]) == 0
+    monkeypatch.setitem(reference.MISSIONS, "plain", {**short, "mission.seed": 2})
+    assert reference.main(["--compare", str(file), "--only", "plain"]) == 1
+    out = capsys.readouterr().out
+    assert out.count(": the same") == 1
+    assert out.count(": differs") == 1
+
+
+def modules_in_pages():
+    """Every benchmark that a page or a docstring tells to run by `python -m`."""
+    root = Path(__file__).resolve().parents[3]
+    files = [root / "README.md", root / "CONTRIBUTING.md", *root.glob("docs/**/*.md"), *root.glob("benchmarks/*.py")]
+    return sorted({name for file in files for name in re.findall(r"python -m (benchmarks\.[a-z_]+)", file.read_text())})
+
+
+@pytest.mark.parametrize("name", modules_in_pages())
+def test_each_tells_what_it_does_and_refuses_what_it_does_not_know(name, capsys):
+    main = importlib.import_module(name).main
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    assert f"usage: python -m {name} " in capsys.readouterr().out
+    with pytest.raises(SystemExit) as ended:
+        main(["--nonsense"])
+    assert ended.value.code == 2
+
+
+def test_the_table_of_a_file_that_is_not_there_is_refused(tmp_path, capsys):
+    """It once was a table of nothing."""
+    for name in ("planner_bound", "planner_methods", "gp_prior"):
+        with pytest.raises(SystemExit, match="2"):
+            importlib.import_module(f"benchmarks.{name}").main(["--table", str(tmp_path / "none.jsonl")])
+        assert "none.jsonl: there is no such file" in capsys.readouterr().err
+
+
+def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):
+    def stopped():
+        raise KeyboardInterrupt
+
+    for main, code in ((lambda: 1, 1), (lambda: None, 0), (stopped, 130)):
+        with pytest.raises(SystemExit) as ended:
+            end_with(main)
+        assert ended.value.code == code
+    assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_surfacing_is_compared_at_the_drift_that_is_asked_for(capsys):
+    loop = importlib.import_module("benchmarks.surfacing_loop")
+    assert loop.main(["--seeds", "7700", "1", "--drifts", "3", "--steps", "6"]) == 0
+    rows = [line.split("|") for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [(row[1].strip(), row[2].strip()) for row in rows] == [("x3", "nobody"), ("x3", "where it pays")]
+    assert float(rows[0][4]) == 0.0  # nobody surfaced
+    with_it, without = (loop.settings_of(1, 3.0, surfaces, 6) for surfaces in (True, False))
+    assert [own.vehicle.surfacings for own in without.vehicles] == [0, 0, 0]
+    assert all(own.vehicle.surfacings != 0 for own in with_it.vehicles)
+    assert with_it.sim.dvl.scale == pytest.approx(0.009)

@@ -1,0 +1,243 @@
+"""The documentation names only what exists, wraps, and cites nothing from outside of the project."""
+
+import ast
+import importlib
+import importlib.util
+import re
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+import yaml
+
+from auv_lse_common.mission_file.parameters import SECTIONS, describe
+from auv_lse_common.mission_file.settings import SECTION_CLASSES
+from benchmarks import licences
+
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGES = sorted(folder.parent for folder in ROOT.glob("auv_lse_*/package.xml"))
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+COLUMNS = 120
+
+#: Names in a changelog may be gone.
+LIVING = [page for page in PAGES if page.name != "CHANGELOG.md"]
+
+#: What looks like a parameter, as `packet.py` does, and is a file.
+NOT_PARAMETERS = re.compile(r"\.(py|md|yaml|json|geojson|html|msg)$")
+
+
+def pages(of):
+    return pytest.mark.parametrize("page", of, ids=[page.relative_to(ROOT).as_posix() for page in of])
+
+
+def prose(page):
+    """(line number, text) of each line outside of code blocks."""
+    fenced = listed = False
+    for number, line in enumerate(page.read_text().splitlines(), 1):
+        if line.startswith("```"):
+            fenced = not fenced
+            continue
+        listed = bool(re.match(r"\s*([-*]|\d+\.) ", line)) or (listed and line.startswith(" "))
+        if not fenced and (listed or not line.startswith("    ")):
+            yield number, line
+
+
+def code_spans(page):
+    """What stands in backticks, on one line."""
+    return [span for _, line in prose(page) for span in re.findall(r"`([^`]+)`", line)]
+
+
+def sources():
+    """Every Python file of the project but its tests."""
+    folders = [package / package.name for package in PACKAGES] + [ROOT / "benchmarks"]
+    return [file for folder in folders for file in sorted(folder.rglob("*.py"))]
+
+
+def files_of_tests():
+    return [file for package in PACKAGES for file in sorted((package / "test").glob("*.py"))]
+
+
+def project_files():
+    """Text files that a reader opens: pages, configuration, scripts, messages and code, without tests."""
+    kept = [ROOT / "pyproject.toml", *PAGES, *sources()]
+    kept += [file for name in ("config", "scripts", ".ci") for file in (ROOT / name).rglob("*") if file.is_file()]
+    for package in PACKAGES:
+        kept += [*package.glob("msg/*.msg"), *package.glob("launch/*.py"), *package.glob("*.xml")]
+    return kept
+
+
+@pytest.fixture(scope="module")
+def attributes():
+    """{class: names of its methods and attributes, those of its bases in the project included}."""
+    found = defaultdict(set)
+    bases = defaultdict(set)
+    for file in [*sources(), *files_of_tests()]:
+        for node in ast.walk(ast.parse(file.read_text())):
+            if not isinstance(node, ast.ClassDef):
+                continue
+            bases[node.name] |= {base.id for base in node.bases if isinstance(base, ast.Name)}
+            found[node.name] |= set()
+            for part in ast.walk(node):
+                if isinstance(part, ast.FunctionDef):
+                    found[node.name].add(part.name)
+                elif isinstance(part, ast.AnnAssign | ast.Assign):
+                    targets = [part.target] if isinstance(part, ast.AnnAssign) else part.targets
+                    for target in targets:
+                        if isinstance(target, ast.Name):
+                            found[node.name].add(target.id)
+                        elif isinstance(target, ast.Attribute):
+                            found[node.name].add(target.attr)
+    for name in found:
+        found[name] |= {attribute for base in bases[name] for attribute in found.get(base, ())}
+    return dict(found)
+
+
+@pages(PAGES)
+def test_lines_wrap(page):
+    text = ((number, re.sub(r"\]\([^)]*\)", "]", line)) for number, line in prose(page) if not line.startswith("|"))
+    long = [f"{page.name}:{number}: {len(line)} columns" for number, line in text if len(line) > COLUMNS]
+    assert not long, long
+
+
+def test_the_citation_file_names_the_version_of_the_packages():
+    """Its schema (1.2.0) is checked by cffconvert, by hand: the file changes only with a release."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation.keys() >= {"cff-version", "message", "title", "authors", "version", "license", "references"}
+    for package in PACKAGES:
+        assert f"<version>{citation['version']}</version>" in (package / "package.xml").read_text()
+
+
+def anchor(heading):
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pages(PAGES)
+def test_links_lead_somewhere(page):
+    for number, line in prose(page):
+        for target in re.findall(r"\]\(([^)\s]+)\)", line):
+            if re.match(r"[a-z]+:", target):
+                continue
+            name, _, section = target.partition("#")
+            file = (page.parent / name).resolve() if name else page
+            assert file.exists(), f"{page.name}:{number}: {target}"
+            if section:
+                headings = [anchor(line.lstrip("#")) for line in file.read_text().splitlines() if line.startswith("#")]
+                assert section in headings, f"{page.name}:{number}: {target}"
+
+
+def test_nothing_outside_of_the_project_is_cited():
+    banned = re.compile(r"\b(PAPER|DESIGN|STYLE)\.md\b|\.\./shared")
+    found = [
+        f"{file.relative_to(ROOT)}:{number}: {line.strip()}"
+        for file in project_files()
+        for number, line in enumerate(file.read_text(errors="replace").splitlines(), 1)
+        if banned.search(line)
+    ]
+    assert not found, "\n".join(found)
+
+
+def test_the_library_page_shows_every_example():
+    """`test_examples.py` runs them."""
+    page = (ROOT / "docs" / "library.md").read_text()
+    examples = sorted(file.name for file in (ROOT / "docs" / "examples").iterdir())
+    assert len(examples) >= 4
+    assert [name for name in examples if f"](examples/{name})" not in page] == []
+
+
+@pages(LIVING)
+def test_files_that_are_named_exist(page):
+    """`auv_lse_gp/level_set/bayes_risk.py` and `bayes_risk.py` name the same file."""
+    known = {file.relative_to(ROOT).as_posix() for file in ROOT.glob("*/**/*") if file.is_file()}
+    known |= {file.name for file in ROOT.iterdir()}
+    for span in code_spans(page):
+        for name in re.findall(r"(?<![\w/.*~])[\w./-]*\w\.(?:py|msg|xml|toml|sh)\b", span):
+            if name.startswith("/"):
+                continue
+            assert any(file == name or file.endswith(f"/{name}") for file in known), f"{page.name}: `{span}`"
+        for name in re.findall(r"(?<![\w/.])((?:docs|config|scripts|benchmarks|auv_lse_\w+)/[\w./*-]+)", span):
+            if "*" not in name:
+                path = name.rstrip("/.")
+                package = path.split("/")[0]
+                places = [ROOT / path, ROOT / package / path]
+                assert any(place.exists() for place in places), f"{page.name}: `{span}`"
+
+
+@pages(LIVING)
+def test_modules_that_are_named_exist(page):
+    """`auv_lse_gp.OnlineGp` and `python -m benchmarks.gp`: modules, and what they hold."""
+    for name in re.findall(r"\b(?:auv_lse_\w+|benchmarks)(?:\.\w+)+\b(?![./]\w)", page.read_text()):
+        if NOT_PARAMETERS.search(name):
+            continue
+        parts = name.split(".")
+        depth = len(parts)
+        while depth > 1 and not found(".".join(parts[:depth])):
+            depth -= 1
+        module = ".".join(parts[:depth])
+        if parts[depth:] and not module.endswith("_node"):
+            holder = importlib.import_module(module)
+            for part in parts[depth:]:
+                assert hasattr(holder, part), f"{page.name}: {name}"
+                holder = getattr(holder, part)
+
+
+def found(module):
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+@pages(LIVING)
+def test_scripts_that_are_named_exist(page):
+    for name in re.findall(r"(?<![\w/.-])scripts/(\w[\w.-]*\w)", page.read_text()):
+        assert (ROOT / "scripts" / name).is_file(), f"{page.name}: scripts/{name}"
+
+
+@pages(LIVING)
+def test_parameters_that_are_named_exist(page):
+    """`planner.horizon`, and what is given to --set and in param set."""
+    names = {row[0] for name, cls in SECTION_CLASSES.items() for row in describe(cls, f"{name}.")}
+    groups = {".".join(name.split(".")[:depth]) for name in names for depth in range(1, name.count(".") + 1)}
+    modules = {file.stem for file in sources()}
+    text = page.read_text()
+    spans = [*code_spans(page), *re.findall(r"--set (\S+)", text), *re.findall(r"param set \S+ (\S+)", text)]
+    for span in spans:
+        for name in re.findall(rf"(?<![\w./])(?:{'|'.join(SECTIONS)})(?:\.\w+)+", span):
+            if NOT_PARAMETERS.search(name) or name.split(".")[1] in modules or name.split(".")[1][0].isupper():
+                continue
+            if f"{name}*" in span:  # `area.origin_*` names all that begin so
+                assert any(known.startswith(name) for known in names), f"{page.name}: `{span}`"
+                continue
+            assert name in names or name in groups, f"{page.name}: `{span}`"
+
+
+@pages(LIVING)
+def test_classes_that_are_named_have_what_is_named(page, attributes):
+    """`VehiclePlanner.decide`: a class of the project, and its method or attribute."""
+    for span in code_spans(page):
+        for name, attribute in re.findall(r"(?<![\w./])([A-Z]\w*[a-z]\w*)\.(\w+)", span):
+            assert name in attributes, f"{page.name}: `{span}`"
+            assert attribute in attributes[name], f"{page.name}: `{span}`"
+
+
+@pages(LIVING)
+def test_functions_and_classes_that_are_named_alone_exist(page):
+    """`expected_bayes_risk(...)`, `test_it_telescopes`, `PathReward`: defined somewhere in the project, or imported."""
+    text = "\n".join(file.read_text() for file in [*sources(), *files_of_tests()])
+    words = set(re.findall(r"\w+", text))
+    words |= {file.stem for file in [*sources(), *files_of_tests(), *ROOT.glob("auv_lse_msgs/msg/*.msg")]}
+    for span in code_spans(page):
+        for name in re.findall(r"^(\w+)\(|\b(test_\w+)\b|^([A-Z][a-z]+(?:[A-Z][a-z]+)+)$", span):
+            word = next(part for part in name if part)
+            assert word in words, f"{page.name}: `{span}`"
+
+
+def test_the_page_of_licences_and_the_hashes_have_every_pinned_package():
+    pinned = set(licences.pins())
+    rows = re.findall(r"^\| ([\w.-]+) \| ([\w.]+) \| [^|]+ \|$", (ROOT / "docs" / "dependencies.md").read_text(), re.M)
+    assert set(rows) - {("package", "version")} == pinned, "python -m benchmarks.licences > docs/dependencies.md"
+    locked = (ROOT / "config" / "locked.txt").read_text()
+    entries = re.findall(r"^([\w.-]+)==(\S+)( ; [^\\]+)? \\\n    --hash=sha256:[0-9a-f]{64}", locked, re.M)
+    assert len(entries) == len(re.findall(r"^[\w.-]+==", locked, re.M)), "each has a hash"
+    hashed = {(name, version) for name, version, marker in entries if marker != " ; sys_platform == 'win32'"}
+    assert hashed == {(name.lower().replace("_", "-").replace(".", "-"), version) for name, version in pinned}

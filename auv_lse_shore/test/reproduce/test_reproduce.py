@@ -1,0 +1,72 @@
+"""The reproduction of the paper in miniature."""
+
+import json
+import re
+from dataclasses import replace
+
+from auv_lse_shore.campaign.cluster import cluster
+from auv_lse_shore.reproduce import reproduce
+from auv_lse_shore.reproduce import study as studies
+from auv_lse_shore.reproduce.reproduce import main
+from auv_lse_shore.reproduce.study import quick_study
+
+TINY = {
+    "mission.steps": 3,
+    "planner.iterations": 10,
+    "gp.map_resolution_m": 20.0,
+    "area.polygon_m": [-50.0, -50.0, 200.0, -50.0, 200.0, 200.0, -50.0, 200.0],
+    "area.raster_m": 5.0,
+    "sim.ideal": True,
+}
+
+
+def test_a_reproduction_in_miniature(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(studies, "SMALL", TINY)
+    monkeypatch.setattr(studies, "METHODS", ("augmented", "lawnmower"))
+    study = replace(quick_study(1e9), examples=((3, "augmented"),))
+    for name, spec in study.campaigns.items():
+        study.campaigns[name] = replace(spec, seeds=(1, 2) if name == "trials" else (1,))
+    monkeypatch.setattr(reproduce, "quick_study", lambda budget_s: study)
+    with cluster(None, 2) as client:
+        scheduler = ["--scheduler", client.scheduler.address]
+        _reproduced_in_miniature(tmp_path, [*scheduler, "--quick", "--out", str(tmp_path / "r")], capsys)
+
+
+def _reproduced_in_miniature(tmp_path, arguments, capsys):
+    assert main(arguments) == 0
+    page = (tmp_path / "r" / "reproduce.html").read_text()
+    assert not re.search(r"(src|href)=[\"'](?!data:)", page)
+    assert "lower bound" in page
+    assert page.count("data:image/png;base64,") == 3 + 2 + 1  # the paper's three, trials, sensitivity
+    results = json.loads((tmp_path / "r" / "results.json").read_text())
+    assert {(t["vehicles"], t["method"]) for t in results["trials"]} == {
+        (k, m) for k in (2, 3) for m in ("augmented", "lawnmower")
+    }
+    assert all(t["seeds"] == 2 for t in results["trials"])
+    text = (tmp_path / "r" / "results.md").read_text()
+    assert "| 3 AUVs, lawnmower | 2 |" in text
+    assert "| packets lost (share) | seeds | augmented |" in text
+    assert "| 0.5 | 1 | " in text
+    assert "11 simulated missions, 2 seeds in the trials, 0 missions failed." in text
+    assert (tmp_path / "r" / "examples" / "3_auvs_augmented" / "report.html").exists()
+    assert (tmp_path / "r" / "examples" / "3_auvs_augmented" / "bag" / "metadata.yaml").exists()
+    capsys.readouterr()
+
+    # Started again, it flies nothing and makes the same page from the rows and the recordings.
+    assert main(arguments) == 0
+    assert json.loads((tmp_path / "r" / "results.json").read_text()) == results
+
+
+def test_an_impossible_number_of_seeds_is_refused(tmp_path, capsys):
+    assert main(["--seeds", "0", "--out", str(tmp_path)]) == 2
+    assert "--seeds 0" in capsys.readouterr().err
+
+
+def test_a_page_of_no_missions_and_a_file_for_a_folder_are_refused(tmp_path, capsys):
+    assert main(["--page", "--out", str(tmp_path / "none")]) == 2
+    assert "none: no mission was flown here; fix: the same command without --page" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    file = tmp_path / "file"
+    file.touch()
+    assert main(["--quick", "--out", str(file)]) == 2
+    assert f"{file}: is a file; expected a folder, or a name that is free" in capsys.readouterr().err

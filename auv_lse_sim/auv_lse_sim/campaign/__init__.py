@@ -1,1 +1,0 @@
-"""Many missions, and the claims that they support."""

@@ -1,1 +1,0 @@
-"""Looks over a mission file before anybody flies it."""

@@ -1,0 +1,1 @@
+"""Ground of the simulated lake."""

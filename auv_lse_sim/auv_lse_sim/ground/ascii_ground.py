@@ -1,0 +1,80 @@
+"""Ground from an ESRI ASCII grid: a header of `name value` lines, then rows from north to south."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_sim.ground.grid_ground import GridGround
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.raster_ground import raster_ground
+
+
+def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
+    """The ground that an ESRI ASCII grid holds; a .prj file beside it names its projection.
+
+    Raises:
+        GroundError: naming the line and what was expected.
+    """
+    header: dict[str, float] = {}
+    values: list[float] = []
+    rows = 0
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            fields = line.split()
+            if not fields:
+                continue
+            if fields[0][0].isalpha() and fields[0].lower() != "nan" and not rows:
+                key = fields[0].lower()
+                try:
+                    header[key] = float(fields[1])
+                except (IndexError, ValueError):
+                    raise GroundError(
+                        f"{path}:{number}: {line.strip()!r}; expected a header line 'name number'"
+                    ) from None
+                count = key in ("ncols", "nrows")
+                if count and not (header[key].is_integer() and header[key] >= 2):
+                    raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a whole number of at least 2")
+                if not (math.isfinite(header[key]) or key == "nodata_value"):
+                    raise GroundError(f"{path}:{number}: {line.strip()!r}; expected a finite number")
+                continue
+            try:
+                row = [float(f) for f in fields]
+            except ValueError:
+                bad = next(f for f in fields if not _is_number(f))
+                raise GroundError(f"{path}:{number}: {bad!r}; expected a number") from None
+            columns = int(header.get("ncols", 0))
+            if columns and len(row) != columns:
+                raise GroundError(f"{path}:{number}: {len(row)} values; expected ncols = {columns}")
+            values.extend(row)
+            rows += 1
+    corner = "xllcorner" in header
+    x_name, y_name = ("xllcorner", "yllcorner") if corner else ("xllcenter", "yllcenter")
+    for key in ("ncols", "nrows", x_name, y_name, "cellsize"):
+        if key not in header:
+            raise GroundError(f"{path}: header has {', '.join(header) or 'nothing'}; expected also {key}")
+    columns, expected = int(header["ncols"]), int(header["nrows"])
+    if rows != expected:
+        raise GroundError(f"{path}: {rows} rows of values; expected nrows = {expected}")
+    grid = np.array(values).reshape(rows, columns)[::-1]  # the file runs from north to south
+    grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
+    step = header["cellsize"]
+    if step <= 0.0:
+        raise GroundError(f"{path}: cellsize {step:g}; expected > 0")
+    shift = 0.5 * step if corner else 0.0
+    x = header[x_name] + shift + step * np.arange(columns, dtype=np.float64)
+    y = header[y_name] + shift + step * np.arange(rows, dtype=np.float64)
+    projection = path.with_suffix(".prj")
+    crs = projection.read_text() if projection.is_file() else None
+    return raster_ground(path, x, y, grid, crs, config, origin)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

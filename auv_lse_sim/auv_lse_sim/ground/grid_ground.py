@@ -1,0 +1,157 @@
+"""Ground on a regular grid of depths; every bathymetry file becomes one.
+
+The grid lies on the local tangent plane, NaN where nothing is known, and is interpolated by a bicubic spline (twice
+continuously differentiable) between its nodes. Depths of 0 or less are land, and unknown (NaN), too.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from auv_lse_common.vocabulary.extent import Extent
+from auv_lse_sim.ground.ground import GroundError
+
+Array = NDArray[np.float64]
+
+DEEPEST_M = 11_000.0  # deeper than any water on Earth: a depth beyond it is in another unit, or wrong
+
+
+class GridGround:
+    """Ground on a regular north-east grid, bicubic between the nodes.
+
+    A place is known if the four nodes about it are.
+
+    Args:
+        north_m: Node coordinates (ny,), evenly spaced, growing.
+        east_m: Node coordinates (nx,), evenly spaced, growing.
+        depth_m: Depths (ny, nx), positive down; NaN or <= 0 for unknown or land.
+        name: The file or survey that it came from, for messages.
+        origin: WGS84 latitude and longitude (deg) of the local origin.
+        notes: Phrases on how it was made, for `describe`.
+
+    Raises:
+        GroundError: if shapes do not fit, an axis is uneven, nothing is known, or the origin is nowhere on Earth.
+    """
+
+    def __init__(
+        self,
+        north_m: Any,
+        east_m: Any,
+        depth_m: Any,
+        *,
+        name: str = "grid",
+        origin: tuple[float, float] | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        """Checks the grid and fits the spline."""
+        north, north_step = _axis(north_m, "north_m", name)
+        east, east_step = _axis(east_m, "east_m", name)
+        depth = np.array(depth_m, dtype=float)
+        if depth.shape != (len(north), len(east)):
+            raise GroundError(
+                f"{name}: depth_m has shape {depth.shape}; expected (len(north_m), len(east_m)) = "
+                f"({len(north)}, {len(east)})"
+            )
+        deepest = np.nanmax(np.where(np.isfinite(depth), depth, -np.inf))
+        if deepest > DEEPEST_M:
+            raise GroundError(f"{name}: depth {deepest:g} m; expected metres, at most {DEEPEST_M:g}")
+        known = np.isfinite(depth) & (depth > 0.0)
+        if known.sum() < 4:
+            raise GroundError(f"{name}: {int(known.sum())} grid nodes hold water; expected at least 4 depths > 0")
+        self._name = name
+        self._origin = None if origin is None else checked_origin(*origin, where=f"{name}: origin")
+        self._notes = notes
+        self._land = int((np.isfinite(depth) & (depth <= 0.0)).sum())
+        self._known = known
+        # The spline needs a value everywhere: unknown nodes take the nearest known one, and are masked afterwards.
+        nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+        filled = depth[tuple(nearest)]
+        self._low, self._high = float(depth[known].min()), float(depth[known].max())
+        self._coefficients = ndimage.spline_filter(filled, order=3, mode="mirror")
+        self._north0, self._north_step, self._east0, self._east_step = north[0], north_step, east[0], east_step
+        self._extent = Extent(
+            north_min_m=float(north[0]),
+            north_max_m=float(north[-1]),
+            east_min_m=float(east[0]),
+            east_max_m=float(east[-1]),
+        )
+
+    @property
+    def extent(self) -> Extent:
+        """The grid's rectangle."""
+        return self._extent
+
+    @property
+    def origin(self) -> tuple[float, float] | None:
+        """WGS84 latitude and longitude (deg) of the local origin, None if unknown."""
+        return self._origin
+
+    @property
+    def known_share(self) -> float:
+        """Share of the nodes that hold a depth."""
+        return float(self._known.mean())
+
+    def depth_m(self, north_m: Any, east_m: Any) -> Array:
+        """Water depth (m, positive down), any broadcastable shape; NaN where a surrounding node is unknown."""
+        north, east = np.broadcast_arrays(np.asarray(north_m, float), np.asarray(east_m, float))
+        row = (north - self._north0) / self._north_step
+        col = (east - self._east0) / self._east_step
+        ny, nx = self._known.shape
+        with np.errstate(invalid="ignore"):
+            inside = (row >= 0) & (row <= ny - 1) & (col >= 0) & (col <= nx - 1)
+        row, col = np.where(inside, row, 0.0), np.where(inside, col, 0.0)
+        r, c = np.minimum(row.astype(int), ny - 2), np.minimum(col.astype(int), nx - 2)
+        known = self._known
+        inside &= known[r, c] & known[r + 1, c] & known[r, c + 1] & known[r + 1, c + 1]
+        at = [row.ravel(), col.ravel()]
+        depth = ndimage.map_coordinates(self._coefficients, at, order=3, mode="mirror", prefilter=False).reshape(
+            row.shape
+        )
+        # A spline may swing a little beyond the data; ground is kept within them, so that water stays water.
+        return np.where(inside, np.clip(depth, self._low, self._high), np.nan)
+
+    def describe(self) -> str:
+        """Its source, its size, and how it was read."""
+        e = self._extent
+        where = f", origin {self._origin[0]:.5f}, {self._origin[1]:.5f} deg" if self._origin else ", no origin on Earth"
+        land = f"; {self._land} nodes are land" if self._land else ""
+        notes = "".join(f"; {note}" for note in self._notes)
+        return (
+            f"{self._name}: {e.height_m:.0f} m x {e.width_m:.0f} m (north x east), {100.0 * self.known_share:.0f} % "
+            f"sounded, {self._low:.1f} to {self._high:.1f} m deep{where}{land}{notes}"
+        )
+
+
+def checked_origin(lat: Any, lon: Any, where: str) -> tuple[float, float]:
+    """Latitude and longitude (deg) of an origin as numbers.
+
+    Raises:
+        GroundError: if they are not one number each, or nowhere on Earth.
+    """
+    try:
+        lat_deg, lon_deg = (float(np.asarray(v, dtype=float).item()) for v in (lat, lon))
+    except (TypeError, ValueError):
+        shapes = f"{np.shape(lat)}, {np.shape(lon)}"
+        raise GroundError(f"{where}: of shapes {shapes}; expected one latitude and one longitude in degrees") from None
+    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
+        raise GroundError(
+            f"{where}: {lat_deg:g}, {lon_deg:g}; expected degrees, a latitude of -90 to 90, a longitude of -180 to 180"
+        )
+    return lat_deg, lon_deg
+
+
+def _axis(values: Any, what: str, name: str) -> tuple[Array, float]:
+    axis = np.asarray(values, dtype=float)
+    if axis.ndim != 1 or len(axis) < 2:
+        raise GroundError(f"{name}: {what} has shape {axis.shape}; expected at least 2 coordinates in a row")
+    steps = np.diff(axis)
+    step = float(axis[-1] - axis[0]) / (len(axis) - 1)
+    if not np.isfinite(axis).all() or step <= 0.0 or np.abs(steps - step).max() > 0.01 * step:
+        raise GroundError(
+            f"{name}: {what} runs from {axis[0]:g} to {axis[-1]:g}; expected growing, evenly spaced metres"
+        )
+    return axis, step

@@ -1,0 +1,55 @@
+"""Ground from files: soundings (CSV), npz grids, ESRI ASCII grids, GeoTIFF (if rasterio is installed)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_gp.soundings import SoundingsError
+from auv_lse_sim.ground.ascii_ground import read_ascii_ground
+from auv_lse_sim.ground.geotiff_ground import read_geotiff_ground
+from auv_lse_sim.ground.grid_ground import GridGround, checked_origin
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.npz_ground import read_npz_ground
+from auv_lse_sim.ground.soundings_ground import read_soundings_ground
+
+
+def load_ground(
+    path: str | Path, config: BathymetryConfig | None = None, origin: tuple[float, float] | None = None
+) -> GridGround:
+    """Reads a bathymetry file; its ending says what it is (.csv .txt .xyz, .npz, .asc .grd, .tif .tiff).
+
+    Args:
+        path: The file.
+        config: How to read it.
+        origin: WGS84 latitude and longitude (deg) to place the local origin at, where the file has none of its own;
+            by default the middle of the data.
+
+    Raises:
+        GroundError: naming the file, the line where there is one, what was found and what was expected.
+    """
+    path = Path(path)
+    config = config or BathymetryConfig()
+    if not path.is_file():
+        raise GroundError(f"{path}: no such file; expected bathymetry as .csv, .npz, .asc or .tif")
+    kinds = {
+        ".csv": read_soundings_ground,
+        ".txt": read_soundings_ground,
+        ".xyz": read_soundings_ground,
+        ".npz": read_npz_ground,
+        ".asc": read_ascii_ground,
+        ".grd": read_ascii_ground,
+        ".tif": read_geotiff_ground,
+        ".tiff": read_geotiff_ground,
+    }
+    reader = kinds.get(path.suffix.lower())
+    if reader is None:
+        raise GroundError(f"{path}: ending {path.suffix!r}; expected one of {', '.join(kinds)}")
+    if origin is not None:
+        origin = checked_origin(*origin, where=f"{path}: area.origin_lat_deg, origin_lon_deg")
+    try:
+        return reader(path, config, origin)
+    except SoundingsError as error:
+        raise GroundError(str(error)) from error
+    except OSError as error:
+        raise GroundError(f"{path}: cannot be read: {error.strerror or error}") from error

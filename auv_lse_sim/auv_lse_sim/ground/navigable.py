@@ -1,0 +1,352 @@
+"""Fits a mission to the ground: where the vehicles can go, where they start, and whether the area suits the path.
+
+Ground that is unknown, land, or shallower than the deepest vehicle's depth plus its least water is not navigable.
+The rest of the wanted polygon becomes the operating polygon, and patches within it that are not navigable become no-go
+areas. If it falls into parts between which no vehicle can pass, one part is kept. Every change is reported.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_planner.paths.motion import MotionTable
+from auv_lse_sim.ground.ground import Ground, GroundError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Rasters of the area have at most this many cells; larger areas get larger cells.
+MAX_CELLS = 400_000
+#: The depths of the area are examined in at most this many cells.
+WARNING_CELLS = 40_000
+#: A part smaller than this share of the largest is never chosen, however near the start.
+LEAST_PART = 0.25
+#: Outlines are simplified until they have at most this many corners.
+MAX_CORNERS = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Raster:
+    """Which cells of an area can be navigated.
+
+    Attributes:
+        north_m: Middles of the rows (ny,).
+        east_m: Middles of the columns (nx,).
+        wanted: In the wanted polygon, outside of the mission's own no-go areas (ny, nx).
+        deep: Known and deep enough at the middle and the corners of the cell (ny, nx).
+        step_m: Cell size.
+    """
+
+    north_m: Array
+    east_m: Array
+    wanted: Mask
+    deep: Mask
+    step_m: float
+
+    @property
+    def free(self) -> Mask:
+        """Wanted and deep."""
+        return self.wanted & self.deep
+
+
+def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) -> tuple[Settings, list[str]]:
+    """Fits operating area and starts to the ground.
+
+    Args:
+        settings: The mission.
+        ground: The ground that it flies over.
+        area_given: Whether `settings.area.polygon_m` was asked for. If not, a polygon other than the default one
+            counts as asked for, too. With the default one, the mission covers the whole extent of ground from a file.
+
+    Returns:
+        The settings to fly, and sentences on what was changed and what to expect.
+
+    Raises:
+        GroundError: if no part of the area can be navigated, or a vehicle can turn nowhere in it.
+    """
+    notes = [ground.describe()]
+    asked = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
+    settings, wanted_by = _wanted_area(settings, ground, area_given)
+    origin = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
+    # 1e-5 deg, a metre: an origin found from soundings in both kinds of coordinates is no more exact than that.
+    if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
+        notes.append(
+            f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by that of the ground, "
+            f"{origin[0]:.5f}, {origin[1]:.5f} deg"
+        )
+    limit = max(own.vehicle.depth_m + own.vehicle.min_water_m for own in settings.vehicles)
+    raster = rasterize(settings.area, ground, limit)
+    settings, part_notes = _navigable_part(settings, raster, limit, wanted_by)
+    notes += part_notes
+    settings, start_notes = _place_starts(settings)
+    notes += start_notes
+    notes += depth_warnings(settings, ground)
+    notes += expectations(settings)
+    return settings, notes
+
+
+def _wanted_area(settings: Settings, ground: Ground, area_given: bool) -> tuple[Settings, str]:
+    overrides: dict[str, Any] = {}
+    given = area_given or settings.area.polygon_m != AreaConfig().polygon_m
+    wanted_by = "the area asked for" if given else "the default area"
+    if not given and settings.sim.bathymetry.file:
+        e = ground.extent
+        overrides["area.polygon_m"] = [
+            e.north_min_m, e.east_min_m, e.north_max_m, e.east_min_m, e.north_max_m, e.east_max_m, e.north_min_m,
+            e.east_max_m,
+        ]  # fmt: skip
+        wanted_by = "the file's extent"
+    origin = ground.origin
+    if origin is not None and (settings.area.origin_lat_deg, settings.area.origin_lon_deg) != origin:
+        overrides["area.origin_lat_deg"], overrides["area.origin_lon_deg"] = origin
+    return (settings.with_overrides(overrides) if overrides else settings), wanted_by
+
+
+def _polygon(flat: tuple[float, ...]) -> shapely.Polygon:
+    """Shapely polygon in (east, north) of a flat north, east, ... one."""
+    corners = np.reshape(flat, (-1, 2))
+    return shapely.Polygon(corners[:, ::-1])
+
+
+def rasterize(area: AreaConfig, ground: Ground, limit_m: float) -> Raster:
+    """The area as cells of about 5 m, each judged by the depths at its middle and its corners.
+
+    Args:
+        area: The wanted area.
+        ground: The ground under it.
+        limit_m: Shallowest depth of water that can be navigated.
+    """
+    shape = _polygon(area.polygon_m)
+    west, south, east, north = shape.bounds
+    # No larger than half of the margin, if it can be: what lies between the corners of a cell stays within the margin.
+    step = max(min(5.0, max(area.margin_m / 2.0, 2.0)), math.sqrt((north - south) * (east - west) / MAX_CELLS))
+    rows = south + step * (np.arange(max(1, math.ceil((north - south) / step))) + 0.5)
+    columns = west + step * (np.arange(max(1, math.ceil((east - west) / step))) + 0.5)
+    n, e = np.meshgrid(rows, columns, indexing="ij")
+    wanted = shapely.contains_xy(shape, e, n)
+    for flat in area.no_go.values():
+        wanted &= ~shapely.contains_xy(_polygon(flat), e, n)
+    # Depth at the corners and the middle of every cell.
+    corner_n, corner_e = np.meshgrid(
+        np.append(rows - step / 2.0, rows[-1] + step / 2.0), np.append(columns - step / 2.0, columns[-1] + step / 2.0),
+        indexing="ij",
+    )  # fmt: skip
+    with np.errstate(invalid="ignore"):
+        ok = ground.depth_m(corner_n, corner_e) >= limit_m
+        deep = ground.depth_m(n, e) >= limit_m
+    deep &= ok[:-1, :-1] & ok[1:, :-1] & ok[:-1, 1:] & ok[1:, 1:]
+    return Raster(north_m=rows, east_m=columns, wanted=wanted, deep=deep, step_m=step)
+
+
+def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_by: str) -> tuple[Settings, list[str]]:
+    area, step = settings.area, raster.step_m
+    wanted_m2, free = float(raster.wanted.sum()) * step**2, raster.free
+    if not free.any():
+        raise GroundError(
+            f"area: {wanted_by} ({wanted_m2 / 1e4:.1f} ha) has no known water of {limit_m:g} m or more (deepest "
+            "vehicle's depth and least water); expected some: another area, or vehicles less deep"
+        )
+    if free[raster.wanted].all():
+        return settings, []
+    # A part is where a vehicle that keeps its margin can travel: erode, label, grow back.
+    padded = np.pad(free, 1)
+    inner = ndimage.distance_transform_edt(padded)[1:-1, 1:-1] * step > area.margin_m + step
+    labels, count = ndimage.label(inner, structure=np.ones((3, 3)))
+    if count == 0:
+        raise GroundError(
+            f"area: no water of {limit_m:g} m or more in {wanted_by} is wide enough for margin_m = {area.margin_m:g} m "
+            "on either side; expected some: a smaller margin, another area"
+        )
+    sizes = np.bincount(labels.ravel())[1:]
+    first = settings.vehicle(1).vehicle
+    away = np.hypot(
+        *np.meshgrid(raster.north_m - first.start_north_m, raster.east_m - first.start_east_m, indexing="ij")
+    )
+    nearest = ndimage.minimum(away, labels, np.arange(1, count + 1))
+    eligible = np.flatnonzero(sizes >= LEAST_PART * sizes.max())
+    chosen = int(eligible[np.argmin(np.asarray(nearest)[eligible])]) + 1
+    grown = ndimage.distance_transform_edt(labels != chosen) * step <= area.margin_m + 2.0 * step
+    region = ndimage.label(grown & free)[0]
+    region = region == np.bincount(region[labels == chosen]).argmax()
+    polygon = _outline(region, raster)
+    outer = _flat(np.asarray(polygon.exterior.coords))
+    no_go = {name: list(flat) for name, flat in area.no_go.items()}
+    no_go.update({f"ground_{i}": _flat(np.asarray(ring.coords)) for i, ring in enumerate(polygon.interiors, 1)})
+    overrides: dict[str, Any] = {"area.polygon_m": outer}
+    if no_go:
+        overrides["area"] = {"no_go": no_go}
+    km2 = polygon.area / 1e6
+    notes = [
+        f"area: of {wanted_by} ({wanted_m2 / 1e6:.2f} km2), {km2:.2f} km2 can be navigated: known ground under "
+        f"at least {limit_m:g} m of water, in one part"
+        + (f", around {len(polygon.interiors)} no-go areas" if len(polygon.interiors) else "")
+    ]
+    left_out = (float(free.sum()) - float(region.sum())) * step**2 / 1e6
+    if count > 1 and left_out > 0.005:
+        notes.append(
+            f"area: {left_out:.2f} km2 of navigable water in {count - 1} other parts cannot be reached and is left out"
+        )
+    return settings.with_overrides(overrides), notes
+
+
+def _outline(region: Mask, raster: Raster) -> shapely.Polygon:
+    """The region's outline with its holes, simplified so that it stays within the region."""
+    from contourpy import contour_generator
+
+    step = raster.step_m
+    padded = np.pad(region.astype(float), 1)
+    north = np.concatenate([[raster.north_m[0] - step], raster.north_m, [raster.north_m[-1] + step]])
+    east = np.concatenate([[raster.east_m[0] - step], raster.east_m, [raster.east_m[-1] + step]])
+    # At 0.5, half-way between the middles of free and blocked cells: the cells' own border.
+    rings = [shapely.Polygon(line) for line in contour_generator(east, north, padded).lines(0.5) if len(line) >= 4]
+    outer = max(rings, key=lambda ring: ring.area)
+    holes = [ring for ring in rings if ring is not outer and outer.contains(ring.representative_point())]
+    # The outline is first moved inward (holes: outward) by as much as it may be simplified, so that it stays within.
+    for tolerance in (0.5 * step, step, 1.5 * step, 2.5 * step):
+        result = _simplified(outer, holes, tolerance)
+        if shapely.get_num_coordinates(result) <= MAX_CORNERS:
+            break
+    return result
+
+
+def _simplified(outer: shapely.Polygon, holes: list[shapely.Polygon], tolerance_m: float) -> shapely.Polygon:
+    body = outer.buffer(-tolerance_m).simplify(tolerance_m)
+    body = max(getattr(body, "geoms", [body]), key=lambda part: part.area)
+    blocked = shapely.union_all([hole.buffer(tolerance_m).simplify(tolerance_m) for hole in holes])
+    result = body.difference(blocked.buffer(0.0)) if not blocked.is_empty else body
+    result = max(getattr(result, "geoms", [result]), key=lambda part: part.area)
+    return shapely.Polygon(result.exterior, [r for r in result.interiors if shapely.Polygon(r).area > 1.0])
+
+
+def _flat(ring: Array) -> list[float]:
+    """A ring of (east, north) corners as north, east, north, ..., to the centimetre, without the repeated last one."""
+    return [round(float(v), 2) for v in ring[:-1, ::-1].ravel()]
+
+
+def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
+    """Moves starts to where a vehicle is free to turn to either side, or at least to one."""
+    area = OperatingArea(settings.area)
+    motion = MotionTable(settings.motion)
+    reach = float(np.abs(motion.loops_m[:, 2]).max())
+    margin = settings.area.margin_m
+    grid = area.grid(max(5.0, settings.area.raster_m))
+    places, clearance = grid.places_m, area.clearance_m(grid.places_m)
+    for needed in (margin + 2.0 * reach, margin + reach):
+        if (clearance >= needed).any():
+            break
+    else:
+        raise GroundError(
+            f"area: the widest place is {max(float(clearance.max()), 0.0):.0f} m from its border; expected at least "
+            f"{margin + reach:.0f} m (margin_m and a turning circle): a larger area, a smaller margin or turning radius"
+        )
+    fit, roomy = places[clearance >= needed], clearance[clearance >= needed]
+    overrides: dict[str, Any] = {}
+    notes: list[str] = []
+    for number, own in enumerate(settings.vehicles, 1):
+        v = own.vehicle
+        start = np.array([v.start_north_m, v.start_east_m])
+        if float(area.clearance_m(start[None])[0]) >= margin + 0.5 and can_turn(
+            area, motion, v.start_heading_rad, start
+        ):
+            continue
+        distance = np.hypot(*(fit - start).T)
+        place = fit[np.lexsort((-roomy, np.round(distance)))[0]]
+        overrides[f"auv{number}.vehicle.start_north_m"] = float(place[0])
+        overrides[f"auv{number}.vehicle.start_east_m"] = float(place[1])
+        notes.append(
+            f"start of auv{number}: north {start[0]:g}, east {start[1]:g} m has no room to turn in navigable water; "
+            f"moved {np.hypot(*(place - start)):.0f} m to north {place[0]:g}, east {place[1]:g} m"
+        )
+    if len(notes) > 1 and len({note.split(": ", 1)[1] for note in notes}) == 1:
+        notes = [notes[0].replace("start of auv1", "start of every vehicle")]
+    return (settings.with_overrides(overrides) if overrides else settings), notes
+
+
+def can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, place: Array) -> bool:
+    """Whether a vehicle at `place` (2,) has room for a turning circle to one side."""
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    for ahead, starboard, radius in motion.loops_m:
+        center = place + np.array([c * ahead - s * starboard, s * ahead + c * starboard])
+        if float(area.clearance_m(center[None])[0]) >= radius + area.margin_m:
+            return True
+    return False
+
+
+def depth_warnings(settings: Settings, ground: Ground) -> list[str]:
+    """Warnings on the depths of the operating area: no isobath in it, or a bottom out of the DVL's reach."""
+    shape = _operating_shape(settings.area)
+    west, south, east, north = shape.bounds
+    step = max(5.0, math.sqrt((north - south) * (east - west) / WARNING_CELLS))
+    n, e = np.meshgrid(
+        np.arange(south + step / 2.0, north, step), np.arange(west + step / 2.0, east, step), indexing="ij"
+    )
+    inside = shapely.contains_xy(shape, e, n)
+    depth = ground.depth_m(n[inside], e[inside])
+    depth = depth[np.isfinite(depth)]
+    if not depth.size:
+        return []
+    notes = []
+    level = settings.level_set.level_m
+    deeper = float((depth > level).mean())
+    if deeper in (0.0, 1.0):
+        notes.append(
+            f"level: no {level:g} m isobath in the area: all of it is {'deeper' if deeper else 'shallower'} "
+            f"({depth.min():.1f} to {depth.max():.1f} m); there is nothing to find (another level_m or area)"
+        )
+    dvl = settings.sim.dvl
+    if not (dvl.ideal or settings.sim.ideal):
+        depths = [own.vehicle.depth_m for own in settings.vehicles]
+        reach = dvl.max_altitude_m + min(depths)
+        beyond = float((depth > reach).mean())
+        if beyond > 0.0:
+            notes.append(
+                f"dvl: {100.0 * beyond:.3g} % of the area is deeper than {reach:g} m, the reach "
+                f"of auv{depths.index(min(depths)) + 1} (depth_m {min(depths):g} m and sim.dvl.max_altitude_m "
+                f"{dvl.max_altitude_m:g} m): no soundings and no bottom track there"
+            )
+    return notes
+
+
+def _operating_shape(area: AreaConfig) -> shapely.Geometry:
+    """The polygon without its no-go areas, in (east, north)."""
+    shape = _polygon(area.polygon_m)
+    for flat in area.no_go.values():
+        shape = shape.difference(_polygon(flat).buffer(0.0))
+    return shape
+
+
+def expectations(settings: Settings) -> list[str]:
+    """Whether the paths' length suits the area: the distance of a lawnmower's lanes, and the coverage."""
+    area_m2 = float(_operating_shape(settings.area).area)
+    motion = MotionTable(settings.motion)
+    vehicles = settings.mission.vehicles
+    path_m = vehicles * settings.mission.steps * motion.leg_length_m
+    spacing = area_m2 / path_m
+    scale = min(own.gp.length_scale_m for own in settings.vehicles)
+    # Within half a length scale of a path a depth is known with a correlation of 0.8 or more (Matern 5/2: 0.83).
+    coverage = min(1.0, path_m * scale / area_m2)
+    text = (
+        f"{vehicles} vehicle{'s' if vehicles > 1 else ''} x {settings.mission.steps} steps = {path_m / 1000.0:.1f} km "
+        f"of path in {area_m2 / 1e6:.2f} km2: lanes of a lawnmower would be {spacing:.0f} m apart, and at most "
+        f"{100.0 * coverage:.0f} % of the area comes within half a length scale ({scale / 2.0:g} m) of a path"
+    )
+    if coverage < 0.5:
+        return [
+            f"coverage: {text}: the area is too large for this mission; expect unmapped regions "
+            "(more steps or vehicles, or --area)"
+        ]
+    if spacing < 2.0 * settings.motion.turn_radius_m:
+        return [
+            f"coverage: {text}: the area is too small for this mission; lanes closer than a turning circle "
+            f"({2.0 * settings.motion.turn_radius_m:g} m) tell little new (fewer steps or vehicles)"
+        ]
+    return [f"coverage: {text}"]

@@ -1,0 +1,86 @@
+"""Ground from a raster in projected or geodetic coordinates: resampled to local metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
+from auv_lse_gp.soundings import longitude_180
+from auv_lse_sim.ground.depth_sign import grid_depths
+from auv_lse_sim.ground.grid_ground import GridGround, checked_origin
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.local_frame import check_near
+
+Array = NDArray[np.float64]
+
+
+def raster_ground(
+    path: Path,
+    x: Array,
+    y: Array,
+    grid: Array,
+    crs: str | None,
+    config: BathymetryConfig,
+    origin: tuple[float, float] | None,
+) -> GridGround:
+    """A raster in any coordinates as local ground.
+
+    Args:
+        path: The file, for messages.
+        x: Coordinates of the columns (nx,), growing.
+        y: Coordinates of the rows (ny,), growing.
+        grid: Values (ny, nx), NaN where unknown.
+        crs: Their coordinate reference system as pyproj takes it, None if the file names none.
+        config: How to read them.
+        origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
+
+    Raises:
+        GroundError: if the projection is not understood, or the raster lies far from the origin or is too large.
+    """
+    grid, notes = grid_depths(grid, path, "values", None, config)
+    degrees = crs is None and x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
+    if crs is None and not degrees:
+        far = max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0
+        if not far:
+            return GridGround(
+                y, x, grid, name=path.name, origin=None, notes=(*notes, "coordinates taken as local metres")
+            )
+        x0, y0 = float(x[0] + x[-1]) / 2.0, float(y[0] + y[-1]) / 2.0
+        shifted = f"no projection given: local origin put at its {x0:.1f}, {y0:.1f}"
+        return GridGround(y - y0, x - x0, grid, name=path.name, origin=None, notes=(*notes, shifted))
+    from pyproj import CRS, Transformer
+    from pyproj.exceptions import CRSError
+
+    try:
+        to_raster = Transformer.from_crs(
+            "EPSG:4326", CRS.from_user_input("EPSG:4326" if crs is None else crs), always_xy=True
+        )
+    except CRSError as error:
+        raise GroundError(f"{path}: projection not understood: {error}") from error
+    corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
+    lon, lat = to_raster.transform(corners_x, corners_y, direction="INVERSE")
+    if origin is None:
+        origin = checked_origin(np.mean(lat), longitude_180(float(np.mean(lon))), f"{path}: the middle of the raster")
+    north, east = local_from_geodetic(lat, lon, *origin)
+    check_near(path, north, east, lat, lon, origin)
+    ny, nx = grid.shape
+    step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))
+    north_m = north.min() + step * np.arange(int(np.ptp(north) / step) + 1)
+    east_m = east.min() + step * np.arange(int(np.ptp(east) / step) + 1)
+    if len(north_m) * len(east_m) > 25_000_000:
+        raise GroundError(f"{path}: {len(north_m)} x {len(east_m)} nodes; expected at most 25 million: cut the raster")
+    node_north, node_east = np.meshgrid(north_m, east_m, indexing="ij")
+    lat, lon = geodetic_from_local(node_north, node_east, *origin)
+    rx, ry = to_raster.transform(lon, lat)
+    rows = (np.asarray(ry) - y[0]) / (y[1] - y[0])
+    columns = (np.asarray(rx) - x[0]) / (x[1] - x[0])
+    # Bilinear with NaN outside: a node that mixes in an unknown one is unknown.
+    local = ndimage.map_coordinates(grid, [rows, columns], order=1, mode="constant", cval=np.nan)
+    return GridGround(
+        north_m, east_m, local, name=path.name, origin=origin, notes=(*notes, "reprojected to local metres")
+    )

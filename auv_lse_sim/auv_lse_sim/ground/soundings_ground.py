@@ -1,0 +1,122 @@
+"""Ground from scattered soundings: a table, gridded."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import QhullError, cKDTree
+
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_gp.soundings import FAR_M, is_far, local_places, read_table
+from auv_lse_sim.ground.depth_sign import SIGN_ADVICE, depths_of, upside_down
+from auv_lse_sim.ground.grid_ground import DEEPEST_M, GridGround
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.local_frame import check_near, ranges
+
+Array = NDArray[np.float64]
+
+
+def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
+    """The ground that a table of soundings shows.
+
+    Raises:
+        GroundError: naming the line or the columns, and what was expected.
+        SoundingsError: if it is no table of soundings.
+    """
+    table = read_table(path)
+    column, lines = table.depth_name, table.lines
+    depth, sign_note = depths_of(table.values, path, column, table.upward, config)
+    negative = np.flatnonzero(depth < 0.0)
+    if upside_down(depth, sign_note, config):
+        raise GroundError(
+            f"{path}:{lines[negative[0]]}: depth {depth[negative[0]]:g} m, as for {len(negative)} of {len(depth)} "
+            f"soundings; expected {column} positive down: {SIGN_ADVICE}"
+        )
+    deep = np.flatnonzero(depth > DEEPEST_M)
+    if len(deep):
+        raise GroundError(f"{path}:{lines[deep[0]]}: depth {depth[deep[0]]:g} m; expected metres, below {DEEPEST_M:g}")
+    notes_on_depth = f"{len(depth)} soundings, {sign_note}"
+    places = local_places(table, origin)
+    north, east = places.north_m, places.east_m
+    if places.from_degrees:
+        assert table.lat_deg is not None
+        assert table.lon_deg is not None
+        assert places.origin is not None
+        check_near(path, north, east, table.lat_deg, table.lon_deg, places.origin)
+    elif is_far(north, east):
+        raise GroundError(
+            f"{path}: {ranges(north, east)}; expected metres about a local origin, within {FAR_M / 1000:g} km, "
+            "not projected ones (UTM): give lat, lon (WGS84) instead, or subtract an origin, here perhaps "
+            f"{_round_middle(north):.0f} and {_round_middle(east):.0f}"
+        )
+    return grid_soundings(
+        north, east, depth, config, name=path.name, origin=places.origin, notes=(notes_on_depth, *places.notes)
+    )
+
+
+def _round_middle(values: Array) -> float:
+    return round(float(values.min() + values.max()) / 2.0, -2)
+
+
+def grid_soundings(
+    north_m: Any,
+    east_m: Any,
+    depth_m: Any,
+    config: BathymetryConfig,
+    *,
+    name: str = "soundings",
+    origin: tuple[float, float] | None = None,
+    notes: tuple[str, ...] = (),
+) -> GridGround:
+    """Soundings (N,) as a grid: linear interpolation on their Delaunay triangles, NaN far from any of them.
+
+    Raises:
+        GroundError: if there are fewer than 10 places, or they lie on one line.
+    """
+    north, east, depth = (np.asarray(v, dtype=float).ravel() for v in (north_m, east_m, depth_m))
+    # Soundings within a decimetre are one place: their median.
+    keys = np.round(np.stack([north, east], axis=1) * 10.0).astype(np.int64)
+    order = np.lexsort((depth, keys[:, 1], keys[:, 0]))
+    sorted_keys = keys[order]
+    first = np.flatnonzero(np.r_[True, (np.diff(sorted_keys, axis=0) != 0).any(axis=1)])
+    count = np.diff(np.r_[first, len(order)])
+    low, high = order[first + (count - 1) // 2], order[first + count // 2]
+    places, values = np.stack([north[low], east[low]], axis=1), 0.5 * (depth[low] + depth[high])
+    if len(places) < 10:
+        raise GroundError(f"{name}: {len(places)} soundings at different places; expected at least 10")
+    step = config.resolution_m
+    axes = []
+    for column in (0, 1):
+        start = math.floor(places[:, column].min() / step) * step
+        axes.append(start + step * np.arange(math.ceil((places[:, column].max() - start) / step) + 1))
+    if min(len(a) for a in axes) < 2 or len(axes[0]) * len(axes[1]) > 25_000_000:
+        raise GroundError(
+            f"{name}: soundings span {np.ptp(places[:, 0]):.0f} m x {np.ptp(places[:, 1]):.0f} m; expected an area "
+            f"that makes a grid of 2 x 2 to 5000 x 5000 nodes at resolution_m {step:g}"
+        )
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    try:
+        grid = LinearNDInterpolator(places, values)(nodes)
+    except QhullError as error:
+        raise GroundError(f"{name}: the soundings lie on one line; expected them to cover an area") from error
+    distance = cKDTree(places).query(nodes, distance_upper_bound=config.max_gap_m)[0]
+    grid = np.where(np.isfinite(distance), grid, np.nan).reshape(len(axes[0]), len(axes[1]))
+    grid = _smoothed(grid, config.smoothing_m / step)
+    notes = (*notes, f"linear between soundings, unknown beyond {config.max_gap_m:g} m of one")
+    return GridGround(axes[0], axes[1], grid, name=name, origin=origin, notes=notes)
+
+
+def _smoothed(grid: Array, sigma: float) -> Array:
+    """Gaussian smoothing (sigma in nodes) that neither invents nor loses known nodes."""
+    if sigma <= 0.0:
+        return grid
+    known = np.isfinite(grid)
+    weight = ndimage.gaussian_filter(known.astype(float), sigma, mode="nearest")
+    total = ndimage.gaussian_filter(np.where(known, grid, 0.0), sigma, mode="nearest")
+    return np.where(known, total / np.maximum(weight, 1e-12), np.nan)

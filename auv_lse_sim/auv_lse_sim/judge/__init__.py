@@ -1,1 +1,0 @@
-"""How good a mission was: figures of merit, curves, pictures, the report."""

@@ -1,1 +1,0 @@
-"""What a mission leaves behind: recorded, written and read back."""

@@ -1,1 +1,0 @@
-"""Recordings played again, and their decisions computed again."""

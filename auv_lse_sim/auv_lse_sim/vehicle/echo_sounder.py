@@ -1,0 +1,117 @@
+"""The instruments that measure the water: beams to the ground, and the pressure gauge that says how deep they are."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.sim import SimConfig
+from auv_lse_common.vocabulary.pings import by_period, period_of, sounding_of
+from auv_lse_sim.vehicle import motion_model as mm
+
+Array = NDArray[np.float64]
+
+
+class EchoSounder:
+    """Pings the ground under a vehicle, and makes soundings of what comes back.
+
+    Attributes:
+        in_reach: Whether the ground was within the DVL's reach at the last sub-step.
+        water_m: True depth of the water there; NaN where it is unknown or land.
+        altitude_m: Measured height over the ground there; NaN without an echo.
+        pressure_depth_m: Measured depth of the vehicle there.
+        groundings: Ticks in which it touched the ground.
+    """
+
+    def __init__(self, sim: SimConfig, rng: np.random.Generator, bias: float) -> None:
+        """Begins without an echo.
+
+        Args:
+            sim: The simulated world's parameters.
+            rng: Source of the noise.
+            bias: Error of the pressure gauge, in its standard deviations.
+        """
+        self._sim, self._rng = sim, rng
+        self._bias_m = 0.0 if sim.pressure.ideal or sim.ideal else sim.pressure.bias_m * bias
+        self._pings = np.empty((0, 6))  # stamp, estimated north, east, depth, raw north, east: not yet a sounding
+        self.in_reach = True
+        self.water_m = self.altitude_m = math.nan
+        self.pressure_depth_m = 0.0
+        self.groundings = 0
+
+    def sound(self, stamps_s: Array, rows: Array, water_m: Array) -> Array:
+        """Measures along one tick.
+
+        Args:
+            stamps_s: End of each sub-step (n,).
+            rows: What the motion model wrote of it (n, mm.OUT).
+            water_m: True depth of water (n,) there.
+
+        Returns:
+            Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
+        """
+        n, depth = len(rows), rows[:, mm.O_DEPTH]
+        normals, uniforms = self._rng.standard_normal((n, 2)), self._rng.random((n, 3))
+        if n == 0:
+            return np.empty((0, 6))
+        altitude = water_m - depth
+        self.water_m = float(water_m[-1])
+        aground = ~(altitude > 0.0)
+        self.groundings += int(aground.any() and not np.isnan(water_m).all())
+        in_reach = self._reached(altitude)
+        echo = np.where(rows[:, mm.O_PING] > 0.0, altitude, np.nan)
+        echo = np.where(in_reach, self._altimeter(echo, normals[:, 0], uniforms), np.nan)
+        own = self._pressure(depth, normals[:, 1])
+        self.in_reach = bool(in_reach[-1])
+        self.altitude_m = float(echo[-1])
+        self.pressure_depth_m = float(own[-1])
+        pings = np.empty((n, 6))
+        pings[:, 0], pings[:, 1], pings[:, 2] = stamps_s, rows[:, mm.O_EST_NORTH], rows[:, mm.O_EST_EAST]
+        pings[:, 3] = own + echo
+        pings[:, 4], pings[:, 5] = rows[:, mm.O_RAW_NORTH], rows[:, mm.O_RAW_EAST]
+        return self._soundings(pings[np.isfinite(echo)], float(stamps_s[-1]))
+
+    def _reached(self, altitude_m: Array) -> NDArray[np.bool_]:
+        """Whether the ground is neither too near nor too far for the DVL."""
+        sim = self._sim
+        if sim.dvl.ideal or sim.ideal:
+            return np.asarray(altitude_m > 0.0)
+        with np.errstate(invalid="ignore"):
+            return np.asarray((altitude_m >= sim.dvl.min_altitude_m) & (altitude_m <= sim.dvl.max_altitude_m))
+
+    def _altimeter(self, echo_m: Array, normals: Array, uniforms: Array) -> Array:
+        """What the altimeter says (n,) of true altitudes, with normal (n,) and uniform (n, 3) random numbers."""
+        altimeter = self._sim.altimeter
+        if altimeter.ideal or self._sim.ideal:
+            return echo_m
+        echo_m = echo_m + altimeter.noise_m * normals
+        wrong = uniforms[:, 0] < altimeter.outlier_share
+        if wrong.any():
+            size = -altimeter.outlier_m * np.log1p(-uniforms[:, 1]) * np.where(uniforms[:, 2] < 0.5, -1.0, 1.0)
+            echo_m = np.where(wrong, np.maximum(echo_m + size, 0.1), echo_m)
+        return echo_m
+
+    def _pressure(self, depth_m: Array, normals: Array) -> Array:
+        """What the pressure gauge says (n,) of true depths, with normal random numbers (n,)."""
+        pressure = self._sim.pressure
+        if pressure.ideal or self._sim.ideal:
+            return depth_m
+        return np.asarray(depth_m + self._bias_m + pressure.noise_m * normals)
+
+    def _soundings(self, pings: Array, now_s: float) -> Array:
+        """The soundings of the periods that are over; pings of the others wait."""
+        every = self._sim.altimeter.sounding_every_s
+        if every == 0.0:
+            return pings
+        waiting = np.concatenate([self._pings, pings])
+        over = math.floor(now_s / every + 1e-6)
+        count = int(np.searchsorted(period_of(waiting[:, 0], every), over, side="right"))
+        self._pings = waiting[count:]
+        periods = by_period(waiting[:count], every)
+        if self._sim.altimeter.ideal or self._sim.ideal:
+            soundings = [own[len(own) // 2] for own in periods]
+        else:
+            soundings = [sounding_of(own) for own in periods if len(own) >= self._sim.altimeter.least_pings]
+        return np.array(soundings).reshape(-1, 6)

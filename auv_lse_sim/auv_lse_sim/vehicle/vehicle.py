@@ -1,0 +1,489 @@
+"""One simulated vehicle: it follows the legs it is given, pings the ground and navigates by its instruments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.sim import SimConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.mission_run import Action, Stop
+from auv_lse_sim.vehicle import motion_model as mm
+from auv_lse_sim.vehicle.echo_sounder import EchoSounder
+from auv_lse_sim.vehicle.motion_parameters import DEG, motion_parameters, process_noise
+from auv_lse_sim.vehicle.navigation import (
+    COMPASS_BIAS,
+    COMPASS_COS,
+    COMPASS_SIN,
+    DVL_SCALE,
+    EAST,
+    GYRO_BIAS,
+    HEADING,
+    NORTH,
+    STATES,
+    SURGE,
+    SWAY,
+    wrap,
+)
+from auv_lse_sim.vehicle.target_leg import leg_to
+from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
+
+Array = NDArray[np.float64]
+
+#: A leg that starts this near to the end of the last one continues it.
+SEAM_M = 0.5
+SEAM_RAD = 5.0 * DEG
+#: An ideal vehicle this near to a leg's start is on it (a plan's numbers are rounded to 32 bits).
+RAILS_M = 0.01
+#: A smaller turn is none: MAVLink rounds places to a centimetre, so a straight may arrive as a turn of half of this.
+NO_TURN_RAD = 1e-3
+#: Rows and columns of the covariance that odometry gives.
+_ODOMETRY = np.ix_((HEADING, NORTH, EAST), (HEADING, NORTH, EAST))
+
+
+def tightest_radius_m(vehicle: VehicleConfig, sim: SimConfig) -> float:
+    """The least radius (m) on which a vehicle can turn."""
+    return vehicle.speed_mps / (sim.dynamics.turn_rate_max_dps * DEG)
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """A leg to travel, the speed (m/s) through the water, and what follows the mission's last leg."""
+
+    leg: Leg
+    speed_mps: float
+    then: Stop | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """Where a vehicle was on its way when it was told to stop, and what it is told meanwhile."""
+
+    leg: Array
+    step: int
+    along_m: float
+    loitering: bool
+    then: Stop | None
+    orders: list[_Order]
+
+
+class SimVehicle:
+    """A vehicle in the water.
+
+    Each tick calls `move`, which returns the places of the sub-steps, then `sense` with the true depth of water there.
+
+    A leg that arrives while another is travelled is started at the end of that one, if it begins there; otherwise at
+    once. Without a next leg the vehicle circles at the leg's turning radius, from the leg's end on, and turns at once
+    to the end of a leg that comes then; on rails, which lead it exactly, that starts when the circle closes. Told to
+    stop (`obey`) it circles where it is, comes up or goes to a place; told to travel on, it steers back to its leg and
+    takes the legs that came meanwhile.
+
+    Args:
+        number: Its number, from 1.
+        config: Its depth, speed and start.
+        sim: The simulated world's parameters.
+        rng: Source of all its random numbers (stream "sensors", number).
+        clearance_m: Clearance (m) at a place (north, east), from which it chooses the side to circle to.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        config: VehicleConfig,
+        sim: SimConfig,
+        rng: np.random.Generator,
+        clearance_m: Callable[[float, float], float] | None = None,
+    ) -> None:
+        """Draws the run's biases; the vehicle waits at its start."""
+        self.number = number
+        self.config = config
+        self._sim = sim
+        self._rng = rng
+        more = rng.spawn(1)[0]  # its draws leave those of `rng` as they are
+        self._clearance_m = clearance_m
+        draws = rng.standard_normal(8)  # the same count whatever is ideal, so that other draws stay the same
+        ideal = sim.ideal
+        spread = 0.0 if sim.dynamics.ideal or ideal else sim.dynamics.speed_spread
+        self._speed_share = max(1.0 + spread * float(draws[0]), 0.2)
+        self._params = motion_parameters(config, sim, config.speed_mps * self._speed_share)
+        self._rails = bool(self._params[mm.P_IDEAL_MOTION] and self._params[mm.P_IDEAL_NAVIGATION])
+        gyro_bias = 0.0 if sim.gyro.ideal or ideal else sim.gyro.bias_deg_h * DEG / 3600.0
+        compass_bias = 0.0 if sim.compass.ideal or ideal else sim.compass.bias_deg * DEG
+        harmonic = 0.0 if sim.compass.ideal or ideal else sim.compass.harmonic_deg * DEG
+        scale = 0.0 if sim.dvl.ideal or ideal else sim.dvl.scale
+        gps = 0.01 if sim.gps.ideal or ideal else sim.gps.noise_m
+        self._sounder = EchoSounder(sim, rng, float(draws[4]))
+
+        m = np.zeros(mm.MEMORY)
+        m[mm.T_NORTH], m[mm.T_EAST] = config.start_north_m, config.start_east_m
+        m[mm.T_HEADING] = wrap(config.start_heading_rad)
+        m[mm.B_GYRO], m[mm.B_COMPASS], m[mm.B_SCALE] = np.array([gyro_bias, compass_bias, scale]) * draws[1:4]
+        m[mm.H_SIN : mm.H_COS + 1] = harmonic * more.standard_normal(2)
+        m[mm.MODE] = mm.WAITING
+        self._m = m
+        heading_std = max(math.hypot(compass_bias, harmonic), 0.2 * DEG)
+        self._x = np.zeros(STATES)
+        self._x[NORTH] = m[mm.T_NORTH] + gps * draws[5]
+        self._x[EAST] = m[mm.T_EAST] + gps * draws[6]
+        m[mm.G_NORTH : mm.G_EAST + 1] = gps * draws[5:7]
+        m[mm.LAST_NORTH : mm.LAST_EAST + 1] = m[mm.AT_NORTH : mm.AT_EAST + 1] = self._x[[NORTH, EAST]]
+        self._x[HEADING] = wrap(m[mm.T_HEADING] + heading_std * draws[7])
+        self._p = np.zeros((STATES, STATES))
+        for index, std in (
+            (NORTH, gps),
+            (EAST, gps),
+            (HEADING, heading_std),
+            (SURGE, 0.01),
+            (SWAY, 0.01),
+            (GYRO_BIAS, gyro_bias),
+            (COMPASS_BIAS, compass_bias),
+            (DVL_SCALE, scale),
+            (COMPASS_SIN, harmonic),
+            (COMPASS_COS, harmonic),
+        ):
+            self._p[index, index] = std * std
+        if self._params[mm.P_IDEAL_NAVIGATION]:
+            self._x[:3] = m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING]
+            self._p[:] = 0.0
+        self._x_raw, self._p_raw = self._x.copy(), self._p.copy()  # without fixes under way, from the first one on
+        self._q = process_noise(self._params)
+        self._leg = np.zeros(6)
+        self._leg[mm.LEG_RADIUS] = 15.0
+        self._step = -1
+        self._next: _Order | None = None
+        self._then: Stop | None = None
+        self._stop: Stop | None = None
+        self._way: _Way | None = None
+        self._loitering = False
+        self._surface_after = False
+        self._rows = np.empty((0, mm.OUT))
+        self._stamps = np.empty(0)
+        #: Fixes completed in the last `move`.
+        self.fixes: list[Fix] = []
+
+    @property
+    def step(self) -> int:
+        """Step that its leg leads from; -1 before the first leg."""
+        return self._step
+
+    @property
+    def position(self) -> tuple[float, float, float]:
+        """True north, east and depth (m)."""
+        return float(self._m[mm.T_NORTH]), float(self._m[mm.T_EAST]), float(self._m[mm.T_DEPTH])
+
+    @property
+    def state(self) -> Array:
+        """The filter's state (10,), see `navigation`."""
+        return self._x.copy()
+
+    @property
+    def covariance(self) -> Array:
+        """The filter's covariance (10, 10)."""
+        return self._p.copy()
+
+    @property
+    def error(self) -> Array:
+        """Filter's state minus the truth (10,)."""
+        m = self._m
+        seen = 1.0 + m[mm.B_SCALE]
+        truth = np.array(
+            [m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING], seen * m[mm.T_SURGE], seen * m[mm.T_SWAY], m[mm.B_GYRO],
+             m[mm.B_COMPASS], m[mm.B_SCALE], m[mm.H_SIN], m[mm.H_COS]]
+        )  # fmt: skip
+        error: Array = self._x - truth
+        error[HEADING] = wrap(error[HEADING])
+        return error
+
+    def forget_harmonics(self) -> None:
+        """Makes a filter that does not know that the compass's error depends on the heading: for comparison."""
+        self._p[COMPASS_SIN:, :] = 0.0
+        self._p[:, COMPASS_SIN:] = 0.0
+
+    @property
+    def track(self) -> Array:
+        """True north, east, depth (m) of the sub-steps of the last `move`, shape (n, 3)."""
+        return self._rows[:, [mm.O_NORTH, mm.O_EAST, mm.O_DEPTH]]
+
+    def command(self, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
+        """Takes the next leg.
+
+        Args:
+            leg: The leg.
+            speed_mps: Speed through the water; None: the configured one.
+            then: What follows it if it is the mission's last; None: it circles.
+        """
+        self._take(_Order(leg, self.config.speed_mps if speed_mps is None else speed_mps, then))
+
+    def obey(self, stop: Stop | None) -> None:
+        """Does `stop` in place of travelling; None: travels on."""
+        if stop == self._stop:
+            return
+        self._stop = stop
+        self._keep_depth()
+        if self._m[mm.MODE] == mm.WAITING:
+            return
+        if stop is None:
+            self._travel_on()
+            return
+        if self._way is None:
+            orders = [] if self._next is None else [self._next]
+            along_m = float(self._m[mm.ALONG])
+            self._way = _Way(self._leg.copy(), self._step, along_m, self._loitering, self._then, orders)
+        self._next, self._then = None, None
+        here = self._here()
+        if stop.action is Action.GO_TO:
+            self._lead(leg_to(*here, stop.place_m, float(self._leg[mm.LEG_RADIUS]), self._step))
+        else:
+            self._leg = np.array([*here, 0.0, float(self._leg[mm.LEG_RADIUS]), 0.0])
+            self._circle(0.0)
+
+    def _travel_on(self) -> None:
+        way, self._way = self._way, None
+        if way is None:
+            return
+        self._leg, self._step, self._loitering, self._then = way.leg, way.step, way.loitering, way.then
+        self._m[mm.ALONG] = way.along_m
+        self._m[mm.MODE] = mm.STEERED
+        for order in way.orders:
+            self._take(order)
+
+    def _take(self, order: _Order) -> None:
+        if self._way is not None:
+            self._way.orders.append(order)
+        elif self._m[mm.MODE] == mm.WAITING or self._follows(order.leg):
+            self._next = order
+        elif self._loitering and self._m[mm.MODE] == mm.STEERED:
+            self._next = None
+            self._begin(replace(order, leg=self._from_here(order.leg)), 0.0)
+        else:
+            self._next = None
+            self._begin(order, 0.0)
+
+    def _here(self) -> tuple[float, float, float]:
+        """Heading, north, east from which a way that nobody planned begins: of the track on rails, else estimated."""
+        if self._m[mm.MODE] == mm.ON_RAILS:
+            heading, north, east, _ = mm.on_leg(self._leg, self._m[mm.ALONG])
+            return heading, north, east
+        return float(self._x[HEADING]), float(self._x[NORTH]), float(self._x[EAST])
+
+    def _from_here(self, leg: Leg) -> Leg:
+        """The way to a leg's end from where the vehicle is: its start is passed."""
+        _, north, east = leg.end_state
+        tightest_m = tightest_radius_m(self.config, self._sim)
+        way = leg_to(*self._here(), (float(north), float(east)), leg.radius_m, leg.step, tightest_m)
+        return replace(way, surface=leg.surface)
+
+    def _keep_depth(self) -> None:
+        up = self._stop is not None and self._stop.action is Action.SURFACE
+        self._params[mm.P_DEPTH] = 0.0 if up else self.config.depth_m
+
+    def _lead(self, leg: Leg, along_m: float = 0.0) -> None:
+        """Leads the vehicle on a leg that is none of the mission's."""
+        self._leg = np.array(
+            [leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m], dtype=float
+        )
+        self._loitering = False
+        self._m[mm.ALONG] = along_m
+
+    def _follows(self, leg: Leg) -> bool:
+        """Whether a leg begins where the vehicle's way ends; a circle that is steered has no end."""
+        if self._loitering and self._m[mm.MODE] == mm.STEERED:
+            return False
+        end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
+        near = math.hypot(leg.north_m - end[1], leg.east_m - end[2]) <= SEAM_M
+        return near and abs(wrap(leg.heading_rad - end[0])) <= SEAM_RAD
+
+    def _leg_start(self) -> tuple[float, float, float, float]:
+        return self._leg[mm.LEG_HEADING], self._leg[mm.LEG_NORTH], self._leg[mm.LEG_EAST], 0.0
+
+    def _begin(self, order: _Order, along_m: float) -> None:
+        """Starts a leg, of which `along_m` are travelled already."""
+        m, leg = self._m, order.leg
+        self._surface()
+        self._surface_after = leg.surface
+        self._params[mm.P_SPEED] = order.speed_mps * self._speed_share
+        self._then = order.then
+        self._keep_depth()
+        on_track = mm.on_leg(self._leg, m[mm.ALONG]) if m[mm.MODE] == mm.ON_RAILS else None
+        self._lead(leg, along_m)
+        self._step = leg.step
+        place = mm.on_leg(self._leg, along_m)
+        on_rails = self._rails and math.hypot(place[1] - m[mm.T_NORTH], place[2] - m[mm.T_EAST]) < RAILS_M
+        if on_track is None and m[mm.MODE] != mm.WAITING and abs(wrap(place[0] - m[mm.T_HEADING])) > 0.01:
+            on_rails = False
+        m[mm.MODE] = mm.ON_RAILS if on_rails else mm.STEERED
+
+    def _surface(self) -> None:
+        """Begins to surface for a fix if the leg that ends, or is given up, asks for it."""
+        if self._surface_after and self._m[mm.SURFACING] == mm.NOT_SURFACING:
+            self._m[mm.SURFACING], self._m[mm.UNDER_WAY] = mm.TO_SURFACE, 0.0
+        self._surface_after = False
+
+    def _end(self, along_m: float) -> None:
+        """Does what follows the end of a leg that no other follows, of which `along_m` are travelled already."""
+        then, self._then = self._then, None
+        self._surface()
+        heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
+        if then is not None and then.action is Action.GO_TO:
+            self._lead(leg_to(heading, north, east, then.place_m, float(self._leg[mm.LEG_RADIUS])), along_m)
+            return
+        if then is not None and then.action is Action.SURFACE:
+            self._params[mm.P_DEPTH] = 0.0
+        self._circle(along_m)
+
+    def _circle(self, along_m: float) -> None:
+        """Starts a circle at the leg's end."""
+        heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
+        radius = float(self._leg[mm.LEG_RADIUS])
+        side = 1.0 if self._leg[mm.LEG_TURN] > -NO_TURN_RAD else -1.0  # to starboard after a straight
+        if self._clearance_m is not None:
+            free = {
+                s: self._clearance_m(north - s * radius * math.sin(heading), east + s * radius * math.cos(heading))
+                for s in (1.0, -1.0)
+            }
+            side = max((1.0, -1.0), key=lambda s: (free[s], s == side))
+        self._leg = np.array([heading, north, east, side * 2.0 * math.pi, radius, 0.0])
+        self._loitering = True
+        self._m[mm.ALONG] = along_m
+
+    def move(self, stamps_s: Array, currents: Array) -> tuple[Array, Array]:
+        """Advances by sub-steps of one over the DVL's rate.
+
+        Args:
+            stamps_s: End of each sub-step (n,).
+            currents: Current north, east of each sub-step (n, 2), m/s.
+
+        Returns:
+            True north and east (n,) of each sub-step: the places at which `sense` needs the depth of water.
+        """
+        m, n = self._m, len(stamps_s)
+        normals = self._rng.standard_normal((n, mm.NORMALS))
+        uniforms = self._rng.random((n, mm.UNIFORMS))
+        rows = np.zeros((n, mm.OUT))
+        dt = self._params[mm.P_DT]
+        start_s = float(stamps_s[0]) - dt if n else 0.0
+        i = 0
+        while i < n:
+            last, limit = n, math.inf
+            if m[mm.MODE] == mm.WAITING:
+                until_start = math.ceil((self.config.start_delay_s - start_s) / dt - 1e-6)
+                if self._next is not None and self._stop is None and i >= until_start:
+                    order, self._next = self._next, None
+                    self._begin(order, 0.0)
+                    continue
+                if self._next is not None and self._stop is None:
+                    last = min(n, max(until_start, i + 1))
+            else:
+                limit = mm.leg_length(self._leg)
+            i = mm.advance(
+                m, self._x, self._p, self._x_raw, self._p_raw, self._leg, self._params, self._q, normals, uniforms,
+                currents, self._sounder.in_reach, limit, rows, i, last,
+            )  # fmt: skip
+            if m[mm.MODE] != mm.WAITING and m[mm.ALONG] >= limit - 1e-9:
+                over = max(float(m[mm.ALONG]) - limit, 0.0)
+                if self._next is not None:
+                    order, self._next = self._next, None
+                    self._begin(order, over)
+                elif self._loitering:
+                    m[mm.ALONG] = over
+                else:
+                    self._end(over)
+        self._rows = rows
+        self._stamps = stamps_s
+        self.fixes = self._completed()
+        return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
+
+    @property
+    def gps_m(self) -> tuple[float, float] | None:
+        """North, east by GPS, where its antenna is out of the water; else None."""
+        m = self._m
+        if self.position[2] >= self._sim.gps.antenna_m:
+            return None
+        return float(m[mm.T_NORTH] + m[mm.G_NORTH]), float(m[mm.T_EAST] + m[mm.G_EAST])
+
+    def _completed(self) -> list[Fix]:
+        """The fix that was complete in the last `move`, if one was; the next surfacing begins another."""
+        m = self._m
+        if m[mm.FIX_STEP] == 0.0:
+            return []
+        i, information = int(m[mm.FIX_STEP]) - 1, float(m[mm.FIX_INFORMATION])
+        raw_north_m, raw_east_m = (float(v) for v in self._rows[i, [mm.O_RAW_NORTH, mm.O_RAW_EAST]])
+        fix = Fix(
+            stamp_s=float(self._stamps[i]),
+            north_m=raw_north_m + float(m[mm.FIX_NORTH]) / information,
+            east_m=raw_east_m + float(m[mm.FIX_EAST]) / information,
+            raw_north_m=raw_north_m,
+            raw_east_m=raw_east_m,
+            std_m=information**-0.5,
+        )
+        m[[mm.FIX_INFORMATION, mm.FIX_NORTH, mm.FIX_EAST, mm.FIX_STEP]] = 0.0
+        return [fix]
+
+    def sense(self, water_m: Array) -> Array:
+        """Takes the true depth of water (n,) at the sub-steps of the last `move`; returns soundings.
+
+        Returns:
+            Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
+        """
+        return self._sounder.sound(self._stamps, self._rows, water_m)
+
+    @property
+    def altitude_m(self) -> float:
+        """Height over the ground by the last ping; NaN without an echo."""
+        return self._sounder.altitude_m
+
+    @property
+    def pressure_depth_m(self) -> float:
+        """Depth by the pressure gauge at the last sub-step."""
+        return self._sounder.pressure_depth_m
+
+    @property
+    def groundings(self) -> int:
+        """Ticks in which the vehicle touched the ground."""
+        return self._sounder.groundings
+
+    def dead_reckoning(self, now_s: float) -> DeadReckoning:
+        """The raw place at the end of the last tick, with the measured depth."""
+        raw = self._x_raw if self._m[mm.PARTED] else self._x
+        return DeadReckoning(
+            stamp_s=now_s,
+            heading_rad=float(raw[HEADING]),
+            north_m=float(raw[NORTH]),
+            east_m=float(raw[EAST]),
+            depth_m=self.pressure_depth_m,
+        )
+
+    def odometry(self, now_s: float) -> NavigationEstimate:
+        """The filter's estimate at the end of the last tick."""
+        x = self._x
+        return NavigationEstimate(
+            stamp_s=now_s,
+            heading_rad=float(x[HEADING]),
+            north_m=float(x[NORTH]),
+            east_m=float(x[EAST]),
+            speed_mps=math.hypot(float(x[SURGE]), float(x[SWAY])) / (1.0 + float(x[DVL_SCALE])),
+            covariance=self._p[_ODOMETRY],
+        )
+
+    def truth(self, now_s: float) -> Truth:
+        """The true state at the end of the last tick."""
+        m = self._m
+        return Truth(
+            stamp_s=now_s,
+            heading_rad=float(m[mm.T_HEADING]),
+            north_m=float(m[mm.T_NORTH]),
+            east_m=float(m[mm.T_EAST]),
+            depth_m=float(m[mm.T_DEPTH]),
+            speed_mps=math.hypot(float(m[mm.T_SURGE]), float(m[mm.T_SWAY])),
+            travelled_m=float(m[mm.TRAVELLED]),
+            water_m=self._sounder.water_m,
+            step=self._step,
+            along_m=float(m[mm.ALONG]),
+            loitering=self._loitering and self._way is None,
+        )

@@ -1,0 +1,1 @@
+"""The simulated water: sound, current, ranges."""

@@ -1,0 +1,58 @@
+"""A whole vehicle is lost: its mate names it, drops its plan when that expires, and visits what it was to visit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_sim.engine.fleet import Fleet
+from auv_lse_sim.ground.ground_source import ground_of
+
+#: When auv2 is lost (s), and for how long its last plan is believed (s).
+LOST_S, EXPIRY_S = 100.0, 120.0
+
+
+def survivor(expiry_s: float) -> tuple[Fleet, NDArray[np.float64], list[str]]:
+    """A mission of two from which auv2 vanishes; the places that it was still to visit, and what auv1 has said."""
+    settings = Settings.load(
+        None,
+        {
+            "mission.vehicles": 2,
+            "mission.steps": 36,
+            "mission.seed": 3,
+            "area.polygon_m": [0.0, 0.0, 260.0, 0.0, 260.0, 320.0, 0.0, 320.0],
+            "gp.map_resolution_m": 20.0,
+            "planner.method": "tour",
+            "planner.plan_expiry_s": expiry_s,
+            "sim.ideal": True,
+        },
+    )
+    fleet = Fleet(settings, ground_of(settings))
+    while fleet.now_s < LOST_S:
+        fleet.tick()
+    lost = fleet.crews.pop()
+    assert lost.planner.path is not None
+    ahead = lost.planner.path.places_m
+    said: list[str] = []
+    while not fleet.finished:
+        fleet.tick()
+        said += [text for text in fleet.crews[0].planner.problems(fleet.now_s).values() if text not in said]
+    return fleet, ahead, said
+
+
+def visited(fleet: Fleet, places_m: NDArray[np.float64]) -> float:
+    """Share of the places to which auv1 came within 25 m after auv2 was lost."""
+    track = np.array(fleet.crews[0].log.truth)
+    track = track[track[:, 0] > LOST_S, 1:3]
+    return float(np.mean([np.hypot(*(track - place).T).min() < 25.0 for place in places_m]))
+
+
+def test_a_mate_that_is_silent_is_named_and_covered_for() -> None:
+    fleet, ahead, said = survivor(EXPIRY_S)
+    stubborn, same, _ = survivor(1e6)
+    assert np.array_equal(ahead, same)
+    assert any("nothing heard of vehicle 2" in text for text in said), said
+    assert any("plan of vehicle 2 expired" in text for text in said), said
+    covered, not_covered = visited(fleet, ahead), visited(stubborn, ahead)
+    assert covered > not_covered + 0.1, (covered, not_covered)

@@ -1,0 +1,147 @@
+"""The simulated side of a mission in lockstep: which tick may run when, without ROS."""
+
+from __future__ import annotations
+
+import pytest
+
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.mission_run import Action, RunState, Stop
+from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
+from auv_lse_sim.ground.ground_source import ground_of
+
+PAYLOAD = bytes(252)
+
+
+def simulation(recorded: bool = False, lockstep: bool = True, vehicles: int = 1) -> Simulation:
+    settings = Settings.load(None, {"mission.vehicles": vehicles, "mission.steps": 4})
+    return Simulation(settings, ground_of(settings), lockstep=lockstep, recorded=recorded)
+
+
+def handle(sim: Simulation, tick: int, waypoints: int = 0, packets: int = 0, finished: bool = False) -> None:
+    """Every vehicle's nodes announce the tick."""
+    for k in sim.vehicles:
+        sim.take_done(k, "safety", tick, (0,), False)
+        sim.take_done(k, "planner", tick, (waypoints, waypoints), finished)
+        sim.take_done(k, "modem_sent", tick, (packets,), False)
+
+
+def test_the_first_tick_waits_for_every_node_of_every_vehicle() -> None:
+    sim = simulation(vehicles=2)
+    sim.begin()
+    for k in (1, 2):
+        for phase in ("gp", "safety", "planner", "modem"):
+            assert not sim.ready()
+            sim.take_done(k, phase, 0, (), False)
+    assert sim.ready()
+    assert sim.state is MissionState.WAITING
+
+
+def test_a_tick_waits_for_the_waypoints_and_packets_that_are_announced() -> None:
+    sim = simulation()
+    outputs = sim.advance()
+    assert (sim.tick, sim.now_s, sim.state) == (1, 1.0, MissionState.RUNNING)
+    assert sim.arrivals == [0]
+    assert sim.soundings == [len(outputs[1].soundings)]
+    assert not sim.ready()
+    handle(sim, 1, waypoints=1, packets=1)
+    assert sim.stalled(59.0) == ""
+    missing = "packets of auv1: 0 of 1, waypoints of auv1: 0 of 1"
+    assert sim.stalled(61.0) == f"tick 1: no answer for 60 s; missing {missing}"
+    sim.take_packet(1, 1.0, PAYLOAD)
+    assert not sim.ready()
+    sim.take_waypoint(1, None)  # one that cannot be used counts as well
+    assert sim.ready()
+    sim.advance()
+    assert (sim.tick, sim.sent) == (2, 1), "the packet went into the water before the tick"
+
+
+def test_a_recorder_may_be_twenty_ticks_behind() -> None:
+    sim = simulation(recorded=True)
+    sim.advance()
+    for tick in range(1, 21):
+        handle(sim, tick)
+        assert sim.ready()
+        sim.advance()
+    handle(sim, 21)
+    assert not sim.ready()
+    sim.take_recorded(1)
+    assert sim.ready()
+
+
+def test_the_mission_ends_once_the_recorder_has_its_last_tick() -> None:
+    sim = simulation(recorded=True)
+    for tick in range(1, 6):
+        sim.advance()
+        handle(sim, tick, finished=tick == 5)
+    sim.take_recorded(4)
+    assert sim.finished
+    assert not sim.ready(), "the end of the recording would be lost"
+    assert sim.stalled(59.0) == ""
+    assert sim.stalled(61.0) == "tick 5: no answer for 60 s; missing recorder: tick 4 of 5"
+    sim.take_recorded(5)
+    assert sim.ready()
+    assert sim.advance() == {}
+    assert sim.state is MissionState.FINISHED
+    assert sim.stalled(61.0) == ""
+
+
+def test_the_mission_ends_when_every_planner_is_finished() -> None:
+    sim = simulation(vehicles=2)
+    sim.advance()
+    sim.take_done(1, "planner", 1, (0, 0), True)
+    assert not sim.finished
+    sim.take_done(2, "planner", 1, (0, 0), True)
+    assert sim.finished
+    assert sim.steps == [4, 4]
+    assert sim.advance() == {}
+    assert (sim.state, sim.tick) == (MissionState.FINISHED, 1)
+
+
+def test_what_cannot_be_sent_is_reported_once() -> None:
+    sim = simulation()
+    sim.advance()
+    sim.take_packet(1, 1.0, PAYLOAD)
+    sim.take_packet(1, 1.0, PAYLOAD)  # the transducer is busy with the first
+    sim.advance()
+    (problem,) = sim.take_problems()
+    assert problem.startswith("packet of auv1 at 1.0 s: ")
+    assert sim.take_problems() == []
+
+
+def test_without_lockstep_no_tick_is_ready_by_itself() -> None:
+    sim = simulation(lockstep=False)
+    sim.advance()
+    handle(sim, 1)
+    assert not sim.ready(), "a timer gives the ticks"
+
+
+def test_speed_is_that_of_the_last_seconds() -> None:
+    speed = Speed()
+    for wall_s in range(40):
+        speed.note(float(wall_s) ** 2, float(wall_s))
+    assert speed.value == pytest.approx(39.0 + 14.0), "mean slope of t^2 from 14 s to 39 s"
+
+
+def test_a_tick_waits_for_the_states_that_are_announced_and_the_vehicle_obeys() -> None:
+    sim = simulation()
+    for tick in range(1, 4):
+        sim.advance()
+        handle(sim, tick)
+    sim.advance()
+    handle(sim, 4)
+    sim.take_done(1, "safety", 4, (1,), False)
+    assert not sim.ready()
+    sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.SURFACE))
+    assert sim.ready()
+    assert sim.runs == [RunState.HOLDING]
+
+
+def test_the_time_of_a_hold_does_not_count_against_the_mission() -> None:
+    sim = simulation(lockstep=False)
+    sim.take_state(1, 1, RunState.HOLDING, Stop(action=Action.HOLD))
+    while sim.now_s < 2.0 * sim._settings.longest_s:
+        assert sim.advance()
+    sim.take_state(1, 2, RunState.RUNNING, None)
+    while sim.state is MissionState.RUNNING:
+        sim.advance()
+    assert sim.state is MissionState.FAILED

@@ -1,0 +1,102 @@
+"""Which way the depths of a file grow: what is taken, and what is not guessed."""
+
+import numpy as np
+import pytest
+from ground_helpers import bottom, check_bottom, soundings, topobathy, write_csv, write_grid
+
+from auv_lse_common.mission_file.parameters import to_mapping
+from auv_lse_common.mission_file.sections.world import BathymetryConfig
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.ground_files import load_ground
+
+
+def test_elevations_are_negated(tmp_path):
+    north, east, depth = soundings()
+    path = write_csv(tmp_path / "s.csv", ["north_m", "east_m", "elevation_m"], north, east, -depth)
+    check_bottom(load_ground(path))
+    path = write_csv(tmp_path / "t.csv", ["north_m", "east_m", "depth_m"], north, east, -depth)
+    with pytest.raises(
+        GroundError, match=r"t\.csv:2: depth -.* as for 3000 of 3000 soundings; expected depth_m positive down"
+    ):
+        load_ground(path)
+    check_bottom(load_ground(path, BathymetryConfig(depth_sign="up")))
+
+
+def test_a_raster_of_water_and_land_is_not_guessed(tmp_path):
+    axis, height = topobathy()
+    path = write_grid(tmp_path / "g.asc", axis, height)
+    with pytest.raises(
+        GroundError, match=r"g\.asc: values from -27\.\d+ to 54\.\d+ m, 3\d % negative, 6\d % positive.*water_level_m"
+    ):
+        load_ground(path)
+    for config in (BathymetryConfig(depth_sign="up"), BathymetryConfig(water_level_m=0.0)):
+        ground = load_ground(path, config)
+        assert ground.depth_m(200.0, 20.0) == pytest.approx(-height[20, 2], abs=0.01)
+        assert np.isnan(ground.depth_m(200.0, 300.0))
+    down = load_ground(path, BathymetryConfig(depth_sign="down"))
+    assert np.isnan(down.depth_m(200.0, 20.0))
+    # A few nodes of land among depths are no reason to ask.
+    depth = np.full((41, 41), 20.0)
+    depth[:, :2] = -1.0
+    assert load_ground(write_grid(tmp_path / "d.asc", axis, depth)).depth_m(200.0, 200.0) == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("fill", [np.nan, 0.0])
+def test_a_raster_above_sea_level_is_not_taken_as_deep(tmp_path, fill):
+    axis, height = topobathy(0.5)
+    height = 1200.0 + 0.75 * height  # 1170 to 1230 m
+    height[:3] = fill
+    path = write_grid(tmp_path / "g.asc", axis, height)
+    with pytest.raises(GroundError, match=r"to 1230.* m: elevations above sea level, or depths\?.*water_level_m"):
+        load_ground(path)
+    height[:3] = np.nan
+    path = write_grid(path, axis, height)
+    with pytest.raises(GroundError, match=r"none below the water surface at 1100 m"):
+        load_ground(path, BathymetryConfig(water_level_m=1100.0))
+    ground = load_ground(path, BathymetryConfig(water_level_m=1200.0))
+    assert ground.depth_m(200.0, 20.0) == pytest.approx(1200.0 - height[20, 2], abs=0.01)
+    assert "elevations, water surface at 1200 m" in ground.describe()
+    assert load_ground(path, BathymetryConfig(depth_sign="down")).depth_m(200.0, 200.0) > 1100.0
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv"])
+def test_named_elevations_above_sea_level_need_the_water_level(tmp_path, ending):
+    axis, height = topobathy(0.5)
+    path = write_grid(tmp_path / f"g.{ending}", axis, 1200.0 + 0.75 * height)
+    with pytest.raises(
+        GroundError,
+        match=rf"g\.{ending}: elevation_m from 11\d\d.* to 1230.*none below .* at 0 m;.*set .*water_level_m",
+    ):
+        load_ground(path)
+    config = BathymetryConfig(water_level_m=1200.0, smoothing_m=0.0)
+    assert load_ground(path, config).depth_m(200.0, 20.0) == pytest.approx(-0.75 * height[20, 2], abs=0.01)
+    # Two thirds of land is no error where the name says what is up.
+    land = write_grid(tmp_path / f"l.{ending}", *topobathy(2 / 3))
+    assert "nodes are land" in load_ground(land).describe()
+    depths = write_grid(tmp_path / f"d.{ending}", axis, -height, "depth_m")
+    with pytest.raises(GroundError, match=r"depth_m from .* with sim\.bathymetry\.water_level_m = 1200 m; expected"):
+        load_ground(depths, config)
+    shallow = write_grid(tmp_path / f"n.{ending}", *topobathy(0.1), "depth_m")
+    with pytest.raises(GroundError, match=r"positive down: set sim\.bathymetry\.depth_sign: up for elevations"):
+        load_ground(shallow)
+    load_ground(shallow, BathymetryConfig(depth_sign="down"))
+
+
+@pytest.mark.parametrize("mark", [-9999.0, 9999.0, -99999.0, -32768.0, 32767.0])
+@pytest.mark.parametrize("ending", ["npz", "asc"])
+def test_marks_for_no_data_are_unknown(tmp_path, ending, mark):
+    axis = np.arange(0.0, 401.0, 10.0)
+    depth = bottom(*np.meshgrid(axis, axis, indexing="ij"))
+    depth[:, 20:] = mark
+    path = write_grid(tmp_path / f"g.{ending}", axis, depth, "depth_m")
+    if ending == "asc":  # the header names another value
+        path.write_text(path.read_text().replace("NODATA_value -9999", "NODATA_value -1"))
+    ground = load_ground(path)
+    assert np.isnan(ground.depth_m(200.0, 300.0))
+    assert ground.depth_m(200.0, 100.0) == pytest.approx(bottom(200.0, 100.0), abs=0.01)
+    assert f"; {41 * 21} nodes of {mark:g} taken as unknown" in ground.describe()
+
+
+def test_the_water_level_left_out_is_not_in_a_mission_file():
+    """Campaigns name their missions by their parameters: those of a default mission are what they were."""
+    assert set(to_mapping(BathymetryConfig())) == {"file", "resolution_m", "max_gap_m", "smoothing_m", "depth_sign"}

@@ -1,0 +1,131 @@
+"""Bathymetry files of every kind: errors, origins, and a survey both as soundings and as a grid."""
+
+import numpy as np
+import pytest
+from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, ascii_text, soundings, survey, write_survey
+
+from auv_lse_common.vocabulary.frames import geodetic_from_local
+from auv_lse_sim.ground.grid_ground import GridGround
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.ground_files import load_ground
+
+GOOD = "east_m,north_m,depth_m\n" + "".join(f"{i % 7 * 10},{i // 7 * 10},12.5\n" for i in range(40))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("a.csv", "", r"a\.csv: 0 lines; expected a header"),
+        (
+            "a.csv",
+            "x,y\n1,2\n",
+            r"a\.csv:1: columns are x, y; expected east_m,north_m,depth_m \(or easting, northing\) or lat,lon,depth_m",
+        ),
+        ("a.csv", GOOD + "10,20\n", r"a\.csv:42: 2 fields '10,20'; expected 3"),
+        ("a.csv", GOOD + "10,abc,3\n", r"a\.csv:42: north_m is 'abc'; expected a finite number"),
+        ("a.csv", GOOD + "10,20,nan\n", r"a\.csv:42: depth_m is 'nan'; expected a finite number"),
+        ("a.csv", GOOD + "10,20,12500\n", r"a\.csv:42: depth 12500 m; expected metres, below 11000"),
+        ("a.csv", "lat,lon,depth_m\n95,10,3\n", r"a\.csv:2: lat is 95; expected degrees"),
+        (
+            "a.csv",
+            "east_m,north_m,depth_m\n1,2,3\n4,5,6\n",
+            r"a\.csv: 2 soundings at different places; expected at least 10",
+        ),
+        ("a.csv", "east_m,north_m,depth_m\n" + "".join(f"{i},{2 * i},3\n" for i in range(60)), r"lie on one line"),
+        (
+            "a.csv",
+            "east_m,north_m,depth_m\n" + "".join(f"{i * 9e4},{i % 7 * 9e4},3\n" for i in range(60)),
+            r"2 x 2 to 5000 x 5000",
+        ),
+        ("a.npz", "no zip", r"a\.npz: not a readable npz file"),
+        ("a.pdf", "x", r"ending '\.pdf'; expected one of \.csv"),
+        ("a.asc", "ncols 2\nnrows x\n", r"a\.asc:2: 'nrows x'; expected a header line 'name number'"),
+        ("a.asc", "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\n1 2\n3 4\n", r"expected also cellsize"),
+        (
+            "a.asc",
+            "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4 5\n",
+            r"a\.asc:7: 3 values; expected ncols = 2",
+        ),
+        (
+            "a.asc",
+            "ncols 2\nnrows 3\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 4\n",
+            r"2 rows of values; expected nrows = 3",
+        ),
+        (
+            "a.asc",
+            "ncols 2\nnrows 2\nxllcorner 0\nyllcorner 0\ncellsize 10\n1 2\n3 z4\n",
+            r"a\.asc:7: 'z4'; expected a number",
+        ),
+        ("a.asc", "ncols inf\n", r"a\.asc:1: 'ncols inf'; expected a whole number of at least 2"),
+        ("a.asc", "ncols 2\nnrows nan\n", r"a\.asc:2: 'nrows nan'; expected a whole number of at least 2"),
+        ("a.asc", "ncols 2.5\n", r"a\.asc:1: 'ncols 2.5'; expected a whole number"),
+        ("a.asc", "ncols 2\ncellsize inf\n", r"a\.asc:2: 'cellsize inf'; expected a finite number"),
+    ],
+)
+def test_errors_name_file_line_and_what_was_expected(tmp_path, name, text, match):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(GroundError, match=match):
+        load_ground(path)
+
+
+def test_missing_file():
+    with pytest.raises(GroundError, match=r"nowhere\.csv: no such file"):
+        load_ground("nowhere.csv")
+
+
+def test_origins_are_on_earth(tmp_path):
+    north, east, depth = soundings(300)
+    lat, lon = geodetic_from_local(north, east, 47.5, -91.5)
+    rows = "\n".join(f"{a:.8f},{o + 360.0:.8f},{d:.3f}" for a, o, d in zip(lat, lon, depth, strict=True))
+    (tmp_path / "s.csv").write_text("lat,lon,depth_m\n" + rows)
+    # Longitudes of 0 to 360 are read, and the origin is what area.origin_lon_deg may be.
+    assert load_ground(tmp_path / "s.csv").origin == pytest.approx((47.5018, -91.4973), abs=2e-4)
+    with pytest.raises(GroundError, match=r"s\.csv: area\.origin_lat_deg, origin_lon_deg: 500, 8; expected degrees"):
+        load_ground(tmp_path / "s.csv", origin=(500.0, 8.0))
+    (tmp_path / "g.asc").write_text(ascii_text(np.full((30, 30), 20.0), 1e12, 1e12, 10.0))
+    (tmp_path / "g.prj").write_text("EPSG:32632")
+    with pytest.raises(GroundError, match=r"g\.asc: the middle of the raster: .*; expected degrees"):
+        load_ground(tmp_path / "g.asc")
+    with pytest.raises(GroundError, match=r"grid: origin: 47, 361; expected"):
+        GridGround([0, 1], [0, 1], np.ones((2, 2)), origin=(47.0, 361.0))
+
+
+def test_data_far_from_the_origin_are_refused_by_name(tmp_path):
+    north, east, depth = soundings(300)
+    lat, lon = geodetic_from_local(north, east, 47.5, 9.3)
+    rows = "\n".join(f"{a:.8f},{o:.8f},{d:.3f}" for a, o, d in zip(lat, lon, depth, strict=True))
+    (tmp_path / "s.csv").write_text("lat,lon,depth_m\n" + rows)
+    (tmp_path / "g.asc").write_text(ascii_text(np.full((30, 30), 20.0), 9.3, 47.5, 1e-4, "xllcenter"))
+    for name in ("s.csv", "g.asc"):
+        for origin in ((47.5, 11.0), (-40.0, -170.0)):
+            with pytest.raises(
+                GroundError, match=rf"{name[0]}\.{name[2:]}: latitude 47\.50.*farther than 100 km from .*"
+            ):
+                load_ground(tmp_path / name, origin=origin)
+    axis = np.arange(0.0, 101.0, 10.0)
+    np.savez(tmp_path / "u.npz", north_m=axis + 5.2e6, east_m=axis + 5e5, depth_m=np.full((11, 11), 20.0))
+    with pytest.raises(GroundError, match=r"u\.npz: north from 5200000 to 5200100 m.*lat0, lon0"):
+        load_ground(tmp_path / "u.npz")
+
+
+def test_a_survey_both_ways(tmp_path):
+    write_survey(tmp_path)
+    lake, rows = survey()
+    fine, grid = (load_ground(tmp_path / name) for name in SURVEY_FILES)
+    # The file's positions have 9 digits after the point: 0.1 mm.
+    assert fine.origin == pytest.approx(SURVEY_ORIGIN, abs=1e-8)
+    assert grid.origin == pytest.approx(SURVEY_ORIGIN)
+    n, e = np.meshgrid(*grid.extent.axes(20.0), indexing="ij")
+    truth = lake.depth_m(n, e)
+    distance = np.hypot(n - 250.0, e + 200.0)  # from the middle of the part left out, 150 m in radius
+    for ground in (fine, grid):
+        depth = ground.depth_m(n, e)
+        known = np.isfinite(depth)
+        assert known.mean() > 0.9
+        assert not known[distance < 80.0].any()  # farther than 60 m from every sounding
+        error = np.abs(depth - truth)[known & np.isfinite(truth) & (distance > 160.0)]
+        # Noise of 0.05 m, and lines 35 m apart over relief with waves of some 60 m.
+        assert np.median(error) < 0.1
+        assert np.percentile(error, 99) < 0.5
+    assert len(rows) > 6000

@@ -1,0 +1,220 @@
+"""Fitting a mission to the ground: what is navigable, where to start, what to expect."""
+
+import numpy as np
+import pytest
+from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, write_survey
+from sim_helpers import FunctionGround
+
+from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.extent import Extent
+from auv_lse_sim.ground.grid_ground import GridGround
+from auv_lse_sim.ground.ground import GroundError
+from auv_lse_sim.ground.ground_source import ground_of
+from auv_lse_sim.ground.navigable import expectations, fit_to_ground
+
+EXTENT = Extent(north_min_m=-200, north_max_m=700, east_min_m=-200, east_max_m=800)
+SQUARE = [0.0, 0.0, 500.0, 0.0, 500.0, 500.0, 0.0, 500.0]
+
+
+def ground(function):
+    return FunctionGround(lambda n, e: np.broadcast_to(function(n, e), np.shape(n)).astype(float), EXTENT)
+
+
+def settings(**overrides):
+    return Settings.load(None, {"area.polygon_m": SQUARE, "auv1.vehicle.start_north_m": 250.0, **overrides})
+
+
+def check_safe(fitted, terrain, limit_m=8.0, spacing_m=3.0):
+    """No place that a vehicle may go to is shallower than the limit."""
+    area = OperatingArea(fitted.area)
+    grid = area.grid(spacing_m)
+    places = grid.places_m
+    depth = terrain.depth_m(places[:, 0], places[:, 1])
+    allowed = area.clearance_m(places) >= fitted.area.margin_m
+    assert allowed.any()
+    assert np.isfinite(depth[allowed]).all()
+    assert depth[allowed].min() >= limit_m
+    for own in fitted.vehicles:
+        v = own.vehicle
+        assert float(area.clearance_m(np.array([[v.start_north_m, v.start_east_m]]))[0]) >= fitted.area.margin_m
+    return area
+
+
+def test_default_mission_is_left_alone():
+    s = Settings.load()
+    for seed in range(3):
+        s = s.with_overrides({"mission.seed": seed})
+        fitted, notes = fit_to_ground(s, ground_of(s))
+        assert fitted.to_patterns() == s.to_patterns()
+        assert len(notes) == 2
+        assert "3 vehicles x 100 steps = 7.1 km of path in 0.42 km2" in notes[1]
+        assert "too" not in notes[1]
+
+
+def test_shallow_island_becomes_a_no_go_area():
+    terrain = ground(lambda n, e: np.where(np.hypot(n - 250, e - 250) < 60, 3.0, 25.0))
+    fitted, notes = fit_to_ground(settings(), terrain)
+    assert list(fitted.area.no_go) == ["ground_1"]
+    area = check_safe(fitted, terrain)
+    assert not area.contains(np.array([[250.0, 250.0], [250.0, 195.0]])).any()
+    assert area.contains(np.array([[250.0, 100.0], [30.0, 30.0], [460.0, 460.0]])).all()
+    assert any("around 1 no-go areas" in note for note in notes)
+
+
+def test_own_no_go_areas_stay():
+    terrain = ground(lambda n, e: np.where(n > 400, np.nan, 25.0))
+    own = {"wreck": [200.0, 200.0, 260.0, 200.0, 260.0, 260.0, 200.0, 260.0]}
+    fitted, _ = fit_to_ground(settings(**{"area.no_go": own}), terrain)
+    assert fitted.area.no_go["wreck"] == tuple(own["wreck"])
+    check_safe(fitted, terrain)
+
+
+def test_unknown_ground_is_cut_off_and_the_largest_near_part_kept():
+    # A wall of unknown ground leaves two parts; the start lies in the smaller one, which is large enough.
+    terrain = ground(lambda n, e: np.where(np.abs(e - 180.0) < 15.0, np.nan, 25.0))
+    fitted, notes = fit_to_ground(settings(), terrain)
+    area = check_safe(fitted, terrain)
+    assert area.contains(np.array([[250.0, 80.0]])).all()
+    assert not area.contains(np.array([[250.0, 400.0]])).any()
+    assert any("in 1 other part" in note and "cannot be reached" in note for note in notes)
+    # A sliver by the start is not chosen.
+    terrain = ground(lambda n, e: np.where(np.abs(e - 80.0) < 15.0, np.nan, 25.0))
+    fitted, notes = fit_to_ground(settings(), terrain)
+    area = check_safe(fitted, terrain)
+    assert area.contains(np.array([[250.0, 400.0]])).all()
+    assert any("start of every vehicle" in note or "start of auv1" in note for note in notes)
+
+
+def test_a_passage_narrower_than_the_margins_divides():
+    def depth(n, e):
+        wall = (np.abs(e - 250.0) < 20.0) & (np.abs(n - 250.0) > 9.0)  # an 18 m gap; margins of 10 m on either side
+        return np.where(wall, 2.0, 25.0)
+
+    fitted, _ = fit_to_ground(settings(), ground(depth))
+    inside = OperatingArea(fitted.area).contains(np.array([[250.0, 100.0], [250.0, 400.0]]))
+    assert inside.sum() == 1
+    wide, _ = fit_to_ground(
+        settings(), ground(lambda n, e: np.where((np.abs(e - 250.0) < 20.0) & (np.abs(n - 250.0) > 40.0), 2.0, 25.0))
+    )
+    assert OperatingArea(wide.area).contains(np.array([[250.0, 100.0], [250.0, 400.0]])).all()
+
+
+def test_start_on_land_is_moved_to_where_it_can_turn():
+    terrain = ground(lambda n, e: np.where(n + e < 150.0, np.nan, 25.0))
+    s = settings(**{"auv1.vehicle.start_north_m": 0.0})
+    fitted, notes = fit_to_ground(s, terrain)
+    area = check_safe(fitted, terrain)
+    v = fitted.vehicle(1).vehicle
+    place = np.array([[v.start_north_m, v.start_east_m]])
+    assert float(area.clearance_m(place)[0]) >= 10.0 + 2.0 * 15.0
+    # The nearest such place: not much farther than the shore, its margin and two turning radii.
+    assert np.hypot(*place[0]) < 150.0 / np.sqrt(2) + 40.0 + 25.0
+    assert any("moved" in note for note in notes)
+
+
+def test_deeper_vehicles_need_deeper_water():
+    terrain = ground(lambda n, e: 10.0 + e / 50.0)
+    limits = []
+    for depth in (3.0, 10.0):
+        fitted, _ = fit_to_ground(settings(**{"mission.vehicles": 1, "auv1.vehicle.depth_m": depth}), terrain)
+        limits.append(fitted.area.polygon_m)
+        check_safe(fitted, terrain, depth + 3.0)
+    assert limits[0] == tuple(SQUARE)
+    assert min(limits[1][1::2]) >= 150.0
+
+
+@pytest.mark.parametrize(
+    ("function", "match"),
+    [
+        (lambda n, e: np.full(np.shape(n), np.nan), "no known water of 8 m or more"),
+        (lambda n, e: np.where(np.abs(n - 250.0) < 12.0, 20.0, 2.0), "wide enough for margin_m = 10 m"),
+        (lambda n, e: np.where(np.hypot(n - 250.0, e - 250.0) < 30.0, 20.0, 2.0), "turning circle"),
+    ],
+)
+def test_nowhere_to_go_is_an_error(function, match):
+    with pytest.raises(GroundError, match=match):
+        fit_to_ground(settings(), ground(function))
+
+
+def test_no_isobath_in_the_area_is_said():
+    def said(function, **overrides):
+        return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("level:")]
+
+    assert said(lambda n, e: 12.0 + 0.01 * e) == []  # 12 to 17 m
+    (note,) = said(lambda n, e: 12.0 + 0.005 * e)
+    assert "no 15 m isobath in the area: all of it is shallower (12.0 to 14.5 m)" in note
+    (note,) = said(lambda n, e: 12.0 + 0.01 * e, **{"level_set.level_m": 11.0})
+    assert "no 11 m isobath in the area: all of it is deeper (12.0 to 17.0 m)" in note
+    # The shallow part is outside of what is flown.
+    (note,) = said(lambda n, e: np.where(e < 100.0, 5.0, 25.0))
+    assert "all of it is deeper (25.0 to 25.0 m)" in note
+
+
+def test_a_bottom_out_of_reach_is_said():
+    def said(function, **overrides):
+        return [note for note in fit_to_ground(settings(**overrides), ground(function))[1] if note.startswith("dvl:")]
+
+    def slope(n, e):
+        return 10.0 + 0.16 * e  # 90 m at 500 m east
+
+    (note,) = said(slope)
+    # 63 m at 331 m east: a third of the area lies beyond.
+    assert (
+        "34 % of the area is deeper than 63 m, the reach of auv1 (depth_m 3 m and sim.dvl.max_altitude_m 60 m)" in note
+    )
+    assert said(slope, **{"sim.dvl.max_altitude_m": 90.0}) == []
+    assert said(slope, **{"sim.dvl.ideal": True}) == []
+    (note,) = said(slope, **{"mission.vehicles": 1, "auv1.vehicle.depth_m": 5.0})
+    assert "deeper than 65 m" in note
+
+
+def test_the_origin_of_the_ground_holds():
+    axis = np.arange(-50.0, 551.0, 50.0)
+    terrain = GridGround(axis, axis, np.full((13, 13), 25.0), origin=(47.0, 8.0))
+    for lat, lon in ((47.0, 9.5), (46.0, 8.0)):
+        s = settings(**{"area.origin_lat_deg": lat, "area.origin_lon_deg": lon})
+        fitted, notes = fit_to_ground(s, terrain)
+        assert (fitted.area.origin_lat_deg, fitted.area.origin_lon_deg) == (47.0, 8.0)
+        said = f"origin: area.origin {lat:.5f}, {lon:.5f} deg is replaced by that of the ground, 47.00000, 8.00000 deg"
+        assert said in notes
+    again, notes = fit_to_ground(fitted, terrain)
+    assert again.area.origin_lon_deg == 8.0
+    assert not any(note.startswith("origin:") for note in notes)
+    new, notes = fit_to_ground(settings(), terrain)
+    assert new.area.origin_lon_deg == 8.0
+    assert not any(note.startswith("origin:") for note in notes)
+
+
+def test_expectations():
+    def said(**overrides):
+        return expectations(Settings.load(None, overrides))[0]
+
+    # 3 x 100 x 23.56 m in 600 m x 700 m: lanes 420000 / 7069 = 59 m apart.
+    assert "59 m apart" in said()
+    assert "too large" in said(**{"mission.vehicles": 1})
+    assert "48 %" in said(**{"mission.vehicles": 1})  # 2356 m x 85 m / 420000 m2
+    assert "too small" in said(**{"mission.steps": 300})
+
+
+@pytest.mark.parametrize("name", SURVEY_FILES)
+def test_a_survey(tmp_path, name):
+    write_survey(tmp_path)
+    s = Settings.load(None, {"sim.bathymetry.file": str(tmp_path / name)})
+    terrain = ground_of(s)
+    fitted, notes = fit_to_ground(s, terrain)
+    check_safe(fitted, terrain, spacing_m=12.0)
+    assert fitted.area.origin_lat_deg == pytest.approx(SURVEY_ORIGIN[0], abs=1e-8)  # the file's digits
+    assert any("the file's extent" in note for note in notes)
+    assert any("too large for this mission" in note for note in notes)
+
+
+def test_fitting_again_changes_little():
+    terrain = ground(lambda n, e: np.where(np.hypot(n - 250, e - 250) < 60, 3.0, np.where(n + e < 200, np.nan, 25.0)))
+    fitted, _ = fit_to_ground(settings(), terrain)
+    again, _ = fit_to_ground(fitted, terrain, area_given=True)
+    first, second = (
+        OperatingArea(fitted.area).grid(10.0).inside.sum(),
+        OperatingArea(again.area).grid(10.0).inside.sum(),
+    )
+    assert 0.95 * first < second <= first
