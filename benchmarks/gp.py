@@ -151,7 +151,8 @@ def best_of(repeats: int, function: Callable[[], Any]) -> float:
 def start_up(sizes: Sizes = FULL) -> list[Row]:
     """Import of the package with all compiled code, from numba's cache."""
     code = (
-        "import auv_lse_gp, time; from auv_lse_common.support.compiled import USE_NUMBA; from auv_lse_gp import lazy;"
+        "import auv_lse_gp, time; from auv_lse_common.support.compiled import USE_NUMBA;"
+        "from auv_lse_gp.compiled import modules as lazy;"
         "USE_NUMBA and (lazy.compiled_risk(), lazy.compiled_gp()); print(time.process_time())"
     )
     command = [sys.executable, "-c", code]

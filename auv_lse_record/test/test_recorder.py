@@ -133,7 +133,7 @@ KILLED = """
 import os, sys, time
 from pathlib import Path
 sys.path[:0] = {path!r}
-from auv_lse_sim.record.recorder import BagWriter, message_types
+from auv_lse_record.recorder import BagWriter, message_types
 types = message_types([])
 bag = BagWriter(Path({folder!r}), types, {{}}, flush_s=1.0)
 bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")

@@ -25,7 +25,7 @@ class LiveProcess:
             say: Shows a line: the page's address, or why there is none.
         """
         port = port_or_any(DEFAULT_PORT)  # another mission's page may have it
-        self._command = [sys.executable, "-m", "auv_lse_sim.live", "--domain", str(domain), "--port", str(port)]
+        self._command = [sys.executable, "-m", "auv_lse_shore.live", "--domain", str(domain), "--port", str(port)]
         self._environment = dict(environment)
         self._say = say
 

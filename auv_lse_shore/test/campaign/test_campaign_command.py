@@ -66,7 +66,7 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     scratch.mkdir()
     path = os.pathsep.join([*packages, os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, "TMPDIR": str(scratch)}
-    module = "auv_lse_sim.campaign"
+    module = "auv_lse_shore.campaign"
     command = [sys.executable, "-m", module, str(spec_file), "--out", str(out), "--workers", "1"]
     process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
     try:

@@ -169,7 +169,7 @@ def test_options_that_cannot_be_met_are_named(tmp_path, capsys, synthetic_run, a
 def test_the_command_serves_until_ctrl_c(tmp_path, synthetic_run):
     folder = tmp_path / "a run"
     write_run(synthetic_run(), folder)
-    command = [sys.executable, "-m", "auv_lse_sim.live", str(folder), "--port", "0", "--no-open"]
+    command = [sys.executable, "-m", "auv_lse_shore.live", str(folder), "--port", "0", "--no-open"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         watchdog = threading.Timer(60.0, process.kill)
         watchdog.start()

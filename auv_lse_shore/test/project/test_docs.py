@@ -54,7 +54,7 @@ def sources():
 
 
 def files_of_tests():
-    return [file for package in PACKAGES for file in sorted((package / "test").glob("*.py"))]
+    return [file for package in PACKAGES for file in sorted((package / "test").rglob("*.py"))]
 
 
 def project_files():

@@ -1,4 +1,4 @@
-"""The package's modules import each other in one direction, and what computes imports nothing that draws."""
+"""The modules import each other in one direction, and what computes imports nothing that draws."""
 
 import ast
 from graphlib import TopologicalSorter
@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-import auv_lse_sim
-
-ROOT = Path(auv_lse_sim.__file__).parent
+ROOT = Path(__file__).resolve().parents[3]
 DRAWING = (
     "auv_lse_shore.report.figures",
     "auv_lse_shore.report.found_figure",
@@ -22,14 +20,16 @@ DRAWING = (
 
 def modules():
     names = {}
-    for path in ROOT.rglob("*.py"):
-        parts = path.relative_to(ROOT.parent).with_suffix("").parts
-        names[".".join(parts).removesuffix(".__init__")] = path
+    for package in ROOT.glob("auv_lse_*/package.xml"):
+        folder = package.parent
+        for path in (folder / folder.name).rglob("*.py"):
+            parts = path.relative_to(folder).with_suffix("").parts
+            names[".".join(parts).removesuffix(".__init__")] = path
     return names
 
 
 def imports():
-    """The modules of the package that each of its modules imports."""
+    """The modules of the project that each module imports."""
     paths = modules()
     graph = {}
     for name, path in paths.items():

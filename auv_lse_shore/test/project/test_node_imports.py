@@ -18,10 +18,10 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 ROOT = Path(__file__).resolve().parents[3]
-PACKAGES = ("auv_lse_common", "auv_lse_gp", "auv_lse_planner", "auv_lse_comms", "auv_lse_sim")
+PACKAGES = tuple(f"auv_lse_{name}" for name in ("common", "gp", "planner", "comms", "record", "sim", "shore"))
 
 #: What nobody needs to draw, fit or compile with on a vehicle.
-NEVER = {"matplotlib", "pandas", "dask", "sklearn", "rasterio", "auv_lse_sim.judge", "auv_lse_sim.campaign"}
+NEVER = {"matplotlib", "pandas", "dask", "sklearn", "rasterio", "auv_lse_shore"}
 COMMS = {"scipy", "numba", "rosbags", "contourpy", "auv_lse_gp", "auv_lse_planner", "auv_lse_sim"}
 UNUSED = {
     "auv_lse_comms.modem_node": COMMS | {"serial", "pymavlink"},

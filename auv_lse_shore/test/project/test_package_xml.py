@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-PACKAGES = ("auv_lse_common", "auv_lse_gp", "auv_lse_planner", "auv_lse_comms", "auv_lse_sim")
+PACKAGES = tuple(f"auv_lse_{name}" for name in ("common", "gp", "planner", "comms", "record", "sim", "shore"))
 
 #: Rosdep keys of imports that are no ROS packages. The key of a ROS package is its own name.
 KEYS = {
@@ -29,7 +29,7 @@ KEYS = {
 }
 #: Imports without a rosdep key, or with one that calls pip, which Ubuntu 24.04 refuses: named in a comment "pip: ...".
 #: Loaded by its name at run time, not imported: the package with rosbag2's MCAP storage.
-LOADED = {"auv_lse_sim": {"rosbag2_storage_mcap"}}
+LOADED = {"auv_lse_record": {"rosbag2_storage_mcap"}}
 FROM_PIP = {"dask", "distributed", "mcap", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
 OPTIONAL = {"foxglove", "llvmlite", "numba", "rasterio"}

@@ -180,7 +180,7 @@ def test_a_recording_played_over_rclpy(tmp_path: Path, synthetic_run) -> None:
     from auv_lse_msgs import msg as messages
 
     write_run(synthetic_run(steps=6), tmp_path)  # 94 s
-    command = [sys.executable, "-m", "auv_lse_sim.replay", str(tmp_path), "--rate", "10", "--start", "30"]
+    command = [sys.executable, "-m", "auv_lse_shore.replay", str(tmp_path), "--rate", "10", "--start", "30"]
     environment = {**os.environ, "AUV_LSE_ROOT": str(Path(__file__).resolve().parents[3])}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
         assert process.stdout is not None
