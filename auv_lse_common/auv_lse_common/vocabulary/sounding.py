@@ -1,0 +1,124 @@
+"""Soundings: measurements of water depth, one by one or many in arrays of named columns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Sounding(NamedTuple):
+    """One measurement of water depth. Places are north, east (m) in the local tangent plane.
+
+    Attributes:
+        stamp_s: When it was measured (s); of a mate's sample, when its packet had arrived.
+        north_m: North of the place that navigation estimated.
+        east_m: East of it.
+        depth_m: Water depth (m, positive down).
+        raw_north_m: North of the raw place (see `dead_reckoning`); NaN if unknown.
+        raw_east_m: East of it; NaN if unknown.
+        vehicle: Number of the vehicle that measured it; 0 if unknown.
+    """
+
+    stamp_s: float
+    north_m: float
+    east_m: float
+    depth_m: float
+    raw_north_m: float = math.nan
+    raw_east_m: float = math.nan
+    vehicle: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Soundings:
+    """Soundings in arrays of one length (n,); the columns mean what the fields of `Sounding` mean.
+
+    A single number given for a column applies to every sounding.
+    """
+
+    stamp_s: Array
+    north_m: Array
+    east_m: Array
+    depth_m: Array
+    raw_north_m: Array = math.nan  # type: ignore[assignment]  # broadcast to (n,)
+    raw_east_m: Array = math.nan  # type: ignore[assignment]
+    vehicle: NDArray[np.int64] = 0  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Makes every column an array of the same length.
+
+        Raises:
+            ValueError: naming the column and its shape.
+        """
+        count = np.size(self.depth_m)
+        for column in fields(self):
+            kind = np.int64 if column.name == "vehicle" else np.float64
+            values = np.asarray(getattr(self, column.name), dtype=kind)
+            if values.shape not in ((), (count,)):
+                raise ValueError(f"soundings: {column.name} got shape {values.shape}; expected ({count},)")
+            object.__setattr__(self, column.name, np.full(count, values) if values.ndim == 0 else values)
+
+    @classmethod
+    def from_rows(cls, rows: ArrayLike | Sequence[Sounding]) -> Soundings:
+        """Soundings of rows whose columns are the first 4, 6 or 7 fields of `Sounding`; no rows give none.
+
+        Raises:
+            ValueError: if the rows have another number of columns.
+        """
+        table = np.asarray(rows, dtype=float)
+        if table.size == 0:
+            table = np.empty((0, 4))
+        if table.ndim != 2 or table.shape[1] not in (4, 6, 7):
+            raise ValueError(f"soundings: got rows of shape {table.shape}; expected (n, 4), (n, 6) or (n, 7)")
+        columns: dict[str, Any] = dict(zip(Sounding._fields, table.T, strict=False))
+        return cls(**columns)
+
+    @classmethod
+    def join(cls, parts: Iterable[Soundings]) -> Soundings:
+        """All soundings of `parts`, one part after the other."""
+        found = [part for part in parts if len(part)]
+        if not found:
+            return cls.from_rows(())
+        return cls(**{c.name: np.concatenate([getattr(part, c.name) for part in found]) for c in fields(cls)})
+
+    def __len__(self) -> int:
+        """Number of soundings."""
+        return len(self.depth_m)
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Soundings:
+        """The soundings that a slice, a mask or an array of indices selects."""
+        return Soundings(**{column.name: getattr(self, column.name)[index] for column in fields(self)})
+
+    def __iter__(self) -> Iterator[Sounding]:
+        """One by one."""
+        return map(Sounding._make, zip(*(getattr(self, name).tolist() for name in Sounding._fields), strict=True))
+
+    def in_order(self) -> Soundings:
+        """The soundings in order of their stamps; those of equal stamps keep their order."""
+        return self[np.argsort(self.stamp_s, kind="stable")]
+
+    @property
+    def places_m(self) -> Array:
+        """Estimated places, shape (n, 2): north, east."""
+        return np.column_stack([self.north_m, self.east_m])
+
+    @property
+    def raw_places_m(self) -> Array:
+        """Raw places, shape (n, 2): north, east; NaN where unknown."""
+        return np.column_stack([self.raw_north_m, self.raw_east_m])
+
+    @property
+    def points_m(self) -> Array:
+        """Estimated places and depths, shape (n, 3): north, east, depth."""
+        return np.column_stack([self.north_m, self.east_m, self.depth_m])
+
+    @property
+    def rows(self) -> Array:
+        """Stamps (s), estimated places and depths, shape (n, 4): stamp, north, east, depth."""
+        return np.column_stack([self.stamp_s, self.north_m, self.east_m, self.depth_m])
