@@ -6,7 +6,7 @@ themselves: `micromodem` drives a WHOI Micromodem-2, `mavlink` talks to an autop
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.support.lazy_exports import face
+from auv_lse_common.support.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
@@ -41,7 +41,7 @@ __all__ = [
     "read_key",
 ]
 
-__getattr__ = face(
+__getattr__ = lazy_exports(
     __name__,
     {
         "bridge": ("ModemBridge", "Received"),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.mission_file.papers_methods import unless_papers
+from auv_lse_common.mission_file.methods import unless_paper_method
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.modem import ModemConfig
@@ -125,7 +125,7 @@ def bridge_of(
     """
     tdma = section(TdmaConfig, parameters, "tdma", where)
     packet = section(PacketConfig, parameters, "packet", where)
-    packet = replace(packet, navigation=unless_papers(packet.navigation, parameters))
+    packet = replace(packet, navigation=unless_paper_method(packet.navigation, parameters))
     vehicles = shared_number(parameters, "vehicles", where)
     limits = limits_of(parameters, packet, where)
     modem = section(ModemConfig, parameters, "modem", where)

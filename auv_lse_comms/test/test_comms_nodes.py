@@ -29,7 +29,7 @@ from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaCon
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header, mission_state
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
-from auv_lse_common.vocabulary.mission_run import Action, RunState, Standing, Stop
+from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan as PlanOfMate
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.mavlink.messages.events import AutopilotEstimate
@@ -207,7 +207,7 @@ def test_a_link_started_again_sends_the_vehicle_nowhere_before_it_knows_how_the_
     here = AutopilotEstimate(
         stamp_s=1.0, heading_rad=0.0, north_m=10.0, east_m=1.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0
     )
-    held = Standing(state=RunState.HOLDING, stop=Stop(action=Action.HOLD))
+    held = RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.HOLD))
     with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
         link = s.node._autopilot.link
         s.node._on_waypoint(Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0))  # an old one
@@ -229,7 +229,7 @@ def test_a_link_started_again_takes_no_short_cut_to_a_waypoint_that_was_decided_
         link = s.node._autopilot.link
         s.node._on_waypoint(young)
         s.node._on_waypoint(next_one)
-        s.node._on_state(mission_state(1.0, 1, Standing(state=RunState.RUNNING, stop=None), []))
+        s.node._on_state(mission_state(1.0, 1, RunStatus(state=RunState.RUNNING, stop=None), []))
         s.node.on_event(here)
         assert [target.step for target in link.targets] == [6, 7, 8]
         assert link.targets[-1].begins_m == (20.0, 0.0)

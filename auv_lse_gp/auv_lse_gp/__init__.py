@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.support.lazy_exports import face
+from auv_lse_common.support.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from auv_lse_common.mission_file.sections.area import AreaConfig, Grid, OperatingArea
@@ -54,7 +54,7 @@ __all__ = [
     "read_soundings",
 ]
 
-__getattr__ = face(
+__getattr__ = lazy_exports(
     __name__,
     {
         "auv_lse_common.mission_file.sections.area": ("AreaConfig", "Grid", "OperatingArea"),

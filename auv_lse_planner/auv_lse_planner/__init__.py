@@ -7,7 +7,7 @@ worth) and `search` (which path to take).
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.support.lazy_exports import face
+from auv_lse_common.support.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from auv_lse_common.mission_file.methods import METHODS
@@ -40,7 +40,7 @@ __all__ = [
     "VehiclePlanner",
 ]
 
-__getattr__ = face(
+__getattr__ = lazy_exports(
     __name__,
     {
         "methods.account": ("BoundRecord",),

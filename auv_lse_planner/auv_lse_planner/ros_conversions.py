@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry, Path
 from numpy.typing import NDArray
 from sensor_msgs.msg import Range
 
-from auv_lse_common.safety.watch import AutopilotSays
+from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.topics.ros_conversions import header, stamp, stop_fields
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.vocabulary.leg import Leg
@@ -89,9 +89,9 @@ def bound_message(now_s: float, bound: BoundRecord, planning_s: float, taken: Ta
     )
 
 
-def autopilot_says(message: AutopilotStatus) -> AutopilotSays:
+def autopilot_report(message: AutopilotStatus) -> AutopilotReport:
     """What an AutopilotStatus says."""
-    return AutopilotSays(
+    return AutopilotReport(
         heard=message.heard,
         armed=message.armed,
         mode=message.mode,

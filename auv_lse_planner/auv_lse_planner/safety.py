@@ -79,9 +79,9 @@ class Safety:
 
     def health(self) -> Health:
         """The state of the mission."""
-        standing = self.run.standing
-        bad = Level.ERROR if self.run.limits or standing.state is RunState.ABORTED else Level.OK
+        status = self.run.status
+        bad = Level.ERROR if self.run.limits or status.state is RunState.ABORTED else Level.OK
         level = max(bad, Level.WARN if self.watch.warnings else Level.OK)
-        text = "; ".join(self.problems().values()) or standing.reason or "ok"
-        action = Action.TRAVEL if standing.stop is None else standing.stop.action
-        return Health(level=level, text=text, values={"state": standing.state.name, "action": action.name})
+        text = "; ".join(self.problems().values()) or status.reason or "ok"
+        action = Action.TRAVEL if status.stop is None else status.stop.action
+        return Health(level=level, text=text, values={"state": status.state.name, "action": action.name})

@@ -19,7 +19,7 @@ from auv_lse_common.vocabulary.health import NewProblems
 from auv_lse_common.vocabulary.mission_run import Command
 from auv_lse_msgs.msg import AutopilotStatus, MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
-from auv_lse_planner.ros_conversions import altitude_m, autopilot_says, navigation
+from auv_lse_planner.ros_conversions import altitude_m, autopilot_report, navigation
 from auv_lse_planner.safety import Safety
 
 _DIAGNOSTICS_PERIOD_S = 10.0
@@ -53,7 +53,7 @@ class SafetyNode(VehicleNode):
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
         self.listen(Odometry, "odometry", self._on_odometry, quality=NEWEST)
         self.listen(Range, "altitude", lambda m: self._safety.watch.altitude(altitude_m(m)), quality=NEWEST)
-        self.listen(AutopilotStatus, "autopilot", lambda m: self._safety.watch.autopilot(autopilot_says(m)))
+        self.listen(AutopilotStatus, "autopilot", lambda m: self._safety.watch.autopilot(autopilot_report(m)))
         self.listen(MissionCommand, "mission/command", self._on_command, total=lambda m: m.number)
         self.listen(MissionCommand, "team/command", self._on_command)
         self.create_service(RunMission, "mission/run", self._on_call)
@@ -75,9 +75,9 @@ class SafetyNode(VehicleNode):
 
     def _on_call(self, request: Any, response: Any) -> Any:
         refused = self._command(request.command)
-        standing = self._safety.run.standing
-        response.accepted, response.state = not refused, int(standing.state)
-        response.message = refused or f"{standing.state.name}: {standing.reason}".rstrip(": ")
+        status = self._safety.run.status
+        response.accepted, response.state = not refused, int(status.state)
+        response.message = refused or f"{status.state.name}: {status.reason}".rstrip(": ")
         return response
 
     def _command(self, message: MissionCommand) -> str:
@@ -85,7 +85,7 @@ class SafetyNode(VehicleNode):
             command = Command(message.command)
         except ValueError:
             return f"command {message.command}; expected one of {', '.join(f'{c} {c.name}' for c in Command)}"
-        source = message.source or "somebody"
+        source = message.source or "unknown source"
         refused = self._safety.run.command(command, source, message.team)
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused
@@ -93,15 +93,15 @@ class SafetyNode(VehicleNode):
     def step(self, now_s: float) -> None:
         """Looks at the limits; publishes how it stands if that has changed, and without lockstep every second."""
         self._safety.watch.step(now_s, self._safety.run)
-        standing, warnings = self._safety.run.standing, self._safety.watch.warnings
-        if (standing, *warnings) != self._said:  # the numbers in warnings change all the time
-            self._said = (standing, *warnings)
+        status, warnings = self._safety.run.status, self._safety.watch.warnings
+        if (status, *warnings) != self._said:  # the numbers in warnings change all the time
+            self._said = (status, *warnings)
             self._published += 1
             self.journal.write("standing", self._safety.snapshot())
             texts = [f"{name}: {reason}" for name, reason in warnings.items()]
-            self._message = mission_state(now_s, self._published, standing, texts)
+            self._message = mission_state(now_s, self._published, status, texts)
             self._say(now_s)
-            self.get_logger().info(f"mission {standing.state.name}: {standing.reason or 'travels'}")
+            self.get_logger().info(f"mission {status.state.name}: {status.reason or 'travels'}")
         elif not self.lockstep and not 0.0 <= now_s - self._said_s < _HEARTBEAT_S:
             self._say(now_s)
         self._diagnose(now_s)

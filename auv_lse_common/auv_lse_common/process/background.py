@@ -1,4 +1,4 @@
-"""Work done beside other work, on another core: in a forked process, which has all that this one has."""
+"""Runs a function in a forked process on another core, while this process goes on."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from auv_lse_common.process.processes import die_with_parent
 T = TypeVar("T")
 
 
-def beside(work: Callable[[], T]) -> Callable[[], T]:
-    """Begins some work in a process of its own.
+def run_in_background(work: Callable[[], T]) -> Callable[[], T]:
+    """Starts `work` in a forked process; on a machine with one core it runs when its result is asked for.
 
     Args:
-        work: The work; what it changes here is lost, files that it writes stay. Its result must be picklable.
+        work: Its changes to memory are lost, files that it writes stay. Its result must be picklable.
 
     Returns:
-        Waits for the work and gives its result, or raises its error. On a machine with one core it does the work then.
+        A function that waits for the work and returns its result, or raises its error.
     """
     if not hasattr(os, "fork") or (os.cpu_count() or 1) < 2:
         return work
     reader, writer = os.pipe()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of threads, which all only wait
+        warnings.simplefilter("ignore", DeprecationWarning)  # about other threads, which only wait
         pid = os.fork()
     if pid == 0:
         os.close(reader)
@@ -39,9 +39,9 @@ def beside(work: Callable[[], T]) -> Callable[[], T]:
             data = pipe.read()
         status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
         if not data:
-            raise RuntimeError(f"the process that worked beside this one ended with {status} and without a result")
-        done, value = pickle.loads(data)
-        if not done:
+            raise RuntimeError(f"the background process ended with exit code {status} and without a result")
+        succeeded, value = pickle.loads(data)
+        if not succeeded:
             raise value
         found: T = value
         return found
@@ -50,9 +50,9 @@ def beside(work: Callable[[], T]) -> Callable[[], T]:
 
 
 def _work(work: Callable[[], object], writer: int) -> None:
-    """In the forked process: works, tells the result or the error, and does not return."""
+    """In the forked process: sends the result or the error through the pipe, and does not return."""
     try:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C: this process ends, the other one says so
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # on Ctrl-C this process just ends; the parent reports it
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         die_with_parent()
         try:

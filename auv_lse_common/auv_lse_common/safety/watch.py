@@ -22,7 +22,7 @@ from typing import Any
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.vocabulary.frames import is_possible
-from auv_lse_common.vocabulary.frozen_sensor import HangingSensor
+from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
 from auv_lse_common.vocabulary.mission_run import STOPS, MissionRun, RunState, Stop
 from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
@@ -40,7 +40,7 @@ STEADY_M = 50.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AutopilotSays:
+class AutopilotReport:
     """What an autopilot says of itself.
 
     Attributes:
@@ -105,10 +105,10 @@ class SafetyWatch:
         self._altitude_m = math.nan
         self._altitude_s = math.nan  # when it came; NaN before the first
         self._new_altitude = False
-        self._altimeter = HangingSensor(FLATTEST)
-        self._depth_gauge = HangingSensor(STEADIEST, STEADY_M)
-        self._altitude_hangs = self._depth_hangs = False
-        self._autopilot: AutopilotSays | None = AutopilotSays(heard=False, armed=False) if has_autopilot else None
+        self._altimeter = FrozenSensor(FLATTEST)
+        self._depth_gauge = FrozenSensor(STEADIEST, STEADY_M)
+        self._altitude_frozen = self._depth_frozen = False
+        self._autopilot: AutopilotReport | None = AutopilotReport(heard=False, armed=False) if has_autopilot else None
         self._link_known = False  # the autopilot has been heard once
         self._new_odometry = False
         self._was_inside = False
@@ -136,8 +136,8 @@ class SafetyWatch:
             return
         self._place = (north_m, east_m, depth_m)
         self._new_odometry = True
-        hangs = self._depth_gauge.hangs(depth_m, north_m, east_m)
-        self._depth_hangs = hangs and self._depth_gauge.has_varied and not self._afloat
+        frozen = self._depth_gauge.update(depth_m, north_m, east_m)
+        self._depth_frozen = frozen and self._depth_gauge.has_varied and not self._afloat
 
     def altitude(self, altitude_m: float) -> None:
         """Takes the height over the ground (m); NaN or infinite: no echo. Once told, it is missed when it stops.
@@ -147,9 +147,9 @@ class SafetyWatch:
         self._altitude_m = altitude_m
         self._new_altitude = True
         north_m, east_m, _ = self._place or (0.0, 0.0, 0.0)
-        self._altitude_hangs = math.isfinite(altitude_m) and self._altimeter.hangs(altitude_m, north_m, east_m)
+        self._altitude_frozen = math.isfinite(altitude_m) and self._altimeter.update(altitude_m, north_m, east_m)
 
-    def autopilot(self, says: AutopilotSays) -> None:
+    def autopilot(self, says: AutopilotReport) -> None:
         """Takes what the autopilot says of itself."""
         self._autopilot = says
         self._link_known = self._link_known or says.heard
@@ -176,7 +176,7 @@ class SafetyWatch:
         """
         passed_s = self._pass_time(now_s)
         run.set_ready(self._autopilot.problem if self._autopilot is not None else "")
-        state = run.standing.state
+        state = run.status.state
         if state is RunState.RUNNING:
             self._ran_s += passed_s
         if self._fenced and "fence" not in run.limits:
@@ -233,10 +233,10 @@ class SafetyWatch:
                 )
         if 0.0 < self._altitude_m < config.min_altitude_m:
             found["altitude"] = f"altitude {self._altitude_m:.1f} m; expected at least {config.min_altitude_m:.1f} m"
-        if self._depth_hangs and self._place is not None:
-            found["depth gauge"] = _hanging("depth", self._place[2], self._depth_gauge)
-        if self._altitude_hangs:
-            found["altimeter"] = _hanging("altitude", self._altitude_m, self._altimeter)
+        if self._depth_frozen and self._place is not None:
+            found["depth gauge"] = _frozen_text("depth", self._place[2], self._depth_gauge)
+        if self._altitude_frozen:
+            found["altimeter"] = _frozen_text("altitude", self._altitude_m, self._altimeter)
         if (age_s := self._now_s - self._altitude_s) > config.odometry_age_s:
             found["altimeter"] = f"no altitude for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:
@@ -252,5 +252,5 @@ class SafetyWatch:
         return found
 
 
-def _hanging(what: str, value_m: float, sensor: HangingSensor) -> str:
+def _frozen_text(what: str, value_m: float, sensor: FrozenSensor) -> str:
     return f"the {what} is {value_m:g} m to the last digit for {sensor.moved_m:.0f} m of way: it hangs"

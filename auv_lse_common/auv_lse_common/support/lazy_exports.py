@@ -1,6 +1,6 @@
-"""A package's face without its weight: the names it offers, each imported from its home when it is first used.
+"""Lazy package exports: each public name of a package is imported when it is first used.
 
-A node that needs one class of a package would otherwise load all that the package offers, and SciPy with it.
+A node that needs one class would otherwise import the whole package, and SciPy with it.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 
-def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """The `__getattr__` (PEP 562) of a package.
+def lazy_exports(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
+    """Returns the `__getattr__` (PEP 562) of a package.
 
     Args:
-        package: The package's name, its `__name__`.
-        homes: Names offered, by the module that defines them: below the package, or with its full name.
+        package: The package's `__name__`.
+        homes: Exported names by defining module: relative to the package, or a full name that starts with auv_lse_.
     """
     module_of = {
         name: home if home.startswith("auv_lse_") else f"{package}.{home}"

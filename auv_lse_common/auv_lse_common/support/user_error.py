@@ -1,12 +1,12 @@
-"""What went wrong, in words for who typed the command."""
+"""Errors as one line of text for the person at the terminal."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 
-def words_of(error: BaseException) -> str:
-    """An error as one line: the file and what the system says of it, instead of "[Errno 28] ..."."""
+def error_text(error: BaseException) -> str:
+    """An error as one line. An OSError becomes "FILE: No such file or directory", without "[Errno 2]"."""
     if isinstance(error, OSError) and error.strerror:
         if isinstance(error, FileExistsError) and error.filename is not None and Path(error.filename).is_file():
             return f"{error.filename}: is a file; expected a folder, or a name that is free"

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation, raw_place
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.vocabulary.health import Health
-from auv_lse_common.vocabulary.mission_run import Action, RunState, Standing, Stop
+from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan, Tour
 from auv_lse_msgs.msg import Fix as FixMessage
 from auv_lse_msgs.msg import MateNavigation as MateNavigationMessage
@@ -209,7 +209,7 @@ def stop_fields(stop: Stop | None) -> tuple[int, float, float]:
     return (int(Action.TRAVEL), math.nan, math.nan) if stop is None else (int(stop.action), *stop.place_m)
 
 
-def mission_state(now_s: float, revision: int, standing: Standing, warnings: Sequence[str]) -> MissionState:
+def mission_state(now_s: float, revision: int, standing: RunStatus, warnings: Sequence[str]) -> MissionState:
     """MissionState number `revision` of how it stands with a vehicle's mission."""
     action, north_m, east_m = stop_fields(standing.stop)
     return MissionState(
@@ -226,13 +226,13 @@ def mission_state(now_s: float, revision: int, standing: Standing, warnings: Seq
     )
 
 
-def standing_of(message: MissionState) -> Standing:
+def standing_of(message: MissionState) -> RunStatus:
     """How it stands with the mission, by a MissionState.
 
     Raises:
         ValueError: if it has a number that stands for nothing.
     """
-    return Standing(
+    return RunStatus(
         state=RunState(message.state),
         stop=stop_of(message.action, message.go_to_north_m, message.go_to_east_m),
         team_abort=message.team_abort,

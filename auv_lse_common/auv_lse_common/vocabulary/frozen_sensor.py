@@ -1,44 +1,44 @@
-"""A sensor that hangs: the same value to the last digit, again and again, while the vehicle moves on.
+"""Detects a frozen sensor: one that repeats its value to the last digit while the vehicle moves on.
 
-How fine the sensor's steps are shows in the smallest difference of two values in a row; until there is one they count
-as `COARSEST_M`. A value that repeats itself is believed as far as honest steps of that size can last.
+A sensor's resolution is estimated from the smallest difference of two values in a row, `COARSEST_M` until there is
+one. A repeated value is plausible as long as a sensor of that resolution can repeat itself.
 """
 
 from __future__ import annotations
 
 import math
 
-#: A value that comes this often in a row, while the vehicle moves as far (m) at least, may be a sensor's that hangs.
+#: A frozen sensor repeats its value more often than this, while the vehicle moves at least this far (m).
 REPEATS = 10
 MOVED_M = 5.0
-#: The coarsest steps (m) of an honest sensor.
+#: The coarsest resolution (m) of a working sensor.
 COARSEST_M = 0.1
 
 
-class HangingSensor:
-    """The values (m) of one sensor, in the order in which they come.
+class FrozenSensor:
+    """The values (m) of one sensor, in order of time.
 
     Attributes:
-        moved_m: How far (m) the vehicle has moved since the present value came first.
+        moved_m: How far (m) the vehicle has moved since the present value first came.
         has_varied: Whether there have been two different values.
     """
 
     def __init__(self, flattest: float, least_m: float = MOVED_M) -> None:
-        """Knows no value.
+        """Starts without a value.
 
         Args:
-            flattest: What is measured changes by this much (m per m of way) at least.
-            least_m: So far (m) the vehicle has to move at least, however fine the sensor is.
+            flattest: The measured quantity changes by at least this much (m per m of way).
+            least_m: The vehicle has to move at least this far (m), however fine the resolution.
         """
         self.moved_m = 0.0
         self.has_varied = False
         self._flattest, self._least_m = flattest, least_m
-        self._first: tuple[float, float, float] | None = None  # the value, and north, east (m) where it came first
+        self._first: tuple[float, float, float] | None = None  # the value, and north, east (m) where it first came
         self._repeats = 0
         self._step_m = COARSEST_M
 
-    def hangs(self, value_m: float, north_m: float, east_m: float) -> bool:
-        """Takes a value, and where the vehicle is; returns whether the sensor hangs."""
+    def update(self, value_m: float, north_m: float, east_m: float) -> bool:
+        """Takes a value and the vehicle's position; returns whether the sensor is frozen."""
         if self._first is None or value_m != self._first[0]:
             if self._first is not None:
                 self.has_varied = True

@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 Somebody gives commands; limits of the safety watch trip; the autopilot may not be ready (disarmed, or in a mode in
-which it does not follow targets). `MissionRun.standing` is what follows for the vehicle.
+which it does not follow targets). `MissionRun.status` is what follows for the vehicle.
 
     state     GO         HOLD, SURFACE   ABORT     RESET        END     a limit trips: hold, surface / abort
     WAITING   RUNNING    HOLDING         ABORTED   -            ENDED   HOLDING / ABORTED
@@ -97,7 +97,7 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
+class RunStatus:
     """How it stands with a vehicle's mission, and what the vehicle is to do.
 
     Attributes:
@@ -115,7 +115,7 @@ class Standing:
     limits: tuple[str, ...] = ()
 
     @property
-    def hindrance(self) -> str:
+    def blocked_reason(self) -> str:
         """Why nothing is to be planned now; "" if the mission goes, or has gone to its end."""
         if self.state in (RunState.RUNNING, RunState.ENDED):
             return ""
@@ -224,13 +224,13 @@ class MissionRun:
             self._travelled = True
 
     @property
-    def standing(self) -> Standing:
+    def status(self) -> RunStatus:
         """How it stands now."""
         state, stop, reason = self._state, self._stop, self._reason
         if state is RunState.RUNNING and self._not_ready:
             state = RunState.HOLDING if self._travelled else RunState.WAITING
             stop, reason = _HOLD, self._not_ready
-        return Standing(
+        return RunStatus(
             state=state,
             stop=stop,
             team_abort=self._team_abort and state is RunState.ABORTED,

@@ -1,16 +1,15 @@
-"""The gate for a vehicle's own soundings: what its sensors cannot have measured, told by the soundings before.
+"""Rejects soundings of this vehicle that its sensor cannot have measured, judging by earlier soundings only.
 
-A map with a wrong prior would refuse the truth, so this gate knows no map. It compares each sounding with the last one
-that it has passed, over the distance between the two:
+The gate knows no map, because a map with a wrong prior would reject the truth. It compares each sounding with the
+last one that passed:
 
-- *jump*: the depth differs by more than `SLOPE` times the distance and `SPREAD_M`. Where `AGREEING` jumps in a row
-  agree with one another it is the ground, or another reading of the sensor that lasts: they pass from there on.
-- *frozen*: the same depth to the last digit over more ground than can be as flat (`hanging.py`): it rises at least
-  `FLATTEST`, so that a sounder with steps of a decimetre repeats itself over 50 m.
-- *late*: a stamp before that of the last one: time runs backwards. After `AGREEING` of them in a row the clock has been
-  set, and they pass.
+- *jump*: the depth differs by more than `SLOPE` times the distance, plus `SPREAD_M`. After `AGREEING` jumps in a row
+  that agree with each other, they pass: the ground, or the sensor's bias, has changed for good.
+- *frozen*: the same depth to the last digit over more ground than can be flat (`frozen_sensor.py`, with `FLATTEST`).
+  A sounder with a resolution of 0.1 m can repeat itself over 50 m.
+- *late*: a stamp before the last one. After `AGREEING` in a row the clock has been set, and they pass.
 
-What is not finite is left to those who read the soundings: they count it by themselves.
+Soundings that are not finite pass: their readers count them.
 """
 
 from __future__ import annotations
@@ -19,59 +18,59 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from auv_lse_common.vocabulary.frozen_sensor import HangingSensor
+from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
 
-#: Steepest ground (m per m) along a track, and what noise and a wrong place may add (m).
+#: Steepest ground (m per m) along a track, and the margin (m) for noise and position errors.
 SLOPE = 1.0
 SPREAD_M = 2.0
-#: Refused soundings in a row that agree with one another are believed.
+#: This many rejected soundings in a row that agree with each other are accepted.
 AGREEING = 4
-#: Flattest ground (m per m) that is believed.
+#: Flattest plausible ground (m per m).
 FLATTEST = 0.002
 
 
 class SoundingGate:
-    """The soundings of one vehicle, in the order in which they come.
+    """The gate of one vehicle; takes its soundings in order of arrival.
 
     Attributes:
-        counts: Soundings refused: "jump", "frozen", "late".
+        counts: Rejected soundings by reason: "jump", "frozen", "late".
     """
 
     def __init__(self) -> None:
-        """Knows no sounding."""
+        """Starts without a sounding."""
         self.counts: Counter[str] = Counter()
         self._last: Sequence[float] | None = None
-        self._refused: Sequence[float] | None = None  # the last one refused
+        self._rejected: Sequence[float] | None = None  # the last rejected one
         self._in_a_row = 0
-        self._sounder = HangingSensor(FLATTEST)
+        self._sounder = FrozenSensor(FLATTEST)
 
     def passed(self, rows: Iterable[Sequence[float]]) -> list[Sequence[float]]:
-        """Those that pass, in their order.
+        """The soundings that pass, in order.
 
         Args:
-            rows: Stamp (s), north, east, depth (m) of each, and what else belongs to it.
+            rows: Stamp (s), north, east, depth (m) of each; further columns are kept.
         """
         return [row for row in rows if self._passes(row)]
 
     def _passes(self, row: Sequence[float]) -> bool:
         if not all(map(math.isfinite, row[:4])):
             return True
-        if self._sounder.hangs(row[3], row[1], row[2]):
+        if self._sounder.update(row[3], row[1], row[2]):
             self.counts["frozen"] += 1
             return False
         last = self._last
         problem = "" if last is None else _problem(last, row)
         if problem:
             self._in_a_row = self._in_a_row + 1 if self._agrees(row) else 1
-            self._refused = row
+            self._rejected = row
             if self._in_a_row < AGREEING:
                 self.counts[problem] += 1
                 return False
-        self._last, self._refused, self._in_a_row = row, None, 0
+        self._last, self._rejected, self._in_a_row = row, None, 0
         return True
 
     def _agrees(self, row: Sequence[float]) -> bool:
-        return self._refused is not None and not _problem(self._refused, row)
+        return self._rejected is not None and not _problem(self._rejected, row)
 
 
 def _apart_m(a: Sequence[float], b: Sequence[float]) -> float:
@@ -79,7 +78,7 @@ def _apart_m(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def _problem(last: Sequence[float], row: Sequence[float]) -> str:
-    """What is wrong with a sounding after another; "" if nothing is."""
+    """Why a sounding is implausible after `last`; "" if it is not."""
     if row[0] < last[0]:
         return "late"
     return "jump" if abs(row[3] - last[3]) > SLOPE * _apart_m(last, row) + SPREAD_M else ""

@@ -10,11 +10,11 @@ import pytest
 
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.safety.fence import Fence
-from auv_lse_common.safety.watch import AutopilotSays, SafetyWatch
+from auv_lse_common.safety.watch import AutopilotReport, SafetyWatch
 from auv_lse_common.vocabulary.mission_run import Action, Command, MissionRun, RunState, Stop
 
 SQUARE = (0.0, 0.0, 100.0, 0.0, 100.0, 200.0, 0.0, 200.0)
-OK = AutopilotSays(heard=True, armed=True, mode=4, battery=0.9, leak=0)
+OK = AutopilotReport(heard=True, armed=True, mode=4, battery=0.9, leak=0)
 SURFACE = Stop(action=Action.SURFACE)
 
 
@@ -94,32 +94,32 @@ def test_a_limit_warns_then_commands_and_is_latched(fault, limit, words, state, 
     vehicle = Vehicle()
     vehicle.watch.autopilot(OK)
     vehicle.wait(5.0)
-    assert (vehicle.run.standing.state, vehicle.watch.warnings) == (RunState.RUNNING, {})
+    assert (vehicle.run.status.state, vehicle.watch.warnings) == (RunState.RUNNING, {})
     fault(vehicle)
     vehicle.wait(2.5)
     assert words in vehicle.watch.warnings[limit]
     assert vehicle.run.limits == {}, "it only warns at first"
     vehicle.wait(1.0)
-    assert (vehicle.run.standing.state, vehicle.run.standing.stop) == (state, stop)
+    assert (vehicle.run.status.state, vehicle.run.status.stop) == (state, stop)
     assert words in vehicle.run.limits[limit]
     vehicle.blind, vehicle.place = False, (50.0, 50.0, 4.0)
     vehicle.watch.altitude(30.0)
     vehicle.watch.autopilot(OK)
     vehicle.wait(60.0)
-    assert vehicle.run.standing.state is state, "latched, though all is well again"
+    assert vehicle.run.status.state is state, "latched, though all is well again"
     assert vehicle.run.command(Command.GO, "test") != ""
     vehicle.run.command(Command.RESET, "test")
     if limit != "mission time":  # which is exceeded still
         vehicle.wait(5.0)
         assert vehicle.run.command(Command.GO, "test") == ""
-        assert vehicle.wait(5.0).run.standing.state is RunState.RUNNING
+        assert vehicle.wait(5.0).run.status.state is RunState.RUNNING
 
 
 def test_a_warning_that_passes_does_nothing_and_a_limit_can_only_warn() -> None:
     vehicle = Vehicle(depth_response="warn")
     too_deep(vehicle)
     assert "depth" in vehicle.wait(60.0).watch.warnings
-    assert vehicle.run.standing.state is RunState.RUNNING
+    assert vehicle.run.status.state is RunState.RUNNING
     vehicle = Vehicle()
     for _ in range(5):  # a depth that flutters about its limit for less than patience_s each time
         too_deep(vehicle)
@@ -135,7 +135,7 @@ def test_before_the_mission_nothing_trips_while_the_vehicle_is_afloat() -> None:
     too_low(vehicle)
     leaking(vehicle)
     vehicle.wait(60.0)
-    assert vehicle.run.standing.state is RunState.WAITING
+    assert vehicle.run.status.state is RunState.WAITING
     assert set(vehicle.watch.warnings) == {"altitude", "altimeter", "leak"}
 
 
@@ -195,7 +195,7 @@ def test_a_vehicle_that_is_found_submerged_before_its_mission_is_watched() -> No
     vehicle = Vehicle(has_autopilot=True, at_once=False)
     leaking(vehicle)
     vehicle.wait(60.0)
-    assert vehicle.run.standing.state is RunState.ABORTED
+    assert vehicle.run.status.state is RunState.ABORTED
     assert set(vehicle.run.limits) == {"leak"}
 
 
@@ -216,7 +216,7 @@ def test_after_a_reset_a_vehicle_outside_of_the_fence_may_come_back() -> None:
     assert set(vehicle.wait(5.0).run.limits) == {"fence"}
     vehicle.run.command(Command.RESET, "test")
     assert vehicle.run.command(Command.GO, "test") == ""
-    assert vehicle.wait(60.0).run.standing.state is RunState.RUNNING
+    assert vehicle.wait(60.0).run.status.state is RunState.RUNNING
     vehicle.place = (50.0, 50.0, 4.0)
     vehicle.wait(5.0)
     outside(vehicle)
@@ -278,15 +278,15 @@ def test_a_clock_that_is_set_makes_nothing_old(step_s: float) -> None:
 
 def test_the_mission_waits_for_an_autopilot_that_is_heard_armed_and_in_its_mode() -> None:
     vehicle = Vehicle(has_autopilot=True)
-    assert vehicle.wait(120.0).run.standing.reason == "the autopilot is not heard"
+    assert vehicle.wait(120.0).run.status.reason == "the autopilot is not heard"
     assert vehicle.run.limits == {}, "one that was never heard is not lost"
     vehicle.watch.autopilot(dataclasses.replace(OK, armed=False))
-    assert vehicle.wait(1.0).run.standing.reason == "the autopilot is not armed"
+    assert vehicle.wait(1.0).run.status.reason == "the autopilot is not armed"
     vehicle.watch.autopilot(dataclasses.replace(OK, mode=19, mode_obeys=False))
-    assert "mode 19" in vehicle.wait(1.0).run.standing.reason
-    assert vehicle.run.standing.state is RunState.WAITING
+    assert "mode 19" in vehicle.wait(1.0).run.status.reason
+    assert vehicle.run.status.state is RunState.WAITING
     vehicle.watch.autopilot(OK)
-    assert vehicle.wait(1.0).run.standing.state is RunState.RUNNING
+    assert vehicle.wait(1.0).run.status.state is RunState.RUNNING
 
 
 def test_the_fence_by_hand() -> None:

@@ -34,7 +34,7 @@ def in_state(state: RunState) -> MissionRun:
     for command in path:
         assert run.command(command, "test") == ""
         run.set_ready("")
-    assert run.standing.state is state
+    assert run.status.state is state
     return run
 
 
@@ -56,7 +56,7 @@ def test_every_command_in_every_state(state: RunState, after: tuple[RunState | N
         run = in_state(state)
         refused = run.command(command, "test")
         assert bool(refused) is (expected is None), (state, command, refused)
-        assert run.standing.state is (state if expected is None else expected), (state, command)
+        assert run.status.state is (state if expected is None else expected), (state, command)
 
 
 def test_the_numbers_are_those_of_the_messages() -> None:
@@ -66,25 +66,25 @@ def test_the_numbers_are_those_of_the_messages() -> None:
 
 
 def test_what_the_vehicle_is_to_do_follows_from_the_state() -> None:
-    assert in_state(W).standing.stop == HOLD
-    assert in_state(R).standing.stop is None
-    assert in_state(E).standing.stop is None, "its last waypoint says what follows"
+    assert in_state(W).status.stop == HOLD
+    assert in_state(R).status.stop is None
+    assert in_state(E).status.stop is None, "its last waypoint says what follows"
     run = in_state(R)
     run.command(Command.SURFACE, "test")
-    assert (run.standing.state, run.standing.stop) == (H, SURFACE)
+    assert (run.status.state, run.status.stop) == (H, SURFACE)
     run.command(Command.GO, "test")
-    assert run.standing.stop is None
+    assert run.status.stop is None
     run.command(Command.ABORT, "auv2", team=True)
-    assert run.standing.stop == SURFACE
-    assert run.standing.team_abort
-    assert "auv2" in run.standing.reason
+    assert run.status.stop == SURFACE
+    assert run.status.team_abort
+    assert "auv2" in run.status.reason
 
 
 def test_an_abort_can_lead_to_a_place_and_the_place_must_be_known() -> None:
     run = MissionRun(True, Stop(action=Action.GO_TO, place_m=(5.0, -7.0)))
-    assert run.standing.stop is None
+    assert run.status.stop is None
     run.command(Command.ABORT, "test")
-    assert run.standing.stop == Stop(action=Action.GO_TO, place_m=(5.0, -7.0))
+    assert run.status.stop == Stop(action=Action.GO_TO, place_m=(5.0, -7.0))
     with pytest.raises(ValueError, match=r"nan.*expected its north and east"):
         Stop(action=Action.GO_TO)
     with pytest.raises(ValueError, match="expected HOLD, SURFACE or GO_TO"):
@@ -94,31 +94,31 @@ def test_an_abort_can_lead_to_a_place_and_the_place_must_be_known() -> None:
 def test_a_tripped_limit_is_latched_until_reset() -> None:
     run = in_state(R)
     run.trip("depth", SURFACE, "12.0 m deep")
-    assert (run.standing.state, run.standing.stop, run.standing.limits) == (H, SURFACE, ("depth: 12.0 m deep",))
+    assert (run.status.state, run.status.stop, run.status.limits) == (H, SURFACE, ("depth: 12.0 m deep",))
     assert "12.0 m deep" in run.command(Command.GO, "test"), "refused, and says why"
     run.command(Command.HOLD, "test")
-    assert run.standing.stop == SURFACE, "an operator's hold does not sink it again"
+    assert run.status.stop == SURFACE, "an operator's hold does not sink it again"
     run.trip("link", HOLD, "no heartbeat")
-    assert run.standing.stop == SURFACE, "the milder limit does not, either"
+    assert run.status.stop == SURFACE, "the milder limit does not, either"
     run.command(Command.RESET, "test")
-    assert (run.standing.state, run.standing.stop, run.standing.limits) == (H, HOLD, ())
+    assert (run.status.state, run.status.stop, run.status.limits) == (H, HOLD, ())
     assert run.command(Command.GO, "test") == ""
     run.trip("leak", None, "a leak")
-    assert run.standing.state is A
+    assert run.status.state is A
     run.trip("depth", HOLD, "12.0 m deep")
-    assert run.standing.state is A, "nothing milder than an abort undoes it"
+    assert run.status.state is A, "nothing milder than an abort undoes it"
 
 
 def test_an_autopilot_that_is_not_ready_keeps_the_mission_waiting_and_later_holds_it() -> None:
     run = MissionRun(at_once=True, on_abort=SURFACE)
     run.set_ready("the autopilot is not armed")
-    assert (run.standing.state, run.standing.reason) == (W, "the autopilot is not armed")
+    assert (run.status.state, run.status.reason) == (W, "the autopilot is not armed")
     run.set_ready("")
-    assert run.standing.state is R
+    assert run.status.state is R
     run.set_ready("the autopilot is in mode 19")
-    assert (run.standing.state, run.standing.stop) == (H, HOLD)
+    assert (run.status.state, run.status.stop) == (H, HOLD)
     run.set_ready("")
-    assert run.standing.state is R, "it goes on by itself"
+    assert run.status.state is R, "it goes on by itself"
 
 
 @pytest.mark.parametrize("state", RunState)
@@ -127,5 +127,5 @@ def test_a_restarted_mission_stands_as_it_did(state: RunState) -> None:
     run.trip("depth", SURFACE, "12.0 m deep")
     again = MissionRun(at_once=True, on_abort=SURFACE)
     again.restore(json.loads(json.dumps(run.snapshot())))
-    assert again.standing == run.standing
+    assert again.status == run.status
     assert again.command(Command.GO, "test") == run.command(Command.GO, "test") != ""

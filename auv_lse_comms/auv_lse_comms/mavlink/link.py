@@ -30,7 +30,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
-from auv_lse_common.safety.watch import AutopilotSays
+from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.mavlink.messages.clock import AutopilotClock
 from auv_lse_comms.mavlink.messages.conversion import Target, altitude_m, pressure_pa
@@ -224,10 +224,10 @@ class VehicleLink:
         return self._config.modes or obeying_modes(*self._kind, self._config.mode == "mission")
 
     @property
-    def says(self) -> AutopilotSays:
+    def says(self) -> AutopilotReport:
         """What the autopilot says of itself."""
         modes = self.obeying_modes
-        return AutopilotSays(
+        return AutopilotReport(
             heard=self.state is LinkState.UP,
             armed=self.armed,
             mode=self.custom_mode,

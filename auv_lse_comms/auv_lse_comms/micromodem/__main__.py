@@ -11,7 +11,7 @@ import yaml
 
 from auv_lse_common.mission_file.parameters import from_mapping
 from auv_lse_common.mission_file.sections.modem import ModemConfig
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_comms.micromodem.log import read_entries, replay_log
 
 
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with options.file.open(encoding="ascii") as lines:
             result = replay_log(read_entries(lines, str(options.file)), config, options.address)
     except (OSError, ValueError) as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     for utc_s, event in result.events:
         print(f"{utc_s:.6f} {event}")

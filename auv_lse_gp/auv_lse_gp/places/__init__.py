@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from auv_lse_common.support.lazy_exports import face
+from auv_lse_common.support.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from auv_lse_common.mission_file.sections.places import PlacesConfig
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Correction", "HeardTrack", "OwnTrack", "Pieces", "PlaceSmoother", "PlacesConfig", "Terrain", "Track"]
 
-__getattr__ = face(
+__getattr__ = lazy_exports(
     __name__,
     {
         "auv_lse_common.mission_file.sections.places": ("PlacesConfig",),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from auv_lse_common.vocabulary.mission_run import RunState, Standing
+from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
@@ -47,7 +47,7 @@ class PlannerIntake:
         self._odometry: tuple[float, float, float, float] | None = None
         self._told: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east of the last odometry
         self._corrected: tuple[float, float, float] | None = None
-        self._standing: Standing | None = None
+        self._standing: RunStatus | None = None
         self._state: RunState | None = None  # of the mission, as last told
 
     @property
@@ -72,7 +72,7 @@ class PlannerIntake:
         """Where the map has the vehicle: what odometry of that time tells is displaced against it."""
         self._corrected = (stamp_s, north_m, east_m)
 
-    def set_standing(self, standing: Standing) -> None:
+    def set_standing(self, standing: RunStatus) -> None:
         """How it stands with the mission; it replaces what still waits."""
         self._standing = standing
 
@@ -84,7 +84,7 @@ class PlannerIntake:
         """
         revision, plans, odometry_s = self.taken.map_revision, self.taken.plans, self.taken.odometry_s
         if self._standing is not None:
-            self.planner.run(now_s, self._standing.hindrance)
+            self.planner.run(now_s, self._standing.blocked_reason)
             self._state = self._standing.state
             self._standing = None
         if self._centers is not None:

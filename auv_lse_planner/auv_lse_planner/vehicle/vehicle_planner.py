@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.papers_methods import PAPERS_METHODS
+from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.mission_file.sections.vehicle import MOST_SURFACINGS
@@ -109,7 +109,7 @@ class VehiclePlanner:
         self.records: list[BoundRecord] = []
         wanted = settings.vehicle.surfacings
         if wanted is None:
-            wanted = 0 if planner.method in PAPERS_METHODS else MOST_SURFACINGS
+            wanted = 0 if planner.method in PAPER_METHODS else MOST_SURFACINGS
         self._surfacings = Surfacings(vehicle, settings.vehicle, wanted, mission.steps, self.motion.leg_length_m)
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         self._horizon = RecedingHorizon(

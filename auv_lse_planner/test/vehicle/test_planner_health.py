@@ -9,7 +9,7 @@ from planner_helpers import settings
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.vocabulary.health import Level, NewProblems
-from auv_lse_common.vocabulary.mission_run import RunState, Standing
+from auv_lse_common.vocabulary.mission_run import RunState, RunStatus
 from auv_lse_planner.safety import Safety
 from auv_lse_planner.vehicle.health import planner_health, warnings_of
 from auv_lse_planner.vehicle.intake import PlannerIntake
@@ -55,7 +55,7 @@ def test_the_end_is_said_until_the_missions_state_says_so():
     own._travel.finished = True
     assert intake.end_is_news
     for state, news in ((RunState.RUNNING, True), (RunState.HOLDING, False), (RunState.ENDED, False)):
-        intake.set_standing(Standing(state=state, stop=None))
+        intake.set_standing(RunStatus(state=state, stop=None))
         intake.take(1.0)
         assert intake.end_is_news is news, state
 

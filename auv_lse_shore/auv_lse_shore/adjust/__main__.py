@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_record.bag import read_run
 from auv_lse_shore.adjust.report import lines, write_before_and_after
 from auv_lse_shore.export.errors import ExportError
@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for line in adjusted(options.runs, folder, options.mission):
             print(line, flush=True)
     except (ValueError, OSError) as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; what is in the folder may be incomplete: the same command writes it anew", file=sys.stderr)

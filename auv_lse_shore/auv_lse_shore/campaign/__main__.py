@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.campaign import spec as campaign_spec
 from auv_lse_shore.campaign.cluster import cluster
 from auv_lse_shore.campaign.errors import CampaignError
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             state = run_campaign(spec, folder, client, retry_failed=options.retry_failed, progress=show)
         page = write_results(spec, folder, state)
     except (ParameterError, CampaignError, OSError) as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)
@@ -81,7 +81,7 @@ def _rerun(options: argparse.Namespace) -> int:
             raise CampaignError("--rerun: expected the campaign's folder in --out DIR")
         to, changed = rerun(options.out, options.rerun, options.to)
     except CampaignError as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

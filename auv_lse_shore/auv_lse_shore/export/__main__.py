@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.export.errors import ExportError
 from auv_lse_shore.export.export import export
 
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for line in export(options.run, folder, picture=options.picture):
             print(line, flush=True)
     except (ExportError, ValueError, OSError) as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; what is in the folder may be incomplete: the same command writes it anew", file=sys.stderr)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.papers_methods import PAPERS_METHODS
+from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.mission_file.parameters import parameters_for
 from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
@@ -125,7 +125,7 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
         scored &= np.isfinite(run.ground.depth_m)
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
     some = _thinned(team.field.grid, scored)
-    papers = first.planner.method in PAPERS_METHODS
+    papers = first.planner.method in PAPER_METHODS
     curves = reward_curves(run, settings, area, bounds if papers else 2, some)
     return Evaluation(
         run=run,
@@ -194,7 +194,7 @@ def _summary(e: Evaluation) -> Summary:
     ideal = _without_navigation_error(e)
     walls = np.array([d.wall_s for v in run.vehicles for d in v.decisions])
     walls = walls[np.isfinite(walls)]
-    papers = first.planner.method in PAPERS_METHODS
+    papers = first.planner.method in PAPER_METHODS
     bound = _last(curves.bound_max[:-1]) if papers else None
     p_safe = e.team.p_safe[scored]
     level_set = LevelSet.of(first.level_set)

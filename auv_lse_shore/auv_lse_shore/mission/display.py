@@ -12,7 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from auv_lse_common.mission_file.papers_methods import PAPERS_METHODS
+from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 
 _LINE_PERIOD_S = 5.0
@@ -117,7 +117,7 @@ def reward_shown(planner: PlannerConfig) -> str:
     """Whose reward the account counts: the map's, the paths' (the paper's methods), or "" for one that says little."""
     if planner.counts_the_map:
         return OF_THE_MAP
-    return OF_THE_PATH if planner.method in PAPERS_METHODS else ""
+    return OF_THE_PATH if planner.method in PAPER_METHODS else ""
 
 
 def _gained(reward: float | None) -> str:

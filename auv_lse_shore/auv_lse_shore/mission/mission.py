@@ -25,7 +25,7 @@ from auv_lse_common.process.processes import LaunchError, Process
 from auv_lse_common.support import compiled
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_shore.live.process import LiveProcess
 from auv_lse_shore.mission.conductor import Interrupt, MissionError, conduct
@@ -176,7 +176,7 @@ def _concluded(
         _complain(console, f"{mission}, but {missing(error, 'its figures and report')}")
         return code or 1
     except (OSError, ValueError) as error:
-        _complain(console, f"{mission}, but its evaluation failed: {words_of(error)}")
+        _complain(console, f"{mission}, but its evaluation failed: {error_text(error)}")
         return code or 1
     return code
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from auv_lse_common.process.domain import DomainError
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_record.recording import recording_in
 from auv_lse_shore.replay.options import check, parser
 
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {missing(error, 'recordings that are played')}", file=sys.stderr)
         return 2
     except (DomainError, OSError, ValueError) as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped", file=sys.stderr)

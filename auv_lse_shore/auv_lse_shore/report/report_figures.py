@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.process.background import beside
+from auv_lse_common.process.background import run_in_background
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.report.figures import depth_map, local_risk_error, navigation, risk_maps, save
 from auv_lse_shore.report.found_figure import found
@@ -67,7 +67,7 @@ FIGURES: tuple[tuple[str, str, Any], ...] = (
 
 def draw_all(e: Evaluation, folder: Path) -> list[tuple[str, str]]:
     """Draws every figure into `folder`, half of them beside the others; file name and caption of each one drawn."""
-    rest = beside(partial(_draw, e, folder, 1))
+    rest = run_in_background(partial(_draw, e, folder, 1))
     drawn = {*_draw(e, folder, 0), *rest()}
     return [(name, caption) for name, caption, _ in FIGURES if name in drawn]
 

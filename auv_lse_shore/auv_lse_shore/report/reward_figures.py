@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from auv_lse_common.mission_file.papers_methods import PAPERS_METHODS
+from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.report.figures import STYLE, WIDTH_IN, new_figure
 
@@ -43,7 +43,7 @@ def map_risk(e: Evaluation) -> Figure | None:
 
 def paper_reward(e: Evaluation) -> Figure | None:
     """The paper's own reward with its time-varying bound, in both readings; None for methods that are not its."""
-    if e.summary.method not in PAPERS_METHODS:
+    if e.summary.method not in PAPER_METHODS:
         return None
     with matplotlib.rc_context(STYLE):
         figure = new_figure(WIDTH_IN, 3.2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from auv_lse_common.mission_file.papers_methods import PAPERS_METHODS
+from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_shore.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
 from auv_lse_shore.judge.evaluation import SURE, Evaluation
 from auv_lse_shore.judge.summary import Summary
@@ -38,7 +38,7 @@ def headlines(s: Summary) -> list[str]:
     loss = "" if s.loss_after is None else f"; it really is {s.loss_after:.3f}"
     lines.append(f"map: Bayes risk {s.risk_before:.3f} -> {s.risk_after:.3f} per place{mowing}")
     lines.append(f"wrong calls: the map expects {s.loss_expected:.3f} of cost per place{loss}")
-    if s.method in PAPERS_METHODS:
+    if s.method in PAPER_METHODS:
         bound = "" if s.lower_bound is None else f", its printed bound {s.lower_bound:.0f}"
         lines.append(
             f"the paper's own reward: stepwise {s.team_reward:.0f}{bound}; as one path {s.path_reward:.0f}, "
@@ -179,7 +179,7 @@ def _navigation(s: Summary) -> str:
 
 def paper_paragraphs(s: Summary) -> list[str]:
     """The paper's own reward and its printed bound, explained; nothing for other methods."""
-    if s.method not in PAPERS_METHODS:
+    if s.method not in PAPER_METHODS:
         return []
     texts = [
         "The paper rewards a path by the drop of Bayes risk at the path's own places, not over the map. Summed leg by "

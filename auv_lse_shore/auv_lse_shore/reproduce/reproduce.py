@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.campaign.cluster import cluster
 from auv_lse_shore.campaign.errors import CampaignError
 from auv_lse_shore.campaign.options import add_cluster_options, default_root
@@ -114,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 flown = examples(study, folder, client if "trials" in study.only else None)
         page = write_page(study, folder, flown)
     except (ParameterError, CampaignError, OSError) as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_shore.reproduce.knobs import KNOBS, Knob, shown
 from auv_lse_shore.reproduce.study import SMALL, base_mission
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.only is None or knob.name in options.only:
                 _show(knob, options.seeds, options.out)
     except (OSError, ValueError) as error:
-        print(f"error: {words_of(error)}", file=sys.stderr)
+        print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nstopped; the pictures made so far are kept", file=sys.stderr)

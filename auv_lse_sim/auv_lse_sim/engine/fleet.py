@@ -153,9 +153,9 @@ class Crew:
         if self.planner.finished:
             safety.run.command(Command.END, "planner_node")
         safety.watch.step(now_s, safety.run)
-        self._to_planner.set_standing(safety.run.standing)
-        self.bridge.abort = safety.run.standing.team_abort
-        return safety.run.standing.stop
+        self._to_planner.set_standing(safety.run.status)
+        self.bridge.abort = safety.run.status.team_abort
+        return safety.run.status.stop
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
         """The planner takes map, plans and odometry, as planner_node does.
@@ -225,7 +225,7 @@ class Fleet:
     @property
     def finished(self) -> bool:
         """Whether every vehicle has travelled all its legs, or has aborted its mission."""
-        return all(crew.planner.finished or crew.safety.run.standing.state is RunState.ABORTED for crew in self.crews)
+        return all(crew.planner.finished or crew.safety.run.status.state is RunState.ABORTED for crew in self.crews)
 
     def tick(self) -> None:
         """One tick of the mission."""

@@ -52,9 +52,9 @@ def test_a_mission_on_call_does_not_start_by_itself() -> None:
 def test_a_limit_that_trips_brings_the_vehicle_to_the_surface() -> None:
     team = fleet(**{"safety.max_depth_m": 2.0, "safety.patience_s": 5.0})
     until(team, 20.0)
-    standing = team.crews[0].safety.run.standing
-    assert standing.state is RunState.HOLDING
-    assert "expected at most 2.0 m" in standing.limits[0]
+    status = team.crews[0].safety.run.status
+    assert status.state is RunState.HOLDING
+    assert "expected at most 2.0 m" in status.limits[0]
     until(team, 60.0)
     assert all(vehicle.position[2] == 0.0 for vehicle in team.world.vehicles.values())
 
@@ -65,8 +65,8 @@ def test_an_abort_is_heard_through_the_water_and_ends_the_mission() -> None:
     team.crews[0].safety.run.command(Command.ABORT, "test", team=True)
     run = team.run()
     assert run.sim_s < 200.0
-    states = [crew.safety.run.standing for crew in team.crews]
-    assert [standing.state for standing in states] == [RunState.ABORTED] * 2
+    states = [crew.safety.run.status for crew in team.crews]
+    assert [status.state for status in states] == [RunState.ABORTED] * 2
     assert states[1].reason == "ABORT by vehicle 1, by acoustic packet"
     deaf = fleet(**{"mission.steps": 12})
     until(deaf, 60.0)
@@ -82,17 +82,17 @@ def test_after_a_team_abort_one_reset_is_enough_while_the_mates_still_call() -> 
     first, second = (crew.safety.run for crew in team.crews)
     first.command(Command.ABORT, "test", team=True)
     until(team, 120.0)
-    assert second.standing.state is RunState.ABORTED
+    assert second.status.state is RunState.ABORTED
     first.command(Command.RESET, "test")
     first.command(Command.GO, "test")
     until(team, 200.0)
-    assert first.standing.state is RunState.RUNNING, "its mate calls until it is reset itself"
-    assert second.standing.team_abort
+    assert first.status.state is RunState.RUNNING, "its mate calls until it is reset itself"
+    assert second.status.team_abort
     second.command(Command.RESET, "test")
     until(team, 240.0)
     second.command(Command.ABORT, "test", team=True)
     until(team, 300.0)
-    assert first.standing.state is RunState.ABORTED, "a new call is obeyed"
+    assert first.status.state is RunState.ABORTED, "a new call is obeyed"
 
 
 def test_at_the_end_a_vehicle_comes_up_if_it_is_told_to() -> None:

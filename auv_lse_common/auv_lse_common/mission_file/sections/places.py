@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from auv_lse_common.mission_file.papers_methods import unless_papers
+from auv_lse_common.mission_file.methods import unless_paper_method
 from auv_lse_common.mission_file.parameters import parameter, section
 
 
@@ -76,4 +76,4 @@ def places_of(parameters: Mapping[str, Any], where: str) -> PlacesConfig:
 
 def in_force(config: PlacesConfig, parameters: Mapping[str, Any]) -> PlacesConfig:
     """The section with `correct` as it is in force where `parameters` name the method."""
-    return dataclasses.replace(config, correct=unless_papers(config.correct, parameters))
+    return dataclasses.replace(config, correct=unless_paper_method(config.correct, parameters))

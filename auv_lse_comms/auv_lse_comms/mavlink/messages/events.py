@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from auv_lse_common.safety.watch import AutopilotSays
+from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 from auv_lse_comms.mavlink.messages.conversion import Target
 
@@ -81,7 +81,7 @@ class AutopilotState:
     """
 
     stamp_s: float
-    says: AutopilotSays
+    says: AutopilotReport
     battery_v: float
 
 

@@ -1,4 +1,4 @@
-"""Work beside other work: its result, its error, its end."""
+"""Work run_in_background other work: its result, its error, its end."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from auv_lse_common.process import background as module
-from auv_lse_common.process.background import beside
+from auv_lse_common.process.background import run_in_background
 
 
 @pytest.mark.parametrize("cores", [1, 2])
 def test_the_result_comes_back(cores: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.os, "cpu_count", lambda: cores)
-    rest = beside(lambda: (os.getpid(), list(range(100_000))))
+    rest = run_in_background(lambda: (os.getpid(), list(range(100_000))))
     pid, numbers = rest()
     assert numbers == list(range(100_000)), "more than a pipe holds"
     assert (pid == os.getpid()) == (cores == 1)
@@ -23,13 +23,13 @@ def test_the_result_comes_back(cores: int, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_an_error_is_raised_where_the_result_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.os, "cpu_count", lambda: 2)
-    rest = beside(lambda: (tmp_path / "no" / "such").write_text("x"))
+    rest = run_in_background(lambda: (tmp_path / "no" / "such").write_text("x"))
     with pytest.raises(FileNotFoundError, match="such"):
         rest()
 
 
 def test_a_process_that_is_killed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module.os, "cpu_count", lambda: 2)
-    rest = beside(lambda: os.kill(os.getpid(), signal.SIGKILL))
-    with pytest.raises(RuntimeError, match="ended with -9 and without a result"):
+    rest = run_in_background(lambda: os.kill(os.getpid(), signal.SIGKILL))
+    with pytest.raises(RuntimeError, match="ended with exit code -9 and without a result"):
         rest()

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_common.support.user_error import words_of
+from auv_lse_common.support.user_error import error_text
 
 
 def test_a_file_that_cannot_be_opened_is_named_without_a_number(tmp_path: Path) -> None:
     missing = tmp_path / "no such file"
     with pytest.raises(OSError) as caught:  # noqa: PT011  # any of its kinds
         missing.read_bytes()
-    assert words_of(caught.value) == f"{missing}: No such file or directory"
+    assert error_text(caught.value) == f"{missing}: No such file or directory"
 
 
 def test_a_file_where_a_folder_should_be_is_told(tmp_path: Path) -> None:
@@ -19,11 +19,11 @@ def test_a_file_where_a_folder_should_be_is_told(tmp_path: Path) -> None:
     file.write_text("")
     with pytest.raises(FileExistsError) as caught:
         file.mkdir()
-    assert words_of(caught.value) == f"{file}: is a file; expected a folder, or a name that is free"
-    assert words_of(FileExistsError("there already")) == "there already"
+    assert error_text(caught.value) == f"{file}: is a file; expected a folder, or a name that is free"
+    assert error_text(FileExistsError("there already")) == "there already"
 
 
 def test_an_error_of_our_own_keeps_its_words_and_one_without_has_its_name() -> None:
-    assert words_of(ValueError("--rate 0: expected more than 0")) == "--rate 0: expected more than 0"
-    assert words_of(OSError("the disk is full")) == "the disk is full"
-    assert words_of(RuntimeError()) == "RuntimeError"
+    assert error_text(ValueError("--rate 0: expected more than 0")) == "--rate 0: expected more than 0"
+    assert error_text(OSError("the disk is full")) == "the disk is full"
+    assert error_text(RuntimeError()) == "RuntimeError"
