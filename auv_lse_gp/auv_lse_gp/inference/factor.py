@@ -48,9 +48,9 @@ class Factor:
             self._inverse, _ = lapack.dtrtri(np.array(self.lower, order="F"), lower=1, overwrite_c=1)
         return self._inverse
 
-    def copy(self) -> Factor:
-        """The same factor, to be changed on its own."""
-        other = Factor(len(self._buffer))
+    def copy(self, room: int = 0) -> Factor:
+        """An independent copy, with room for so many more rows."""
+        other = Factor(self.size + room)
         other._buffer[: self.size, : self.size] = self.lower
         other._blocks = list(self._blocks)  # the arrays in it are never written to
         other._blocked, other._contiguous, other.size = self._blocked, self._contiguous, self.size

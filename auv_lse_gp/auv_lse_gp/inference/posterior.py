@@ -121,6 +121,20 @@ class Posterior:
             scaled = self.kernel.scale(np.asarray(places_m, dtype=float))
             self._append(scaled, np.full(len(scaled), self.noise_var_m2))
 
+    def with_planned(self, places_m: Array) -> Posterior:
+        """A posterior of the same data that also expects measurements at `places_m` (O, 2), whatever they will show.
+
+        This posterior stays as it is, and the result does not follow its later changes. Places that are planned here
+        stay planned there.
+
+        Raises:
+            IllConditionedError: if the covariance cannot be factorized.
+        """
+        other = copy.copy(self)
+        other._factor = self._factor.copy(room=len(places_m))
+        other.plan(places_m)
+        return other
+
     def truncate(self, size: int) -> None:
         """Forgets all measurements but the first `size`; `len(posterior)` is the mark to come back to."""
         self._factor.truncate(size)

@@ -194,6 +194,20 @@ def test_copies_change_on_their_own(name):
     agrees(posterior, queries[:2], queries)
 
 
+def test_planning_leaves_the_posterior_alone():
+    rng = np.random.default_rng(9)
+    posterior, queries, at = Posterior(config()), places(rng, 12), places(rng, 15)
+    posterior.extend(centers(rng, 140))
+    before = posterior.moments(queries)
+    planned = posterior.with_planned(at[:10])
+    agrees(planned, at[:10], queries)
+    agrees(planned.with_planned(at[10:]), at, queries)
+    assert len(posterior.with_planned(at[:0])) == len(posterior) == 140
+    assert np.array_equal(posterior.moments(queries), before)
+    posterior.extend(centers(rng, 3))
+    agrees(planned, at[:10], queries)  # a snapshot
+
+
 def test_data_after_planned_places_is_refused():
     rng = np.random.default_rng(8)
     posterior = Posterior(GpConfig())
