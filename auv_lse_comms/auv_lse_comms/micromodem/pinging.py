@@ -54,7 +54,7 @@ class Pinging:
         self._number, self._destination, self._taken = number, destination, False
         session.move(Cause.PING)
         session.start("ping")
-        session.write(PingEcho(source=session.address, destination=destination).initiate())
+        session.write(PingEcho(source=session.address, destination=destination).command())
         return number
 
     def poll(self) -> None:

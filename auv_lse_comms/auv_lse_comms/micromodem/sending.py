@@ -92,7 +92,7 @@ class Sending:
             ack=False,
             frames=len(self._current.frames),
         )
-        session.write(cycle.initiate())
+        session.write(cycle.command())
 
     def poll(self) -> None:
         """Lets time pass: drops what is too late, gives up on a transmission whose end is not reported."""

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 
 from auv_lse_common.vocabulary.modem_rates import BROADCAST, RATES, packet_duration_s
 from auv_lse_comms.micromodem.sentences.fields import SentenceError, clock_time, read_iso_time
-from auv_lse_comms.micromodem.sentences.messages import Message
+from auv_lse_comms.micromodem.sentences.layout import Message
 from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho
 from auv_lse_comms.micromodem.sentences.receive_messages import (
     MODE_BAD_CRC,

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from auv_lse_comms.micromodem.sentences.messages import Message
+from auv_lse_comms.micromodem.sentences.layout import Message
 from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard, PingReply
 
 _LAYOUT = struct.Struct("<4sBBBd")

@@ -156,7 +156,7 @@ def test_an_unconfigured_modem_gives_no_statistics_and_sends_nothing():
     said = modem.outgoing()
     assert b"CARXD" in said
     assert b"CACST" not in said
-    modem.receive(NOW_S, Cycle(source=0, destination=0, rate=4, ack=False, frames=1).initiate().encode())
+    modem.receive(NOW_S, Cycle(source=0, destination=0, rate=4, ack=False, frames=1).command().encode())
     assert b"CADRQ" not in modem.outgoing()
 
 

@@ -1,18 +1,15 @@
-"""What the sentences of the WHOI Micromodem-2 mean: from a sentence to the dataclass of its type.
+"""From a sentence of the WHOI Micromodem-2 to the message of its type.
 
-`read_message` goes by an explicit table (`MESSAGES`): text from the modem never chooses what code runs in any other
-way. The dataclasses are in `status_messages.py`, `transmit_messages.py`, `receive_messages.py` and `ping_messages.py`;
-each can make its own sentence again.
+`read_message` uses an explicit table (`MESSAGES`): text from the modem selects code in no other way. The messages are
+in `status_messages.py`, `transmit_messages.py`, `receive_messages.py` and `ping_messages.py`.
 
-Sources: WHOI Micromodem-2 User's Guide, and the sentences as WHOI's `acomms` and Goby3 understand them.
+Sources: WHOI Micromodem-2 User's Guide, and the sentences as WHOI's `acomms` and Goby3 implement them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Protocol
-
 from auv_lse_comms.micromodem.sentences.fields import SentenceError
+from auv_lse_comms.micromodem.sentences.layout import Message
 from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard, PingReply
 from auv_lse_comms.micromodem.sentences.receive_messages import (
     Detection,
@@ -38,49 +35,26 @@ from auv_lse_comms.micromodem.sentences.transmit_messages import (
 )
 from auv_lse_comms.micromodem.sentences.wire import Sentence
 
+_UNDERSTOOD: tuple[type[Message], ...] = (
+    Revision, Setting, ClockSet, ClockTime, Cycle, DataRequest, FrameTaken, TransmitStart, TransmitEnd,
+    TransmitStatistics, ReceptionStart, Detection, FrameHeard, ReceptionStatistics, PingEcho, PingHeard, PingReply,
+    Notice, ErrorReport,
+)  # fmt: skip
 
-class Message(Protocol):
-    """What `read_message` gives: a dataclass that can also make its sentence."""
-
-    def sentence(self) -> Sentence:
-        """The sentence with this content."""
-        ...
-
-
-#: Every sentence the driver understands, and what reads it.
-MESSAGES: dict[str, Callable[[Sequence[str]], Message]] = {
-    "CAREV": Revision.read,
-    "CACFG": Setting.read,
-    "CATMS": ClockSet.read,
-    "CATMQ": ClockTime.read,
-    "CACYC": Cycle.read,
-    "CADRQ": DataRequest.read,
-    "CATXD": FrameTaken.read,
-    "CATXP": TransmitStart.read,
-    "CATXF": TransmitEnd.read,
-    "CAXST": TransmitStatistics.read,
-    "CARXP": ReceptionStart.read,
-    "CAMFD": Detection.read,
-    "CARXD": FrameHeard.read,
-    "CACST": ReceptionStatistics.read,
-    "CAMPC": PingEcho.read,
-    "CAMPA": PingHeard.read,
-    "CAMPR": PingReply.read,
-    "CAMSG": Notice.read,
-    "CAERR": ErrorReport.read,
-}
+#: Every message that the driver understands, by its sentence's type.
+MESSAGES: dict[str, type[Message]] = {message.TYPE: message for message in _UNDERSTOOD}
 
 
 def read_message(sentence: Sentence) -> Message | None:
-    """The message in a modem's sentence, or None if the driver has no use for its type.
+    """The message in a modem's sentence, or None if the driver does not use that type.
 
     Raises:
         SentenceError: if the fields do not fit the type; names the sentence, the field and its text.
     """
-    reader = MESSAGES.get(sentence.type)
-    if reader is None:
+    message = MESSAGES.get(sentence.type)
+    if message is None:
         return None
     try:
-        return reader(sentence.fields)
+        return message.read(sentence.fields)
     except SentenceError as error:
         raise SentenceError(f"${sentence.type}: {error}") from None

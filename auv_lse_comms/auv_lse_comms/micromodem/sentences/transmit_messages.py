@@ -1,166 +1,78 @@
-"""The sentences of a transmission: the cycle asked for, the frames handed over, the start and the end."""
+"""The sentences of a transmission: the cycle requested, the frames handed over, the start and the end."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-from auv_lse_comms.micromodem.sentences.fields import (
-    arrival_time,
-    read_arrival_time,
-    take_flag,
-    take_hex,
-    take_int,
-    take_text,
-    whole_or,
-)
+from auv_lse_comms.micromodem.sentences.fields import arrival_time, read_arrival_time, take_int, take_text
+from auv_lse_comms.micromodem.sentences.layout import Message, address, flag, hexadecimal, rounded, text, whole
 from auv_lse_comms.micromodem.sentences.wire import Sentence
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cycle:
-    """`$CACYC,cmd,src,dest,rate,ack,frames`: a packet begins, own (echo of `$CCCYC`) or heard."""
+class Cycle(Message):
+    """`$CACYC,cmd,src,dest,rate,ack,frames`: a packet begins, our own (echo of `$CCCYC`) or another modem's."""
 
-    source: int
-    destination: int
-    rate: int
-    ack: bool
-    frames: int
-    command: int = 0
-
-    @classmethod
-    def read(cls, fields: Sequence[str]) -> Cycle:
-        """From the fields of `$CACYC` or `$CCCYC`."""
-        return cls(
-            command=take_int(fields, 0, "cmd"),
-            source=take_int(fields, 1, "src", 0, 127),
-            destination=take_int(fields, 2, "dest", 0, 127),
-            rate=take_int(fields, 3, "rate", 0, 6),
-            ack=take_flag(fields, 4, "ack"),
-            frames=take_int(fields, 5, "frames", 0, 64),
-        )
-
-    def _fields(self) -> tuple[str, ...]:
-        numbers = (self.command, self.source, self.destination, self.rate, int(self.ack), self.frames)
-        return tuple(str(number) for number in numbers)
-
-    def sentence(self) -> Sentence:
-        """`$CACYC`."""
-        return Sentence("CACYC", self._fields())
-
-    def initiate(self) -> Sentence:
-        """`$CCCYC`."""
-        return Sentence("CCCYC", self._fields())
+    TYPE: ClassVar[str] = "CACYC"
+    command_number: int = whole("cmd", default=0)
+    source: int = address("src")
+    destination: int = address("dest")
+    rate: int = whole("rate", 0, 6)
+    ack: bool = flag("ack")
+    frames: int = whole("frames", 0, 64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DataRequest:
-    """`$CADRQ,hhmmss,src,dest,ack,nbytes,frame#`: the modem asks for a frame (numbered from 1)."""
+class DataRequest(Message):
+    """`$CADRQ,hhmmss,src,dest,ack,nbytes,frame#`: the modem requests a frame (numbered from 1)."""
 
-    time: str
-    source: int
-    destination: int
-    ack: bool
-    max_bytes: int
-    frame: int
-
-    @classmethod
-    def read(cls, fields: Sequence[str]) -> DataRequest:
-        """From the fields of `$CADRQ`."""
-        return cls(
-            time=take_text(fields, 0, "time"),
-            source=take_int(fields, 1, "src", 0, 127),
-            destination=take_int(fields, 2, "dest", 0, 127),
-            ack=take_flag(fields, 3, "ack"),
-            max_bytes=take_int(fields, 4, "nbytes", 0, 2048),
-            frame=take_int(fields, 5, "frame", 1, 64),
-        )
-
-    def sentence(self) -> Sentence:
-        """`$CADRQ`."""
-        numbers = (self.source, self.destination, int(self.ack), self.max_bytes, self.frame)
-        return Sentence("CADRQ", (self.time, *(str(number) for number in numbers)))
+    TYPE: ClassVar[str] = "CADRQ"
+    time: str = text("time")
+    source: int = address("src")
+    destination: int = address("dest")
+    ack: bool = flag("ack")
+    max_bytes: int = whole("nbytes", 0, 2048)
+    frame: int = whole("frame", 1, 64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameGiven:
-    """`$CCTXD,src,dest,ack,HEX`: one frame of data for the packet that is being made up."""
+class FrameGiven(Message):
+    """`$CCTXD,src,dest,ack,HEX`: one frame of data for the packet that the modem assembles."""
 
-    source: int
-    destination: int
-    ack: bool
-    data: bytes
-
-    @classmethod
-    def read(cls, fields: Sequence[str]) -> FrameGiven:
-        """From the fields of `$CCTXD`."""
-        return cls(
-            source=take_int(fields, 0, "src", 0, 127),
-            destination=take_int(fields, 1, "dest", 0, 127),
-            ack=take_flag(fields, 2, "ack"),
-            data=take_hex(fields, 3, "data"),
-        )
-
-    def sentence(self) -> Sentence:
-        """`$CCTXD`."""
-        fields = (str(self.source), str(self.destination), f"{self.ack:d}", self.data.hex().upper())
-        return Sentence("CCTXD", fields)
+    TYPE: ClassVar[str] = "CCTXD"
+    source: int = address("src")
+    destination: int = address("dest")
+    ack: bool = flag("ack")
+    data: bytes = hexadecimal("data")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameTaken:
-    """`$CATXD,src,dest,ack,nbytes`: the modem has taken a frame."""
+class FrameTaken(Message):
+    """`$CATXD,src,dest,ack,nbytes`: the modem has accepted a frame."""
 
-    source: int
-    destination: int
-    ack: bool
-    count: int
-
-    @classmethod
-    def read(cls, fields: Sequence[str]) -> FrameTaken:
-        """From the fields of `$CATXD`."""
-        return cls(
-            source=take_int(fields, 0, "src", 0, 127),
-            destination=take_int(fields, 1, "dest", 0, 127),
-            ack=take_flag(fields, 2, "ack"),
-            count=take_int(fields, 3, "nbytes", 0, 4096),
-        )
-
-    def sentence(self) -> Sentence:
-        """`$CATXD`."""
-        return Sentence("CATXD", (str(self.source), str(self.destination), f"{self.ack:d}", str(self.count)))
+    TYPE: ClassVar[str] = "CATXD"
+    source: int = address("src")
+    destination: int = address("dest")
+    ack: bool = flag("ack")
+    count: int = whole("nbytes", 0, 4096)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TransmitStart:
+class TransmitStart(Message):
     """`$CATXP,nbytes`: the transducer begins to send."""
 
-    count: int
-
-    @classmethod
-    def read(cls, fields: Sequence[str]) -> TransmitStart:
-        """From the fields of `$CATXP`."""
-        return cls(count=take_int(fields, 0, "nbytes", 0, 65535))
-
-    def sentence(self) -> Sentence:
-        """`$CATXP`."""
-        return Sentence("CATXP", (str(self.count),))
+    TYPE: ClassVar[str] = "CATXP"
+    count: int = whole("nbytes", 0, 65535)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TransmitEnd:
+class TransmitEnd(Message):
     """`$CATXF,nbytes`: the transmission is over."""
 
-    count: int
-
-    @classmethod
-    def read(cls, fields: Sequence[str]) -> TransmitEnd:
-        """From the fields of `$CATXF`."""
-        return cls(count=take_int(fields, 0, "nbytes", 0, 65535))
-
-    def sentence(self) -> Sentence:
-        """`$CATXF`."""
-        return Sentence("CATXF", (str(self.count),))
+    TYPE: ClassVar[str] = "CATXF"
+    count: int = whole("nbytes", 0, 65535)
 
 
 #: Why nothing was sent, by `TransmitStatistics.mode`.
@@ -173,8 +85,10 @@ NOT_SENT = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TransmitStatistics:
+class TransmitStatistics(Message):
     """`$CAXST,6,date,time,toa_mode,mode,probe,bandwidth,carrier,rate,src,dest,ack,expected,sent,type,nbytes`.
+
+    Most fields are empty if nothing was sent.
 
     Attributes:
         utc_s: When the transmission began, s since 1970 (UTC); NaN if unreadable.
@@ -182,55 +96,30 @@ class TransmitStatistics:
         mode: 0 transmitted; others: nothing was sent, see `NOT_SENT`.
     """
 
+    TYPE: ClassVar[str] = "CAXST"
     utc_s: float
-    clock: int
     mode: int
-    rate: int
-    source: int
-    destination: int
-    frames_expected: int
-    frames_sent: int
-    count: int
-    bandwidth_hz: int = 5000
-    carrier_hz: int = 25000
+    clock: int = rounded("toa_mode", 2)
+    bandwidth_hz: int = rounded("bandwidth", 5, default=5000)
+    carrier_hz: int = rounded("carrier", 6, default=25000)
+    rate: int = rounded("rate", 7, missing=-1)
+    source: int = rounded("src", 8, missing=-1)
+    destination: int = rounded("dest", 9, missing=-1)
+    frames_expected: int = rounded("frames expected", 11)
+    frames_sent: int = rounded("frames sent", 12)
+    count: int = rounded("nbytes", 14)
 
     @classmethod
     def read(cls, fields: Sequence[str]) -> TransmitStatistics:
         """From the fields of `$CAXST`, with the version in front (from firmware 2.0) or without."""
         first = take_int(fields, 0, "version")
-        rest = fields[1:] if first < 1970_00_00 else fields
-        utc_s = read_arrival_time(take_text(rest, 0, "date") + take_text(rest, 1, "time"))
-        mode = take_int(rest, 3, "mode")
-        return cls(  # where nothing was sent, most is not filled in
-            utc_s=utc_s,
-            clock=whole_or(rest, 2, "toa_mode"),
-            mode=mode,
-            bandwidth_hz=whole_or(rest, 5, "bandwidth"),
-            carrier_hz=whole_or(rest, 6, "carrier"),
-            rate=whole_or(rest, 7, "rate", -1),
-            source=whole_or(rest, 8, "src", -1),
-            destination=whole_or(rest, 9, "dest", -1),
-            frames_expected=whole_or(rest, 11, "frames expected"),
-            frames_sent=whole_or(rest, 12, "frames sent"),
-            count=whole_or(rest, 14, "nbytes"),
-        )
+        fields = fields[1:] if first < 1970_00_00 else fields
+        utc_s = read_arrival_time(take_text(fields, 0, "date") + take_text(fields, 1, "time"))
+        return cls(utc_s=utc_s, mode=take_int(fields, 3, "mode"), **cls.read_columns(fields))
 
     def sentence(self) -> Sentence:
         """`$CAXST`, version 6; probe length 200 samples, packet type 3 (PSK) or 1 (FSK)."""
-        stamp = arrival_time(self.utc_s)
-        numbers = (
-            self.clock,
-            self.mode,
-            200,
-            self.bandwidth_hz,
-            self.carrier_hz,
-            self.rate,
-            self.source,
-            self.destination,
-            0,
-            self.frames_expected,
-            self.frames_sent,
-            1 if self.rate == 0 else 3,
-            self.count,
-        )
-        return Sentence("CAXST", ("6", stamp[:8], stamp[8:], *(str(number) for number in numbers)))
+        stamp, texts = arrival_time(self.utc_s), self.texts()
+        texts[:5] = stamp[:8], stamp[8:], texts[2], str(self.mode), "200"
+        texts[13] = "1" if self.rate == 0 else "3"
+        return Sentence(self.TYPE, ("6", *texts))
