@@ -21,6 +21,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_shore.campaign.mission_row import simulate
 from auv_lse_shore.campaign.statistics import interval
@@ -65,7 +66,7 @@ def lines_of(lake: int, method: str, small: bool, priors: list[tuple[str, float,
     truth = isobath.trace(
         ground.north_m, ground.east_m, np.where(scored, ground.depth_m, np.nan), settings.level_set.level_m
     )
-    soundings = np.concatenate([v.soundings for v in run.vehicles])
+    soundings = Soundings.join(v.soundings for v in run.vehicles)
     lines = []
     for kernel, length_m, std_m in priors:
         gp = dataclasses.replace(settings.gp, kernel=kernel, length_scale_m=length_m, signal_std_m=std_m)

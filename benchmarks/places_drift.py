@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_record.run_data import RunData, VehicleRun
@@ -82,7 +83,7 @@ def judged(run: RunData) -> dict[str, dict[str, float]]:
     """Figures of a flight by each of `WAYS`."""
     settings = mission_settings(run.parameters, 1)[0]
     area = OperatingArea(settings.area)
-    raw = [_at(v, v.raw_soundings_m) for v in run.vehicles]
+    raw = [_at(v, v.soundings.raw_places_m) for v in run.vehicles]
     found: dict[str, dict[str, float]] = {}
     for way in WAYS:
         nees = float("nan")
@@ -95,14 +96,13 @@ def judged(run: RunData) -> dict[str, dict[str, float]]:
             nees = _nees(run, adjustment.correction)
         else:
             vehicles = [_at(v, true_positions(v)[:, 1:3]) for v in run.vehicles] if way == "true places" else raw
-            depth_map = map_of(settings, area, np.concatenate([v.soundings for v in vehicles]))
+            depth_map = map_of(settings, area, Soundings.join(v.soundings for v in vehicles))
         found[way] = {**_figures(run, settings, depth_map.field()), "place_m": _off(vehicles, run), "nees": nees}
     return found
 
 
 def _at(vehicle: VehicleRun, places: Array) -> VehicleRun:
-    soundings = vehicle.soundings.copy()
-    soundings[:, 1:3] = places
+    soundings = dataclasses.replace(vehicle.soundings, north_m=places[:, 0], east_m=places[:, 1])
     return dataclasses.replace(vehicle, soundings=soundings)
 
 
@@ -122,7 +122,7 @@ def _without_fixes(run: RunData) -> RunData:
 def _off(vehicles: Sequence[VehicleRun], run: RunData) -> float:
     """Root mean square distance (m) of soundings from where they were taken."""
     pairs = zip(vehicles, run.vehicles, strict=True)
-    apart = [new.soundings[:, 1:3] - true_positions(old)[:, 1:3] for new, old in pairs]
+    apart = [new.soundings.places_m - true_positions(old).places_m for new, old in pairs]
     return float(np.sqrt((np.concatenate(apart) ** 2).sum(axis=1).mean()))
 
 
@@ -131,7 +131,7 @@ def _nees(run: RunData, correction: Any) -> float:
     values = []
     for vehicle in run.vehicles:
         some = np.arange(100, len(vehicle.soundings), 200)
-        stamps, raw = vehicle.soundings[some, 0], vehicle.raw_soundings_m[some]
+        stamps, raw = vehicle.soundings.stamp_s[some], vehicle.soundings.raw_places_m[some]
         error = correction.places(vehicle.vehicle, stamps, raw) - true_positions(vehicle)[some, 1:3]
         for e, rows in zip(error, correction.jacobian(vehicle.vehicle, stamps, raw), strict=True):
             values.append(e @ np.linalg.solve(rows @ correction.covariance @ rows.T, e) / 2.0)

@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         None, {"mission.vehicles": 1, "mission.steps": steps, "mission.seed": 9001, "planner.method": "fixed_tour"}
     )
     ground = ground_of(settings)
-    soundings = Fleet(settings, ground).run().vehicles[0].soundings[:, :4]
+    soundings = Fleet(settings, ground).run().vehicles[0].soundings.rows
     print(f"one vehicle, {steps} steps, {len(soundings)} soundings; mean of a cell")
     print("| soundings | risk, no gate | risk, gate | loss, no gate | loss, gate | refused |")
     print("|---|---|---|---|---|---|")

@@ -21,6 +21,7 @@ from auv_lse_common.topics.table import recorded_topics
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation, raw_place
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.vocabulary.plan import Plan, Tour
+from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_record.recording import (
     MISSION_FILE,
@@ -171,11 +172,11 @@ class _VehicleLog:
         self.truth: list[tuple[float, ...]] = []
         self.odometry: list[tuple[float, ...]] = []
         self.place_std: list[tuple[float, ...]] = []
-        self.soundings: list[tuple[float, ...]] = []
+        self.soundings: list[Sounding] = []
         self.dead_reckoning: list[tuple[float, ...]] = []
         self.fixes: list[Fix] = []
         self.mates: list[MateNavigation] = []
-        self.samples: list[tuple[float, ...]] = []
+        self.samples: list[Soundings] = []
         self.plans: dict[float, Any] = {}
         self.bounds: dict[float, Any] = {}
 
@@ -183,7 +184,7 @@ class _VehicleLog:
         """Takes a message of the vehicle's topic `name`; other topics are ignored."""
         if name == "sounding":
             raw = raw_place(getattr(message, "raw_north_m", math.nan), getattr(message, "raw_east_m", math.nan))
-            self.soundings.append((stamp_s, message.north_m, message.east_m, message.depth_m, *raw))
+            self.soundings.append(Sounding(stamp_s, message.north_m, message.east_m, message.depth_m, *raw))
         elif name in ("odometry", "truth/odometry", "dead_reckoning"):
             position, q = message.pose.pose.position, message.pose.pose.orientation
             row = (stamp_s, position.y, position.x, heading_from_quaternion(q.x, q.y, q.z, q.w))
@@ -204,8 +205,8 @@ class _VehicleLog:
             values = {key: getattr(message, key) for key in MATE_FIELDS}
             self.mates.append(MateNavigation(stamp_s=stamp_s, source=int(message.source), **values))
         elif name == "team/samples":
-            for north, east, depth in zip(message.north_m, message.east_m, message.depth_m, strict=True):
-                self.samples.append((stamp_s, float(message.source), float(north), float(east), float(depth)))
+            points_m = np.column_stack([message.north_m, message.east_m, message.depth_m])
+            self.samples.append(Soundings.of_packet(stamp_s, int(message.source), points_m))
 
     def vehicle_run(self, number: int, method: str) -> VehicleRun:
         """The collected messages as arrays, in order of time; a plan without its bound gets NaN values."""
@@ -231,18 +232,15 @@ class _VehicleLog:
         def rows(values: list[tuple[float, ...]], columns: int) -> Any:
             return np.array(sorted(values, key=lambda row: row[0]), dtype=float).reshape(-1, columns)
 
-        soundings = rows(self.soundings, 6)
-        raw_m = soundings[:, 4:] if np.isfinite(soundings[:, 4:]).any() else np.empty((0, 2))
         return VehicleRun(
             vehicle=number,
             truth=rows(self.truth, 4),
             odometry=rows(self.odometry, 4),
-            soundings=soundings[:, :4],
-            received=rows(self.samples, 5),
+            soundings=Soundings.from_rows(self.soundings).in_order(),
+            received=Soundings.join(self.samples).in_order(),
             decisions=decisions,
             # All zero: the driver does not know it (nav_msgs has no other mark).
             place_std_m=rows(self.place_std, 3)[:, 1:] if np.any(rows(self.place_std, 3)[:, 1:]) else np.empty((0, 2)),
-            raw_soundings_m=raw_m,
             dead_reckoning=rows(self.dead_reckoning, 5),
             fixes=sorted(self.fixes, key=lambda fix: fix.stamp_s),
             mates=sorted(self.mates, key=lambda mate: (mate.stamp_s, mate.source)),
@@ -371,19 +369,16 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
         for row in vehicle.dead_reckoning:
             message = odometry(row, child, depth_m=float(row[4]))
             yield float(row[0]), ns + "/dead_reckoning", "nav_msgs/msg/Odometry", message
-        raw_m = (
-            vehicle.raw_soundings_m if len(vehicle.raw_soundings_m) else np.full((len(vehicle.soundings), 2), np.nan)
-        )
-        for (t, north, east, depth), (raw_north, raw_east) in zip(vehicle.soundings, raw_m, strict=True):
+        for s in vehicle.soundings:
             message = types[own + "Sounding"](
-                header=header(t),
-                north_m=north,
-                east_m=east,
-                depth_m=depth,
-                raw_north_m=raw_north,
-                raw_east_m=raw_east,
+                header=header(s.stamp_s),
+                north_m=s.north_m,
+                east_m=s.east_m,
+                depth_m=s.depth_m,
+                raw_north_m=s.raw_north_m,
+                raw_east_m=s.raw_east_m,
             )
-            yield float(t), ns + "/sounding", own + "Sounding", message
+            yield s.stamp_s, ns + "/sounding", own + "Sounding", message
         for fix in vehicle.fixes:
             values = {key: getattr(fix, key) for key in FIX_FIELDS}
             yield fix.stamp_s, ns + "/fix", own + "Fix", types[own + "Fix"](header=header(fix.stamp_s), **values)
@@ -393,14 +388,14 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
                 header=header(mate.stamp_s), source=mate.source, has_fix=mate.has_fix, **values
             )
             yield mate.stamp_s, ns + "/team/navigation", own + "MateNavigation", message
-        for start, stop in _runs(vehicle.received[:, :2]):
-            block = vehicle.received[start:stop]
+        for samples in vehicle.received.packets():
+            stamp_s = float(samples.stamp_s[0])
             message = types[own + "SampleArray"](
-                header=header(block[0, 0]),
-                source=int(block[0, 1]),
-                **{f"{k}_m": block[:, i].astype(np.float32) for i, k in ((2, "north"), (3, "east"), (4, "depth"))},
+                header=header(stamp_s),
+                source=int(samples.vehicle[0]),
+                **{key: getattr(samples, key).astype(np.float32) for key in ("north_m", "east_m", "depth_m")},
             )
-            yield float(block[0, 0]), ns + "/team/samples", own + "SampleArray", message
+            yield stamp_s, ns + "/team/samples", own + "SampleArray", message
         for d in vehicle.decisions:
             segment_legs, bearings = d.plan.tour_fields
             plan = types[own + "Plan"](
@@ -452,12 +447,3 @@ def _records(run: RunData, types: Mapping[str, Callable[..., Any]]) -> Iterator[
             payload=np.frombuffer(heard.payload, dtype=np.uint8),
         )
         yield heard.stamp_s, f"/auv{heard.receiver}/modem/rx", own + "ModemRx", message
-
-
-def _runs(keys: Any) -> Iterator[tuple[int, int]]:
-    """Ranges (start, stop) of rows with equal keys: the samples of one packet."""
-    if len(keys) == 0:
-        return
-    edges = np.flatnonzero(np.any(np.diff(keys, axis=0) != 0.0, axis=1)) + 1
-    starts = [0, *edges.tolist()]
-    yield from zip(starts, [*edges.tolist(), len(keys)], strict=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.parameters import parameters_for
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.sounding import Soundings
 
 Array = NDArray[np.float64]
 
@@ -100,9 +101,6 @@ class PacketReceived:
 _COLUMNS = {
     "truth": 4,
     "odometry": 4,
-    "soundings": 4,
-    "raw_soundings_m": 2,
-    "received": 5,
     "place_std_m": 2,
     "dead_reckoning": 5,
 }
@@ -120,13 +118,11 @@ class VehicleRun:
         vehicle: Its number (1, 2, ...).
         truth: True track, rows (time s, north m, east m, heading rad).
         odometry: Estimated track (INS), rows (time s, north m, east m, heading rad).
-        soundings: Own measurements at estimated positions, rows (stamp s, north m, east m, depth m).
-        received: Team-mates' samples, rows (arrival s, source vehicle, north m, east m, depth m).
+        soundings: Own measurements, at estimated positions.
+        received: Samples received from the team, stamped with their arrival, in order of time.
         decisions: Every decision of its planner, in time order.
         place_std_m: Standard deviation (m) of the place in each row of `odometry`, columns (north, east), by the
             vehicle's own navigation; no rows where it says nothing about it.
-        raw_soundings_m: Raw place of each of `soundings` (dead-reckoned from the start, no fix taken), columns (north,
-            east); NaN where it is not known, and no rows where it is known of none.
         dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
         fixes: Fixes taken under way, in order of time.
         mates: What each packet received told of its sender's navigation, in order of time.
@@ -135,11 +131,10 @@ class VehicleRun:
     vehicle: int
     truth: Array = field(default_factory=lambda: _rows(4))
     odometry: Array = field(default_factory=lambda: _rows(4))
-    soundings: Array = field(default_factory=lambda: _rows(4))
-    received: Array = field(default_factory=lambda: _rows(5))
+    soundings: Soundings = field(default_factory=lambda: Soundings.from_rows(()))
+    received: Soundings = field(default_factory=lambda: Soundings.from_rows(()))
     decisions: list[DecisionRecord] = field(default_factory=list)
     place_std_m: Array = field(default_factory=lambda: _rows(2))
-    raw_soundings_m: Array = field(default_factory=lambda: _rows(2))
     dead_reckoning: Array = field(default_factory=lambda: _rows(5))
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
@@ -157,13 +152,11 @@ class VehicleRun:
             if rows.ndim != 2 or rows.shape[1] != columns:
                 raise ValueError(f"auv{self.vehicle} {name}: shape {rows.shape}; expected (n, {columns})")
             setattr(self, name, rows)
-        for name, other in (("place_std_m", "odometry"), ("raw_soundings_m", "soundings")):
-            count, expected = len(getattr(self, name)), len(getattr(self, other))
-            if count not in (0, expected):
-                raise ValueError(
-                    f"auv{self.vehicle} {name}: {count} rows; expected none or one for each of the {expected} rows of "
-                    f"{other}"
-                )
+        count, expected = len(self.place_std_m), len(self.odometry)
+        if count not in (0, expected):
+            raise ValueError(
+                f"auv{self.vehicle} place_std_m: got {count} rows; expected 0 or {expected}, as odometry has"
+            )
 
     def place_std_at(self, stamps_s: Array) -> Array:
         """Standard deviation (m) of the vehicle's place at times (n,), columns (north, east); NaN if unknown."""

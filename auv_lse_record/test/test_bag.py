@@ -32,8 +32,9 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
     assert back.parameters == run.parameters
     assert [v.vehicle for v in back.vehicles] == [1, 2]
     for a, b in zip(run.vehicles, back.vehicles, strict=True):
-        same(a.soundings, b.soundings)
-        same(a.received, b.received)
+        same(a.soundings.rows, b.soundings.rows)
+        same(a.received.rows, b.received.rows)
+        assert a.received.vehicle.tolist() == b.received.vehicle.tolist()
         same(a.odometry[:, :3], b.odometry[:, :3])
         same(a.place_std_m, b.place_std_m)
         assert len(b.place_std_m) == len(b.odometry)
@@ -56,7 +57,8 @@ def test_a_run_survives_the_recording(tmp_path, synthetic_run):
 def test_raw_places_fixes_and_mates_navigation_survive_the_recording(tmp_path, synthetic_run):
     run = synthetic_run(steps=2)
     one, two = run.vehicles
-    one.raw_soundings_m = one.soundings[:, 1:3] + 2.0
+    own = one.soundings
+    one.soundings = replace(own, raw_north_m=own.north_m + 2.0, raw_east_m=own.east_m + 2.0)
     one.dead_reckoning = np.column_stack([one.odometry, np.full(len(one.odometry), 3.0)])
     one.fixes = [Fix(stamp_s=20.0, north_m=1.0, east_m=2.0, raw_north_m=3.0, raw_east_m=4.0, std_m=0.8)]
     told = MateNavigation(stamp_s=9.25, source=1, sent_s=9.0, raw_north_m=5.0, raw_east_m=6.0, travel_s=0.25)
@@ -65,12 +67,12 @@ def test_raw_places_fixes_and_mates_navigation_survive_the_recording(tmp_path, s
     run.received[0] = replace(run.received[0], sent_s=9.0, arrival_s=9.25, travel_s=0.25)
     write_run(run, tmp_path)
     back = read_run(tmp_path)
-    same(back.vehicles[0].raw_soundings_m, one.raw_soundings_m)
+    same(back.vehicles[0].soundings.raw_places_m, one.soundings.raw_places_m)
     same(back.vehicles[0].dead_reckoning, one.dead_reckoning)
     assert back.vehicles[0].fixes == one.fixes
     assert [mate.has_fix for mate in back.vehicles[1].mates] == [False, True]
     assert back.vehicles[1].mates[1] == two.mates[1]
-    assert len(back.vehicles[1].raw_soundings_m) == 0, "known of none"
+    assert np.isnan(back.vehicles[1].soundings.raw_places_m).all()
     heard = back.received[0]
     assert (heard.sent_s, heard.arrival_s, heard.travel_s) == (9.0, 9.25, 0.25)
 
@@ -124,7 +126,7 @@ def test_the_recording_is_read_by_the_mcap_library_too(tmp_path, synthetic_run):
             if channel.topic == "/auv1/sounding" and counts[channel.topic] == 1:
                 stamp_ns = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
                 assert stamp_ns == message.log_time
-                assert decoded.depth_m == pytest.approx(run.vehicles[0].soundings[0, 3])
+                assert decoded.depth_m == pytest.approx(run.vehicles[0].soundings.depth_m[0])
     assert counts["/auv1/sounding"] == len(run.vehicles[0].soundings)
     assert counts["/auv2/plan"] == 4
     assert counts["/truth/auv2/odometry"] == len(run.vehicles[1].truth)

@@ -6,6 +6,7 @@ import numpy as np
 
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_record.run_data import DecisionRecord, PacketReceived, PacketSent, RunData, VehicleRun
 from auv_lse_shore.judge.evaluation import ground_grid
@@ -81,7 +82,7 @@ def drive(vehicle, state, steps, drift_mps, rng):
         vehicle=vehicle,
         truth=truth,
         odometry=odometry,
-        soundings=np.array(soundings),
+        soundings=Soundings.from_rows(soundings),
         decisions=decisions,
         place_std_m=place_std,
     )
@@ -107,10 +108,10 @@ def make_run(steps=30, drift_mps=0.002, with_truth=True):
         arrival = float(stamp) + 5.25
         received.append(PacketReceived(stamp_s=arrival, receiver=receiver, source=source, snr_db=17.5, payload=payload))
         own = vehicles[source - 1].soundings
-        for row in own[(own[:, 0] > stamp - 30.0) & (own[:, 0] <= stamp)][::10]:
-            heard[receiver].append((arrival, source, *np.float32(row[1:4]).astype(float)))
+        chosen = own[(own.stamp_s > stamp - 30.0) & (own.stamp_s <= stamp)][::10]
+        heard[receiver].append(Soundings.of_packet(arrival, source, np.float32(chosen.points_m)))
     for vehicle in vehicles:
-        vehicle.received = np.array(heard[vehicle.vehicle]).reshape(-1, 5)
+        vehicle.received = Soundings.join(heard[vehicle.vehicle])
     run = RunData(parameters=parameters, vehicles=vehicles, sent=sent, received=received, sim_s=end_s, wall_s=1.5)
     if with_truth:
         run.ground = ground_grid(mission_settings(parameters, 1)[0], Valley())

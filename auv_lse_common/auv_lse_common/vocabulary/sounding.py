@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,6 +81,21 @@ class Soundings:
         return cls(**columns)
 
     @classmethod
+    def of_packet(cls, stamp_s: float, vehicle: int, points_m: Array) -> Soundings:
+        """The samples of one packet.
+
+        Args:
+            stamp_s: When it had arrived (s).
+            vehicle: Number of the vehicle that sent it.
+            points_m: North, east, depth of each sample, shape (n, 3).
+        """
+        north_m, east_m, depth_m = np.asarray(points_m, dtype=float).reshape(-1, 3).T
+        stamps = np.full(len(depth_m), stamp_s)
+        return cls(
+            stamp_s=stamps, north_m=north_m, east_m=east_m, depth_m=depth_m, vehicle=np.full(len(stamps), vehicle)
+        )
+
+    @classmethod
     def join(cls, parts: Iterable[Soundings]) -> Soundings:
         """All soundings of `parts`, one part after the other."""
         found = [part for part in parts if len(part)]
@@ -102,6 +118,12 @@ class Soundings:
     def in_order(self) -> Soundings:
         """The soundings in order of their stamps; those of equal stamps keep their order."""
         return self[np.argsort(self.stamp_s, kind="stable")]
+
+    def packets(self) -> list[Soundings]:
+        """The samples of one packet after another: neighbors with one stamp and vehicle."""
+        new = (self.stamp_s[1:] != self.stamp_s[:-1]) | (self.vehicle[1:] != self.vehicle[:-1])
+        edges = [0, *(np.flatnonzero(new) + 1).tolist(), len(self)]
+        return [self[start:stop] for start, stop in pairwise(edges) if stop > start]
 
     @property
     def places_m(self) -> Array:

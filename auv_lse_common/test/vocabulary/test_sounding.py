@@ -32,6 +32,17 @@ def test_order_is_that_of_the_stamps_and_stable():
     assert Soundings.from_rows(ROWS).in_order().depth_m.tolist() == [16.0, 15.0, 17.0]
 
 
+def test_packets_come_apart_again():
+    points = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    packets = [Soundings.of_packet(1.0, 2, points), Soundings.of_packet(1.0, 3, points[:1])]
+    apart = Soundings.join(packets).packets()
+    assert [(p.stamp_s[0], p.vehicle[0], p.points_m.tolist()) for p in apart] == [
+        (1.0, 2, points.tolist()),
+        (1.0, 3, points[:1].tolist()),
+    ]
+    assert Soundings.from_rows(()).packets() == []
+
+
 def test_selection_and_joining():
     soundings = Soundings.from_rows(ROWS)
     assert len(soundings[:2]) == 2

@@ -73,7 +73,7 @@ def _vehicle(run: RunData, number: int) -> VehicleRun:
 
 def _off(vehicle: VehicleRun, recorded: VehicleRun) -> float:
     """Root mean square distance (m) of a vehicle's soundings from where it truly was."""
-    apart = vehicle.soundings[:, 1:3] - true_positions(recorded)[:, 1:3]
+    apart = vehicle.soundings.places_m - true_positions(recorded).places_m
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 
@@ -94,8 +94,8 @@ def write_before_and_after(path: Path, adjustment: Adjustment, before: Sequence[
         writer.writerow(COLUMNS)
         for name, old_run, new_run in zip(names, before, adjustment.runs, strict=True):
             for old, new in zip(old_run.vehicles, new_run.vehicles, strict=True):
-                for (stamp, north, east, depth), place in zip(old.soundings, new.soundings[:, 1:3], strict=True):
-                    numbers = (north, east, *place, depth)
-                    writer.writerow([name, old.vehicle, f"{stamp:.3f}", *(f"{value:.3f}" for value in numbers)])
+                for was, place in zip(old.soundings, new.soundings.places_m, strict=True):
+                    numbers = (was.north_m, was.east_m, *place, was.depth_m)
+                    writer.writerow([name, old.vehicle, f"{was.stamp_s:.3f}", *(f"{value:.3f}" for value in numbers)])
                     count += 1
     return count

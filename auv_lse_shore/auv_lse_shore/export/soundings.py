@@ -24,9 +24,9 @@ def write_soundings(path: Path, run: RunData, reference: Reference) -> int:
     """
     rows = []
     for vehicle in run.vehicles:
-        stds = vehicle.place_std_at(vehicle.soundings[:, 0])
-        for (stamp, north, east, depth), (north_std, east_std) in zip(vehicle.soundings, stds, strict=True):
-            rows.append((float(stamp), vehicle.vehicle, east, north, depth, east_std, north_std))
+        stds = vehicle.place_std_at(vehicle.soundings.stamp_s)
+        for s, (north_std, east_std) in zip(vehicle.soundings, stds, strict=True):
+            rows.append((s.stamp_s, vehicle.vehicle, s.east_m, s.north_m, s.depth_m, east_std, north_std))
     rows.sort()
     geodetic = np.empty((len(rows), 2))
     if reference.origin is not None and rows:

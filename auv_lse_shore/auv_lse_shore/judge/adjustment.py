@@ -94,10 +94,10 @@ class Adjustment:
         key_of = {(m.run, m.vehicle): m.key for m in self.moved}
         for number, run in enumerate(self.runs):
             for vehicle in run.vehicles:
-                rows = vehicle.soundings
-                raw = _raw_places(vehicle)
-                placed.book.add(key_of[number, vehicle.vehicle], rows[:, 0], raw, rows[:, 1:3], rows[:, 3], None)
-        placed.lay_out(np.concatenate([v.soundings[:, 1:3] for run in self.runs for v in run.vehicles]))
+                own, raw = vehicle.soundings, _raw_places(vehicle)
+                key = key_of[number, vehicle.vehicle]
+                placed.book.add(key, own.stamp_s, raw, own.places_m, own.depth_m, None)
+        placed.lay_out(np.concatenate([v.soundings.places_m for run in self.runs for v in run.vehicles]))
         return placed
 
 
@@ -203,7 +203,7 @@ def _refuse_doubles(able: Sequence[tuple[int, VehicleRun]]) -> None:
     """Soundings that count twice make the map surer than it is; two measured apart differ in their last digits."""
     before: list[tuple[int, int, set[bytes]]] = []
     for n, vehicle in able:
-        rows = {row.tobytes() for row in np.ascontiguousarray(vehicle.soundings[:, 1:4])}
+        rows = {row.tobytes() for row in vehicle.soundings.points_m}
         for run, number, others in before:
             if run != n and len(rows & others) > 0.1 * min(len(rows), len(others)):
                 raise AdjustError(
@@ -222,7 +222,8 @@ def _told(vehicle: VehicleRun, config: PlacesConfig) -> PlaceSmoother:
         smoother.fixed(fix)
     heard = vehicle.received
     samples = {
-        (float(t), int(k)): heard[(heard[:, 0] == t) & (heard[:, 1] == k), 2:4] for t, k in {*map(tuple, heard[:, :2])}
+        (t, k): heard[(heard.stamp_s == t) & (heard.vehicle == k)].places_m
+        for t, k in {*zip(heard.stamp_s.tolist(), heard.vehicle.tolist(), strict=True)}
     }
     events = [(mate.stamp_s, 0, mate.source) for mate in vehicle.mates] + [(t, 1, k) for t, k in samples]
     mates = iter(vehicle.mates)
@@ -268,19 +269,17 @@ def _gathered(
 
 def _raw_places(vehicle: VehicleRun) -> Array:
     """Raw places (n, 2) of a vehicle's soundings; where they were not recorded, from its raw track, if it has one."""
-    raw = vehicle.raw_soundings_m
-    if len(raw) != len(vehicle.soundings):
-        raw = np.full((len(vehicle.soundings), 2), np.nan)
+    raw = vehicle.soundings.raw_places_m
     track = vehicle.dead_reckoning
     if len(track) < 2:
         return raw
-    between = np.column_stack([np.interp(vehicle.soundings[:, 0], track[:, 0], track[:, c]) for c in (1, 2)])
+    between = np.column_stack([np.interp(vehicle.soundings.stamp_s, track[:, 0], track[:, c]) for c in (1, 2)])
     return np.where(np.isfinite(raw), raw, between)
 
 
 def _pieces(keyed: Mapping[int, VehicleRun]) -> Pieces:
     rows = [
-        np.column_stack([np.full(len(v.soundings), key), v.soundings[:, 0], _raw_places(v), v.soundings[:, 3]])
+        np.column_stack([np.full(len(v.soundings), key), v.soundings.stamp_s, _raw_places(v), v.soundings.depth_m])
         for key, v in keyed.items()
     ]
     every = np.concatenate(rows)
@@ -289,11 +288,10 @@ def _pieces(keyed: Mapping[int, VehicleRun]) -> Pieces:
 
 def _adjusted(vehicle: VehicleRun, correction: Correction, key: int, run: int) -> tuple[VehicleRun, Moved]:
     """A vehicle with its soundings at their places, and what that changed."""
-    stamps, raw = vehicle.soundings[:, 0], _raw_places(vehicle)
+    stamps, raw = vehicle.soundings.stamp_s, _raw_places(vehicle)
     places = correction.places(key, stamps, raw)
-    soundings = vehicle.soundings.copy()
-    soundings[:, 1:3] = places
-    far = np.sqrt(((places - vehicle.soundings[:, 1:3]) ** 2).sum(axis=1))
+    soundings = dataclasses.replace(vehicle.soundings, north_m=places[:, 0], east_m=places[:, 1])
+    far = np.sqrt(((places - vehicle.soundings.places_m) ** 2).sum(axis=1))
     odometry = vehicle.odometry
     track = correction.model.vehicles[key].track
     place_std = correction.place_std_m(key, odometry[:, 0], track.at(odometry[:, 0]).raw_m)
@@ -319,13 +317,15 @@ def _with_samples(vehicle: VehicleRun, team: Mapping[int, tuple[VehicleRun, Vehi
         vehicle: The vehicle.
         team: The vehicles of its dive as recorded and as adjusted, by number.
     """
-    heard = vehicle.received.copy()
-    for source in np.unique(heard[:, 1]).astype(int).tolist():
+    heard = vehicle.received
+    places = heard.places_m
+    for source in np.unique(heard.vehicle).tolist():
         if source not in team:
             continue
         old, new = team[source]
-        rows = np.flatnonzero(heard[:, 1] == source)
-        apart, index = cKDTree(_raw_places(old)).query(heard[rows, 2:4])
+        rows = np.flatnonzero(heard.vehicle == source)
+        apart, index = cKDTree(_raw_places(old)).query(places[rows])
         same = apart <= _SAME_M
-        heard[rows[same], 2:4] = new.soundings[index[same], 1:3]
-    return dataclasses.replace(vehicle, received=heard)
+        places[rows[same]] = new.soundings[index[same]].places_m
+    moved = dataclasses.replace(heard, north_m=places[:, 0], east_m=places[:, 1])
+    return dataclasses.replace(vehicle, received=moved)

@@ -18,6 +18,7 @@ from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.mission_file.parameters import parameters_for
 from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_gp.map.online import OnlineGp
@@ -150,29 +151,23 @@ def local_map(vehicle: VehicleRun, settings: PlannerSettings, area: OperatingAre
     """A vehicle's own map: in each tick its own soundings by stamp, then the team's samples by arrival."""
     depth_map = DepthMap(settings.gp, settings.level_set, area)
     own, heard = vehicle.soundings, vehicle.received
-    ticks_own, ticks_heard = np.ceil(own[:, 0] / tick_s - 1e-9), np.ceil(heard[:, 0] / tick_s - 1e-9)
+    ticks_own, ticks_heard = np.ceil(own.stamp_s / tick_s - 1e-9), np.ceil(heard.stamp_s / tick_s - 1e-9)
     done = 0
     for tick in np.unique(ticks_heard):
         count = int(np.searchsorted(ticks_own, tick, side="right"))
-        depth_map.add_soundings(own[done:count])
-        for packet in _packets(heard[ticks_heard == tick]):
-            depth_map.add_samples(packet[:, 2:5], int(packet[0, 1]))
+        depth_map.add_soundings(own[done:count].rows)
+        for packet in heard[ticks_heard == tick].packets():
+            depth_map.add_samples(packet.points_m, int(packet.vehicle[0]))
         done = count
-    depth_map.add_soundings(own[done:])
+    depth_map.add_soundings(own[done:].rows)
     return depth_map
 
 
 def _risk_alone(vehicle: VehicleRun, settings: PlannerSettings, map_m: Array) -> float:
     """Mean risk at places (P, 2) given a vehicle's own soundings and nobody else's."""
     gp = OnlineGp(settings.gp)
-    gp.add_all(vehicle.soundings[:, 1:4])  # its own map refuses the same ones
+    gp.add_all(vehicle.soundings.points_m)  # its own map refuses the same ones
     return float(LevelSet.of(settings.level_set).risk(*gp.predict(map_m)).mean())
-
-
-def _packets(heard: Array) -> list[Array]:
-    """The rows of each packet: time of arrival, source, north, east, depth of a sample in each row."""
-    new = np.any(heard[1:, :2] != heard[:-1, :2], axis=1)
-    return np.split(heard, np.flatnonzero(new) + 1)
 
 
 def _tick_s(run: RunData) -> float:
@@ -320,7 +315,7 @@ def _last(values: Array) -> float | None:
 def _place_error(run: RunData) -> tuple[float, ...] | None:
     if any(len(v.truth) == 0 or len(v.soundings) == 0 for v in run.vehicles):
         return None
-    apart = [v.soundings[:, 1:3] - true_positions(v)[:, 1:3] for v in run.vehicles]
+    apart = [v.soundings.places_m - true_positions(v).places_m for v in run.vehicles]
     return tuple(float(np.sqrt((a**2).sum(axis=1).mean())) for a in apart)
 
 
@@ -334,5 +329,5 @@ def _without_navigation_error(e: Evaluation) -> Verdict | None:
     """The verdict on the map from the soundings at their true positions; None without truth."""
     if e.run.ground is None or any(len(v.truth) == 0 for v in e.run.vehicles):
         return None
-    soundings = np.concatenate([true_positions(v) for v in e.run.vehicles])
+    soundings = Soundings.join(true_positions(v) for v in e.run.vehicles)
     return judge(map_of(e.settings[0], e.area, soundings).field(), e.settings[0], e.run.ground, e.scored, e.truth)

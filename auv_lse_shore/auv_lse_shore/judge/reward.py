@@ -31,6 +31,7 @@ from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, MOWING
 from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import OnlineGp
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -189,7 +190,7 @@ def reward_curves(
         here = np.concatenate(places)
         before_leg = _risk(gp, level_set, here)
         for own in soundings:
-            gp.add_all(own[step][:, 1:4])  # a vehicle's own map refuses the same ones, and counts them
+            gp.add_all(own[step].points_m)  # a vehicle's own map refuses the same ones, and counts them
         drop = before_leg - _risk(gp, level_set, here)
         per_vehicle[:, step] = np.bincount(owner, drop, minlength=len(places))
         stepwise[step + 1] = stepwise[step] + drop.sum()
@@ -276,15 +277,15 @@ def _naive_value(run: RunData, settings: Sequence[PlannerSettings], paths: Seque
     return value
 
 
-def _by_leg(vehicle: VehicleRun, path: PlannedPaths, steps: int) -> list[Array]:
-    """A vehicle's soundings (n, 4) by the leg they were made on; those before the first leg count to it."""
+def _by_leg(vehicle: VehicleRun, path: PlannedPaths, steps: int) -> list[Soundings]:
+    """A vehicle's soundings by the leg they were made on; those before the first leg count to it."""
     times = leg_times(vehicle, path)
-    legs: list[Array] = [np.empty((0, 4))] * steps
+    legs = [Soundings.from_rows(())] * steps
     if len(vehicle.decisions) == 0:
         return legs
-    index = np.clip(np.searchsorted(times[:-1], vehicle.soundings[:, 0], side="right") - 1, 0, None)
+    index = np.clip(np.searchsorted(times[:-1], vehicle.soundings.stamp_s, side="right") - 1, 0, None)
     for number, decision in enumerate(vehicle.decisions):
-        legs[decision.step] = np.concatenate([legs[decision.step], vehicle.soundings[index == number]])
+        legs[decision.step] = Soundings.join([legs[decision.step], vehicle.soundings[index == number]])
     return legs
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.parameters import parameters_for
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge import certainty
@@ -82,7 +83,7 @@ def team_map(run: RunData) -> TeamMap:
     area = OperatingArea(first.area)
     if wanted(run):
         return adjusted_map(adjust([run]), first)
-    depth_map = map_of(first, area, np.concatenate([v.soundings for v in run.vehicles]))
+    depth_map = map_of(first, area, Soundings.join(v.soundings for v in run.vehicles))
     return _team_map(run, first, area, depth_map, depth_map.field())
 
 
@@ -115,10 +116,10 @@ def _team_map(
     )
 
 
-def map_of(settings: PlannerSettings, area: OperatingArea, soundings: Array) -> DepthMap:
-    """A map from soundings, rows (stamp s, north m, east m, depth m), in order of time."""
+def map_of(settings: PlannerSettings, area: OperatingArea, soundings: Soundings) -> DepthMap:
+    """A map from soundings, in the order given."""
     depth_map = DepthMap(settings.gp, settings.level_set, area)
-    depth_map.add_soundings(soundings)
+    depth_map.add_soundings(soundings.rows)
     return depth_map
 
 
@@ -126,7 +127,7 @@ def sounded_places(run: RunData) -> Array:
     """Where all vehicles measured: north, east, the place's error per axis (m; NaN where unknown), shape (S, 3)."""
     return np.concatenate(
         [
-            np.column_stack([v.soundings[:, 1:3], np.sqrt((v.place_std_at(v.soundings[:, 0]) ** 2).mean(axis=1))])
+            np.column_stack([v.soundings.places_m, np.sqrt((v.place_std_at(v.soundings.stamp_s) ** 2).mean(axis=1))])
             for v in run.vehicles
         ]
     )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.run_data import VehicleRun
 
 Array = NDArray[np.float64]
@@ -13,13 +16,11 @@ Array = NDArray[np.float64]
 SEPARATION_FROM_S = 60.0
 
 
-def true_positions(vehicle: VehicleRun) -> Array:
-    """A vehicle's soundings (n, 4) with their true positions."""
-    stamps = vehicle.soundings[:, 0]
-    moved = vehicle.soundings.copy()
-    for column in (1, 2):
-        moved[:, column] = np.interp(stamps, vehicle.truth[:, 0], vehicle.truth[:, column])
-    return moved
+def true_positions(vehicle: VehicleRun) -> Soundings:
+    """A vehicle's soundings with their true positions."""
+    own, truth = vehicle.soundings, vehicle.truth
+    north_m, east_m = (np.interp(own.stamp_s, truth[:, 0], truth[:, column]) for column in (1, 2))
+    return replace(own, north_m=north_m, east_m=east_m)
 
 
 def navigation_error(vehicle: VehicleRun) -> Array:

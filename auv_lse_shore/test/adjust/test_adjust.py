@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.bag import read_run, write_run
 from auv_lse_shore.adjust.__main__ import main
 from auv_lse_shore.judge.adjustment import adjust, missing_in, wanted
@@ -35,9 +36,10 @@ def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
         vehicle.dead_reckoning = np.column_stack([truth[:, 0], raw, truth[:, 3] + angle, depth])
         vehicle.odometry = vehicle.dead_reckoning[:, :4].copy()
         vehicle.place_std_m = np.ones((len(truth), 2))
-        at = np.column_stack([np.interp(vehicle.soundings[:, 0], truth[:, 0], raw[:, i]) for i in (0, 1)])
-        vehicle.soundings[:, 1:3] = at
-        vehicle.raw_soundings_m = at.copy()
+        north, east = (np.interp(vehicle.soundings.stamp_s, truth[:, 0], raw[:, i]) for i in (0, 1))
+        vehicle.soundings = dataclasses.replace(
+            vehicle.soundings, north_m=north, east_m=east, raw_north_m=north, raw_east_m=east
+        )
         if fixed:
             i = int(0.6 * len(truth))
             place = truth[i, 1:3] + 0.5 * rng.standard_normal(2)
@@ -71,21 +73,19 @@ def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
                 travel_s=apart / 1500.0,
             )
         )
-        stamps = sender.soundings[:, 0]
-        mask = (stamps > sent - 30.0) & (stamps <= sent)
-        chosen = np.float32(sender.soundings[mask][::10, 1:4]).astype(float)
-        rows = receiver.received
-        rows = rows[rows[:, 0] != packet.stamp_s]
-        new = np.column_stack([np.full(len(chosen), packet.stamp_s), np.full(len(chosen), packet.source), chosen])
-        receiver.received = np.concatenate([rows, new])
+        stamps = sender.soundings.stamp_s
+        chosen = sender.soundings[(stamps > sent - 30.0) & (stamps <= sent)][::10]
+        new = Soundings.of_packet(packet.stamp_s, packet.source, np.float32(chosen.points_m))
+        others = receiver.received[receiver.received.stamp_s != packet.stamp_s]
+        receiver.received = Soundings.join([others, new])
     for vehicle in run.vehicles:
-        vehicle.received = vehicle.received[np.argsort(vehicle.received[:, 0], kind="stable")]
+        vehicle.received = vehicle.received.in_order()
     return run
 
 
 def off(vehicle, recorded):
     """Root mean square distance (m) of a vehicle's soundings from where they were taken."""
-    apart = vehicle.soundings[:, 1:3] - true_positions(recorded)[:, 1:3]
+    apart = vehicle.soundings.places_m - true_positions(recorded).places_m
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 
@@ -97,12 +97,12 @@ def test_soundings_go_where_they_were_taken(synthetic_run):
         assert moved.largest_m >= moved.mean_m > 1.0
         assert moved.fixes == 1
         assert moved.ranges > 5
-        assert np.array_equal(new.soundings[:, [0, 3]], old.soundings[:, [0, 3]])
+        assert np.array_equal(new.soundings.rows[:, [0, 3]], old.soundings.rows[:, [0, 3]])
         assert np.array_equal(new.odometry, old.odometry)
         assert off(new, old) < 3.0 * np.sqrt(2.0) * moved.std_m
     # samples heard are the mates' soundings, and go with them
     heard, mates = adjustment.runs[0].vehicles[0].received, adjustment.runs[0].vehicles[1].soundings
-    apart = np.sqrt(((heard[:, None, 2:4] - mates[None, :, 1:3]) ** 2).sum(axis=2)).min(axis=1)
+    apart = np.sqrt(((heard.places_m[:, None] - mates.places_m[None]) ** 2).sum(axis=2)).min(axis=1)
     assert apart.max() < 0.01
 
 
@@ -145,8 +145,8 @@ def test_each_vehicles_own_recording_of_a_dive_is_as_good_as_one_of_all(syntheti
     assert apart.ranges == together.ranges
     assert set(apart.correction.model.vehicles) == {1, 2}, "a mate that was heard is the vehicle that recorded itself"
     for one, other in zip(together.runs[0].vehicles, (run.vehicles[0] for run in apart.runs), strict=True):
-        np.testing.assert_allclose(other.soundings, one.soundings, atol=1e-6)
-        np.testing.assert_allclose(other.received, one.received, atol=1e-6)
+        np.testing.assert_allclose(other.soundings.rows, one.soundings.rows, atol=1e-6)
+        np.testing.assert_allclose(other.received.rows, one.received.rows, atol=1e-6)
     dives = adjust([whole, dived(synthetic_run, seed=2)])
     assert len(dives.correction.model.vehicles) == 4, "the same vehicles at the same times: another dive, simulated"
 
@@ -157,7 +157,7 @@ def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):
     assert missing_in(run.vehicles[1]) == "no dead reckoning (topic dead_reckoning)"
     adjustment = adjust([run])
     assert [m.missing for m in adjustment.moved] == ["", "no dead reckoning (topic dead_reckoning)"]
-    assert np.array_equal(adjustment.runs[0].vehicles[1].soundings, run.vehicles[1].soundings)
+    assert np.array_equal(adjustment.runs[0].vehicles[1].soundings.rows, run.vehicles[1].soundings.rows)
     run.vehicles[0].dead_reckoning = np.empty((0, 5))
     with pytest.raises(AdjustError, match=r"auv1 of run 1: no dead reckoning \(topic dead_reckoning\)"):
         adjust([run])
@@ -167,9 +167,9 @@ def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):
 def test_raw_places_that_were_not_recorded_come_from_the_raw_track(synthetic_run):
     run, bare = dived(synthetic_run), dived(synthetic_run)
     for vehicle in bare.vehicles:
-        vehicle.raw_soundings_m = np.empty((0, 2))
+        vehicle.soundings = Soundings.from_rows(vehicle.soundings.rows)
     for a, b in zip(adjust([run]).runs[0].vehicles, adjust([bare]).runs[0].vehicles, strict=True):
-        assert a.soundings == pytest.approx(b.soundings, abs=1e-6)
+        assert a.soundings.rows == pytest.approx(b.soundings.rows, abs=1e-6)
 
 
 def test_runs_of_different_origins_are_refused(synthetic_run):
@@ -205,8 +205,8 @@ def test_the_script_writes_map_table_and_what_moved_and_does_so_again(synthetic_
     lines = json.loads((adjusted / "isobath.geojson").read_text())["features"]
     assert any(feature["properties"]["class"] == "found" for feature in lines)
     assert (adjusted / "soundings.csv").is_file()
-    again = adjust([read_run(folder)]).runs[0].vehicles[0].soundings
-    assert again == pytest.approx(adjust([run]).runs[0].vehicles[0].soundings, abs=1e-5)
+    again = adjust([read_run(folder)]).runs[0].vehicles[0].soundings.rows
+    assert again == pytest.approx(adjust([run]).runs[0].vehicles[0].soundings.rows, abs=1e-5)
 
 
 def test_errors_of_the_script_name_the_thing(synthetic_run, tmp_path, capsys):

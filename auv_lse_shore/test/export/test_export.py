@@ -129,14 +129,16 @@ def test_soundings_have_time_vehicle_place_and_its_error(on_earth, local):
         for vehicle in run.vehicles:
             own = [row for row in rows if row["vehicle"] == str(vehicle.vehicle)]
             for column, values in (("time_s", 0), ("north_m", 1), ("east_m", 2), ("depth_m", 3)):
-                np.testing.assert_allclose([float(r[column]) for r in own], vehicle.soundings[:, values], atol=6e-4)
-            std = vehicle.place_std_at(vehicle.soundings[:, 0])
+                np.testing.assert_allclose(
+                    [float(r[column]) for r in own], vehicle.soundings.rows[:, values], atol=6e-4
+                )
+            std = vehicle.place_std_at(vehicle.soundings.stamp_s)
             np.testing.assert_allclose([float(r["north_std_m"]) for r in own], std[:, 0], atol=6e-4)
             np.testing.assert_allclose([float(r["east_std_m"]) for r in own], std[:, 1], atol=6e-4)
             if origin is not None:
                 geodetic = [[float(r[c]) for r in own] for c in ("latitude_deg", "longitude_deg")]
                 north, east = local_from_geodetic(*geodetic, *origin)
-                np.testing.assert_allclose(np.column_stack([north, east]), vehicle.soundings[:, 1:3], atol=2e-3)
+                np.testing.assert_allclose(np.column_stack([north, east]), vehicle.soundings.places_m, atol=2e-3)
 
 
 def test_a_place_error_that_is_not_known_is_left_empty(tmp_path, synthetic_run):

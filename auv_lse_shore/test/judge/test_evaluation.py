@@ -133,14 +133,11 @@ def test_local_map_takes_what_the_vehicle_took_in_its_order(synthetic_run):
     vehicle = run.vehicles[1]
     by_tick = DepthMap(settings[1].gp, settings[1].level_set, area)
     for tick in range(1, int(run.sim_s) + 2):  # as fleet and nodes do: own soundings, then arrivals
-        for rows, add in ((vehicle.soundings, by_tick.add_soundings), (vehicle.received, None)):
-            new = rows[(rows[:, 0] > tick - 1) & (rows[:, 0] <= tick)]
-            if add is not None:
-                add(new)
-            else:
-                for arrival, source in dict.fromkeys(map(tuple, new[:, :2])):
-                    packet = new[(new[:, 0] == arrival) & (new[:, 1] == source)]
-                    by_tick.add_samples(packet[:, 2:5], int(source))
+        own, heard = (s[(s.stamp_s > tick - 1) & (s.stamp_s <= tick)] for s in (vehicle.soundings, vehicle.received))
+        by_tick.add_soundings(own.rows)
+        for arrival, source in dict.fromkeys(zip(heard.stamp_s.tolist(), heard.vehicle.tolist(), strict=True)):
+            packet = heard[(heard.stamp_s == arrival) & (heard.vehicle == source)]
+            by_tick.add_samples(packet.points_m, source)
     rebuilt = local_map(vehicle, settings[1], area, 1.0)
     assert np.array_equal(rebuilt.centers.places_m, by_tick.centers.places_m)
     assert np.array_equal(rebuilt.field().risk, by_tick.field().risk)

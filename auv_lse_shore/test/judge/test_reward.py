@@ -55,9 +55,9 @@ def test_reward_is_the_drop_of_risk_at_the_legs_own_places(synthetic_run):
         here = np.array(places)
         before = dense_risk(settings[0], data, here)
         for vehicle in run.vehicles:
-            stamps = vehicle.soundings[:, 0]
+            stamps = vehicle.soundings.stamp_s
             on_leg = (stamps >= leg_s * step - 1e-9) & (stamps < leg_s * (step + 1) - 1e-9)
-            data = np.concatenate([data, vehicle.soundings[on_leg]])
+            data = np.concatenate([data, vehicle.soundings[on_leg].rows])
         drop = before - dense_risk(settings[0], data, here)
         total += drop.sum()
         visited = np.concatenate([visited, here])

@@ -10,8 +10,8 @@ from auv_lse_shore.judge.tracks import least_separation, navigation_error, true_
 def test_true_positions_are_interpolated_at_the_stamps(synthetic_run):
     vehicle = synthetic_run(steps=2, drift_mps=0.5).vehicles[0]
     moved = true_positions(vehicle)
-    assert np.allclose(moved[:, 1], vehicle.soundings[:, 1] - 0.5 * vehicle.soundings[:, 0])
-    assert np.array_equal(moved[:, [0, 3]], vehicle.soundings[:, [0, 3]])
+    assert np.allclose(moved.north_m, vehicle.soundings.north_m - 0.5 * vehicle.soundings.stamp_s)
+    assert np.array_equal(moved.rows[:, [0, 3]], vehicle.soundings.rows[:, [0, 3]])
     assert np.allclose(navigation_error(vehicle), 0.5 * vehicle.odometry[:, 0])
 
 

@@ -20,6 +20,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNav
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
 from auv_lse_common.vocabulary.mission_run import Command, RunState, Stop
 from auv_lse_common.vocabulary.seeds import stream
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_common.vocabulary.stamps import stamped
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.intake import BridgeIntake
@@ -59,7 +60,7 @@ class _Log:
     fixes: list[Fix] = field(default_factory=list)
     mates: list[MateNavigation] = field(default_factory=list)
     soundings: list[Array] = field(default_factory=list)
-    received: list[Array] = field(default_factory=list)
+    received: list[Soundings] = field(default_factory=list)
     decisions: list[DecisionRecord] = field(default_factory=list)
 
 
@@ -281,10 +282,7 @@ class Fleet:
         if len(output.soundings):
             log.soundings.append(output.soundings)
         for received in heard:
-            samples = _samples(received)
-            rows = np.empty((len(samples), 5))
-            rows[:, 0], rows[:, 1], rows[:, 2:] = received.stamp_s, received.source, samples
-            log.received.append(rows)
+            log.received.append(Soundings.of_packet(received.stamp_s, received.source, _samples(received)))
         for arrival in output.arrivals:
             self.received.append(
                 PacketReceived(
@@ -348,12 +346,11 @@ class Fleet:
                     vehicle=crew.vehicle,
                     truth=np.array(crew.log.truth).reshape(-1, 4),
                     odometry=np.array(crew.log.odometry).reshape(-1, 4),
-                    soundings=(soundings := np.concatenate([np.empty((0, 6)), *crew.log.soundings]))[:, :4],
-                    raw_soundings_m=soundings[:, 4:],
+                    soundings=Soundings.from_rows(np.concatenate([np.empty((0, 6)), *crew.log.soundings])),
                     dead_reckoning=np.array(crew.log.dead_reckoning).reshape(-1, 5),
                     fixes=crew.log.fixes,
                     mates=crew.log.mates,
-                    received=np.concatenate([np.empty((0, 5)), *crew.log.received]),
+                    received=Soundings.join(crew.log.received),
                     decisions=crew.log.decisions,
                     place_std_m=np.array(crew.log.place_std).reshape(-1, 2),
                 )

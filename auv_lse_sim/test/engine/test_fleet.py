@@ -33,7 +33,7 @@ def test_mission_runs_to_its_end(mission):
     for v in run.vehicles:
         assert [d.step for d in v.decisions] == list(range(12))
         assert len(v.truth) == len(v.odometry) == run.sim_s
-        assert (np.diff(v.soundings[:, 0]) > 0).all()
+        assert (np.diff(v.soundings.stamp_s) > 0).all()
         assert len(v.soundings) > 0.85 * run.sim_s
         assert all(b.now_s > a.now_s for a, b in zip(v.decisions, v.decisions[1:], strict=False))
 
@@ -71,7 +71,7 @@ def test_same_seed_same_mission(mission):
         assert [(d.now_s, d.step, d.plan.actions, d.jbar) for d in a.decisions] == [
             (d.now_s, d.step, d.plan.actions, d.jbar) for d in b.decisions
         ]
-        assert np.array_equal(a.soundings, b.soundings)
+        assert np.array_equal(a.soundings.rows, b.soundings.rows)
     assert [s.payload for s in run.sent] == [s.payload for s in again.sent]
 
 
