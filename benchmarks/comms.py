@@ -29,7 +29,7 @@ from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.packet.codec import Limits, Packet, decode, encode
 from auv_lse_comms.packet.tag import Tagger
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.receivers_risk import Knowledge, ReceiversRisk
+from auv_lse_gp.map.receivers_risk import ReceiverMap, ReceiversRisk
 from auv_lse_sim.ground.lake import SyntheticLake
 from auv_lse_sim.water.channel import Channel, Position, snr_db
 from benchmarks.channel_loss import loss_at_range
@@ -278,7 +278,7 @@ class Outcome:
     select_s: float  # processor time of choosing, per packet
 
 
-def regret(local: Knowledge, everything: Knowledge, level: LevelSet) -> float:
+def regret(local: ReceiverMap, everything: ReceiverMap, level: LevelSet) -> float:
     """Expected cost, by all data, of a vehicle's classes over that of the best ones, mean over the places."""
     safe = level.p_safe(*everything.predict())
     cost = np.where(level.safe(*local.predict()), level.cost_false_safe * (1.0 - safe), level.cost_false_unsafe * safe)
@@ -318,7 +318,7 @@ def survey(
         return ReceiversRisk(gp, level, area, stream(seed, "receivers", address), 25.0)
 
     team = [ModemBridge(TdmaConfig(), packet, a, vehicles, receivers=belief(a)) for a in range(1, vehicles + 1)]
-    own, everything = [Knowledge(gp, level, area, 25.0) for _ in team], Knowledge(gp, level, area, 25.0)
+    own, everything = [ReceiverMap(gp, level, area, 25.0) for _ in team], ReceiverMap(gp, level, area, 25.0)
     paths, luck = Wanderers(vehicles, seed), stream(seed, "loss")
     noise = stream(seed, "noise")
     excess: list[float] = []

@@ -62,8 +62,8 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
     watch(fleet.world, "tick", "world")
     for crew in fleet.crews:
         watch(crew, "update_map", "map")
-        if crew.placer is not None:
-            watch(crew.placer, "correct", "places")
+        if crew.corrector is not None:
+            watch(crew.corrector, "correct", "places")
         for name in ("hear", "say"):
             watch(crew, name, "packets")
         watch(crew.planner, "decide", "planner")

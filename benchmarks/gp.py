@@ -628,7 +628,7 @@ def planned(sizes: Sizes = FULL) -> list[Row]:
     def benefit_of(more: np.ndarray) -> None:
         mark = len(posterior)
         posterior.plan(more)
-        at = posterior.columns(path)
+        at = posterior.at(path)
         level_set.benefit(at.mean_m, np.sqrt(at.data_var_m2 - at.planned_var_m2), np.sqrt(at.planned_var_m2))
         posterior.truncate(mark)
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_gp.places.placer import Placer
-from auv_lse_gp.places.terrain import Terrain
+from auv_lse_gp.places.position_corrector import PositionCorrector
+from auv_lse_gp.places.terrain_matching import Terrain
 from auv_lse_shore.judge.adjustment import adjust
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
@@ -36,35 +36,37 @@ def run(smoke: bool = False) -> list[Row]:
     settings, _ = fit_to_ground(settings, ground)
     fleet = Fleet(settings, ground)
     run_data = fleet.run()
-    placer = fleet.crews[0].placer
-    assert placer is not None
-    gp = placer.placed.map.gp
-    terrain = Terrain(placer.book.pieces(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
+    corrector = fleet.crews[0].corrector
+    assert corrector is not None
+    gp = corrector.corrected_map.map.gp
+    terrain = Terrain(corrector.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
     repeats = 3 if smoke else 10
-    unknowns = len(placer.smoother.smooth(terrain).theta)
-    what = f"{steps} legs, {len(placer.smoother.ranges)} ranges, {unknowns} unknowns"
-    both = _time(lambda: placer.smoother.smooth(terrain), repeats)
-    places = placer.book.booked_m.copy()
+    unknowns = len(corrector.smoother.smooth(terrain).theta)
+    what = f"{steps} legs, {len(corrector.smoother.ranges)} ranges, {unknowns} unknowns"
+    both = _time(lambda: corrector.smoother.smooth(terrain), repeats)
+    places = corrector.log.mapped_m.copy()
     return [
-        _allowed(f"smoother, fixes and ranges: {what}", _time(placer.smoother.smooth, repeats)),
-        _allowed(f"smoother, and {len(terrain.pieces)} pieces of track", both),
+        _allowed(f"smoother, fixes and ranges: {what}", _time(corrector.smoother.smooth, repeats)),
+        _allowed(f"smoother, and {len(terrain.segments)} pieces of track", both),
         row(
-            f"map laid out anew: {len(placer.book)} soundings", 1e3 * _time(lambda: _laid_out(placer, places), 3), "ms"
+            f"map laid out anew: {len(corrector.log)} soundings",
+            1e3 * _time(lambda: _laid_out(corrector, places), 3),
+            "ms",
         ),
-        row("map told how uncertain places are", 1e3 * _time(lambda: _informed(placer), 3), "ms"),
+        row("map told how uncertain places are", 1e3 * _time(lambda: _informed(corrector), 3), "ms"),
         row("adjustment of the mission (scripts/adjust)", _time(lambda: adjust([run_data]), 1), "s"),
     ]
 
 
-def _laid_out(placer: Placer, places: np.ndarray) -> None:
-    placer.placed.lay_out(places)
-    placer.placed.map.centers  # noqa: B018  # the last merges
+def _laid_out(corrector: PositionCorrector, places: np.ndarray) -> None:
+    corrector.corrected_map.rebuild(places)
+    corrector.corrected_map.map.centers  # noqa: B018  # the last merges
 
 
-def _informed(placer: Placer) -> None:
-    assert placer.correction is not None
-    placer.placed.inform(placer.correction)
-    placer.placed.map.field()
+def _informed(corrector: PositionCorrector) -> None:
+    assert corrector.correction is not None
+    corrector.corrected_map.set_uncertainty(corrector.correction)
+    corrector.corrected_map.map.field()
 
 
 def _allowed(name: str, seconds: float) -> Row:

@@ -91,7 +91,7 @@ def judged(run: RunData) -> dict[str, dict[str, float]]:
             used = run if way == "corrected" else _without_fixes(run)
             adjustment = adjust([used])
             depth_map = DepthMap(settings.gp, settings.level_set, area)
-            adjustment.settle(depth_map).inform(adjustment.correction)
+            adjustment.settle(depth_map).set_uncertainty(adjustment.correction)
             vehicles = adjustment.runs[0].vehicles
             nees = _nees(run, adjustment.correction)
         else:

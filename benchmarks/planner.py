@@ -27,7 +27,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.point_posteriors import join_by_path
 from auv_lse_gp.inference.posterior import Posterior
@@ -119,19 +119,19 @@ def evaluations(sizes: Sizes = FULL) -> list[Row]:
 
     def together() -> Any:
         """As the search asks: the places of all paths at once, then their values."""
-        columns = posterior.columns(np.concatenate([new, np.tile(naive_places, (BATCH, 1))]))
+        columns = posterior.at(np.concatenate([new, np.tile(naive_places, (BATCH, 1))]))
         paths = join_by_path(columns.slice(0, len(new)), columns.slice(len(new), len(columns)), BATCH)
         return reward.values_of_equal(paths, len(whole))
 
-    short = per_second(lambda: reward.values_of_equal(posterior.columns(new), 3), BATCH, sizes.least_s)
+    short = per_second(lambda: reward.values_of_equal(posterior.at(new), 3), BATCH, sizes.least_s)
     batched = per_second(together, BATCH, sizes.least_s)
-    alone = per_second(lambda: reward.value(posterior.columns(whole)), 1, sizes.least_s)
+    alone = per_second(lambda: reward.value(posterior.at(whole)), 1, sizes.least_s)
     rows = [
         row(f"exact values of paths of 3 legs, {BATCH} at once", short, "1/s"),
         row(f"exact values of 100-place paths, {BATCH} at once", batched, "1/s", goal=">= 1000", holds=batched >= 1000),
         row("exact values of 100-place paths, one by one", alone, "1/s", goal=">= 1000", holds=alone >= 1000),
     ]
-    exact = reward.value(posterior.columns(whole))
+    exact = reward.value(posterior.at(whole))
     for name, library in (("scikit-learn", _sklearn), ("GPyTorch", _gpytorch)):
         try:
             value = library(whole, centers(sizes.centers))
@@ -155,7 +155,7 @@ def anytime(sizes: Sizes = FULL) -> list[Row]:
     posterior = Posterior(GpConfig())
     posterior.follow(centers(count))
     area = OperatingArea(AreaConfig())
-    fine, coarse = (KeptColumns(posterior, area.grid(spacing).places_m) for spacing in (20.0, 24.0))
+    fine, coarse = (CachedPoints(posterior, area.grid(spacing).places_m) for spacing in (20.0, 24.0))
     rng = np.random.default_rng(3)
     paths = [_walk(rng, legs) for _ in range(1 + TOUR_MATES)]
     mates = [(np.arange(legs) + 0.4 * number, path) for number, path in enumerate(paths[1:], 1)]

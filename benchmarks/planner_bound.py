@@ -76,7 +76,7 @@ class PriorLake:
 
 def risk(posterior: Posterior, settings: PlannerSettings) -> float:
     """Bayes risk over the map."""
-    columns = posterior.columns(OperatingArea(settings.area).grid(settings.planner.map_spacing_m).places_m)
+    columns = posterior.at(OperatingArea(settings.area).grid(settings.planner.map_spacing_m).places_m)
     return float(LevelSet.of(settings.level_set).risk(columns.mean_m, np.sqrt(columns.data_var_m2)).sum())
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_planner.methods.touring import LINE_PLACES, OWN_PLACES
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
@@ -50,7 +50,7 @@ class Frontier:
         spacing = settings.planner.map_spacing_m
         self._legs, self._level_set, self._rollout = legs, settings.level_set, planner.rollout
         self._kept, self._coarse = (
-            KeptColumns(planner.posterior, grounds.grid(m).places_m) for m in (spacing, max(COARSE_M, spacing))
+            CachedPoints(planner.posterior, grounds.grid(m).places_m) for m in (spacing, max(COARSE_M, spacing))
         )
         self._search, self._steering = TourSearch(planner.space, OWN_PLACES), Steering(planner.space)
         self._start = np.zeros(3)

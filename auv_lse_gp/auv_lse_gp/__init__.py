@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from auv_lse_common.mission_file.sections.area import AreaConfig, Grid, OperatingArea
     from auv_lse_common.mission_file.sections.gp import GpConfig
     from auv_lse_gp.covariance.kernels import Kernel
-    from auv_lse_gp.inference.cached_points import KeptColumns
+    from auv_lse_gp.inference.cached_points import CachedPoints
     from auv_lse_gp.inference.centers import Centers
     from auv_lse_gp.inference.factor import IllConditionedError
-    from auv_lse_gp.inference.point_posteriors import Columns
+    from auv_lse_gp.inference.point_posteriors import PointPosteriors
     from auv_lse_gp.inference.posterior import Posterior
     from auv_lse_gp.level_set.bayes_risk import (
         LevelSet,
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AreaConfig",
+    "CachedPoints",
     "Centers",
-    "Columns",
     "Counts",
     "DepthField",
     "DepthMap",
@@ -37,12 +37,12 @@ __all__ = [
     "Grid",
     "IllConditionedError",
     "Isobath",
-    "KeptColumns",
     "Kernel",
     "LevelSet",
     "OnlineGp",
     "OperatingArea",
     "Outcome",
+    "PointPosteriors",
     "Posterior",
     "SoundingError",
     "bayes_estimate",
@@ -59,12 +59,12 @@ __getattr__ = lazy_exports(
     {
         "auv_lse_common.mission_file.sections.area": ("AreaConfig", "Grid", "OperatingArea"),
         "inference.centers": ("Centers",),
-        "inference.point_posteriors": ("Columns",),
+        "inference.point_posteriors": ("PointPosteriors",),
         "auv_lse_common.mission_file.sections.gp": ("GpConfig",),
         "map.depth_map": ("DepthField", "DepthMap", "Isobath", "contours"),
         "inference.factor": ("IllConditionedError",),
         "map.gate": ("SoundingError",),
-        "inference.cached_points": ("KeptColumns",),
+        "inference.cached_points": ("CachedPoints",),
         "covariance.kernels": ("Kernel",),
         "map.online": ("Counts", "OnlineGp", "Outcome"),
         "inference.posterior": ("Posterior",),

@@ -30,7 +30,7 @@ from auv_lse_gp.health import map_health, map_totals
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.placer import placer_of
+from auv_lse_gp.places.position_corrector import corrector_for
 from auv_lse_gp.ros_conversions import (
     centers_message,
     field_message,
@@ -52,7 +52,7 @@ class GpNode(VehicleNode):
         area = section(AreaConfig, self.parameters, "area", self.where)
         self._map = DepthMap(config, level_set, OperatingArea(area))
         places = places_of(self.parameters, self.where)
-        self._intake = MapIntake(self._map, placer_of(self.vehicle, places, self._map))
+        self._intake = MapIntake(self._map, corrector_for(self.vehicle, places, self._map))
         self._period_s = config.publish_period_s
         self.show_parameters({"gp": config, "level_set": level_set, "area": area, "places": places})
         self._revisions = 0  # published: revisions count from 0
@@ -100,7 +100,7 @@ class GpNode(VehicleNode):
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
             self._centers.publish(centers_message(now_s, self._map.revision, self._map.centers))
-        place = None if self._intake.placer is None else self._intake.placer.place
+        place = None if self._intake.corrector is None else self._intake.corrector.place
         if place is not None and place.stamp_s != self._placed_s:
             self._placed_s, self._places = place.stamp_s, self._places + 1
             self._corrected.publish(dead_reckoning_message(place, self.vehicle))
@@ -120,7 +120,7 @@ class GpNode(VehicleNode):
         took_s, intake = time.perf_counter() - began, self._intake
         recent = self._recent.of(now_s, map_totals(self._map, intake.gate.counts))
         quiet_s = now_s - intake.sounded_s
-        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, recent, intake.placer, quiet_s)
+        health = map_health(self._map, self._update_s, took_s, intake.gate.counts, recent, intake.corrector, quiet_s)
         self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.placer import Placer
+from auv_lse_gp.places.position_corrector import PositionCorrector
 
 #: After this time (s) without an own sounding it is told.
 QUIET_S = 60.0
@@ -34,7 +34,7 @@ def map_health(
     field_s: float,
     gated: Mapping[str, int],
     recent: Mapping[str, int],
-    placer: Placer | None = None,
+    corrector: PositionCorrector | None = None,
     quiet_s: float = 0.0,
 ) -> Health:
     """The state of a map: it warns of what was counted lately, and tells what was counted in all.
@@ -45,7 +45,7 @@ def map_health(
         field_s: Wall clock that field and isobath took (s).
         gated: Own soundings that the gate has refused, by kind.
         recent: By how much `map_totals` have grown lately (`Recent`).
-        placer: What corrects the places of its soundings, if anything does.
+        corrector: What corrects the places of its soundings, if anything does.
         quiet_s: Time without an own sounding (s).
     """
     counts = depth_map.counts
@@ -61,13 +61,13 @@ def map_health(
         "update_ms": f"{1e3 * update_s:.2f}",
         "map_ms": f"{1e3 * field_s:.2f}",
     }
-    if placer is not None and placer.correction is not None:
+    if corrector is not None and corrector.correction is not None:
         values |= {
-            "places corrected at": f"{placer.correction.stamp_s:.0f} s",
-            "map made again": placer.rebooked,
-            "ranges": len(placer.smoother.ranges),
-            "ranges and fixes refused": placer.correction.refused,
-            "navigation refused": placer.smoother.refused,
+            "places corrected at": f"{corrector.correction.stamp_s:.0f} s",
+            "map made again": corrector.rebuilds,
+            "ranges": len(corrector.smoother.ranges),
+            "ranges and fixes refused": corrector.correction.refused,
+            "navigation refused": corrector.smoother.refused,
         }
     values |= {f"samples of auv{k} that do not fit": f"{m.outliers} of {m.heard}" for k, m in depth_map.team.items()}
     values |= {f"soundings {kind}": number for kind, number in gated.items()}

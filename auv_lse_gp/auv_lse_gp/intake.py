@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.placer import Placer
+from auv_lse_gp.places.position_corrector import PositionCorrector
 
 
 class MapIntake:
@@ -21,15 +21,15 @@ class MapIntake:
 
     Attributes:
         map: The map.
-        placer: What corrects the soundings' places; None: they are taken where they were told.
+        corrector: What corrects the soundings' places; None: they are taken where they were told.
         gate: What own soundings pass before the map takes them.
         sounded_s: Time of the step that last had an own sounding (s); at first of the first step.
     """
 
-    def __init__(self, depth_map: DepthMap, placer: Placer | None = None) -> None:
+    def __init__(self, depth_map: DepthMap, corrector: PositionCorrector | None = None) -> None:
         """Nothing waits yet."""
         self.map = depth_map
-        self.placer = placer
+        self.corrector = corrector
         self.gate = SoundingGate()
         self.sounded_s = math.inf
         self._soundings: list[Sequence[float]] = []
@@ -47,18 +47,18 @@ class MapIntake:
         self._samples.append((stamp_s, source, samples))
 
     def add_dead_reckoning(self, place: DeadReckoning) -> None:
-        """The vehicle's raw place; without a placer nothing is made of navigation."""
-        if self.placer is not None:
+        """The vehicle's raw place; without a corrector nothing is made of navigation."""
+        if self.corrector is not None:
             self._tracks.append(place)
 
     def add_fix(self, fix: Fix) -> None:
         """A fix of the vehicle's own."""
-        if self.placer is not None:
+        if self.corrector is not None:
             self._fixes.append(fix)
 
     def add_navigation(self, mate: MateNavigation) -> None:
         """What a packet told of its sender's navigation."""
-        if self.placer is not None:
+        if self.corrector is not None:
             self._mates.append(mate)
 
     def waiting(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class MapIntake:
     def step(self, now_s: float) -> bool:
         """The map takes what waits: own soundings by stamp, then samples by stamp and source.
 
-        With a placer, navigation comes before the soundings that it places, and places are corrected last.
+        With a corrector, navigation comes before the soundings that it places, and places are corrected last.
 
         Returns:
             False if nothing waited for the map, and no place was corrected.
@@ -92,31 +92,31 @@ class MapIntake:
         waited = bool(self._soundings or self._samples)
         has_sounding = any(math.isfinite(row[3]) for row in self._soundings)
         self.sounded_s = now_s if has_sounding else min(self.sounded_s, now_s)
-        if self.placer is None:
+        if self.corrector is None:
             self._take()
             return waited
         for place in sorted(self._tracks, key=lambda place: place.stamp_s):
-            self.placer.moved(place)
+            self.corrector.add_dead_reckoning(place)
         for fix in sorted(self._fixes, key=lambda fix: fix.stamp_s):
-            self.placer.fixed(fix)
+            self.corrector.add_fix(fix)
         for mate in sorted(self._mates, key=lambda mate: (mate.stamp_s, mate.source)):
-            self.placer.heard(mate)
+            self.corrector.add_navigation(mate)
         self._tracks, self._fixes, self._mates = [], [], []
         self._take()
-        return self.placer.step(now_s) or waited
+        return self.corrector.step(now_s) or waited
 
     def _take(self) -> None:
         passed, self._soundings = self.gate.passed(sorted(self._soundings, key=lambda row: row[0])), []
         if passed:
-            if self.placer is None:
+            if self.corrector is None:
                 self.map.add_soundings([row[:4] for row in passed])
             else:
-                self.placer.add_soundings(np.array([_with_raw(row) for row in passed], dtype=float))
+                self.corrector.add_soundings(np.array([_with_raw(row) for row in passed], dtype=float))
         for _, source, samples in sorted(self._samples, key=lambda entry: entry[:2]):
-            if self.placer is None:
+            if self.corrector is None:
                 self.map.add_samples(samples, source)
             else:
-                self.placer.add_samples(np.asarray(samples, dtype=float).reshape(-1, 3), source)
+                self.corrector.add_samples(np.asarray(samples, dtype=float).reshape(-1, 3), source)
         self._samples = []
 
 

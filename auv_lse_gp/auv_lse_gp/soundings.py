@@ -125,7 +125,7 @@ def read_soundings(path: Path) -> Array:
         OSError: if the file cannot be read.
         SoundingsError: naming the file, the line and what was expected.
     """
-    soundings, origin = read_soundings_anywhere(path)
+    soundings, origin = read_soundings_and_origin(path)
     if origin is not None:
         raise SoundingsError(
             f"{path}: has columns lat, lon; expected north_m, east_m: metres from the mission's origin, which the file "
@@ -134,7 +134,7 @@ def read_soundings(path: Path) -> Array:
     return soundings
 
 
-def read_soundings_anywhere(path: Path) -> tuple[Array, tuple[float, float] | None]:
+def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | None]:
     """Soundings (n, 3): north, east, depth (m), and where they come from lat, lon: their local origin (WGS84, deg).
 
     The origin is the middle of the soundings; it is None for a file in metres. Elevations are taken with the water

@@ -13,9 +13,9 @@ from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import prior_mean
-from auv_lse_gp.places.pieces import pieces_of
-from auv_lse_gp.places.smoother import PlaceSmoother
-from auv_lse_gp.places.terrain import Terrain
+from auv_lse_gp.places.smoother import PositionSmoother
+from auv_lse_gp.places.terrain_matching import Terrain
+from auv_lse_gp.places.track_segments import segment_track
 
 Array = NDArray[np.float64]
 
@@ -146,17 +146,19 @@ def messages(
     return heard
 
 
-def smoother_of(config: PlacesConfig, team: list[Sailed], own: int, heard: list[Heard]) -> PlaceSmoother:
+def smoother_of(config: PlacesConfig, team: list[Sailed], own: int, heard: list[Heard]) -> PositionSmoother:
     """A smoother of vehicle `own` (from 0) that has been told everything."""
-    smoother = PlaceSmoother(own + 1, config)
+    smoother = PositionSmoother(own + 1, config)
     mine = team[own]
     for t, (north, east), heading in zip(mine.times, mine.raw, mine.headings, strict=True):
-        smoother.moved(DeadReckoning(stamp_s=t, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0))
+        smoother.add_dead_reckoning(
+            DeadReckoning(stamp_s=t, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0)
+        )
     for fix in mine.fixes:
-        smoother.fixed(fix)
+        smoother.add_fix(fix)
     for mate, samples in heard:
-        smoother.heard(mate)
-        smoother.sampled(mate.source, samples)
+        smoother.add_navigation(mate)
+        smoother.add_sample_positions(mate.source, samples)
     return smoother
 
 
@@ -185,5 +187,5 @@ def terrain_of(rng: np.random.Generator, team: list[Sailed], own: int, ground: G
         vehicle = np.full(len(depths), number + 1)
         rows.append(np.column_stack([vehicle, sailed.times, sailed.raw, depths])[every])
     all_rows = np.concatenate(rows)
-    pieces = pieces_of(all_rows[:, 0].astype(np.int64), all_rows[:, 1], all_rows[:, 2:4], all_rows[:, 4])
+    pieces = segment_track(all_rows[:, 0].astype(np.int64), all_rows[:, 1], all_rows[:, 2:4], all_rows[:, 4])
     return Terrain(pieces, Kernel(gp), prior_mean(gp), gp.noise_std_m)

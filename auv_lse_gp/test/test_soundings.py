@@ -6,7 +6,7 @@ import pytest
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, OnlineGp, read_soundings
-from auv_lse_gp.soundings import SoundingsError, local_places, read_soundings_anywhere, read_table
+from auv_lse_gp.soundings import SoundingsError, local_places, read_soundings_and_origin, read_table
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
@@ -20,7 +20,7 @@ def test_tables_with_comments_and_other_separators(tmp_path, separator):
 def test_lat_lon_become_metres_about_their_middle_only_where_the_origin_does_not_matter(tmp_path):
     path = tmp_path / "survey.csv"
     path.write_text("lat,lon,depth_m\n45.000,7.001,10\n45.002,7.001,11\n45.001,7.000,12\n45.001,7.002,13\n")
-    soundings, origin = read_soundings_anywhere(path)
+    soundings, origin = read_soundings_and_origin(path)
     assert origin == pytest.approx((45.001, 7.001))
     # a milli-degree at 45 degrees of latitude: 111.13 m north, 78.85 m east
     wanted = [[-111.13, 0, 10], [111.13, 0, 11], [0, -78.85, 12], [0, 78.85, 13]]
@@ -29,7 +29,7 @@ def test_lat_lon_become_metres_about_their_middle_only_where_the_origin_does_not
         OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
     path.write_text("lat,lon,depth_m\n4500.1,7.001,10\n")
     with pytest.raises(ValueError, match=r"survey\.csv:2: lat is 4500\.1; expected degrees"):
-        read_soundings_anywhere(path)
+        read_soundings_and_origin(path)
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04 cut off", b"north_m,east_m,depth_m\n1,2,3\n"])
@@ -98,7 +98,7 @@ def test_degrees_place_what_is_projected(tmp_path):
         f"{5262000 + i},523000,{a:.9f},{o:.9f},{i + 3}\n" for i, (a, o) in enumerate(zip(lat, lon, strict=True))
     )
     path.write_text("northing,easting,lat,lon,depth\n" + rows)
-    soundings, origin = read_soundings_anywhere(path)
+    soundings, origin = read_soundings_and_origin(path)
     assert origin == pytest.approx((47.5, (lon[0] + lon[1]) / 2.0), abs=1e-9)
     assert soundings == pytest.approx(np.array([[-10.0, -15.0, 3.0], [10.0, 15.0, 4.0]]), abs=1e-3)
     places = local_places(read_table(path), origin=(47.5, 9.3))

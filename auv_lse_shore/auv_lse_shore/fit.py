@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_gp.covariance.likelihood import Fit, fit
-from auv_lse_gp.soundings import read_soundings_anywhere
+from auv_lse_gp.soundings import read_soundings_and_origin
 from auv_lse_record.recording import read_messages
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def read(path: Path) -> tuple[Array, tuple[float, float] | None]:
         OSError: if it cannot be read.
         ValueError: naming what was expected.
     """
-    return (recorded_soundings(path), None) if path.is_dir() else read_soundings_anywhere(path)
+    return (recorded_soundings(path), None) if path.is_dir() else read_soundings_and_origin(path)
 
 
 def report(result: Fit) -> str:

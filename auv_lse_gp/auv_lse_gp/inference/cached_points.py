@@ -1,7 +1,7 @@
 """What a posterior says about fixed places, kept while measurements come and go: only what has changed is computed.
 
-`KeptColumns` keeps every row of the whitened covariance, so that it can follow the posterior back as well: for a map
-of a thousand places. `KeptMoments` keeps mean and variance alone, for a map of a hundred thousand.
+`CachedPoints` keeps every row of the whitened covariance, so that it can follow the posterior back as well: for a map
+of a thousand places. `CachedMoments` keeps mean and variance alone, for a map of a hundred thousand.
 
 Both find out by themselves which rows of the posterior are as they were: each row has a number of its own
 (`Posterior.rows`), which is never used again.
@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from auv_lse_gp.inference.point_posteriors import Columns
+from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import CHUNK, Posterior, add_whitened, checked_places
 
 Array = NDArray[np.float64]
 
 
-class KeptColumns:
-    """Columns of fixed places.
+class CachedPoints:
+    """PointPosteriors of fixed places.
 
     Attributes:
         posterior: The posterior that is followed.
@@ -37,7 +37,7 @@ class KeptColumns:
         self._white = np.zeros((64, len(self.places_m)))
         self._rows = posterior.rows[:0]
 
-    def columns(self) -> Columns:
+    def current(self) -> PointPosteriors:
         """What the posterior says about the places now; `white` is a view that the next call overwrites."""
         posterior = self.posterior
         n = posterior.data_rows
@@ -47,10 +47,10 @@ class KeptColumns:
         data_var = np.maximum(self._prior_var - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
         planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
         if posterior.places_uncertain:
-            floor = np.einsum("rp,rp->p", *[posterior.place_white.T @ white[:n]] * 2)
+            floor = np.einsum("rp,rp->p", *[posterior.white_place_effect.T @ white[:n]] * 2)
             data_var, planned_var = data_var + floor, planned_var + floor
         mean = self._prior_mean + posterior.whitened_residuals[:n] @ white[:n] if n else self._prior_mean
-        return Columns(self._scaled, white.T, mean, data_var, planned_var)
+        return PointPosteriors(self._scaled, white.T, mean, data_var, planned_var)
 
     def _update(self, end: int) -> None:
         """Brings the rows before number `end` up to date: forward substitution from the first that has changed."""
@@ -70,7 +70,7 @@ class KeptColumns:
             self._rows = posterior.rows[:end]
 
 
-class KeptMoments:
+class CachedMoments:
     """Mean and variance at fixed places given the data.
 
     Theory of operation. New measurements are conditioned on all at once: with the rows
@@ -141,7 +141,7 @@ class KeptMoments:
             if weights is None:
                 rows = factor.solve_in_place(rows)
                 if posterior.places_uncertain:
-                    off = posterior.place_white.T @ rows[: posterior.data_rows]
+                    off = posterior.white_place_effect.T @ rows[: posterior.data_rows]
                     np.einsum("rp,rp->p", off, off, out=of_places[part])
             else:
                 kernel.subtract_weighted(measured[:old], weights, self._scaled[part], rows)

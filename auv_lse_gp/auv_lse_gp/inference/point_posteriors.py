@@ -17,7 +17,7 @@ POOLED = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Columns:
+class PointPosteriors:
     """Places, with what the posterior says about them.
 
     Attributes:
@@ -38,9 +38,9 @@ class Columns:
         """Number of places."""
         return len(self.mean_m)
 
-    def slice(self, begin: int, end: int) -> Columns:
+    def slice(self, begin: int, end: int) -> PointPosteriors:
         """The places from number `begin` to `end`, without copying."""
-        return Columns(
+        return PointPosteriors(
             self.scaled[begin:end],
             self.white[begin:end],
             self.mean_m[begin:end],
@@ -48,9 +48,9 @@ class Columns:
             self.planned_var_m2[begin:end],
         )
 
-    def take(self, index: NDArray[np.int64]) -> Columns:
+    def take(self, index: NDArray[np.int64]) -> PointPosteriors:
         """The places at `index`."""
-        return Columns(
+        return PointPosteriors(
             self.scaled[index],
             self.white[index],
             self.mean_m[index],
@@ -59,7 +59,7 @@ class Columns:
         )
 
 
-def join_by_path(first: Columns, second: Columns, paths: int) -> Columns:
+def join_by_path(first: PointPosteriors, second: PointPosteriors, paths: int) -> PointPosteriors:
     """Places of `paths` paths, path after path, from the places of their first parts and of their second parts.
 
     Args:
@@ -72,7 +72,7 @@ def join_by_path(first: Columns, second: Columns, paths: int) -> Columns:
         by_path = [part.reshape(paths, len(part) // paths, *part.shape[1:]) for part in (one, two)]
         return np.concatenate(by_path, axis=1).reshape(len(one) + len(two), *one.shape[1:])
 
-    return Columns(
+    return PointPosteriors(
         both(first.scaled, second.scaled),
         both(first.white, second.white),
         both(first.mean_m, second.mean_m),
@@ -81,8 +81,8 @@ def join_by_path(first: Columns, second: Columns, paths: int) -> Columns:
     )
 
 
-class ColumnPool:
-    """Columns of many places, asked for by number: what a search keeps of the places it has looked up."""
+class PointPool:
+    """PointPosteriors of many places, asked for by number: what a search keeps of the places it has looked up."""
 
     def __init__(self, rows: int) -> None:
         """Makes an empty pool for whitened covariances with `rows` measurements."""
@@ -91,7 +91,7 @@ class ColumnPool:
         self._numbers = np.empty((POOLED, 5))
         self._white = np.empty((POOLED, rows))
 
-    def add(self, columns: Columns) -> int:
+    def add(self, columns: PointPosteriors) -> int:
         """Adds places; returns the number of the first of them."""
         begin, end = self._size, self._size + len(columns)
         if end > len(self._white):
@@ -106,10 +106,10 @@ class ColumnPool:
         self._size = end
         return begin
 
-    def take(self, index: NDArray[np.int64]) -> Columns:
+    def take(self, index: NDArray[np.int64]) -> PointPosteriors:
         """The places of these numbers."""
         n = self._numbers[index]
-        return Columns(np.ascontiguousarray(n[:, :2]), self._white[index], n[:, 2], n[:, 3], n[:, 4])
+        return PointPosteriors(np.ascontiguousarray(n[:, :2]), self._white[index], n[:, 2], n[:, 3], n[:, 4])
 
 
 def _grown(rows: Array, used: int, capacity: int) -> Array:

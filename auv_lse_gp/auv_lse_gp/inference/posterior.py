@@ -38,7 +38,7 @@ from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import PriorMean, prior_mean
 from auv_lse_gp.inference.centers import NO_CENTERS, Centers
 from auv_lse_gp.inference.factor import Factor, IllConditionedError
-from auv_lse_gp.inference.point_posteriors import Columns
+from auv_lse_gp.inference.point_posteriors import PointPosteriors
 
 Array = NDArray[np.float64]
 
@@ -220,7 +220,7 @@ class Posterior:
 
     # ---------------------------------------------------------------- what it says about places
 
-    def columns(self, places_m: Array) -> Columns:
+    def at(self, places_m: Array) -> PointPosteriors:
         """What the posterior says about places (P, 2)."""
         places = np.asarray(places_m, dtype=float).reshape(-1, 2)
         scaled = self.kernel.scale(places)
@@ -233,12 +233,12 @@ class Posterior:
         if self.planned_rows:
             planned_var = np.maximum(data_var - np.einsum("pn,pn->p", planned, planned), 0.0)
         if self.places_uncertain:
-            floor = np.einsum("pr,pr->p", *[data @ self.place_white] * 2)
+            floor = np.einsum("pr,pr->p", *[data @ self.white_place_effect] * 2)
             data_var, planned_var = data_var + floor, planned_var + floor
         mean = np.asarray(self.prior_mean(places), dtype=float)
         if n:
             mean = mean + data @ self._whitened  # line 4
-        return Columns(scaled, white, mean, data_var, planned_var)
+        return PointPosteriors(scaled, white, mean, data_var, planned_var)
 
     def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
         """Mean given the data, and variance given data and planned places (P,), (P,), of any number of places (P, 2).
@@ -258,7 +258,7 @@ class Posterior:
         return self._centers.place_effect_m is not None and bool(len(self._centers))
 
     @property
-    def place_white(self) -> Array:
+    def white_place_effect(self) -> Array:
         """L^-1 E (n, r) of the centers' place effects; (n, 0) where their places count as known."""
         if self._place_white is None:
             n, effect = self.data_rows, self._centers.place_effect_m
@@ -280,7 +280,7 @@ class Posterior:
             return 1.0
         squares = float(b @ b)
         if self.places_uncertain:
-            white = self.place_white
+            white = self.white_place_effect
             along = white.T @ b
             squares -= float(along @ np.linalg.solve(np.eye(len(along)) + white.T @ white, along))
         return squares / len(b)
@@ -300,7 +300,7 @@ class Posterior:
         """What the uncertain places of the centers add to the variance (P,) at scaled places (P, 2)."""
         if not self.places_uncertain:
             return np.zeros(len(scaled))
-        weights = self._factor.solve_transposed(self.place_white, self.data_rows)
+        weights = self._factor.solve_transposed(self.white_place_effect, self.data_rows)
         off = np.zeros((weights.shape[1], len(scaled)))
         self.kernel.subtract_weighted(self._scaled[: self.data_rows], weights, scaled, off)
         return np.asarray(np.einsum("rp,rp->p", off, off))
@@ -310,7 +310,7 @@ class Posterior:
         places = checked_places(places_m)
         n = self.data_rows
         weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
-        return slopes_of(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
+        return depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
 
     def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
         """Turns prior mean (P,) and variance (P,) of scaled places (P, 2) into the posterior's, in place."""
@@ -340,14 +340,14 @@ class Posterior:
 
     # ---------------------------------------------------------------- joint covariance
 
-    def covariance(self, a: Columns, b: Columns) -> Array:
+    def covariance(self, a: PointPosteriors, b: PointPosteriors) -> Array:
         """Covariance (A, B) of the depths given the data and the planned places."""
         if a is b and a.white.shape[1]:
             lower = self.lower_covariance(a)
             return np.tril(lower) + np.tril(lower, -1).T
         return self.kernel.of_scaled(a.scaled, b.scaled) - a.white @ b.white.T
 
-    def lower_covariance(self, a: Columns) -> Array:
+    def lower_covariance(self, a: PointPosteriors) -> Array:
         """Covariance (A, A) among places, its lower triangle only: half the work. Not to be read above it."""
         own = self.kernel.of_scaled(a.scaled, a.scaled).T  # symmetric; Fortran-ordered, so changed in place
         if not a.white.shape[1]:
@@ -356,13 +356,13 @@ class Posterior:
             return np.asarray(dsyrk(-1.0, a.white.T, beta=1.0, c=own, trans=1, lower=1, overwrite_c=1))
         return np.asarray(dsyrk(-1.0, np.asfortranarray(a.white), beta=1.0, c=own, lower=1, overwrite_c=1))
 
-    def measured_covariance(self, a: Columns) -> Array:
+    def measured_covariance(self, a: PointPosteriors) -> Array:
         """Covariance (A, A) of measurements at places, that is with noise: its lower triangle only."""
         matrix = self.lower_covariance(a)
         np.einsum("ii->i", matrix)[:] += self.noise_var_m2
         return matrix
 
-    def measured_covariances(self, paths: Columns, count: int) -> Array:
+    def measured_covariances(self, paths: PointPosteriors, count: int) -> Array:
         """Covariances (B, c, c) of measurements along each of several paths of equal length.
 
         Args:
@@ -403,7 +403,7 @@ class Posterior:
         return np.concatenate([self._whitened, np.zeros(self.planned_rows)])
 
 
-def slopes_of(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, places_m: Array) -> Array:
+def depth_slopes(kernel: Kernel, mean: PriorMean, scaled: Array, weights: Array, places_m: Array) -> Array:
     """Slope (P, 2) at places (P, 2) of the depth m(p) + sum_j weights_j k(p, p_j), for scaled places p_j (n, 2)."""
     found = kernel.gradient_sums(kernel.scale(places_m), np.tile(weights, (len(places_m), 1)), scaled)
     for axis in (0, 1):

@@ -1,6 +1,6 @@
 """The map of a vehicle: soundings in; depth, its uncertainty, risk and isobath on a grid out.
 
-The posterior of the whole grid is kept and only brought up to date (`kept.KeptMoments`). The last few centers stay
+The posterior of the whole grid is kept and only brought up to date (`kept.CachedMoments`). The last few centers stay
 provisional, since merging still moves them.
 """
 
@@ -15,7 +15,7 @@ from scipy.special import ndtri
 from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
-from auv_lse_gp.inference.cached_points import KeptMoments
+from auv_lse_gp.inference.cached_points import CachedMoments
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.merging import MERGE_WINDOW
@@ -108,7 +108,7 @@ class DepthMap:
         self.grid = area.grid(gp_config.map_resolution_m)
         self.team: dict[int, TeamSamples] = {}
         self._places_m = self.grid.places_m
-        self._moments = KeptMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
+        self._moments = CachedMoments(self.gp.posterior, self._places_m, MERGE_WINDOW if gp_config.merge else 0)
         self._field: DepthField | None = None
 
     @property

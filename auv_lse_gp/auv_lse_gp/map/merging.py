@@ -12,7 +12,7 @@ from auv_lse_gp.covariance.kernels import Kernel
 Array = NDArray[np.float64]
 
 #: Soundings that one center is merged from, at most.
-MERGED_AT_MOST = 256
+MAX_MERGED = 256
 
 #: Only the last so many centers are merged into. Older ones stay as they are, so that neither the factor nor a map has
 #: to be made anew when a vehicle crosses an old track (at 2000 centers that would take seconds).
@@ -39,7 +39,7 @@ class MergedCenter:
     @property
     def full(self) -> bool:
         """Whether it takes no more: beyond, a sounding adds next to nothing."""
-        return len(self._places_m) >= MERGED_AT_MOST
+        return len(self._places_m) >= MAX_MERGED
 
     def add(self, place_m: Sequence[float], depth_m: float) -> None:
         """Merges a sounding at `place_m` (2,) into it."""

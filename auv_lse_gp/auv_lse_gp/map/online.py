@@ -25,7 +25,7 @@ from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.local_subset import predict_locally
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.map.gate import SoundingError, can_be_soundings, check_sounding, within_gate
-from auv_lse_gp.map.merging import MERGE_WINDOW, MERGED_AT_MOST, MergedCenter
+from auv_lse_gp.map.merging import MAX_MERGED, MERGE_WINDOW, MergedCenter
 from auv_lse_gp.map.spacing import SpacingIndex
 
 Array = NDArray[np.float64]
@@ -280,7 +280,7 @@ class OnlineGp:
         largest variance (Higham 2002, theorems 10.3 and 10.7). The gate for outliers wants the factor each time anyway.
         """
         noise_m2 = self.config.noise_std_m**2
-        least_noise_m2 = noise_m2 / (MERGED_AT_MOST if self.config.merge else 1)
+        least_noise_m2 = noise_m2 / (MAX_MERGED if self.config.merge else 1)
         largest = 4.0 * self.kernel.signal_variance_m2 + noise_m2  # merging adds at most 4 k(p, p) of noise
         rounding = 4.0 * (size + 1) ** 2 * _EPSILON * largest
         return self.config.outlier_sigmas == 0.0 and least_noise_m2 > rounding

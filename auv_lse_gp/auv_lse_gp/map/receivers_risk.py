@@ -22,7 +22,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.seeds import stream
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -35,10 +35,10 @@ _NEGLIGIBLE_SHARE = 1e-3
 #: ... and one whose Bayes risk is less than this share of the larger cost.
 _NEGLIGIBLE_RISK = 1e-4
 #: Supposed receivers.
-SUPPOSED = 4
+ASSUMED_RECEIVERS = 4
 
 
-class Knowledge:
+class ReceiverMap:
     """What one vehicle knows: an exact Gaussian process on the samples it has, and the risk of a map given them.
 
     Samples nearer than `gp.min_spacing_m` to an earlier one are left out, as a vehicle's map merges them.
@@ -60,7 +60,7 @@ class Knowledge:
         self._level_set = LevelSet.of(level_set)
         self._noise_std_m = gp.noise_std_m
         self._posterior = Posterior(gp)
-        self._map = KeptColumns(self._posterior, self.places_m)
+        self._map = CachedPoints(self._posterior, self.places_m)
         self._index = SpacingIndex(gp.min_spacing_m)
 
     def __len__(self) -> int:
@@ -74,7 +74,7 @@ class Knowledge:
 
     def predict(self) -> tuple[Array, Array]:
         """Mean and standard deviation (G,), (G,) of the depth at the places."""
-        places = self._map.columns()
+        places = self._map.current()
         return places.mean_m, np.sqrt(places.data_var_m2)
 
     def add(self, samples_m: Array) -> None:
@@ -107,7 +107,7 @@ class Knowledge:
         at = np.asarray(samples_m, dtype=float)[:, :2]
         if not len(at):
             return np.zeros(0)
-        places, samples = self._map.columns(), self._posterior.columns(at)
+        places, samples = self._map.current(), self._posterior.at(at)
         mean, variance = places.mean_m, places.data_var_m2
         cross = self._posterior.covariance(samples, places)
         explained = np.minimum(cross**2 / (samples.data_var_m2 + self._posterior.noise_var_m2)[:, None], variance)
@@ -140,8 +140,8 @@ class ReceiversRisk:
             spacing_m: Spacing of the places where risk is summed.
         """
         self._rng = rng
-        self._receivers = [Knowledge(gp, level_set, area, spacing_m) for _ in range(SUPPOSED)]
-        self._missed = [0] * SUPPOSED  # what each has missed, as a number: those with the same know the same
+        self._receivers = [ReceiverMap(gp, level_set, area, spacing_m) for _ in range(ASSUMED_RECEIVERS)]
+        self._missed = [0] * ASSUMED_RECEIVERS  # what each has missed, as a number: those with the same know the same
         self._marks = [len(receiver) for receiver in self._receivers]
         #: What the receivers knew and had missed before the last packet sent, while that can be taken back ...
         self._before_sent: tuple[list[int], list[int]] | None = None

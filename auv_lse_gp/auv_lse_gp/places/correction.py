@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.places.model import Sums, TeamModel
+from auv_lse_gp.places.error_model import TeamErrorModel, TrackPositions
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,9 @@ class Correction:
         refused: How many ranges and fixes were refused as wrong.
     """
 
-    def __init__(self, model: TeamModel, theta: Array, covariance: Array, stamp_s: float, refused: int = 0) -> None:
+    def __init__(
+        self, model: TeamErrorModel, theta: Array, covariance: Array, stamp_s: float, refused: int = 0
+    ) -> None:
         """Takes a solution.
 
         Args:
@@ -39,13 +41,13 @@ class Correction:
         return list(self._model.vehicles)
 
     @property
-    def model(self) -> TeamModel:
+    def model(self) -> TeamErrorModel:
         """The unknowns."""
         return self._model
 
-    def _sums(self, vehicle: int, stamps_s: Array, raw_m: Array) -> Sums:
+    def _sums(self, vehicle: int, stamps_s: Array, raw_m: Array) -> TrackPositions:
         own = self._model.vehicles[vehicle]
-        return own.sums(own.track.at(np.asarray(stamps_s, dtype=float), np.asarray(raw_m, dtype=float)))
+        return own.positions(own.track.at(np.asarray(stamps_s, dtype=float), np.asarray(raw_m, dtype=float)))
 
     def places(self, vehicle: int, stamps_s: Array, raw_places_m: Array) -> Array:
         """Corrected places (n, 2); the raw ones of a vehicle of which no navigation is known.
@@ -68,7 +70,7 @@ class Correction:
             out[:, :, self._model.vehicles[vehicle].block] = self._sums(vehicle, stamps_s, raw).jacobian(self.theta)
         return out
 
-    def by_a_fix(self, vehicle: int) -> Array:
+    def fix_sensitivity(self, vehicle: int) -> Array:
         """What a fix of a vehicle where its track ends would tell, (2, unknowns): its rows F.
 
         The unknowns' covariance would fall from C to C - C F' F C, with the two rows F = U^-1 A, U U' = A C A' + R, A

@@ -10,7 +10,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_gp.places.model import Sums, TeamModel
+from auv_lse_gp.places.error_model import TeamErrorModel, TrackPositions
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ NEAREST_M = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FixRow:
+class FixMeasurement:
     """One surfacing: where the vehicle was by GPS, and by dead reckoning.
 
     Attributes:
@@ -46,7 +46,7 @@ class FixRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RangeRow:
+class RangeMeasurement:
     """One range, from the travel time of a packet.
 
     Attributes:
@@ -71,17 +71,17 @@ class RangeRow:
 class Fixes:
     """Fixes, ready for the solution."""
 
-    def __init__(self, model: TeamModel, rows: Sequence[FixRow]) -> None:
+    def __init__(self, model: TeamErrorModel, rows: Sequence[FixMeasurement]) -> None:
         """Looks up what each fix needs of its vehicle's track."""
         self._model = model
         self._rows = sorted(rows, key=lambda row: row.vehicle)
-        self._groups: list[tuple[slice, Sums, Array, Array]] = []
+        self._groups: list[tuple[slice, TrackPositions, Array, Array]] = []
         for number in sorted({row.vehicle for row in rows}):
             own = [row for row in rows if row.vehicle == number]
             vehicle = model.vehicles[number]
             stamps, raw = np.array([row.stamp_s for row in own]), np.array([row.raw_m for row in own])
             places, std = np.array([row.place_m for row in own]), np.array([row.std_m for row in own])
-            sums = vehicle.sums(vehicle.track.at(stamps, raw))
+            sums = vehicle.positions(vehicle.track.at(stamps, raw))
             self._groups.append((vehicle.block, sums, places, np.repeat(std, 2)))
 
     def __len__(self) -> int:
@@ -96,7 +96,7 @@ class Fixes:
         """All but fix `number`, in the order of the residuals."""
         return Fixes(self._model, self._rows[:number] + self._rows[number + 1 :])
 
-    def believable(self) -> Fixes:
+    def plausible(self) -> Fixes:
         """Those that the errors that are known before can explain."""
         zero = np.zeros(self._model.size)
         sigmas = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)).reshape(-1, 2)
@@ -121,17 +121,17 @@ class Fixes:
 class Ranges:
     """Ranges, ready for the solution."""
 
-    def __init__(self, model: TeamModel, rows: Sequence[RangeRow]) -> None:
+    def __init__(self, model: TeamErrorModel, rows: Sequence[RangeMeasurement]) -> None:
         """Looks up where each range begins and ends on the vehicles' tracks."""
         self._model = model
         self._rows = sorted(rows, key=_group)
         self._std_m = model.config.range_std_m
-        self._groups: list[tuple[tuple[int, int, bool], Sums, Sums, Array, Array]] = []
+        self._groups: list[tuple[tuple[int, int, bool], TrackPositions, TrackPositions, Array, Array]] = []
         for pair in sorted({_group(row) for row in rows}):
             own = [row for row in rows if _group(row) == pair]
             sender, receiver = model.vehicles[pair[0]], model.vehicles[pair[1]]
-            sent = sender.sums(sender.track.at(np.array([row.sent_s for row in own])))
-            arrived = receiver.sums(receiver.track.at(np.array([row.arrived_s for row in own])))
+            sent = sender.positions(sender.track.at(np.array([row.sent_s for row in own])))
+            arrived = receiver.positions(receiver.track.at(np.array([row.arrived_s for row in own])))
             measured, deeper = np.array([row.range_m for row in own]), np.array([row.deeper_m for row in own])
             self._groups.append((pair, sent, arrived, measured, deeper))
 
@@ -139,7 +139,7 @@ class Ranges:
         """Number of ranges."""
         return len(self._rows)
 
-    def believable(self) -> Ranges:
+    def plausible(self) -> Ranges:
         """Those that the errors that are known before can explain."""
         zero = np.zeros(self._model.size)
         kept = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)) <= RANGE_SIGMAS
@@ -176,7 +176,9 @@ class Ranges:
             rows.append(jacobian / self._std_m)
         return np.concatenate(rows)
 
-    def _clocks(self, pair: tuple[int, int, bool], sent: Sums, arrived: Sums) -> list[tuple[int, float, int, Array]]:
+    def _clocks(
+        self, pair: tuple[int, int, bool], sent: TrackPositions, arrived: TrackPositions
+    ) -> list[tuple[int, float, int, Array]]:
         """The two clocks of a pair but the reference: vehicle, sign, first unknown, thousands of s since its start."""
         sender, receiver, by_ping = pair
         if by_ping:
@@ -190,11 +192,11 @@ class Ranges:
         return [(number, sign, clock, late) for number, sign, clock, late in clocks if clock is not None]
 
 
-def _group(row: RangeRow) -> tuple[int, int, bool]:
+def _group(row: RangeMeasurement) -> tuple[int, int, bool]:
     return row.sender, row.receiver, row.by_ping
 
 
-def _sigmas(model: TeamModel, residuals: Array, derivatives: Array) -> Array:
+def _sigmas(model: TeamErrorModel, residuals: Array, derivatives: Array) -> Array:
     """How far whitened residuals (m,) are from 0 before any measurement, in their standard deviations then, (m,)."""
     known = derivatives * model.prior_std()
     return np.asarray(np.abs(residuals) / np.sqrt(1.0 + np.einsum("mu,mu->m", known, known)))
@@ -217,7 +219,7 @@ def within_gate(residuals: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(residuals - middle) <= max(GATE * spread, _LEAST_GATE))
 
 
-def usable(row: RangeRow) -> bool:
+def usable(row: RangeMeasurement) -> bool:
     """Whether a range can be used at all: finite, and neither too short nor absurd."""
     numbers = (row.sent_s, row.arrived_s, row.range_m, row.deeper_m)
     return all(math.isfinite(n) for n in numbers) and NEAREST_M <= row.range_m <= 1e5

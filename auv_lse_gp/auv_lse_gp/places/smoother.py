@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.measurements import Fixes, FixRow, RangeRow, Ranges, usable
-from auv_lse_gp.places.model import TeamModel
-from auv_lse_gp.places.own_clock import OwnClock
-from auv_lse_gp.places.solution import TERRAIN_STEPS, solve
-from auv_lse_gp.places.terrain import Terrain, TerrainTerm
-from auv_lse_gp.places.track import HeardTrack, OwnTrack, Track
+from auv_lse_gp.places.error_model import TeamErrorModel
+from auv_lse_gp.places.gauss_newton import TERRAIN_STEPS, solve
+from auv_lse_gp.places.measurements import Fixes, FixMeasurement, RangeMeasurement, Ranges, usable
+from auv_lse_gp.places.monotonic_clock import MonotonicClock
+from auv_lse_gp.places.terrain_matching import Terrain, TerrainLikelihood
+from auv_lse_gp.places.track import MateTrack, OwnTrack, Track
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,7 @@ STARTS_APART_M = 1000.0
 MOST_RANGES = 300
 
 
-class Surfacings:
+class SurfacingFixes:
     """The fixes of one vehicle, gathered by surfacing."""
 
     def __init__(self, vehicle: int) -> None:
@@ -57,13 +57,13 @@ class Surfacings:
             self._groups.append([row])
         return True
 
-    def rows(self, least_std_m: float) -> list[FixRow]:
+    def rows(self, least_std_m: float) -> list[FixMeasurement]:
         """One row for each surfacing: the mean of its fixes, no better than one of them."""
         rows = []
         for group in self._groups:
             mean = np.mean(group, axis=0)
             rows.append(
-                FixRow(
+                FixMeasurement(
                     vehicle=self._vehicle,
                     stamp_s=float(mean[0]),
                     place_m=(float(mean[1]), float(mean[2])),
@@ -74,7 +74,7 @@ class Surfacings:
         return rows
 
 
-class PlaceSmoother:
+class PositionSmoother:
     """Corrects the places of a team, as one of its vehicles.
 
     Attributes:
@@ -89,14 +89,14 @@ class PlaceSmoother:
         self.vehicle = vehicle
         self.config = config
         self.refused = 0
-        self.clock = OwnClock()
+        self.clock = MonotonicClock()
         self._own = OwnTrack()
-        self._mates: dict[int, HeardTrack] = {}
-        self._surfacings = {vehicle: Surfacings(vehicle)}
-        self._ranges: list[RangeRow] = []
-        self._before_m: dict[int, float] = {}
+        self._mates: dict[int, MateTrack] = {}
+        self._surfacings = {vehicle: SurfacingFixes(vehicle)}
+        self._ranges: list[RangeMeasurement] = []
+        self._earlier_distance_m: dict[int, float] = {}
         self._doubtful: set[int] = set()  # mates heard once: nothing has confirmed where they are
-        self._last: tuple[TeamModel, Array] | None = None
+        self._last: tuple[TeamErrorModel, Array] | None = None
         self._now_s = 0.0
 
     @property
@@ -105,37 +105,37 @@ class PlaceSmoother:
         return {self.vehicle: self._own, **self._mates}
 
     @property
-    def ranges(self) -> list[RangeRow]:
+    def ranges(self) -> list[RangeMeasurement]:
         """All ranges measured; those by pings only from the mate's next packet on, which tells where it was then."""
         return [row for row in self._ranges if not row.by_ping or row.sent_s <= self._mates[row.sender].end_s]
 
-    def fixes(self, vehicle: int) -> list[FixRow]:
+    def fixes(self, vehicle: int) -> list[FixMeasurement]:
         """The surfacings of a vehicle that are known of."""
         found = self._surfacings.get(vehicle)
         return found.rows(self.config.fix_std_m) if found is not None else []
 
     @property
-    def before_m(self) -> dict[int, float]:
+    def earlier_distance_m(self) -> dict[int, float]:
         """How far mates had gone before their first raw place that is known, where that is not 0."""
-        return dict(self._before_m)
+        return dict(self._earlier_distance_m)
 
-    def moved(self, place: DeadReckoning) -> None:
+    def add_dead_reckoning(self, place: DeadReckoning) -> None:
         """Takes the vehicle's own raw place; when its clock was set back, the track goes on where it was."""
         if not math.isfinite(place.stamp_s):
             self.refused += 1
             return
-        time_s = self.clock.runs_to(place.stamp_s)
+        time_s = self.clock.advance(place.stamp_s)
         if self._own.add(time_s, place.north_m, place.east_m, place.heading_rad):
             self._now_s = max(self._now_s, time_s)
         else:
             self.refused += 1
 
-    def fixed(self, fix: Fix) -> None:
+    def add_fix(self, fix: Fix) -> None:
         """Takes one of the vehicle's own fixes."""
-        timed = dataclasses.replace(fix, stamp_s=self.clock.time_s(fix.stamp_s))
+        timed = dataclasses.replace(fix, stamp_s=self.clock.monotonic_s(fix.stamp_s))
         self.refused += not self._surfacings[self.vehicle].add(timed)
 
-    def heard(self, mate: MateNavigation) -> None:
+    def add_navigation(self, mate: MateNavigation) -> None:
         """Takes what a mate's packet told, and when it came; or a range by a ping."""
         if mate.by_ping:
             self._pinged(mate)
@@ -144,26 +144,26 @@ class PlaceSmoother:
         if mate.source == self.vehicle or not self._possible(mate, sent_s):
             self.refused += 1
             return
-        track = self._mates.get(mate.source, HeardTrack())
+        track = self._mates.get(mate.source, MateTrack())
         before = track.last
         if before is not None and not _reachable(mate, sent_s, before):
             self.refused += 1
             if mate.source not in self._doubtful:
                 return
             self._forget(mate.source)  # one of the two is wrong; the next packet tells
-            track, before = HeardTrack(), None
+            track, before = MateTrack(), None
         self._doubtful = (self._doubtful | {mate.source}) if before is None else (self._doubtful - {mate.source})
         track.add(sent_s, mate.raw_north_m, mate.raw_east_m)
         self._mates[mate.source] = track
         if before is None:
-            self._before_m[mate.source] = self._own.gone_m(sent_s)
+            self._earlier_distance_m[mate.source] = self._own.distance_m(sent_s)
         if mate.has_fix:
             self._mate_fixed(mate, float(before[0]) if before is not None else track.start_s, sent_s)
-        row = RangeRow(
+        row = RangeMeasurement(
             sender=mate.source,
             receiver=self.vehicle,
             sent_s=sent_s,
-            arrived_s=self.clock.time_s(mate.stamp_s),
+            arrived_s=self.clock.monotonic_s(mate.stamp_s),
             range_m=mate.travel_s * self.config.sound_speed_mps,
         )
         if usable(row) and len(self._own):
@@ -183,23 +183,23 @@ class PlaceSmoother:
         """Drops what a mate's first packet told: the place, its fix and its range."""
         del self._mates[source]
         self._surfacings.pop(source, None)
-        self._before_m.pop(source, None)
+        self._earlier_distance_m.pop(source, None)
         self._ranges = [row for row in self._ranges if row.sender != source]
 
     def _pinged(self, mate: MateNavigation) -> None:
         """Takes a range by a ping, which says nothing of where the mate says that it is."""
-        row = RangeRow(
+        row = RangeMeasurement(
             sender=mate.source,
             receiver=self.vehicle,
             sent_s=mate.stamp_s,
-            arrived_s=self.clock.time_s(mate.stamp_s),
+            arrived_s=self.clock.monotonic_s(mate.stamp_s),
             range_m=mate.travel_s * self.config.sound_speed_mps,
             by_ping=True,
         )
         if mate.source in self._mates and usable(row) and len(self._own):
             self._ranges.append(row)
 
-    def sampled(self, source: int, raw_m: Array) -> Array:
+    def add_sample_positions(self, source: int, raw_m: Array) -> Array:
         """Takes the raw places (n, 2) of the samples of a packet, in order of time, after what it told of navigation.
 
         Returns:
@@ -213,14 +213,14 @@ class PlaceSmoother:
         if len(track) == 1 and self._own.start_s < track.start_s:
             # All start at about the same time, and sound from there on.
             track.begin(self._own.start_s, raw_m[finite][0])
-            self._before_m.pop(source)
+            self._earlier_distance_m.pop(source)
         times[finite] = track.times_of(raw_m[finite])
         track.refine(times[finite], raw_m[finite])
         return times
 
     def _mate_fixed(self, mate: MateNavigation, since_s: float, sent_s: float) -> None:
         """Takes a mate's last fix, which it took since its packet before this one if that did not tell of it."""
-        surfacings = self._surfacings.setdefault(mate.source, Surfacings(mate.source))
+        surfacings = self._surfacings.setdefault(mate.source, SurfacingFixes(mate.source))
         raw = np.array([mate.fix_raw_north_m, mate.fix_raw_east_m])
         nodes = self._mates[mate.source].nodes
         nodes = nodes[(nodes[:, 0] >= since_s) & (nodes[:, 0] <= sent_s)]
@@ -244,7 +244,8 @@ class PlaceSmoother:
         fixes = [row for number in self._surfacings for row in self.fixes(number)]
         correction = smooth_team(
             self.config, self.tracks, fixes, _even(self.ranges, MOST_RANGES),
-            terrain=terrain, before_m=self._before_m, last=self._last, references={self.vehicle}, stamp_s=self._now_s,
+            terrain=terrain, earlier_distance_m=self._earlier_distance_m, last=self._last,
+            references={self.vehicle}, stamp_s=self._now_s,
         )  # fmt: skip
         self._last = correction.model, correction.theta
         return correction
@@ -253,14 +254,14 @@ class PlaceSmoother:
 def smooth_team(
     config: PlacesConfig,
     tracks: dict[int, Track],
-    fixes: Sequence[FixRow],
-    ranges: Sequence[RangeRow],
+    fixes: Sequence[FixMeasurement],
+    ranges: Sequence[RangeMeasurement],
     *,
     references: set[int],
     stamp_s: float,
     terrain: Terrain | None = None,
-    before_m: dict[int, float] | None = None,
-    last: tuple[TeamModel, Array] | None = None,
+    earlier_distance_m: dict[int, float] | None = None,
+    last: tuple[TeamErrorModel, Array] | None = None,
     terrain_steps: int = TERRAIN_STEPS,
 ) -> Correction:
     """Finds the places of a team.
@@ -273,14 +274,14 @@ def smooth_team(
         references: Vehicles whose clocks are references: one for each team.
         stamp_s: Time of the last measurement.
         terrain: Depths along the tracks.
-        before_m: How far a vehicle had gone before its first raw place that is known, if not 0.
+        earlier_distance_m: How far a vehicle had gone before its first raw place that is known, if not 0.
         last: The unknowns before, and their values: where the search begins.
         terrain_steps: Steps with the terrain at most.
     """
-    model = TeamModel(config, tracks, references, before_m)
-    start = model.carried(last[1], last[0]) if last is not None else np.zeros(model.size)
-    term = TerrainTerm(model, terrain) if terrain is not None and config.terrain else None
-    believed_fixes, believed = Fixes(model, fixes).believable(), Ranges(model, ranges).believable()
+    model = TeamErrorModel(config, tracks, references, earlier_distance_m)
+    start = model.warm_start(last[1], last[0]) if last is not None else np.zeros(model.size)
+    term = TerrainLikelihood(model, terrain) if terrain is not None and config.terrain else None
+    believed_fixes, believed = Fixes(model, fixes).plausible(), Ranges(model, ranges).plausible()
     solution = solve(model, believed_fixes, believed, term, start, terrain_steps)
     refused = len(fixes) - len(believed_fixes) + len(ranges) - len(believed) + solution.refused
     return Correction(model, solution.theta, solution.covariance, stamp_s, refused)
@@ -292,7 +293,7 @@ def _reachable(mate: MateNavigation, sent_s: float, before: Array) -> bool:
     return bool(sent_s > before[0] and gone <= FASTEST_MPS * (sent_s - before[0]))
 
 
-def _even(rows: Sequence[RangeRow], most: int) -> list[RangeRow]:
+def _even(rows: Sequence[RangeMeasurement], most: int) -> list[RangeMeasurement]:
     """At most so many of the rows, evenly chosen."""
     if len(rows) <= most:
         return list(rows)

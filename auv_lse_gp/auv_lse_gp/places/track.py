@@ -20,12 +20,12 @@ Array = NDArray[np.float64]
 NODE_M, NODE_S = 5.0, 10.0
 #: A sample belongs between two transmissions if by way of it the mate had gone at most this much farther (share, m).
 DETOUR, DETOUR_M = 1.1, 2.0
-#: Columns of a node: time, raw north and east, sums with sin and cos (north, east each), distance gone.
+#: PointPosteriors of a node: time, raw north and east, sums with sin and cos (north, east each), distance gone.
 _TIME, _RAW, _SIN, _COS, _GONE = 0, slice(1, 3), slice(3, 5), slice(5, 7), 7
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Along:
+class TrackPoints:
     """Places along a track, ready for the model.
 
     Attributes:
@@ -71,18 +71,18 @@ class Track(abc.ABC):
         """Time of the last raw place; 0 without any."""
         return float(self.nodes[-1, _TIME]) if len(self) else 0.0
 
-    def gone_m(self, stamp_s: float) -> float:
+    def distance_m(self, stamp_s: float) -> float:
         """Distance gone by dead reckoning until a time (m)."""
         nodes = self.nodes
         return float(np.interp(stamp_s, nodes[:, _TIME], nodes[:, _GONE])) if len(nodes) else 0.0
 
-    def at(self, stamps_s: Array, raw_m: Array | None = None) -> Along:
+    def at(self, stamps_s: Array, raw_m: Array | None = None) -> TrackPoints:
         """Places at times (n,); with `raw_m` (n, 2), at these raw places, which are known better than the track."""
         nodes = self.nodes
         times = np.asarray(stamps_s, dtype=float)
         if not len(nodes):
             raw = np.zeros((len(times), 2)) if raw_m is None else raw_m
-            return Along(times, raw, np.zeros((len(times), 2)), np.zeros((len(times), 2)))
+            return TrackPoints(times, raw, np.zeros((len(times), 2)), np.zeros((len(times), 2)))
         known = nodes[:, _TIME]
         right = np.minimum(np.searchsorted(known, times, side="right"), len(nodes) - 1)
         left = np.maximum(right - 1, 0)
@@ -92,7 +92,7 @@ class Track(abc.ABC):
         rows = (b - a) / spans[:, None] * late[:, None] + a
         rows = np.where((times >= known[-1])[:, None], nodes[-1], rows)
         raw = rows[:, _RAW] if raw_m is None else np.asarray(raw_m, dtype=float)
-        return Along(times, raw, rows[:, _SIN], rows[:, _COS])
+        return TrackPoints(times, raw, rows[:, _SIN], rows[:, _COS])
 
 
 class OwnTrack(Track):
@@ -159,7 +159,7 @@ class OwnTrack(Track):
         self._tip = None
 
 
-class HeardTrack(Track):
+class MateTrack(Track):
     """The track of a mate: its raw places at its transmissions, and between them the places of its samples.
 
     A mate's harmonics depend on the way that it went, which is more than where it was every half minute. The samples of

@@ -9,9 +9,9 @@ from textbook import dense
 
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support import compiled
-from auv_lse_gp import Centers, GpConfig, IllConditionedError, KeptColumns, LevelSet, Posterior
-from auv_lse_gp.inference.cached_points import KeptMoments
-from auv_lse_gp.inference.point_posteriors import ColumnPool, join_by_path
+from auv_lse_gp import CachedPoints, Centers, GpConfig, IllConditionedError, LevelSet, Posterior
+from auv_lse_gp.inference.cached_points import CachedMoments
+from auv_lse_gp.inference.point_posteriors import PointPool, join_by_path
 
 
 @pytest.fixture(params=[True, False], ids=["numba", "numpy"])
@@ -43,7 +43,7 @@ def agrees(posterior, planned_m, queries_m, kept=None, moments=None):
     )
     tiny = 1e-11 * posterior.kernel.signal_variance_m2  # a variance is a difference of numbers up to the signal's
     assert len(posterior) == len(posterior.centers) + len(planned_m)
-    columns = [posterior.columns(queries_m)] + ([kept.columns()] if kept else [])
+    columns = [posterior.at(queries_m)] + ([kept.current()] if kept else [])
     for c in columns:
         assert_allclose(c.mean_m, mean, rtol=1e-9)
         assert_allclose(c.data_var_m2, np.diag(given_data), rtol=1e-9, atol=tiny)
@@ -90,7 +90,7 @@ def test_whatever_is_extended_planned_and_forgotten_agrees(seed):
     """A random walk of changes; columns and moments that are kept follow it, asked for now and then."""
     rng = np.random.default_rng(seed)
     posterior, queries = Posterior(config(KERNELS[seed])), places(rng, 16)
-    kept, moments = KeptColumns(posterior, queries), KeptMoments(posterior, queries, int(rng.integers(0, 9)))
+    kept, moments = CachedPoints(posterior, queries), CachedMoments(posterior, queries, int(rng.integers(0, 9)))
     planned = queries[:0]
     for step in range(30):
         change = rng.integers(0, 5)
@@ -126,7 +126,7 @@ def test_one_datum_and_one_planned_place_by_hand():
     at = np.array([[10.0, 20.0]])
     posterior.extend(Centers(at, np.array([17.0]), np.array([3.0])))
     posterior.plan(at)
-    columns = posterior.columns(at)
+    columns = posterior.at(at)
     assert columns.mean_m[0] == pytest.approx(15.2)
     assert columns.data_var_m2[0] == pytest.approx(5.76)
     assert columns.planned_var_m2[0] == pytest.approx(5.76 * 9.0 / (5.76 + 9.0))
@@ -134,12 +134,12 @@ def test_one_datum_and_one_planned_place_by_hand():
 
 def test_without_data_it_is_the_prior():
     posterior = Posterior(GpConfig())
-    columns = posterior.columns(np.array([[1.0, 2.0]]))
+    columns = posterior.at(np.array([[1.0, 2.0]]))
     assert (columns.mean_m[0], columns.data_var_m2[0], columns.planned_var_m2[0]) == (15.0, 64.0, 64.0)
     assert posterior.covariance(columns, columns).tolist() == [[64.0]]
     assert posterior.moments(np.zeros((0, 2)))[0].shape == (0,)
-    kept = KeptColumns(posterior, np.zeros((2, 2)))
-    assert kept.columns().mean_m.tolist() == [15.0, 15.0]
+    kept = CachedPoints(posterior, np.zeros((2, 2)))
+    assert kept.current().mean_m.tolist() == [15.0, 15.0]
 
 
 def test_following_computes_only_what_changed():
@@ -234,7 +234,7 @@ def test_centers_that_cannot_be_factorized_leave_the_good_ones():
 
 def test_places_of_another_shape_are_refused():
     posterior = Posterior(GpConfig())
-    for ask in (posterior.moments, posterior.mean_m, lambda p: KeptColumns(posterior, p)):
+    for ask in (posterior.moments, posterior.mean_m, lambda p: CachedPoints(posterior, p)):
         with pytest.raises(ValueError, match=r"places_m: got shape \(2,\); expected \(P, 2\)"):
             ask(np.zeros(2))
 
@@ -246,10 +246,10 @@ def test_rows_of_columns_are_picked_and_joined():
     posterior.plan(places(rng, 4))
     first, second = places(rng, 6), places(rng, 9)  # three paths of 2 + 3 places
     parts = [np.concatenate([first[2 * i : 2 * i + 2], second[3 * i : 3 * i + 3]]) for i in range(3)]
-    wanted = posterior.columns(np.concatenate(parts))
-    joined = join_by_path(posterior.columns(first), posterior.columns(second), 3)
-    pool = ColumnPool(len(posterior))
-    pool.add(posterior.columns(places(rng, 4090)))
+    wanted = posterior.at(np.concatenate(parts))
+    joined = join_by_path(posterior.at(first), posterior.at(second), 3)
+    pool = PointPool(len(posterior))
+    pool.add(posterior.at(places(rng, 4090)))
     begin = pool.add(wanted)  # it grows
     for got in (joined, pool.take(begin + np.arange(15)), joined.take(np.arange(15))):
         for name in ("scaled", "white", "mean_m", "data_var_m2", "planned_var_m2"):
@@ -283,7 +283,7 @@ def test_theorem_1_over_random_fields():
         planned, benefits = rng.uniform(0, 300, (8, 2)), []
         for begin, end in itertools.pairwise((0, 0, 1, 4, 8)):
             posterior.plan(planned[begin:end])
-            columns = posterior.columns(queries)
+            columns = posterior.at(queries)
             before, after = columns.data_var_m2, columns.planned_var_m2
             args = (columns.mean_m, np.sqrt(np.maximum(before - after, 0.0)), np.sqrt(after))
             benefits.append(level_set.benefit(*args))

@@ -66,7 +66,7 @@ def test_agrees_with_the_textbook(name, merge):
     got_mean, got_std = gp.predict(queries)
     assert_allclose(got_mean, mean, rtol=1e-9)
     assert_allclose(got_std, np.sqrt(np.diag(covariance)), rtol=1e-9)
-    columns = gp.posterior.columns(queries)
+    columns = gp.posterior.at(queries)
     assert_allclose(columns.mean_m, mean, rtol=1e-9)
     assert_allclose(gp.posterior.covariance(columns, columns), covariance, rtol=1e-9, atol=tiny)
     centers, lower = gp.centers, gp.posterior.factor.lower

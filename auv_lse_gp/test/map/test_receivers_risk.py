@@ -10,7 +10,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_gp.map.receivers_risk import SUPPOSED, Knowledge, ReceiversRisk
+from auv_lse_gp.map.receivers_risk import ASSUMED_RECEIVERS, ReceiverMap, ReceiversRisk
 
 Array = NDArray[np.float64]
 AREA = OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 200.0, 0.0, 200.0, 240.0, 0.0, 240.0)))
@@ -46,7 +46,7 @@ def dense_gain(known: Array, place: Array, grid: Array) -> float:
 def test_gains_against_dense_algebra(n: int) -> None:
     rng = np.random.default_rng(n)
     known = samples(rng, n)
-    receivers = Knowledge(GpConfig(length_scale_m=50.0, min_spacing_m=0.0), LEVEL, AREA)
+    receivers = ReceiverMap(GpConfig(length_scale_m=50.0, min_spacing_m=0.0), LEVEL, AREA)
     receivers.add(known)
     candidates = samples(rng, 12)
     expected = [dense_gain(known, place, receivers.places_m) for place in candidates[:, :2]]
@@ -62,13 +62,13 @@ def test_gain_is_the_expected_drop_of_the_risk() -> None:
     """Mean over depths drawn from the receivers' own belief of the drop that the sample does cause."""
     rng = np.random.default_rng(5)
     known, place = samples(rng, 10), np.array([[90.0, 130.0]])
-    before = Knowledge(GP, LEVEL, AREA)
+    before = ReceiverMap(GP, LEVEL, AREA)
     before.add(known)
     mean, cov = dense(known, place)
     depths = rng.normal(mean[0], np.sqrt(cov[0, 0] + GP.noise_std_m**2), 1500)
     drops = []
     for depth in depths:
-        after = Knowledge(GP, LEVEL, AREA)
+        after = ReceiverMap(GP, LEVEL, AREA)
         after.add(known)
         after.add(np.array([[90.0, 130.0, depth]]))
         drops.append((before.risk - after.risk) * len(before.places_m))
@@ -78,7 +78,7 @@ def test_gain_is_the_expected_drop_of_the_risk() -> None:
 
 def test_a_sample_that_is_known_is_worth_less_again() -> None:
     rng = np.random.default_rng(6)
-    receivers = Knowledge(GP, LEVEL, AREA)
+    receivers = ReceiverMap(GP, LEVEL, AREA)
     candidates = samples(rng, 40)
     first = receivers.gains(candidates)
     best = int(np.argmax(first))
@@ -91,7 +91,7 @@ def test_a_sample_that_is_known_is_worth_less_again() -> None:
 
 
 def test_samples_too_close_are_left_out_and_none_is_fine() -> None:
-    receivers = Knowledge(GP, LEVEL, AREA)
+    receivers = ReceiverMap(GP, LEVEL, AREA)
     receivers.add(np.array([[10.0, 10.0, 12.0], [10.0, 13.9, 12.0], [10.0, 14.0, 12.0], [50.0, 50.0, 9.0]]))
     assert len(receivers) == 3
     receivers.add(np.zeros((0, 3)))
@@ -101,7 +101,7 @@ def test_samples_too_close_are_left_out_and_none_is_fine() -> None:
 def test_samples_added_since_a_mark_are_forgotten() -> None:
     rng = np.random.default_rng(7)
     first, second, third, candidates = (samples(rng, n) for n in (10, 10, 5, 20))
-    once, twice = Knowledge(GP, LEVEL, AREA), Knowledge(GP, LEVEL, AREA)
+    once, twice = ReceiverMap(GP, LEVEL, AREA), ReceiverMap(GP, LEVEL, AREA)
     once.add(first)
     mark = len(once)
     for _ in range(2):
@@ -125,7 +125,7 @@ def test_supposed_receivers_miss_packets_whole() -> None:
         receivers.suppose(np.array([[10.0 * (i % 20) + 4.5, 5.0 * (i // 20), 15.0]]))
         receivers.send(0.4)
     known = [len(receiver) for receiver in receivers._receivers]
-    assert len(known) == SUPPOSED
+    assert len(known) == ASSUMED_RECEIVERS
     assert len(set(known)) > 1
     for n in known:
         assert n % 2 == 0
@@ -140,12 +140,12 @@ def test_without_loss_all_receivers_have_all_and_with_total_loss_none_has_any() 
     heard, candidates = samples(rng, 10), samples(rng, 5)
     sure = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
     sure.hear(heard, 0.0)
-    reference = Knowledge(GP, LEVEL, AREA, spacing_m=20.0)
+    reference = ReceiverMap(GP, LEVEL, AREA, spacing_m=20.0)
     reference.add(heard)
     np.testing.assert_allclose(sure.gains(candidates), reference.gains(candidates), rtol=1e-12)
     deaf = ReceiversRisk(GP, LEVEL, AREA, np.random.default_rng(1))
     deaf.hear(heard, 1.0)
-    np.testing.assert_allclose(deaf.gains(candidates), Knowledge(GP, LEVEL, AREA).gains(candidates), rtol=1e-12)
+    np.testing.assert_allclose(deaf.gains(candidates), ReceiverMap(GP, LEVEL, AREA).gains(candidates), rtol=1e-12)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.5, 1.0])

@@ -15,12 +15,12 @@ from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import prior_mean
+from auv_lse_gp.places.error_model import TeamErrorModel
 from auv_lse_gp.places.measurements import within_gate
-from auv_lse_gp.places.model import TeamModel
-from auv_lse_gp.places.pieces import pieces_of
-from auv_lse_gp.places.smoother import PlaceSmoother, Surfacings
-from auv_lse_gp.places.terrain import Terrain, TerrainTerm
-from auv_lse_gp.places.track import HeardTrack, OwnTrack
+from auv_lse_gp.places.smoother import PositionSmoother, SurfacingFixes
+from auv_lse_gp.places.terrain_matching import Terrain, TerrainLikelihood
+from auv_lse_gp.places.track import MateTrack, OwnTrack
+from auv_lse_gp.places.track_segments import segment_track
 
 CONFIG = PlacesConfig()
 
@@ -37,7 +37,7 @@ def track_of(sailed: Sailed) -> OwnTrack:
     return track
 
 
-def place_error_m(smoother: PlaceSmoother, team: list[Sailed], number: int) -> float:
+def place_error_m(smoother: PositionSmoother, team: list[Sailed], number: int) -> float:
     """Root mean square of the place's error (m) of a vehicle (from 0) after smoothing."""
     correction, sailed = smoother.smooth(), team[number]
     error = correction.places(number + 1, sailed.times, sailed.raw) - sailed.true
@@ -48,11 +48,11 @@ def place_error_m(smoother: PlaceSmoother, team: list[Sailed], number: int) -> f
 
 
 def test_derivatives_of_places_are_those_of_differences():
-    model = TeamModel(CONFIG, {1: track_of(team_of(0, vehicles=1)[0])}, references={1})
+    model = TeamErrorModel(CONFIG, {1: track_of(team_of(0, vehicles=1)[0])}, references={1})
     rng = np.random.default_rng(1)
     theta = model.prior_std() * rng.standard_normal(model.size)
     vehicle = model.vehicles[1]
-    sums = vehicle.sums(vehicle.track.at(np.array([0.0, 100.5, 700.0, 1433.0])))
+    sums = vehicle.positions(vehicle.track.at(np.array([0.0, 100.5, 700.0, 1433.0])))
     jacobian = sums.jacobian(theta)
     for i in range(vehicle.block.stop):
         step = np.zeros(model.size)
@@ -69,9 +69,9 @@ def test_the_model_holds_what_was_wrong():
     sailed = sail(rng, config, 60, walks=False)
     again = np.random.default_rng(4)
     sail(again, config, 60, walks=False)
-    model = TeamModel(config, {1: track_of(sailed)}, references={1})
+    model = TeamErrorModel(config, {1: track_of(sailed)}, references={1})
     vehicle = model.vehicles[1]
-    sums = vehicle.sums(vehicle.track.at(sailed.times, sailed.raw))
+    sums = vehicle.positions(vehicle.track.at(sailed.times, sailed.raw))
 
     def residuals(theta: np.ndarray) -> np.ndarray:
         return np.asarray((sums.places(np.concatenate([theta, [0.0]])) - sailed.true).ravel())
@@ -86,8 +86,8 @@ def test_one_leg_by_hand():
     track = OwnTrack()
     for second in range(101):
         track.add(float(second), float(second), 0.0, 0.0)
-    model = TeamModel(PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0), {1: track}, references={1})
-    sums = model.vehicles[1].sums(track.at(np.array([100.0])))
+    model = TeamErrorModel(PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0), {1: track}, references={1})
+    sums = model.vehicles[1].positions(track.at(np.array([100.0])))
     theta = np.zeros(model.size)
     theta[2] = 0.01
     assert sums.places(theta)[0] == pytest.approx([100.0 * math.cos(0.01), -100.0 * math.sin(0.01)])
@@ -101,7 +101,7 @@ def test_one_leg_by_hand():
 
 def test_a_mates_samples_are_put_on_its_way_in_order_of_time():
     sailed = team_of(3, vehicles=1)[0]
-    track = HeardTrack()
+    track = MateTrack()
     track.add(0.0, *sailed.raw[0])
     worst = []
     for at in range(30, 1400, 30):
@@ -127,9 +127,11 @@ def test_nothing_measured_is_no_correction_and_the_prior():
     smoother = smoother_of(CONFIG, team, 0, [])
     correction = smoother.smooth()
     assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw)
-    prior = TeamModel(CONFIG, {1: track_of(team[0])}, references={1}).prior_std()
+    prior = TeamErrorModel(CONFIG, {1: track_of(team[0])}, references={1}).prior_std()
     assert np.sqrt(np.diag(correction.covariance)) == pytest.approx(prior)
-    assert PlaceSmoother(1, CONFIG).smooth().places(1, np.zeros(1), np.ones((1, 2))) == pytest.approx(np.ones((1, 2)))
+    assert PositionSmoother(1, CONFIG).smooth().places(1, np.zeros(1), np.ones((1, 2))) == pytest.approx(
+        np.ones((1, 2))
+    )
 
 
 def test_a_vehicle_of_which_nothing_is_known_stays_where_it_was():
@@ -148,7 +150,7 @@ def test_the_smoother_agrees_with_a_batch_solution_that_knows_all_tracks(seed: i
     for k, sailed in enumerate(team):
         surface(rng, sailed, 700 + 60 * k)
     heard = messages(rng, team, 0)
-    prior = TeamModel(config, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1}).prior_std()
+    prior = TeamErrorModel(config, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1}).prior_std()
 
     def places(k: int, theta: np.ndarray) -> np.ndarray:
         dn, de, b0, b1, b2, s = theta[6 * k : 6 * k + 6]
@@ -252,7 +254,7 @@ def test_pings_give_ranges_where_no_clock_is_right():
     for n, at in enumerate(range(45, len(team[0].times) - 60, 30)):
         mate = 1 + n % 2
         travel_s = math.dist(team[0].true[at], team[mate].true[at]) / 1500.0
-        smoother.heard(
+        smoother.add_navigation(
             MateNavigation(
                 stamp_s=float(team[0].times[at]), source=mate + 1, sent_s=math.nan, raw_north_m=math.nan,
                 raw_east_m=math.nan, travel_s=travel_s,
@@ -271,9 +273,9 @@ def test_a_range_by_ping_waits_until_the_mate_has_told_where_it_was():
         stamp_s=last_s + 5.0, source=2, sent_s=math.nan, raw_north_m=math.nan, raw_east_m=math.nan, travel_s=0.1
     )
     before = len(smoother.ranges)
-    smoother.heard(ping)
+    smoother.add_navigation(ping)
     assert len(smoother.ranges) == before
-    smoother.heard(dataclasses.replace(heard[5][0], travel_s=math.nan))
+    smoother.add_navigation(dataclasses.replace(heard[5][0], travel_s=math.nan))
     assert len(smoother.ranges) == before + 1
     assert smoother.ranges[-1].by_ping
 
@@ -299,12 +301,12 @@ def test_a_fix_of_a_broken_receiver_moves_nothing():
         std_m=1.0,
     )  # fmt: skip
     smoother = smoother_of(CONFIG, team, 0, [])
-    smoother.fixed(fix)
+    smoother.add_fix(fix)
     correction = smoother.smooth()
     assert correction.refused == 1
     assert correction.places(1, team[0].times, team[0].raw) == pytest.approx(team[0].raw, abs=0.1)
     believed = smoother_of(CONFIG, team, 0, [])
-    believed.fixed(dataclasses.replace(fix, north_m=raw_north + 40.0))
+    believed.add_fix(dataclasses.replace(fix, north_m=raw_north + 40.0))
     assert believed.smooth().refused == 0
 
 
@@ -358,17 +360,19 @@ def test_a_clock_that_is_set_back_stops_no_track():
     """By 30 s, as when a vehicle takes the time of GPS: the track, and the fix after it, go on."""
     team = team_of(3, vehicles=1)
     sailed, at = team[0], 700
-    smoother = PlaceSmoother(1, CONFIG)
+    smoother = PositionSmoother(1, CONFIG)
     for t, (north, east), heading in zip(sailed.times, sailed.raw, sailed.headings, strict=True):
         stamp = t if t <= at else t - 30.0
-        smoother.moved(DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0))
+        smoother.add_dead_reckoning(
+            DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=3.0)
+        )
     assert smoother.refused == 1, "the first place after the step might have come late"
     assert smoother.clock.set_back_s == pytest.approx(30.0, abs=2.0)
     own = smoother.tracks[1]
     assert own.end_s == pytest.approx(sailed.times[-1], abs=2.0)
     assert own.nodes[-1, 1:3] == pytest.approx(sailed.raw[-1])
     raw_north, raw_east = (float(value) for value in sailed.raw[at + 500])
-    smoother.fixed(
+    smoother.add_fix(
         Fix(
             stamp_s=float(sailed.times[at + 500]) - 30.0, north_m=raw_north + 3.0, east_m=raw_east,
             raw_north_m=raw_north, raw_east_m=raw_east, std_m=1.0,
@@ -378,10 +382,10 @@ def test_a_clock_that_is_set_back_stops_no_track():
 
 
 def test_one_raw_place_that_comes_late_sets_no_clock_back():
-    smoother = PlaceSmoother(1, CONFIG)
+    smoother = PositionSmoother(1, CONFIG)
     for stamp in (0.0, 1.0, 2.0, 3.0, 4.0, 0.5, 5.0, 6.0, 1.5, 7.0):
         place = DeadReckoning(stamp_s=stamp, heading_rad=0.0, north_m=stamp, east_m=0.0, depth_m=3.0)
-        smoother.moved(place)
+        smoother.add_dead_reckoning(place)
     assert smoother.clock.set_back_s == 0.0
     assert smoother.refused == 2
     assert smoother.tracks[1].end_s == 7.0
@@ -407,11 +411,11 @@ def test_terrain_brings_tracks_together_and_says_nothing_of_what_they_have_in_co
     gp = GpConfig()
     team = [sail(rng, CONFIG, 60) for _ in range(2)]
     terrain = terrain_of(rng, team, 0, Ground(rng, gp), gp)
-    model = TeamModel(CONFIG, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1})
+    model = TeamErrorModel(CONFIG, {k + 1: track_of(s) for k, s in enumerate(team)}, references={1})
     theta = np.zeros(model.size)
     precision = model.prior_std() ** -2.0
-    slope, information = TerrainTerm(model, terrain).gradient(theta, precision)
-    common = model.common(theta)
+    slope, information = TerrainLikelihood(model, terrain).gradient(theta, precision)
+    common = model.common_modes(theta)
     size = np.abs(information).max() * np.abs(common).max() ** 2
     assert np.abs(common.T @ information @ common).max() < 1e-9 * size
     assert np.abs(common.T @ slope).max() < 1e-9 * np.abs(slope).max() * np.abs(common).max() * 1e3
@@ -432,14 +436,14 @@ def test_terrain_alone_makes_places_better():
 
 def test_common_directions_move_all_places_alike():
     team = team_of(2, vehicles=2)
-    model = TeamModel(
+    model = TeamErrorModel(
         PlacesConfig(heading_walk_deg_rth=0.0, place_walk_m_rts=0.0),
         {k + 1: track_of(s) for k, s in enumerate(team)},
         references={1},
     )
     theta = 0.3 * model.prior_std()
     stamps = np.array([100.0, 900.0])
-    sums = {k: v.sums(v.track.at(stamps)) for k, v in model.vehicles.items()}
+    sums = {k: v.positions(v.track.at(stamps)) for k, v in model.vehicles.items()}
     places = np.concatenate([s.places(theta) for s in sums.values()])
     expected = (
         np.tile([1.0, 0.0], (4, 1)),
@@ -447,7 +451,7 @@ def test_common_directions_move_all_places_alike():
         places @ np.array([[0.0, 1.0], [-1.0, 0.0]]),  # J p
         places,
     )
-    common = model.common(theta)
+    common = model.common_modes(theta)
     for column, way in enumerate(expected):
         moved = np.concatenate(
             [sums[k].jacobian(theta) @ common[v.block, column] for k, v in model.vehicles.items()]
@@ -459,11 +463,11 @@ def test_terrain_that_cannot_be_factorized_is_left_out():
     team = team_of(2, vehicles=1)
     smoother = smoother_of(CONFIG, team, 0, [])
     raw = np.zeros((50, 2))
-    pieces = pieces_of(np.ones(50, dtype=np.int64), np.arange(50.0), raw, np.full(50, math.inf))
+    pieces = segment_track(np.ones(50, dtype=np.int64), np.arange(50.0), raw, np.full(50, math.inf))
     assert len(pieces) == 0
     gp = GpConfig()
     broken = Terrain(
-        pieces_of(np.ones(3, dtype=np.int64), 30.0 * np.arange(3.0), 30.0 * np.ones((3, 2)), np.full(3, 9.0)),
+        segment_track(np.ones(3, dtype=np.int64), 30.0 * np.arange(3.0), 30.0 * np.ones((3, 2)), np.full(3, 9.0)),
         Kernel(gp),
         prior_mean(gp),
         0.0,
@@ -476,11 +480,11 @@ def test_pieces_are_means_of_ten_metres_of_one_track():
     stamps = np.arange(40.0)
     raw = np.column_stack([np.arange(40.0), np.zeros(40)])
     vehicles = np.repeat([1, 2], 20)
-    pieces = pieces_of(vehicles, stamps, raw, np.arange(40.0))
+    pieces = segment_track(vehicles, stamps, raw, np.arange(40.0))
     assert pieces.vehicles.tolist() == [1, 1, 2, 2]
     assert pieces.depths_m[0] == pytest.approx(4.5)
     assert pieces.raw_m[0] == pytest.approx([4.5, 0.0])
-    far = pieces_of(vehicles[:3], stamps[:3], np.array([[0.0, 0.0], [300.0, 0.0], [301.0, 0.0]]), stamps[:3])
+    far = segment_track(vehicles[:3], stamps[:3], np.array([[0.0, 0.0], [300.0, 0.0], [301.0, 0.0]]), stamps[:3])
     assert len(far) == 2
 
 
@@ -494,27 +498,31 @@ def test_hostile_numbers_are_refused_and_counted():
     nan, inf = math.nan, math.inf
     taken = smoother.refused
     for stamp, north in ((nan, 0.0), (1e9, nan), (1e9, inf), (3.0, 0.0)):
-        smoother.moved(DeadReckoning(stamp_s=stamp, heading_rad=0.0, north_m=north, east_m=0.0, depth_m=3.0))
+        smoother.add_dead_reckoning(
+            DeadReckoning(stamp_s=stamp, heading_rad=0.0, north_m=north, east_m=0.0, depth_m=3.0)
+        )
     for value in (nan, inf):
-        smoother.fixed(Fix(stamp_s=1.0, north_m=value, east_m=0.0, raw_north_m=0.0, raw_east_m=0.0, std_m=1.0))
+        smoother.add_fix(Fix(stamp_s=1.0, north_m=value, east_m=0.0, raw_north_m=0.0, raw_east_m=0.0, std_m=1.0))
     for source, sent, north in ((1, 2000.0, 0.0), (2, nan, nan), (2, 5.0, 0.0), (2, 2000.0, 1e7), (2, 2000.0, nan)):
-        smoother.heard(
+        smoother.add_navigation(
             MateNavigation(stamp_s=sent + 1.0, source=source, sent_s=sent, raw_north_m=north, raw_east_m=0.0)
         )
-    assert np.isnan(smoother.sampled(3, np.ones((2, 2)))).all()
-    assert np.isnan(smoother.sampled(2, np.full((2, 2), nan))).all()
+    assert np.isnan(smoother.add_sample_positions(3, np.ones((2, 2)))).all()
+    assert np.isnan(smoother.add_sample_positions(2, np.full((2, 2), nan))).all()
     assert smoother.refused == taken + 4 + 2 + 5
     assert smoother.smooth().theta == pytest.approx(before, abs=1e-3)
 
 
 def test_a_mates_first_packet_cannot_come_from_where_no_vehicle_can_be():
-    smoother = PlaceSmoother(1, CONFIG)
+    smoother = PositionSmoother(1, CONFIG)
     for t in range(60):
-        smoother.moved(DeadReckoning(stamp_s=float(t), heading_rad=0.0, north_m=float(t), east_m=0.0, depth_m=3.0))
+        smoother.add_dead_reckoning(
+            DeadReckoning(stamp_s=float(t), heading_rad=0.0, north_m=float(t), east_m=0.0, depth_m=3.0)
+        )
     far = MateNavigation(stamp_s=60.0, source=2, sent_s=59.0, raw_north_m=1400.0, raw_east_m=0.0)
-    smoother.heard(far)
+    smoother.add_navigation(far)
     assert (smoother.refused, list(smoother.tracks)) == (1, [1])
-    smoother.heard(dataclasses.replace(far, raw_north_m=1200.0))
+    smoother.add_navigation(dataclasses.replace(far, raw_north_m=1200.0))
     assert list(smoother.tracks) == [1, 2]
 
 
@@ -535,7 +543,7 @@ def test_a_wrong_first_packet_of_a_mate_does_not_lock_it_out():
     assert smoother.tracks[2].nodes[-1, 1:3] == pytest.approx(without.tracks[2].nodes[-1, 1:3])
     # once confirmed, one wrong packet changes nothing
     last = heard[-1][0]
-    smoother.heard(dataclasses.replace(last, sent_s=last.sent_s + 1.0, raw_north_m=last.raw_north_m + 700.0))
+    smoother.add_navigation(dataclasses.replace(last, sent_s=last.sent_s + 1.0, raw_north_m=last.raw_north_m + 700.0))
     assert smoother.refused == 2
     assert smoother.tracks[2].nodes[-1, 1:3] == pytest.approx(without.tracks[2].nodes[-1, 1:3])
 
@@ -544,7 +552,7 @@ def test_absurd_ranges_and_fixes_leave_finite_places():
     team = team_of(9, vehicles=2)
     smoother = smoother_of(CONFIG, team, 0, [])
     for i, travel in enumerate((math.nan, math.inf, -1.0, 0.0, 1e9, 1e-3, 0.5)):
-        smoother.heard(
+        smoother.add_navigation(
             MateNavigation(
                 stamp_s=30.0 * i + 30.2, source=2, sent_s=30.0 * i + 30.0, raw_north_m=0.0, raw_east_m=0.0,
                 travel_s=travel, fix_north_m=1e12, fix_east_m=0.0, fix_raw_north_m=math.nan, fix_raw_east_m=0.0,
@@ -557,7 +565,7 @@ def test_absurd_ranges_and_fixes_leave_finite_places():
 
 
 def test_fixes_of_one_surfacing_count_once():
-    surfacings = Surfacings(1)
+    surfacings = SurfacingFixes(1)
     for second in range(30):
         surfacings.add(
             Fix(stamp_s=600.0 + second, north_m=second, east_m=0.0, raw_north_m=second, raw_east_m=1.0, std_m=1.0)

@@ -60,7 +60,7 @@ def naive_only(
         around = naive.actions(s.state, naive_path, left, around_shallows=True)
         actions = tuple(int(a) for a in around[:DETOUR_LEGS])
     places = _path(s, rollout, actions, naive_path).places_m
-    return Proposal(actions=actions, naive_path=naive_path, value=reward.value(reward.posterior.columns(places)))
+    return Proposal(actions=actions, naive_path=naive_path, value=reward.value(reward.posterior.at(places)))
 
 
 def one_leg(situation: Situation, space: FreeSpace, rollout: Rollout, reward: PathReward) -> Proposal:
@@ -68,7 +68,7 @@ def one_leg(situation: Situation, space: FreeSpace, rollout: Rollout, reward: Pa
     s, score = situation, situation.planner.proposals
     choices = space.choices(s.state)
     states = np.broadcast_to(s.state, (len(choices), 3))
-    columns = reward.posterior.columns(space.motion.end_states(states, choices)[:, 1:])
+    columns = reward.posterior.at(space.motion.end_states(states, choices)[:, 1:])
     level = reward.level_set
     std = np.sqrt(columns.planned_var_m2)
     if score == "variance":
@@ -81,4 +81,4 @@ def one_leg(situation: Situation, space: FreeSpace, rollout: Rollout, reward: Pa
         scores = s.rng.random(len(choices))
     action = int(choices[int(np.argmax(scores))])
     places = _path(s, rollout, (action,), NONE).places_m
-    return Proposal(actions=(action,), naive_path=NONE, value=reward.value(reward.posterior.columns(places)))
+    return Proposal(actions=(action,), naive_path=NONE, value=reward.value(reward.posterior.at(places)))

@@ -22,7 +22,7 @@ from auv_lse_common.mission_file.methods import RISK_METHODS
 from auv_lse_common.mission_file.sections.area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.vocabulary.plan import NONE, Plan
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.account import Account, BoundRecord
 from auv_lse_planner.methods.decision import Decision, Statistics
@@ -142,8 +142,8 @@ class RecedingHorizon:
         self._space, self._rollout, self._posterior, self._team = space, rollout, posterior, team
         self._map_grid, self._coarse_grid, self._rng = map_grid, coarse_grid, rng
         self._account = Account()
-        self._map: KeptColumns | None = None
-        self._coarse: KeptColumns | None = None
+        self._map: CachedPoints | None = None
+        self._coarse: CachedPoints | None = None
         self._touring = Touring(vehicle, settings.mission.vehicles, space, rollout)
         self._seeds: list[Actions] = []
 
@@ -373,13 +373,13 @@ class RecedingHorizon:
         try:
             own = PathReward(self._posterior, self._settings.level_set, self.planner.credit)
             legs = self.planner.horizon
-            return [own.value(self._posterior.columns(p.leg_places_m[:legs].reshape(-1, 2))) for p in paths]
+            return [own.value(self._posterior.at(p.leg_places_m[:legs].reshape(-1, 2))) for p in paths]
         finally:
             self._posterior.forget_planned()
 
-    def _coarse_columns(self) -> KeptColumns:
+    def _coarse_columns(self) -> CachedPoints:
         if self._coarse is None:
-            self._coarse = KeptColumns(self._posterior, self._coarse_grid.places_m)
+            self._coarse = CachedPoints(self._posterior, self._coarse_grid.places_m)
         return self._coarse
 
     def _situation(self, step: int, state: Array, deadline: Callable[[], bool] | None) -> Situation:
@@ -404,9 +404,9 @@ class RecedingHorizon:
             level_set = dataclasses.replace(level_set, method=RISK_METHODS[self.planner.method])
         return PathReward(self._posterior, level_set, self.planner.credit)
 
-    def _map_columns(self) -> KeptColumns:
+    def _map_columns(self) -> CachedPoints:
         if self._map is None:
-            self._map = KeptColumns(self._posterior, self._map_grid.places_m)
+            self._map = CachedPoints(self._posterior, self._map_grid.places_m)
         return self._map
 
     def _incumbent(self, s: Situation, reward: PathReward) -> Incumbent | None:
@@ -416,7 +416,7 @@ class RecedingHorizon:
         if not len(path):
             return None
         feasible = self._space.path_feasible(path.states[0], path.actions, max(LOOK_AHEAD, s.horizon))
-        return Incumbent(self._plan, path, reward.value(self._posterior.columns(path.places_m)), not feasible)
+        return Incumbent(self._plan, path, reward.value(self._posterior.at(path.places_m)), not feasible)
 
     def _propose(self, now_s: float, s: Situation, reward: PathReward) -> Proposal:
         """The method's new plan."""
@@ -436,7 +436,7 @@ class RecedingHorizon:
         plan = Plan.at(s.step, s.state, proposal.actions, proposal.naive_path)
         path, value = self._rollout.follow(plan), proposal.value
         if proposal.for_team is not None:  # valued against draws; from here on against the team mates' last plans
-            value = reward.value(self._posterior.columns(path.places_m))
+            value = reward.value(self._posterior.at(path.places_m))
         may_stay = incumbent is not None and self.planner.incumbent and not incumbent.infeasible
         if incumbent is not None and may_stay and (self.planner.proposals == "naive" or incumbent.value >= value):
             return Choice(incumbent.plan, incumbent.path, incumbent.value, True)
@@ -451,7 +451,7 @@ class RecedingHorizon:
         choice: Choice,
     ) -> BoundRecord:
         """Enters the choice into the account."""
-        columns, leg_places = self._posterior.columns(choice.path.places_m), self._rollout.samples_per_leg
+        columns, leg_places = self._posterior.at(choice.path.places_m), self._rollout.samples_per_leg
         own_places = choice.path.own * leg_places
         gains = reward.contributions(columns)
         naive_part, of_leg = float(gains[own_places:].sum()), float(gains[:leg_places].sum())

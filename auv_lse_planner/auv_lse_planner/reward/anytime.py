@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.reward.joint import Cells, Joint, Measured, Timetable
 
@@ -111,14 +111,14 @@ class AnytimeReward:
 
     def __init__(
         self,
-        kept: KeptColumns,
+        kept: CachedPoints,
         level_set: LevelSetConfig,
         mates: Sequence[tuple[Array, Array]],
         legs: int,
         step: int,
         steps: int,
         weight: float,
-        coarse: KeptColumns | None = None,
+        coarse: CachedPoints | None = None,
         doubt: float = 1.0,
     ) -> None:
         """Takes the posterior as it stands; places planned on it are taken as measured before the first leg.
@@ -154,7 +154,7 @@ class AnytimeReward:
         other._rough = self._coarsely().at_weights(*other._time)
         return other
 
-    def _drop(self, kept: KeptColumns, every: int, checkpoints: int, share: float, often: bool) -> _Drop:
+    def _drop(self, kept: CachedPoints, every: int, checkpoints: int, share: float, often: bool) -> _Drop:
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self.mates]
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
@@ -225,7 +225,7 @@ class _Drop:
 
     def __init__(
         self,
-        kept: KeptColumns,
+        kept: CachedPoints,
         level_set: LevelSet,
         mate_legs: Array,
         mates_m: Array,
@@ -252,7 +252,7 @@ class _Drop:
         self._often = often
         self._level_set, self._scale = level_set, scale
         self._posterior = kept.posterior
-        columns = kept.columns()
+        columns = kept.current()
         after = np.minimum(columns.planned_var_m2, columns.data_var_m2)
         risk = level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
         self.risk_before = scale * float(risk.sum())

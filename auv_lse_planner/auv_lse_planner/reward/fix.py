@@ -17,11 +17,11 @@ from __future__ import annotations
 import numpy as np
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 
-def worth_of_fix(kept: KeptColumns, level_set: LevelSetConfig) -> float:
+def worth_of_fix(kept: CachedPoints, level_set: LevelSetConfig) -> float:
     """What a fix of the vehicle would bring, now; 0 where places count as known.
 
     Args:
@@ -31,8 +31,8 @@ def worth_of_fix(kept: KeptColumns, level_set: LevelSetConfig) -> float:
     posterior = kept.posterior
     if not posterior.places_uncertain:
         return 0.0
-    columns = kept.columns()
-    parts = (columns.white[:, : posterior.data_rows] @ posterior.place_white) ** 2
+    columns = kept.current()
+    parts = (columns.white[:, : posterior.data_rows] @ posterior.white_place_effect) ** 2
     by_places, by_fix = parts.sum(axis=1), parts[:, :2].sum(axis=1)
     others = posterior.variance_scale * np.maximum(columns.data_var_m2 - by_places, 0.0)
     levels = LevelSet.of(level_set)

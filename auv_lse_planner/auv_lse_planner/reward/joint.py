@@ -44,7 +44,7 @@ BLOCK = 64
 
 @dataclass(frozen=True)
 class Cells:
-    """What the posterior says about the map's cells; see `Columns`, but w is (n, M): a row for each measurement.
+    """What the posterior says about the map's cells; see `PointPosteriors`, but w is (n, M), a row per measurement.
 
     With doubt the mean is as much nearer to the level.
     """

@@ -19,7 +19,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.support.compiled import compiled
-from auv_lse_gp.inference.point_posteriors import Columns
+from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 
@@ -45,13 +45,13 @@ class PathReward:
         self.credit = credit
         self._noise = posterior.noise_var_m2
 
-    def before(self, columns: Columns) -> Array:
+    def before(self, columns: PointPosteriors) -> Array:
         """Risk (P,) that the path is credited for removing: in hand, or expected after the team mates' plans."""
         if self.credit == "whole" or not self.posterior.planned_rows:
             return self.level_set.risk(columns.mean_m, np.sqrt(columns.data_var_m2))
         return self._expected(columns, columns.planned_var_m2)
 
-    def _gains(self, columns: Columns, var_after_m2: Array) -> Array:
+    def _gains(self, columns: PointPosteriors, var_after_m2: Array) -> Array:
         """What the path is credited for at each place (P,) once the variances are `var_after_m2` (P,)."""
         if self.credit == "whole" or not self.posterior.planned_rows:
             return self.before(columns) - self._expected(columns, var_after_m2)
@@ -61,21 +61,21 @@ class PathReward:
         before, left = self.level_set.expected_risk(columns.mean_m, np.sqrt(data - after), np.sqrt(after))
         return np.asarray(before - left)
 
-    def _expected(self, columns: Columns, var_after_m2: Array) -> Array:
+    def _expected(self, columns: PointPosteriors, var_after_m2: Array) -> Array:
         after = np.clip(var_after_m2, 0.0, columns.data_var_m2)
         return self.level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
 
-    def contributions(self, columns: Columns) -> Array:
+    def contributions(self, columns: PointPosteriors) -> Array:
         """Expected benefit (P,) at each place of the path that has these places and no others."""
         if not len(columns):
             return np.empty(0)
         return self._gains(columns, self.var_after_m2(columns))
 
-    def value(self, columns: Columns) -> float:
+    def value(self, columns: PointPosteriors) -> float:
         """J of the path with these places."""
         return float(self.contributions(columns).sum())
 
-    def var_after_m2(self, columns: Columns) -> Array:
+    def var_after_m2(self, columns: PointPosteriors) -> Array:
         """Variance (P,) of the depth at the path's places once all of them are measured."""
         matrix = self.posterior.measured_covariance(columns)
         floor = self._floor(columns, np.diagonal(matrix))
@@ -84,13 +84,13 @@ class PathReward:
     def _left(self, inverse_diagonal: Array) -> Array:
         return np.maximum(self._noise - self._noise**2 * inverse_diagonal, 0.0)
 
-    def _floor(self, columns: Columns, measured_var_m2: Array) -> Array | float:
+    def _floor(self, columns: PointPosteriors, measured_var_m2: Array) -> Array | float:
         """What uncertain places add to each variance (P,): the planned variance less that without it, plus noise."""
         if not self.posterior.places_uncertain:
             return 0.0
         return np.maximum(columns.planned_var_m2 - (measured_var_m2 - self._noise), 0.0)
 
-    def values_of_equal(self, columns: Columns, length: int) -> Array:
+    def values_of_equal(self, columns: PointPosteriors, length: int) -> Array:
         """J of several paths of equal length, all at once.
 
         Args:

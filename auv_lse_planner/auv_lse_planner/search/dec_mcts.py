@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.plan import NONE
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.free_space import FreeSpace
@@ -121,7 +121,7 @@ def search_dec_mcts(
     for places in draws:
         against = posterior.copy()
         against.plan(places)
-        kept = KeptColumns(against, s.grid.places_m)
+        kept = CachedPoints(against, s.grid.places_m)
         rewards.append(AnytimeReward(kept, level_set, (), legs, s.step, rollout.steps, 0.0))
     joint = JointDraws(rewards, rollout, s.step, s.state, s.naive_paths)
     budget = max(planner.batch, planner.iterations // len(draws))

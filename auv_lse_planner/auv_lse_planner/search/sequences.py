@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.area import Grid
 from auv_lse_common.vocabulary.plan import NONE
-from auv_lse_gp.inference.point_posteriors import ColumnPool, Columns, join_by_path
+from auv_lse_gp.inference.point_posteriors import PointPool, PointPosteriors, join_by_path
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.path import PathReward
@@ -57,7 +57,7 @@ class PathSequences:
         self._steps_left, self._naive_paths, self._samples = rollout.steps - step, naive_paths, rollout.samples_per_leg
         self._root = np.array(state, dtype=float)
         self._prefixes = Prefixes(rollout.motion, self._root)
-        self._pool = ColumnPool(len(reward.posterior))
+        self._pool = PointPool(len(reward.posterior))
         #: Of every sequence valued, the naive path that suits it best; `NONE` where there is none.
         self.naive_path: dict[Actions, int] = {}
 
@@ -89,15 +89,13 @@ class PathSequences:
             return []
         prefixes = np.asarray(every_sequence(space.arguments(), self._root, horizon))
         numbers, new = self._numbered(prefixes)
-        self._pool.add(self._reward.posterior.columns(new))
+        self._pool.add(self._reward.posterior.at(new))
         values = np.concatenate(
             [self._prefix_values(numbers[i : i + PREFIXES_AT_ONCE]) for i in range(0, len(prefixes), PREFIXES_AT_ONCE)]
         )
         order = np.argsort(-values, kind="stable")
         if self._naive_paths and self._grid is not None and not (deadline is not None and deadline()):
-            risk = self._grid.fill(
-                self._reward.before(self._reward.posterior.columns(self._grid.places_m)), outside=0.0
-            )
+            risk = self._grid.fill(self._reward.before(self._reward.posterior.at(self._grid.places_m)), outside=0.0)
             every = len(prefixes) if deadline is None else GUESSES_AT_ONCE
             guessed = 0
             while guessed < len(prefixes) and (guessed == 0 or deadline is None or not deadline()):
@@ -129,7 +127,7 @@ class PathSequences:
             return numbers, ends[:, 1:]
         return numbers, self._rollout.leg_places(states, actions).reshape(-1, 2)
 
-    def _prefix_columns(self, numbers: Ints) -> Columns:
+    def _prefix_columns(self, numbers: Ints) -> PointPosteriors:
         """Places of sequences given by the numbers of their prefixes, (B, L): B * L * samples of them."""
         legs = (numbers - 1) * self._samples  # the empty prefix has no place
         return self._pool.take((legs[:, :, None] + np.arange(self._samples)).ravel())
@@ -144,7 +142,7 @@ class PathSequences:
         ends = self._prefixes.states(numbers[:, -1])
         left = self._steps_left - actions.shape[1]
         naive = [self._rollout.naive_places(ends, h, left) for h in self._naive_paths]
-        columns = self._reward.posterior.columns(np.concatenate([new, *(p.reshape(-1, 2) for p in naive)]))
+        columns = self._reward.posterior.at(np.concatenate([new, *(p.reshape(-1, 2) for p in naive)]))
         self._pool.add(columns.slice(0, len(new)))
         if not naive:
             return self._prefix_values(numbers)[None]

@@ -9,7 +9,7 @@ from planner_helpers import world
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.support.compiled import plain
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, STRIPS
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.paths.fitted_lanes import ENDS, SIDES, fit, lay, mean_distance, points
@@ -85,7 +85,7 @@ BENT = (0.0, -50.0, 300.0, -50.0, 300.0, 250.0, 600.0, 250.0, 600.0, 550.0, 0.0,
 def test_fitted_lanes_leave_less_risk_than_covering_ones(polygon, vehicles, share):
     area, motion, _, naive = world(polygon=polygon, vehicles=vehicles)
     roll = Rollout(motion, naive, 100, 1)
-    kept = KeptColumns(Posterior(GpConfig()), area.grid(30.0).places_m)
+    kept = CachedPoints(Posterior(GpConfig()), area.grid(30.0).places_m)
     left = []
     for ids in (STRIPS, FITTED):
         own, *mates = (roll.path(0, np.zeros(3), (), ids[number]).places_m for number in range(vehicles))

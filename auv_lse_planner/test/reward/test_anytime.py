@@ -6,7 +6,7 @@ from planner_helpers import area, centers, dense_posterior, expected_risk
 
 from auv_lse_common.mission_file.sections.gp import KERNELS, GpConfig
 from auv_lse_common.support import compiled
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -32,9 +32,9 @@ class Case:
         self.coarse_m = area().grid(60.0).places_m
         self.mates = [(np.sort(rng.uniform(0, latest, count)), rng.uniform(0, 400, (count, 2)))
                       for count, latest in mates]  # fmt: skip
-        self.kept = KeptColumns(self.posterior, self.places_m)
+        self.kept = CachedPoints(self.posterior, self.places_m)
         self.time = (legs, step, steps, weight)
-        coarse = KeptColumns(self.posterior, self.coarse_m)
+        coarse = CachedPoints(self.posterior, self.coarse_m)
         self.doubt = options.get("doubt", 1.0)
         self.reward = AnytimeReward(self.kept, self.level, self.mates, *self.time, coarse, self.doubt)
         self.path_m = rng.uniform([0, 0], [360, 460], (legs, options.get("each", 1), 2))
@@ -202,7 +202,7 @@ def test_it_telescopes_in_expectation():
     case = Case(data=25, legs=5, mates=((4, 5.0),), weight=0.0)
     whole = case.reward.value(case.path_m).end
     first = case.path_m[0]
-    at = case.posterior.columns(first)
+    at = case.posterior.at(first)
     spread = np.sqrt(at.data_var_m2[0] + case.config.noise_std_m**2)
     nodes, weights = np.polynomial.hermite_e.hermegauss(60)
     mates = [(ahead - 1.0, m) for ahead, m in case.mates]
@@ -257,7 +257,7 @@ def test_mates_alone_are_worth_what_they_bring():
 
 def test_where_no_risk_is_left_the_gradient_is_zero():
     case = Case()
-    far = KeptColumns(case.posterior, case.places_m)
+    far = CachedPoints(case.posterior, case.places_m)
     sure = AnytimeReward(far, LevelSet(level_m=-500.0), [], *case.time)
     value, gradient = sure.value_and_gradient(case.path_m.reshape(-1, 2))
     assert value == 0.0

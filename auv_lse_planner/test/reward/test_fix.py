@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
@@ -19,7 +19,7 @@ LEVEL = LevelSet(level_m=15.0, cost_false_safe=10.0, cost_false_unsafe=10.0)
 SLOPE = 0.05
 
 
-def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> KeptColumns:
+def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> CachedPoints:
     """A plane that slopes north, 15 m deep at 0, densely sounded; all soundings may be north of their places."""
     grid = np.arange(-200.0, 201.0, 20.0)
     places = np.stack(np.meshgrid(grid, grid), axis=2).reshape(-1, 2)
@@ -28,7 +28,7 @@ def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> Kep
     posterior = Posterior(GpConfig(mean="plane", mean_slope_north=SLOPE, std_soundings=std_soundings))
     posterior.follow(Centers(places, 15.0 + SLOPE * places[:, 0], np.full(len(places), 0.1), effect))
     cells = np.arange(-99.0, 100.0, 2.0)  # none of them on the isobath
-    return KeptColumns(posterior, np.stack(np.meshgrid(cells, [0.0]), axis=2).reshape(-1, 2))
+    return CachedPoints(posterior, np.stack(np.meshgrid(cells, [0.0]), axis=2).reshape(-1, 2))
 
 
 def test_a_displaced_isobath_is_worth_the_area_that_it_leaves() -> None:

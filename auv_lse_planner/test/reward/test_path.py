@@ -46,7 +46,7 @@ def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, lev
     rng, config, known, others, level, reward = _situation(data + length, data, team, level, credit)
     for _ in range(3):
         path = rng.uniform([0, 0], [360, 460], (length, 2))
-        columns = reward.posterior.columns(path)
+        columns = reward.posterior.at(path)
         dense = _dense_value(config, known, others, path, level, credit)
         assert reward.contributions(columns) == pytest.approx(dense, abs=1e-9)
         assert reward.value(columns) == pytest.approx(dense.sum(), abs=1e-9 * max(1.0, dense.sum()))
@@ -55,7 +55,7 @@ def test_value_agrees_with_the_dense_computation_to_1e_9(data, team, length, lev
 def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
     rng, *_, reward = _situation(3, 50, 10)
     for length in (1, 7, 30):  # of one place, as the myopic baseline asks; short; long
-        columns = reward.posterior.columns(rng.uniform(0, 400, (4 * length, 2)))
+        columns = reward.posterior.at(rng.uniform(0, 400, (4 * length, 2)))
         one_by_one = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(4)]
         assert reward.values_of_equal(columns, length) == pytest.approx(one_by_one, abs=1e-10)
 
@@ -63,7 +63,7 @@ def test_many_paths_at_once_are_worth_what_they_are_one_by_one():
 @pytest.mark.parametrize("seed", range(5))
 def test_a_longer_path_is_never_worth_less_and_none_is_worth_nothing(seed):
     rng, *_, reward = _situation(seed, 40, 5)
-    path = reward.posterior.columns(rng.uniform(0, 400, (25, 2)))
+    path = reward.posterior.at(rng.uniform(0, 400, (25, 2)))
     values = [reward.value(path.take(np.arange(n))) for n in range(26)]
     assert values[0] == 0.0
     assert np.all(np.diff(values) >= -1e-9)
@@ -75,11 +75,11 @@ def test_team_credit_takes_off_what_team_mates_bring_anyway():
     posterior.follow(centers(rng, 30))
     path = rng.uniform(0, 400, (10, 2))
     posterior.plan(path)  # a team mate goes exactly there
-    columns = posterior.columns(path)
+    columns = posterior.at(path)
     whole, beyond = PathReward(posterior, LevelSet()), PathReward(posterior, LevelSet(), "beyond")
     assert 0.0 < beyond.value(columns) < 0.2 * whole.value(columns)
     posterior.forget_planned()
-    alone = PathReward(posterior, LevelSet()).value(posterior.columns(path))
+    alone = PathReward(posterior, LevelSet()).value(posterior.at(path))
     assert whole.value(columns) > alone
 
 
@@ -91,7 +91,7 @@ def test_unknown_credit_is_refused():
 @pytest.mark.parametrize("length", [3, 30])  # factorized by compiled loops, and by LAPACK
 def test_places_whose_covariance_is_not_positive_definite_are_an_error(length):
     rng, *_, reward = _situation(9, 50)
-    columns = reward.posterior.columns(rng.uniform(0, 400, (2 * length, 2)))
+    columns = reward.posterior.at(rng.uniform(0, 400, (2 * length, 2)))
     broken = dataclasses.replace(columns, white=3.0 * columns.white)  # explains more than there is
     with pytest.raises(ValueError, match=f"covariance of {length} planned places is not positive definite"):
         reward.values_of_equal(broken, length)
@@ -110,7 +110,7 @@ def _reward(data, team, credit, seed=3):
 @pytest.mark.parametrize("length", [1, 10, 24, 25])
 def test_paths_of_equal_length_are_worth_what_they_are_one_by_one(length):
     rng, reward = _reward(50, 10, "beyond")
-    columns = reward.posterior.columns(rng.uniform(0, 400, (5 * length, 2)))
+    columns = reward.posterior.at(rng.uniform(0, 400, (5 * length, 2)))
     expected = [reward.value(columns.slice(i * length, (i + 1) * length)) for i in range(5)]
     assert reward.values_of_equal(columns, length) == pytest.approx(expected, abs=1e-10)
 
@@ -130,7 +130,7 @@ def test_diagonals_of_small_inverses(function):
 
 def test_long_paths_take_the_other_way_and_are_worth_the_same(monkeypatch):
     rng, reward = _reward(30, 0, "whole")
-    columns = reward.posterior.columns(rng.uniform(0, 400, (40, 2)))
+    columns = reward.posterior.at(rng.uniform(0, 400, (40, 2)))
     short = reward.values_of_equal(columns, 10)
     monkeypatch.setattr(module, "SMALL", 0)
     assert reward.values_of_equal(columns, 10) == pytest.approx(short, abs=1e-11)
@@ -141,14 +141,14 @@ def test_the_paths_own_reward_does_not_telescope():
     config, level = GpConfig(), LevelSet()
     posterior = Posterior(config)
     reward = PathReward(posterior, level)
-    path = posterior.columns(np.column_stack([np.arange(1, 41) * 10.0, np.zeros(40)]))
+    path = posterior.at(np.column_stack([np.arange(1, 41) * 10.0, np.zeros(40)]))
     whole = reward.value(path)
     # leg by leg on perfect data: each place is already well known when it is reached, so there is less left to credit
     stepwise = 0.0
     for i in range(40):
         known = Centers(np.column_stack([np.arange(1, i + 1) * 10.0, np.zeros(i)]), np.full(i, 15.0), np.full(i, 0.3))
         posterior.follow(known)
-        here = posterior.columns(np.array([[(i + 1) * 10.0, 0.0]]))
+        here = posterior.at(np.array([[(i + 1) * 10.0, 0.0]]))
         stepwise += PathReward(posterior, level).value(here)
     assert stepwise < 0.95 * whole
 
@@ -163,11 +163,11 @@ def test_no_path_is_paid_for_the_floor_of_uncertain_places(length):
     posterior.follow(Centers(known.places_m, known.depths_m, known.noise_std_m, effect))
     path = rng.uniform(-100.0, 100.0, (length, 2))
     reward = PathReward(posterior, LevelSet())
-    columns = posterior.columns(path)
+    columns = posterior.at(path)
     left = reward.var_after_m2(columns)
-    two = reward.values_of_equal(posterior.columns(np.concatenate([path, path])), length)
+    two = reward.values_of_equal(posterior.at(np.concatenate([path, path])), length)
     assert two == pytest.approx([reward.value(columns)] * 2)
     posterior.plan(path)
-    planned = posterior.columns(path).planned_var_m2
+    planned = posterior.at(path).planned_var_m2
     assert planned.min() > 0.0
     assert left == pytest.approx(planned, rel=1e-6, abs=1e-9)

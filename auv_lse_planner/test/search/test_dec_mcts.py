@@ -9,7 +9,7 @@ from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
 from auv_lse_common.vocabulary.plan import NONE
-from auv_lse_gp.inference.cached_points import KeptColumns
+from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.reward.anytime import AnytimeReward
@@ -37,7 +37,7 @@ def _drop(posterior, planned, places):
     def risk(measured):
         known = posterior.copy()
         known.plan(measured)
-        columns = known.columns(GRID.places_m)
+        columns = known.at(GRID.places_m)
         left = np.minimum(columns.planned_var_m2, columns.data_var_m2)
         return LevelSet().expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - left), np.sqrt(left)).sum()
 
@@ -49,7 +49,7 @@ def _joint(roll, posterior, draws, ids, legs):
     for places in draws:
         against = posterior.copy()
         against.plan(places)
-        rewards.append(AnytimeReward(KeptColumns(against, GRID.places_m), LevelSet(), (), legs, 0, 20, 0.0))
+        rewards.append(AnytimeReward(CachedPoints(against, GRID.places_m), LevelSet(), (), legs, 0, 20, 0.0))
     return JointDraws(rewards, roll, 0, STATE, ids)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.model import STATIC
+from auv_lse_gp.places.error_model import STATIC
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_shore.judge.adjustment import Adjustment, Moved
 from auv_lse_shore.judge.tracks import true_positions

@@ -21,13 +21,13 @@ from auv_lse_common.mission_file.sections.places import PlacesConfig, places_of
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_gp.map.depth_map import DepthMap
+from auv_lse_gp.places.corrected_map import CorrectedMap
 from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.measurements import FixRow, RangeRow
-from auv_lse_gp.places.pieces import Pieces, pieces_of
-from auv_lse_gp.places.placed_map import PlacedMap
-from auv_lse_gp.places.smoother import PlaceSmoother, smooth_team
-from auv_lse_gp.places.terrain import Terrain
+from auv_lse_gp.places.measurements import FixMeasurement, RangeMeasurement
+from auv_lse_gp.places.smoother import PositionSmoother, smooth_team
+from auv_lse_gp.places.terrain_matching import Terrain
 from auv_lse_gp.places.track import Track
+from auv_lse_gp.places.track_segments import TrackSegments, segment_track
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_shore.judge.adjustment_errors import AdjustError
 
@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 
 #: Vehicles of different dives are told apart by this many times the number of the dive.
 _OF_DIVE = 1000
-#: Pieces of track that are compared, and steps with the terrain: more than under way, where time is short.
-MOST_PIECES, TERRAIN_STEPS = 1200, 8
+#: TrackSegments of track that are compared, and steps with the terrain: more than under way, where time is short.
+MAX_SEGMENTS, TERRAIN_STEPS = 1200, 8
 #: A sample heard is the sounding of a mate that is this near (m): a packet holds 32 bits of each number.
 _SAME_M = 0.05
 
@@ -54,7 +54,7 @@ class Moved:
         mean_m: Mean distance that they were moved.
         largest_m: Largest.
         std_m: Standard deviation of a place afterwards, each axis (root mean square over the soundings).
-        fixes: Surfacings used.
+        fixes: SurfacingFixes used.
         ranges: Ranges measured to it by others or by it to others.
     """
 
@@ -88,16 +88,16 @@ class Adjustment:
     refused: int
     correction: Correction
 
-    def settle(self, depth_map: DepthMap) -> PlacedMap:
+    def settle(self, depth_map: DepthMap) -> CorrectedMap:
         """Puts all soundings into an empty map, in order of time, run by run; the map is not told how sure they are."""
-        placed = PlacedMap(depth_map, {m.key for m in self.moved})
+        placed = CorrectedMap(depth_map, {m.key for m in self.moved})
         key_of = {(m.run, m.vehicle): m.key for m in self.moved}
         for number, run in enumerate(self.runs):
             for vehicle in run.vehicles:
                 own, raw = vehicle.soundings, _raw_places(vehicle)
                 key = key_of[number, vehicle.vehicle]
-                placed.book.add(key, own.stamp_s, raw, own.places_m, own.depth_m, None)
-        placed.lay_out(np.concatenate([v.soundings.places_m for run in self.runs for v in run.vehicles]))
+                placed.log.add(key, own.stamp_s, raw, own.places_m, own.depth_m, None)
+        placed.rebuild(np.concatenate([v.soundings.places_m for run in self.runs for v in run.vehicles]))
         return placed
 
 
@@ -173,8 +173,8 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
         ranges,
         references={min(k for k in smoothers if k // _OF_DIVE == d) for d in {k // _OF_DIVE for k in smoothers}},
         stamp_s=max(run.sim_s for run in runs),
-        terrain=Terrain(_pieces(keyed), plain.kernel, plain.prior_mean, settings.gp.noise_std_m),
-        before_m=before,
+        terrain=Terrain(_segments(keyed), plain.kernel, plain.prior_mean, settings.gp.noise_std_m),
+        earlier_distance_m=before,
         terrain_steps=TERRAIN_STEPS,
     )
     moved: list[Moved] = []
@@ -213,13 +213,15 @@ def _refuse_doubles(able: Sequence[tuple[int, VehicleRun]]) -> None:
         before.append((n, vehicle.vehicle, rows))
 
 
-def _told(vehicle: VehicleRun, config: PlacesConfig) -> PlaceSmoother:
+def _told(vehicle: VehicleRun, config: PlacesConfig) -> PositionSmoother:
     """A smoother that knows everything that a vehicle measured and heard."""
-    smoother = PlaceSmoother(vehicle.vehicle, config)
+    smoother = PositionSmoother(vehicle.vehicle, config)
     for stamp, north, east, heading, depth in vehicle.dead_reckoning.tolist():
-        smoother.moved(DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=depth))
+        smoother.add_dead_reckoning(
+            DeadReckoning(stamp_s=stamp, heading_rad=heading, north_m=north, east_m=east, depth_m=depth)
+        )
     for fix in vehicle.fixes:
-        smoother.fixed(fix)
+        smoother.add_fix(fix)
     heard = vehicle.received
     samples = {
         (t, k): heard[(heard.stamp_s == t) & (heard.vehicle == k)].places_m
@@ -229,19 +231,19 @@ def _told(vehicle: VehicleRun, config: PlacesConfig) -> PlaceSmoother:
     mates = iter(vehicle.mates)
     for stamp, kind, source in sorted(events, key=lambda event: event[:2]):
         if kind == 0:
-            smoother.heard(next(mates))
+            smoother.add_navigation(next(mates))
         else:
-            smoother.sampled(source, samples[stamp, source])
+            smoother.add_sample_positions(source, samples[stamp, source])
     return smoother
 
 
 def _gathered(
-    smoothers: dict[int, PlaceSmoother], recorded: dict[int, VehicleRun]
-) -> tuple[dict[int, Track], list[FixRow], list[RangeRow], dict[int, float]]:
+    smoothers: dict[int, PositionSmoother], recorded: dict[int, VehicleRun]
+) -> tuple[dict[int, Track], list[FixMeasurement], list[RangeMeasurement], dict[int, float]]:
     """Tracks, fixes, ranges and ways before the first known place, of all vehicles recorded or heard, by their keys."""
     tracks: dict[int, Track] = {}
-    fixes: list[FixRow] = []
-    ranges: list[RangeRow] = []
+    fixes: list[FixMeasurement] = []
+    ranges: list[RangeMeasurement] = []
     before: dict[int, float] = {}
     for key, smoother in smoothers.items():
         team = key - smoother.vehicle
@@ -251,8 +253,8 @@ def _gathered(
                 continue  # its own recording, or what an earlier one heard of it
             tracks[other] = track
             fixes += [dataclasses.replace(row, vehicle=other) for row in smoother.fixes(number)]
-            if number in smoother.before_m:
-                before[other] = smoother.before_m[number]
+            if number in smoother.earlier_distance_m:
+                before[other] = smoother.earlier_distance_m[number]
         for row in smoother.ranges:
             ends = team + row.sender, team + row.receiver
             deeper = 0.0
@@ -277,13 +279,13 @@ def _raw_places(vehicle: VehicleRun) -> Array:
     return np.where(np.isfinite(raw), raw, between)
 
 
-def _pieces(keyed: Mapping[int, VehicleRun]) -> Pieces:
+def _segments(keyed: Mapping[int, VehicleRun]) -> TrackSegments:
     rows = [
         np.column_stack([np.full(len(v.soundings), key), v.soundings.stamp_s, _raw_places(v), v.soundings.depth_m])
         for key, v in keyed.items()
     ]
     every = np.concatenate(rows)
-    return pieces_of(every[:, 0].astype(np.int64), every[:, 1], every[:, 2:4], every[:, 4], MOST_PIECES)
+    return segment_track(every[:, 0].astype(np.int64), every[:, 1], every[:, 2:4], every[:, 4], MAX_SEGMENTS)
 
 
 def _adjusted(vehicle: VehicleRun, correction: Correction, key: int, run: int) -> tuple[VehicleRun, Moved]:

@@ -227,7 +227,7 @@ def _mowing_risk(
     some = map_m[:: max(1, len(map_m) // MOWING_PLACES)]
 
     def expected(places: Array) -> float:
-        columns = posterior.columns(places)
+        columns = posterior.at(places)
         variance, left = columns.data_var_m2, columns.planned_var_m2
         of_mean, after = np.sqrt(np.maximum(variance - left, 0.0)), np.sqrt(left)
         return float(level_set.expected_risk(columns.mean_m, of_mean, after).mean())
@@ -303,7 +303,7 @@ def _expected(gp: OnlineGp, level_set: LevelSet, planned: Array, others: Array) 
     posterior = gp.posterior
     posterior.plan(planned)
     try:
-        columns = posterior.columns(places)
+        columns = posterior.at(places)
     finally:
         posterior.forget_planned()
     variance, left = columns.data_var_m2, columns.planned_var_m2

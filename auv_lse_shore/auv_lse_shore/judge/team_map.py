@@ -93,7 +93,7 @@ def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:
     depth_map = DepthMap(settings.gp, settings.level_set, area)
     placed = adjustment.settle(depth_map)
     places_known = depth_map.field()
-    placed.inform(adjustment.correction)
+    placed.set_uncertainty(adjustment.correction)
     first = adjustment.runs[0]
     run = dataclasses.replace(first, vehicles=[v for run in adjustment.runs for v in run.vehicles])
     return _team_map(run, settings, area, depth_map, places_known)

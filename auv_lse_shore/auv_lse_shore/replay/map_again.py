@@ -15,7 +15,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNav
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.placer import placer_of
+from auv_lse_gp.places.position_corrector import corrector_for
 from auv_lse_shore.replay.inputs import RecordedMap, VehicleInputs, ticks_of
 
 Array = NDArray[np.float64]
@@ -74,14 +74,14 @@ class MapAgain:
             lockstep: Whether time waited for the nodes.
         """
         self.map = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area))
-        self._intake = MapIntake(self.map, placer_of(inputs.vehicle, places, self.map))
+        self._intake = MapIntake(self.map, corrector_for(inputs.vehicle, places, self.map))
         self._inputs, self._lockstep = inputs, lockstep
         self._soundings = self._samples = self._navigation = 0
 
     @property
     def place(self) -> DeadReckoning | None:
         """Where the map has the vehicle; None where places are not corrected yet."""
-        return None if self._intake.placer is None else self._intake.placer.place
+        return None if self._intake.corrector is None else self._intake.corrector.place
 
     def advance(self, now_s: float, revision: int | None = None) -> None:
         """Takes what was there at `now_s` (s); without lockstep, until the map has the recorded `revision`."""

@@ -29,7 +29,7 @@ from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.map.receivers_risk import ReceiversRisk
-from auv_lse_gp.places.placer import Placer, placer_of
+from auv_lse_gp.places.position_corrector import PositionCorrector, corrector_for
 from auv_lse_planner.methods.decision import Decision
 from auv_lse_planner.safety import Safety
 from auv_lse_planner.vehicle.intake import PlannerIntake
@@ -113,9 +113,9 @@ class Crew:
         self._revision = -1
 
     @property
-    def placer(self) -> Placer | None:
+    def corrector(self) -> PositionCorrector | None:
         """What corrects the places of its map's soundings, if anything does."""
-        return self._to_map.placer
+        return self._to_map.corrector
 
     def hear(self, output: VehicleOutput) -> list[Received]:
         """The bridge takes own soundings and packets, as modem_node does; returns the packets that it accepts."""
@@ -171,7 +171,7 @@ class Crew:
         self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m)
         if not self._to_planner.take(now_s):
             return None
-        place = None if self.placer is None else self.placer.place  # only a decision reads it
+        place = None if self.corrector is None else self.corrector.place  # only a decision reads it
         if place is not None:
             self._to_planner.set_corrected(place.stamp_s, place.north_m, place.east_m)
             self._to_planner.displace()
@@ -218,7 +218,7 @@ class Fleet:
         return Crew(
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
-            to_map=MapIntake(depth_map, placer_of(number, self.settings.places_in_force(number), depth_map)),
+            to_map=MapIntake(depth_map, corrector_for(number, self.settings.places_in_force(number), depth_map)),
             safety=Safety.of(parameters, f"{self.settings.where} (auv{number})", number),
             planner=VehiclePlanner(number, own, stream(self.settings.mission.seed, "planner", number)),
         )

@@ -16,45 +16,45 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.book import SoundingBook
+from auv_lse_gp.places.corrected_map import CorrectedMap
 from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.placed_map import PlacedMap
-from auv_lse_gp.places.smoother import PlaceSmoother
-from auv_lse_gp.places.terrain import Terrain
+from auv_lse_gp.places.smoother import PositionSmoother
+from auv_lse_gp.places.sounding_log import SoundingLog
+from auv_lse_gp.places.terrain_matching import Terrain
 
 Array = NDArray[np.float64]
 
 
-def placer_of(vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> Placer | None:
+def corrector_for(vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> PositionCorrector | None:
     """What places a vehicle's soundings by a configuration in force; None where they stay where they are told."""
-    return Placer(vehicle, config, depth_map) if config.correct else None
+    return PositionCorrector(vehicle, config, depth_map) if config.correct else None
 
 
-class Placer:
+class PositionCorrector:
     """The places of one vehicle's map.
 
     Attributes:
-        placed: The map and its soundings.
+        corrected_map: The map and its soundings.
         smoother: What finds the places.
         correction: The places by the last call of the smoother; None before the first.
-        rebooked: How often the map was made again.
+        rebuilds: How often the map was rebuilt.
     """
 
     def __init__(self, vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> None:
         """Nothing is known yet; the map is empty."""
         self.vehicle = vehicle
         self.config = config
-        self.placed = PlacedMap(depth_map, {vehicle})
-        self.smoother = PlaceSmoother(vehicle, config)
+        self.corrected_map = CorrectedMap(depth_map, {vehicle})
+        self.smoother = PositionSmoother(vehicle, config)
         self.correction: Correction | None = None
-        self.rebooked = 0
+        self.rebuilds = 0
         self._raw: DeadReckoning | None = None
         self._period = 0
 
     @property
-    def book(self) -> SoundingBook:
+    def log(self) -> SoundingLog:
         """All soundings."""
-        return self.placed.book
+        return self.corrected_map.log
 
     @property
     def place(self) -> DeadReckoning | None:
@@ -69,28 +69,30 @@ class Placer:
         north_m, east_m = self.correction.places(self.vehicle, np.array([stamp_s]), raw_m)[0].tolist()
         return dataclasses.replace(self._raw, north_m=north_m, east_m=east_m)
 
-    def moved(self, place: DeadReckoning) -> None:
+    def add_dead_reckoning(self, place: DeadReckoning) -> None:
         """Takes the vehicle's raw place."""
-        self.smoother.moved(place)
+        self.smoother.add_dead_reckoning(place)
         if math.isfinite(place.stamp_s + place.north_m + place.east_m):
             self._raw = place
 
-    def fixed(self, fix: Fix) -> None:
+    def add_fix(self, fix: Fix) -> None:
         """Takes a fix."""
-        self.smoother.fixed(fix)
+        self.smoother.add_fix(fix)
 
-    def heard(self, mate: MateNavigation) -> None:
+    def add_navigation(self, mate: MateNavigation) -> None:
         """Takes what a packet told of its sender's navigation; its samples come after it."""
-        self.smoother.heard(mate)
+        self.smoother.add_navigation(mate)
 
     def add_soundings(self, rows: Array) -> None:
         """Takes own soundings: stamp (s), north, east, depth, raw north, raw east (m) of each, (n, 6)."""
         rows = np.column_stack([rows[:, 0] + self.smoother.clock.set_back_s, rows[:, 1:]])
-        self.placed.add_soundings(self.vehicle, rows, self.correction)
+        self.corrected_map.add_soundings(self.vehicle, rows, self.correction)
 
     def add_samples(self, samples: Array, source: int) -> None:
         """Takes a mate's samples: raw north and east, depth (m) of each, (n, 3), in order of time."""
-        self.placed.add_samples(source, self.smoother.sampled(source, samples[:, :2]), samples, self.correction)
+        self.corrected_map.add_samples(
+            source, self.smoother.add_sample_positions(source, samples[:, :2]), samples, self.correction
+        )
 
     def step(self, now_s: float) -> bool:
         """Corrects places if it is time to; returns whether it did."""
@@ -103,11 +105,11 @@ class Placer:
 
     def correct(self) -> None:
         """Finds the places anew, by everything known, and brings the map up to date."""
-        gp = self.placed.map.gp
-        terrain = Terrain(self.book.pieces(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
+        gp = self.corrected_map.map.gp
+        terrain = Terrain(self.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
         self.correction = self.smoother.smooth(terrain)
-        places = self.book.corrected_m(self.correction)
-        if self.placed.moved_m(places) > self.config.moved_m:
-            self.placed.lay_out(places)
-            self.rebooked += 1
-        self.placed.inform(self.correction, self.vehicle)
+        places = self.log.corrected_m(self.correction)
+        if self.corrected_map.moved_m(places) > self.config.moved_m:
+            self.corrected_map.rebuild(places)
+            self.rebuilds += 1
+        self.corrected_map.set_uncertainty(self.correction, self.vehicle)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.places import PlacesConfig
-from auv_lse_gp.places.track import Along, Track
+from auv_lse_gp.places.track import Track, TrackPoints
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ MOST_KNOTS = 24
 _J = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
-class VehicleModel:
+class VehicleErrorModel:
     """How one vehicle's places depend on its unknowns.
 
     Attributes:
@@ -42,14 +42,14 @@ class VehicleModel:
         block: Its unknowns among those of the team.
     """
 
-    def __init__(self, track: Track, begin: int, config: PlacesConfig, before_m: float = 0.0) -> None:
+    def __init__(self, track: Track, begin: int, config: PlacesConfig, earlier_distance_m: float = 0.0) -> None:
         """Lays out the unknowns of a vehicle from number `begin` on.
 
         Args:
             track: Its raw track.
             begin: Number of its first unknown.
             config: What is known before.
-            before_m: How far it had gone before the first raw place that is known of it.
+            earlier_distance_m: How far it had gone before the first raw place that is known of it.
         """
         self.track = track
         self._start_m = track.start_m
@@ -59,7 +59,7 @@ class VehicleModel:
         self._span_s = max(config.knot_s, lasted / self._knots) if self._knots else config.knot_s
         self._knots_s = track.start_s + self._span_s * np.arange(self._knots)
         self.block = slice(begin, begin + STATIC + 3 * self._knots)
-        self._before_m = before_m
+        self._earlier_distance_m = earlier_distance_m
         self._config = config
         nodes = track.nodes
         if self._knots and len(nodes) > 1:
@@ -80,7 +80,7 @@ class VehicleModel:
         """Standard deviations of its unknowns before any measurement, (block,)."""
         c = self._config
         turn = math.radians(math.hypot(c.heading_std_deg, c.harmonic_std_deg))
-        start = math.hypot(c.start_std_m, self._before_m * math.hypot(turn, c.scale_std))
+        start = math.hypot(c.start_std_m, self._earlier_distance_m * math.hypot(turn, c.scale_std))
         heading, harmonic = math.radians(c.heading_std_deg), math.radians(c.harmonic_std_deg)
         turning = math.radians(c.heading_walk_deg_rth) * math.sqrt(self._span_s / 3600.0)
         walk = c.place_walk_m_rts * math.sqrt(self._span_s)
@@ -101,11 +101,11 @@ class VehicleModel:
         share = np.clip((stamps_s - times[right - 1]) / (times[right] - times[right - 1]), 0.0, 1.0)
         return np.asarray(sums[right - 1] + share[:, None, None] * (sums[right] - sums[right - 1]))
 
-    def sums(self, along: Along) -> Sums:
+    def positions(self, along: TrackPoints) -> TrackPositions:
         """What places along the track need of it, once for many values of the unknowns."""
-        return Sums(self, along, self._walk_at(along.stamps_s), self._ramps(along.stamps_s), self._start_m)
+        return TrackPositions(self, along, self._walk_at(along.stamps_s), self._ramps(along.stamps_s), self._start_m)
 
-    def carried(self, theta: Array, older: VehicleModel) -> Array:
+    def warm_start(self, theta: Array, older: VehicleErrorModel) -> Array:
         """Its unknowns (block,) where an earlier model of the same vehicle, with fewer knots, had `theta` (all)."""
         own = np.zeros(self.block.stop - self.block.start)
         old = theta[older.block]
@@ -118,14 +118,16 @@ class VehicleModel:
         return own
 
 
-class Sums:
+class TrackPositions:
     """Places of one vehicle (n), whose dependence on the unknowns is ready.
 
     What was worked out for the last values of the unknowns is kept: a search asks for places and derivatives in turn.
     """
 
-    def __init__(self, model: VehicleModel, along: Along, walk_m: Array, ramps: Array, start_m: Array) -> None:
-        """Takes what `VehicleModel.sums` has looked up."""
+    def __init__(
+        self, model: VehicleErrorModel, along: TrackPoints, walk_m: Array, ramps: Array, start_m: Array
+    ) -> None:
+        """Takes what `VehicleErrorModel.positions` has looked up."""
         self._model, self._along, self._walk_m, self._ramps, self._start_m = model, along, walk_m, ramps, start_m
         self._raw_way_m = along.raw_m - start_m
         self._asked = b""
@@ -183,7 +185,7 @@ class Sums:
         return out
 
 
-class TeamModel:
+class TeamErrorModel:
     """All unknowns of a team: a block for each vehicle, then clocks, then the speed of sound.
 
     Attributes:
@@ -196,7 +198,7 @@ class TeamModel:
         config: PlacesConfig,
         tracks: dict[int, Track],
         references: set[int],
-        before_m: dict[int, float] | None = None,
+        earlier_distance_m: dict[int, float] | None = None,
     ) -> None:
         """Lays out the unknowns.
 
@@ -204,13 +206,15 @@ class TeamModel:
             config: What is known before.
             tracks: Raw tracks by number of the vehicle.
             references: The vehicles whose clocks are references: one for each team.
-            before_m: How far a vehicle had gone before its first raw place that is known, if not 0.
+            earlier_distance_m: How far a vehicle had gone before its first raw place that is known, if not 0.
         """
         self.config = config
-        self.vehicles: dict[int, VehicleModel] = {}
+        self.vehicles: dict[int, VehicleErrorModel] = {}
         begin = 0
         for number in sorted(tracks):
-            self.vehicles[number] = VehicleModel(tracks[number], begin, config, (before_m or {}).get(number, 0.0))
+            self.vehicles[number] = VehicleErrorModel(
+                tracks[number], begin, config, (earlier_distance_m or {}).get(number, 0.0)
+            )
             begin = self.vehicles[number].block.stop
         others = [number for number in sorted(tracks) if number not in references]
         self._clocks = {number: begin + 2 * i for i, number in enumerate(others)}
@@ -234,19 +238,19 @@ class TeamModel:
         clock = np.array([both * c.clock_std_s, both * c.clock_drift_std_ppm * 1e-3])
         return np.concatenate([*std, np.tile(clock, len(self._clocks)), [c.sound_speed_std]])
 
-    def carried(self, theta: Array, older: TeamModel) -> Array:
+    def warm_start(self, theta: Array, older: TeamErrorModel) -> Array:
         """Unknowns (size,) to begin with, where an earlier model of the team had `theta`."""
         start = np.zeros(self.size)
         for number, model in self.vehicles.items():
             if number in older.vehicles:
-                start[model.block] = model.carried(theta, older.vehicles[number])
+                start[model.block] = model.warm_start(theta, older.vehicles[number])
             here, there = self.clock(number), older.clock(number)
             if here is not None and there is not None:
                 start[here : here + 2] = theta[there : there + 2]
         start[self.sound] = theta[older.sound]
         return start
 
-    def common(self, theta: Array) -> Array:
+    def common_modes(self, theta: Array) -> Array:
         """Directions (size, 4) of a translation, rotation and change of scale that all places have in common."""
         directions = np.zeros((self.size, 4))
         for model in self.vehicles.values():

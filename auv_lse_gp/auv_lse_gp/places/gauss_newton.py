@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from auv_lse_gp.places.error_model import TeamErrorModel
 from auv_lse_gp.places.measurements import Fixes, Ranges, within_gate
-from auv_lse_gp.places.model import TeamModel
-from auv_lse_gp.places.terrain import TerrainTerm
+from auv_lse_gp.places.terrain_matching import TerrainLikelihood
 
 Array = NDArray[np.float64]
 
@@ -85,10 +85,10 @@ class Solution:
 
 
 def solve(
-    model: TeamModel,
+    model: TeamErrorModel,
     fixes: Fixes,
     ranges: Ranges,
-    terrain: TerrainTerm | None,
+    terrain: TerrainLikelihood | None,
     start: Array,
     terrain_steps: int = TERRAIN_STEPS,
 ) -> Solution:
@@ -107,7 +107,7 @@ def solve(
     theta = search.run(start, Huber(), STEPS)
     given = len(fixes)
     while (
-        wrong := contradicted(
+        wrong := find_contradicted(
             model, fixes, search.normal(theta, Huber())[1], theta, search.cost(theta, Huber()), len(ranges)
         )
     ) is not None:
@@ -124,8 +124,8 @@ def solve(
     return Solution(theta, 0.5 * (covariance + covariance.T), int((~kept).sum()) + given - len(fixes))
 
 
-def contradicted(
-    model: TeamModel, fixes: Fixes, information: Array, theta: Array, cost: float, ranges: int
+def find_contradicted(
+    model: TeamErrorModel, fixes: Fixes, information: Array, theta: Array, cost: float, ranges: int
 ) -> int | None:
     """The fix that is farthest from where all other measurements place its vehicle; None if none is too far.
 
@@ -203,7 +203,7 @@ class _Search:
 
 
 def _with_terrain(
-    search: _Search, terrain: TerrainTerm, theta: Array, loss: Loss, information: Array, steps: int
+    search: _Search, terrain: TerrainLikelihood, theta: Array, loss: Loss, information: Array, steps: int
 ) -> tuple[Array, Array]:
     """Goes on with the terrain; returns the unknowns and their information with it (without it, if it fails)."""
     try:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.map.online import Outcome
-from auv_lse_gp.places.book import SoundingBook
 from auv_lse_gp.places.correction import Correction
+from auv_lse_gp.places.sounding_log import SoundingLog
 
 Array = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 MODES = 8
 
 
-class PlacedMap:
+class CorrectedMap:
     """A map whose soundings can be moved.
 
     Attributes:
@@ -29,35 +29,35 @@ class PlacedMap:
     def __init__(self, depth_map: DepthMap, own: set[int]) -> None:
         """The map is empty yet."""
         self.map = depth_map
-        self.book = SoundingBook()
+        self.log = SoundingLog()
         self.own = own
         self._seeds: list[int] = []  # number in the book of the sounding that each center began with
 
     def add_soundings(self, vehicle: int, rows: Array, correction: Correction | None) -> None:
         """Takes soundings of its own: stamp (s), north, east, depth, raw north, raw east (m) of each, (n, 6)."""
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
-        places = self.book.add(vehicle, rows[:, 0], rows[:, 4:6], rows[:, 1:3], rows[:, 3], correction)
+        places = self.log.add(vehicle, rows[:, 0], rows[:, 4:6], rows[:, 1:3], rows[:, 3], correction)
         outcomes = self.map.add_soundings(np.column_stack([rows[:, 0], places, rows[:, 3]]))
-        self._remember(outcomes, np.arange(len(self.book) - len(rows), len(self.book)))
+        self._remember(outcomes, np.arange(len(self.log) - len(rows), len(self.log)))
 
     def add_samples(self, vehicle: int, stamps_s: Array, samples: Array, correction: Correction | None) -> None:
         """Takes a mate's samples: raw north and east, depth (m) of each, (n, 3); those of unknown time (NaN) stay."""
         raw = np.where(np.isfinite(stamps_s)[:, None], samples[:, :2], np.nan)
-        places = self.book.add(vehicle, stamps_s, raw, samples[:, :2], samples[:, 2], correction)
+        places = self.log.add(vehicle, stamps_s, raw, samples[:, :2], samples[:, 2], correction)
         outcomes = self.map.add_samples(np.column_stack([places, samples[:, 2]]), vehicle)
-        self._remember(outcomes, np.arange(len(self.book) - len(samples), len(self.book)))
+        self._remember(outcomes, np.arange(len(self.log) - len(samples), len(self.log)))
 
     def moved_m(self, places_m: Array) -> float:
         """How far the farthest sounding is from where it would be booked, of places (n, 2)."""
-        moved = np.sqrt(((places_m - self.book.booked_m) ** 2).sum(axis=1))
+        moved = np.sqrt(((places_m - self.log.mapped_m) ** 2).sum(axis=1))
         return float(np.nanmax(moved)) if np.isfinite(moved).any() else 0.0
 
-    def lay_out(self, places_m: Array) -> None:
+    def rebuild(self, places_m: Array) -> None:
         """Makes the map again at places (n, 2): own soundings by time, then each mate's samples as they had come."""
-        self.book.rebook(places_m)
+        self.log.set_mapped(places_m)
         self._seeds.clear()
         self.map.clear()
-        vehicles, stamps, depths = self.book.vehicles, self.book.stamps_s, self.book.depths_m
+        vehicles, stamps, depths = self.log.vehicles, self.log.stamps_s, self.log.depths_m
         mine = np.isin(vehicles, sorted(self.own))
         own = np.flatnonzero(mine)
         own = own[np.argsort(stamps[own], kind="stable")]
@@ -67,7 +67,7 @@ class PlacedMap:
             samples = np.column_stack([places_m[theirs], depths[theirs]])
             self._remember(self.map.add_samples(samples, mate), theirs)
 
-    def inform(self, correction: Correction, vehicle: int = 0) -> None:
+    def set_uncertainty(self, correction: Correction, vehicle: int = 0) -> None:
         """Tells the map in which ways the places of its centers may still be wrong together.
 
         Args:
@@ -88,9 +88,9 @@ class PlacedMap:
         gp, seeds = self.map.gp, np.array(self._seeds, dtype=np.int64)
         if not len(seeds):
             return None
-        rows = self.book.derivatives(correction, gp.posterior.slopes(gp.centers.places_m), seeds)
+        rows = self.log.derivatives(correction, gp.posterior.slopes(gp.centers.places_m), seeds)
         root = np.linalg.cholesky(correction.covariance)
-        spread, told = rows @ root, correction.by_a_fix(vehicle) @ root
+        spread, told = rows @ root, correction.fix_sensitivity(vehicle) @ root
         left = spread @ np.linalg.cholesky(np.eye(len(root)) - told.T @ told)
         values, ways = np.linalg.eigh(left.T @ left)
         effect = np.column_stack([spread @ told.T, left @ ways[:, ::-1][:, : min(MODES, len(values))]])

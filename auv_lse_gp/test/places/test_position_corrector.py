@@ -10,14 +10,14 @@ from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig, places_of
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
-from auv_lse_gp.inference.cached_points import KeptColumns, KeptMoments
+from auv_lse_gp.inference.cached_points import CachedMoments, CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.depth_map import DepthMap
-from auv_lse_gp.places.book import SoundingBook
-from auv_lse_gp.places.placer import Placer
+from auv_lse_gp.places.position_corrector import PositionCorrector
+from auv_lse_gp.places.sounding_log import SoundingLog
 
 AREA = OperatingArea(AreaConfig(polygon_m=(-300.0, -300.0, 300.0, -300.0, 300.0, 300.0, -300.0, 300.0)))
 CONFIG = PlacesConfig(correct=True)
@@ -49,8 +49,8 @@ def test_place_variance_is_that_of_the_textbook():
     assert posterior.place_variance(posterior.kernel.scale(at)) == pytest.approx(expected, rel=1e-9)
     assert posterior.moments(at)[0] == pytest.approx(mean)
     assert posterior.moments(at)[1] == pytest.approx(variance + expected, rel=1e-9)
-    assert posterior.columns(at).data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
-    assert KeptColumns(posterior, at).columns().data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
+    assert posterior.at(at).data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
+    assert CachedPoints(posterior, at).current().data_var_m2 == pytest.approx(variance + expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("provisional", [0, 9])
@@ -58,7 +58,7 @@ def test_moments_that_are_kept_follow_the_place_variance(provisional: int) -> No
     rng = np.random.default_rng(3)
     first, more = uncertain(rng), uncertain(rng)
     posterior, at = Posterior(GP), rng.uniform(0.0, 200.0, (7, 2))
-    kept = KeptMoments(posterior, at, provisional)
+    kept = CachedMoments(posterior, at, provisional)
     told_anew = Centers(first.places_m, first.depths_m, first.noise_std_m, 2.0 * first.place_effect_m)
     for centers in (first, first.joined(more), told_anew, more):  # from nothing, more of them, other effects, others
         posterior.follow(centers)
@@ -75,7 +75,7 @@ def test_no_planned_measurement_goes_below_the_floor():
     at = rng.uniform(0.0, 200.0, (5, 2))
     floor = posterior.place_variance(posterior.kernel.scale(at))
     posterior.plan(np.repeat(at, 50, axis=0))
-    for columns in (posterior.columns(at), KeptColumns(posterior, at).columns()):
+    for columns in (posterior.at(at), CachedPoints(posterior, at).current()):
         assert np.all(columns.planned_var_m2 >= floor)
         assert columns.planned_var_m2 == pytest.approx(floor, abs=0.3**2 / 49.0)
         assert np.all(columns.planned_var_m2 <= columns.data_var_m2)
@@ -122,7 +122,7 @@ def test_centers_join_with_and_without_place_effects():
 
 
 def test_the_book_keeps_what_cannot_be_corrected_where_it_was_told():
-    book = SoundingBook()
+    book = SoundingLog()
     nan = float("nan")
     told = np.array([[1.0, 2.0], [3.0, 4.0]])
     raw = np.array([[nan, nan], [30.0, 40.0]])
@@ -130,7 +130,7 @@ def test_the_book_keeps_what_cannot_be_corrected_where_it_was_told():
         [1.0, 2.0],
         [30.0, 40.0],
     ]
-    assert len(book.pieces()) == 0
+    assert len(book.segments()) == 0
     for _ in range(200):
         book.add(1, np.zeros(3), np.ones((3, 2)), np.ones((3, 2)), np.ones(3), None)
     assert len(book) == 602
@@ -141,7 +141,7 @@ def played(team: list[Sailed], ground: Ground, config: PlacesConfig = CONFIG) ->
     """The map of the first vehicle, told everything tick by tick."""
     rng = np.random.default_rng(5)
     depth_map = DepthMap(GP, LevelSet(), AREA)
-    intake = MapIntake(depth_map, Placer(1, config, depth_map))
+    intake = MapIntake(depth_map, PositionCorrector(1, config, depth_map))
     heard = messages(rng, team, 0)
     own, depths = team[0], [ground.depth_m(sailed.true) for sailed in team]
     for i, t in enumerate(own.times.tolist()):
@@ -168,14 +168,14 @@ def test_a_fix_moves_the_soundings_before_it_and_the_map_with_them():
     team = [sail(rng, config, 30, box_m=350.0) for _ in range(2)]
     surface(rng, team[0], 400)
     intake = played(team, ground, config)
-    placer, own = intake.placer, team[0]
-    assert placer is not None
-    assert placer.rebooked >= 1
-    assert len(placer.book) > 700
-    mine = placer.book.vehicles == 1
-    at = placer.book.stamps_s[mine].astype(int)
+    corrector, own = intake.corrector, team[0]
+    assert corrector is not None
+    assert corrector.rebuilds >= 1
+    assert len(corrector.log) > 700
+    mine = corrector.log.vehicles == 1
+    at = corrector.log.stamps_s[mine].astype(int)
     before = np.sqrt(((own.raw[at] - own.true[at]) ** 2).sum(axis=1).mean())
-    after = np.sqrt(((placer.book.booked_m[mine] - own.true[at]) ** 2).sum(axis=1).mean())
+    after = np.sqrt(((corrector.log.mapped_m[mine] - own.true[at]) ** 2).sum(axis=1).mean())
     assert after < 0.5 * before
     cells = intake.map.grid.places_m
     near = np.array([np.min(((own.true - cell) ** 2).sum(axis=1)) < 15.0**2 for cell in cells])
@@ -197,11 +197,11 @@ def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():
     team = [sail(rng, CONFIG, 12, box_m=300.0)]
     surface(rng, team[0], 200)
     intake = played(team, ground, PlacesConfig(correct=True, moved_m=0.0))
-    placer = intake.placer
-    assert placer is not None
-    placer.correct()
+    corrector = intake.corrector
+    assert corrector is not None
+    corrector.correct()
     fresh = DepthMap(GP, LevelSet(), AREA)
-    fresh.add_soundings(np.column_stack([placer.book.stamps_s, placer.book.booked_m, placer.book.depths_m]))
+    fresh.add_soundings(np.column_stack([corrector.log.stamps_s, corrector.log.mapped_m, corrector.log.depths_m]))
     assert np.array_equal(intake.map.centers.places_m, fresh.centers.places_m)
     assert np.array_equal(intake.map.centers.depths_m, fresh.centers.depths_m)
     effect = intake.map.centers.place_effect_m
@@ -211,16 +211,16 @@ def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():
 
 
 def test_a_sounding_that_was_refused_counts_once_however_often_the_map_is_made_again():
-    placer = Placer(1, CONFIG, DepthMap(GP, LevelSet(), AREA))
-    placer.add_soundings(np.array([[1.0, 0.0, 0.0, 15.0, 0.0, 0.0], [2.0, 9.0, 0.0, np.nan, 9.0, 0.0]]))
+    corrector = PositionCorrector(1, CONFIG, DepthMap(GP, LevelSet(), AREA))
+    corrector.add_soundings(np.array([[1.0, 0.0, 0.0, 15.0, 0.0, 0.0], [2.0, 9.0, 0.0, np.nan, 9.0, 0.0]]))
     for _ in range(2):
-        placer.placed.lay_out(placer.book.booked_m.copy())
-    assert (placer.placed.map.counts.kept, placer.placed.map.counts.refused) == (1, 1)
+        corrector.corrected_map.rebuild(corrector.log.mapped_m.copy())
+    assert (corrector.corrected_map.map.counts.kept, corrector.corrected_map.map.counts.refused) == (1, 1)
 
 
 def test_without_raw_places_the_map_is_as_without_a_placer():
     depth_map, plain = DepthMap(GP, LevelSet(), AREA), DepthMap(GP, LevelSet(), AREA)
-    placed, other = MapIntake(depth_map, Placer(1, CONFIG, depth_map)), MapIntake(plain)
+    placed, other = MapIntake(depth_map, PositionCorrector(1, CONFIG, depth_map)), MapIntake(plain)
     for t in range(1, 100):
         for intake in (placed, other):
             intake.add_soundings([(float(t), 2.0 * t, 0.5 * t, 15.0 + 0.05 * t)])
@@ -244,17 +244,17 @@ def test_the_first_two_ways_are_those_that_a_fix_takes_away():
     ground = Ground(rng, GP)
     config = PlacesConfig(correct=True, terrain=False, moved_m=1e9)
     intake = played([sail(rng, CONFIG, 12, box_m=300.0)], ground, config)
-    placer = intake.placer
-    assert placer is not None
-    placer.correct()
-    assert placer.correction is not None
-    track = placer.smoother.tracks[1]
-    place = placer.correction.places(1, np.array([track.end_s]), track.nodes[-1:, 1:3])[0]
+    corrector = intake.corrector
+    assert corrector is not None
+    corrector.correct()
+    assert corrector.correction is not None
+    track = corrector.smoother.tracks[1]
+    place = corrector.correction.places(1, np.array([track.end_s]), track.nodes[-1:, 1:3])[0]
     at = intake.map.grid.places_m[::37]
     before = _place_parts(intake, at)
     north_m, east_m = place.tolist()
     raw_north_m, raw_east_m = track.nodes[-1, 1:3].tolist()
-    placer.fixed(
+    corrector.add_fix(
         Fix(
             stamp_s=track.end_s,
             north_m=north_m,
@@ -264,7 +264,7 @@ def test_the_first_two_ways_are_those_that_a_fix_takes_away():
             std_m=config.fix_std_m,
         )
     )
-    placer.correct()
+    corrector.correct()
     after = _place_parts(intake, at)
     assert before[:, :2].sum() > 0.5 * before.sum()
     assert after.sum(axis=1) == pytest.approx(before[:, 2:].sum(axis=1), rel=0.02, abs=1e-4 * before.max())
@@ -275,4 +275,4 @@ def _place_parts(intake: MapIntake, places_m: np.ndarray) -> np.ndarray:
     """What each way in which places may be wrong adds to the variance of places (P, 2), (P, ways)."""
     posterior = Posterior(GP)
     posterior.follow(intake.map.centers)
-    return (posterior.columns(places_m).white @ posterior.place_white) ** 2
+    return (posterior.at(places_m).white @ posterior.white_place_effect) ** 2

@@ -20,9 +20,9 @@ from scipy.linalg import cholesky, solve_triangular
 
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.covariance.prior_mean import PriorMean
-from auv_lse_gp.inference.posterior import slopes_of
-from auv_lse_gp.places.model import Sums, TeamModel
-from auv_lse_gp.places.pieces import Pieces
+from auv_lse_gp.inference.posterior import depth_slopes
+from auv_lse_gp.places.error_model import TeamErrorModel, TrackPositions
+from auv_lse_gp.places.track_segments import TrackSegments
 
 Array = NDArray[np.float64]
 
@@ -32,39 +32,39 @@ class Terrain:
     """Depths along the tracks, and the prior that compares them.
 
     Attributes:
-        pieces: The soundings, in pieces of track.
+        segments: The soundings, averaged along segments of track.
         kernel: Covariance of the depth.
         prior_mean: Mean of the depth, places (P, 2) -> (P,).
         noise_std_m: Standard deviation of a piece's depth.
     """
 
-    pieces: Pieces
+    segments: TrackSegments
     kernel: Kernel
     prior_mean: PriorMean
     noise_std_m: float
 
 
-class TerrainTerm:
+class TerrainLikelihood:
     """The terrain's part of the solution."""
 
-    def __init__(self, model: TeamModel, terrain: Terrain) -> None:
+    def __init__(self, model: TeamErrorModel, terrain: Terrain) -> None:
         """Looks up where the pieces are on their vehicles' tracks; pieces of unknown vehicles are left out."""
         self._model, self._terrain = model, terrain
         self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
-        pieces = terrain.pieces
-        self._groups: list[tuple[slice, slice, Sums]] = []
+        segments = terrain.segments
+        self._groups: list[tuple[slice, slice, TrackPositions]] = []
         taken: list[NDArray[np.int64]] = []
-        for number in sorted(set(pieces.vehicles.tolist()) & set(model.vehicles)):
-            index = np.flatnonzero(pieces.vehicles == number)
+        for number in sorted(set(segments.vehicles.tolist()) & set(model.vehicles)):
+            index = np.flatnonzero(segments.vehicles == number)
             vehicle = model.vehicles[number]
             begin = sum(len(t) for t in taken)
             taken.append(index)
-            sums = vehicle.sums(vehicle.track.at(pieces.stamps_s[index], pieces.raw_m[index]))
+            sums = vehicle.positions(vehicle.track.at(segments.stamps_s[index], segments.raw_m[index]))
             self._groups.append((vehicle.block, slice(begin, begin + len(index)), sums))
-        self._depths_m = pieces.depths_m[np.concatenate(taken)] if taken else np.zeros(0)
+        self._depths_m = segments.depths_m[np.concatenate(taken)] if taken else np.zeros(0)
 
     def __len__(self) -> int:
-        """Number of pieces."""
+        """Number of segments."""
         return len(self._depths_m)
 
     def cost(self, theta: Array) -> float:
@@ -108,13 +108,13 @@ class TerrainTerm:
         places, lower, white = self._factorized(theta)
         alpha = solve_triangular(lower, white, lower=True, trans="T", check_finite=False)
         kernel = self._terrain.kernel
-        slopes = slopes_of(kernel, self._terrain.prior_mean, kernel.scale(places), alpha, places)
+        slopes = depth_slopes(kernel, self._terrain.prior_mean, kernel.scale(places), alpha, places)
         rows = np.zeros((len(places), self._model.size))
         for block, part, sums in self._groups:
             rows[part, block] = np.einsum("nd,ndu->nu", slopes[part], sums.jacobian(theta))
         whitened = solve_triangular(lower, rows, lower=True, check_finite=False)
         information = whitened.T @ whitened
-        common = self._model.common(theta)
+        common = self._model.common_modes(theta)
         weighted = prior_precision[:, None] * common
         projection = np.eye(self._model.size) - common @ np.linalg.solve(common.T @ weighted, weighted.T)
         return projection.T @ (rows.T @ alpha), projection.T @ information @ projection

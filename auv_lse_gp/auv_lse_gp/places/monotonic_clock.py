@@ -8,7 +8,7 @@ import math
 SET_BACK_S = 1.0
 
 
-class OwnClock:
+class MonotonicClock:
     """Times of a vehicle's raw places, soundings, fixes and receptions.
 
     Attributes:
@@ -22,17 +22,17 @@ class OwnClock:
         self._step_s = 0.0  # from the one before
         self._early_s = math.nan  # stamp of a raw place that came too early
 
-    def time_s(self, stamp_s: float) -> float:
+    def monotonic_s(self, stamp_s: float) -> float:
         """The time (s) of a stamp, which goes on where the clock was set back."""
         return stamp_s + self.set_back_s
 
-    def runs_to(self, stamp_s: float) -> float:
+    def advance(self, stamp_s: float) -> float:
         """The time (s) of the next raw place; notices that the clock was set back when the second such place comes."""
-        time_s = self.time_s(stamp_s)
+        time_s = self.monotonic_s(stamp_s)
         if time_s < self._last_s - SET_BACK_S:
             if self._early_s < stamp_s:
                 self.set_back_s += self._last_s + self._step_s - time_s
-                time_s = self.time_s(stamp_s)
+                time_s = self.monotonic_s(stamp_s)
             self._early_s = stamp_s
         if time_s > self._last_s:
             self._step_s = time_s - self._last_s if math.isfinite(self._last_s) else 0.0

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_gp.places.correction import Correction
-from auv_lse_gp.places.pieces import MOST_PIECES, Pieces, pieces_of
+from auv_lse_gp.places.track_segments import MAX_SEGMENTS, TrackSegments, segment_track
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 
-class SoundingBook:
+class SoundingLog:
     """Soundings and samples, in the order in which they came.
 
     A sounding whose raw place or time is not known (NaN) stays where it was told.
@@ -43,7 +43,7 @@ class SoundingBook:
         return self._rows[: self._size, 2:4]
 
     @property
-    def booked_m(self) -> Array:
+    def mapped_m(self) -> Array:
         """Places (n, 2) where they are booked."""
         return self._rows[: self._size, 4:6]
 
@@ -79,12 +79,12 @@ class SoundingBook:
 
     def corrected_m(self, correction: Correction) -> Array:
         """Where the soundings belong (n, 2) by a correction."""
-        places = self.booked_m.copy()
+        places = self.mapped_m.copy()
         for number, rows in self._by_vehicle():
             places[rows] = correction.places(number, self.stamps_s[rows], self.raw_m[rows])
         return places
 
-    def rebook(self, places_m: Array) -> None:
+    def set_mapped(self, places_m: Array) -> None:
         """Books all soundings at other places (n, 2)."""
         self._rows[: self._size, 4:6] = places_m
 
@@ -104,9 +104,9 @@ class SoundingBook:
             rows[own] = np.einsum("nd,ndu->nu", slopes[own], jacobian)
         return rows
 
-    def pieces(self, most: int = MOST_PIECES) -> Pieces:
+    def segments(self, most: int = MAX_SEGMENTS) -> TrackSegments:
         """The soundings whose places can be corrected, in pieces of track: `most` at most, or little more."""
-        return pieces_of(self.vehicles, self.stamps_s, self.raw_m, self.depths_m, most)
+        return segment_track(self.vehicles, self.stamps_s, self.raw_m, self.depths_m, most)
 
     def _by_vehicle(self) -> list[tuple[int, Numbers]]:
         """The soundings of each vehicle that can be corrected."""

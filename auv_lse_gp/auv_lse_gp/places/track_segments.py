@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 #: Length of a piece of track (m).
-PIECE_M = 10.0
-#: Pieces that the terrain compares, at most, or little more; with more track they are longer.
-MOST_PIECES = 400
+SEGMENT_M = 10.0
+#: TrackSegments that the terrain compares, at most, or little more; with more track they are longer.
+MAX_SEGMENTS = 400
 
 
 @dataclass(frozen=True, slots=True)
-class Pieces:
-    """Pieces of all tracks.
+class TrackSegments:
+    """TrackSegments of all tracks.
 
     Attributes:
         vehicles: Number of the vehicle that sounded (n,).
@@ -39,9 +39,9 @@ class Pieces:
         return len(self.depths_m)
 
 
-def pieces_of(
-    vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths_m: Array, most: int = MOST_PIECES
-) -> Pieces:
+def segment_track(
+    vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths_m: Array, most: int = MAX_SEGMENTS
+) -> TrackSegments:
     """Gathers soundings (n) of several vehicles, in any order; one with a number that is not finite is left out.
 
     Args:
@@ -55,12 +55,12 @@ def pieces_of(
     rows = rows[np.isfinite(rows).all(axis=1)]
     rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
     if not len(rows):
-        return Pieces(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
+        return TrackSegments(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros(0))
     way = np.diff(rows[:, 2:4], axis=0)
     step = np.sqrt(np.einsum("nd,nd->n", way, way))
     other = np.diff(rows[:, 0]) != 0.0
     gone = np.concatenate([[0.0], np.cumsum(np.where(other, 0.0, step))])
-    length = max(PIECE_M, float(gone[-1]) / most)
+    length = max(SEGMENT_M, float(gone[-1]) / most)
     begins = np.concatenate([[0.0], np.where(other, gone[1:], 0.0)])
     piece = np.floor((gone - np.maximum.accumulate(begins)) / length)
     # A piece ends where the next begins, where another vehicle's soundings begin, and at a gap longer than it.
@@ -68,4 +68,4 @@ def pieces_of(
     number = np.concatenate([[0], np.cumsum(ends)])
     count = np.bincount(number)
     means = [np.bincount(number, rows[:, c]) / count for c in range(5)]
-    return Pieces(np.rint(means[0]).astype(np.int64), means[1], np.column_stack(means[2:4]), means[4])
+    return TrackSegments(np.rint(means[0]).astype(np.int64), means[1], np.column_stack(means[2:4]), means[4])
