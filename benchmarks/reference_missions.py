@@ -44,7 +44,7 @@ MISSIONS: dict[str, dict[str, Any]] = {
         "sim.channel.packet_loss": 0.3,
     },
     "fixed_tour": {"planner.method": "fixed_tour", "mission.steps": 60, "mission.seed": 3},
-    "plain": {"planner.method": "plain", "mission.steps": 50, "mission.seed": 4, "planner.team_order": "rotating"},
+    "plain": {"planner.method": "plain", "mission.steps": 50, "mission.seed": 4},
     "lawnmower": {"planner.method": "lawnmower", "mission.seed": 6},
     "straddle": {"planner.method": "straddle", "mission.vehicles": 1, "mission.steps": 60, "mission.seed": 8},
     "useful": {

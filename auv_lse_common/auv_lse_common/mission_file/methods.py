@@ -1,60 +1,94 @@
-"""Planning methods: the planner parameters that each `planner.method` sets where the mission file leaves them out.
+"""Planning methods by name, and the families whose plans come about in the same way.
 
-A method is an entry of `METHODS`. It lists only what differs from the paper's augmented method, whose values are
-declared with the parameters (`sections.planner.from_method`).
+`METHODS` names the values of `planner.method`: the parameters that each sets where the mission file leaves them out,
+and whether it is the paper's. It lists only what differs from the paper's augmented method, whose values are declared
+with the parameters (`sections.planner.from_method`). `FAMILIES` states what other packages need to know of a method.
+`auv_lse_planner.methods.families` has a class for each family. docs/design/adding-a-method.md shows how to add one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from auv_lse_common.vocabulary.naive_ids import FITTED
 
-#: No naive path after the searched legs, and no incumbent.
-_PLAIN: dict[str, Any] = {"augmented": False, "naive_paths": (), "incumbent": False}
 
-#: Parameters of each method that differ from the paper's augmented method.
-METHODS: dict[str, dict[str, Any]] = {
-    # One tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
-    "tour": {
-        "proposals": "tour",
-        "augmented": False,
-        "naive_paths": (),
-        "iterations": 150,
-        "credit": "beyond",
-        "horizon": 8,
-        "exploration": 0.5,
-        "tour_interval": 4,
-    },
-    # The paper's two methods, as printed.
-    "augmented": {},
-    "plain": {**_PLAIN, "horizon": 10, "iterations": 300, "exploration": 0.5},
-    # The paper's augmented method with the paper's approximate risk integral, see `RISK_METHODS`.
-    "exponential_quadratic": {},
-    # Baselines: a tour that is never re-optimized, a single naive path, and one-leg scores.
-    "fixed_tour": {
-        "proposals": "tour",
-        "augmented": False,
-        "naive_paths": (),
-        "iterations": 150,
-        "tour_interval": 0,
-    },
-    "lawnmower": {"proposals": "naive", "horizon": 1, "naive_paths": FITTED},
-    "random": {**_PLAIN, "proposals": "random", "horizon": 1},
-    "myopic": {**_PLAIN, "proposals": "benefit", "horizon": 1},
-    "max_variance": {**_PLAIN, "proposals": "variance", "horizon": 1},
-    "straddle": {**_PLAIN, "proposals": "straddle", "horizon": 1},
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Family:
+    """Properties of all methods whose plans come about in the same way.
+
+    Attributes:
+        bound_of: Where reward and bound count the drop of risk: on the whole "map", or at the places of the own "path".
+        to_the_end: Whether a plan is evaluated to the mission's end, whatever the horizon.
+        all_mates: Whether the plans of all team mates count, not only of those before in `planner.team_order`.
+        places_per_leg: Least number of places on each leg at which own paths are evaluated.
+        sends_tours: Whether plans are sent as tours or as long sequences of actions.
+    """
+
+    bound_of: str = "path"
+    to_the_end: bool = False
+    all_mates: bool = False
+    places_per_leg: int = 1
+    sends_tours: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MethodEntry:
+    """A value of `planner.method`.
+
+    Attributes:
+        parameters: Planner parameters that differ from the paper's augmented method.
+        of_paper: Whether it is the paper's. It then maximizes the paper's reward, which says little about the others.
+        risk_integral: The value of `level_set.method` that it uses instead of the mission file's; None: the file's.
+    """
+
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    of_paper: bool = False
+    risk_integral: str | None = None
+
+
+#: Families by name: the values of `planner.proposals`, and `dec_mcts`, which `planner.coordination` selects.
+FAMILIES: dict[str, Family] = {
+    "tour": Family(bound_of="map", to_the_end=True, all_mates=True, places_per_leg=2, sends_tours=True),
+    "path": Family(),
+    "naive": Family(to_the_end=True),
+    "random": Family(),
+    "benefit": Family(),
+    "variance": Family(),
+    "straddle": Family(),
+    "dec_mcts": Family(all_mates=True),
 }
 
-#: Methods that override `level_set.method`, with the value that they use.
-RISK_METHODS = {"exponential_quadratic": "exponential_quadratic"}
+#: Values of `planner.proposals`.
+PROPOSALS = tuple(name for name in FAMILIES if name != "dec_mcts")
 
-#: Values of `planner.proposals`: the tour, the tree search, then the baselines.
-PROPOSALS = ("tour", "path", "naive", "random", "benefit", "variance", "straddle")
+#: No naive path after the searched legs, and no incumbent.
+_PLAIN: dict[str, Any] = {"augmented": False, "naive_paths": (), "incumbent": False}
+#: A tour over the rest of the mission.
+_TOUR: dict[str, Any] = {"proposals": "tour", "augmented": False, "naive_paths": (), "iterations": 150}
 
-#: The paper's methods. They maximize the paper's reward, which says little about the other methods.
-PAPER_METHODS = ("augmented", "exponential_quadratic", "plain")
+METHODS: dict[str, MethodEntry] = {
+    # One tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
+    "tour": MethodEntry(
+        parameters={**_TOUR, "credit": "beyond", "horizon": 8, "exploration": 0.5, "tour_interval": 4}
+    ),
+    # The paper's methods; the third uses the paper's approximate risk integral.
+    "augmented": MethodEntry(of_paper=True),
+    "plain": MethodEntry(of_paper=True, parameters={**_PLAIN, "horizon": 10, "iterations": 300, "exploration": 0.5}),
+    "exponential_quadratic": MethodEntry(of_paper=True, risk_integral="exponential_quadratic"),
+    # Baselines: a tour that is never re-optimized, a single naive path, and one-leg scores.
+    "fixed_tour": MethodEntry(parameters={**_TOUR, "tour_interval": 0}),
+    "lawnmower": MethodEntry(parameters={"proposals": "naive", "horizon": 1, "naive_paths": FITTED}),
+    "random": MethodEntry(parameters={**_PLAIN, "proposals": "random", "horizon": 1}),
+    "myopic": MethodEntry(parameters={**_PLAIN, "proposals": "benefit", "horizon": 1}),
+    "max_variance": MethodEntry(parameters={**_PLAIN, "proposals": "variance", "horizon": 1}),
+    "straddle": MethodEntry(parameters={**_PLAIN, "proposals": "straddle", "horizon": 1}),
+}
+
+#: The paper's methods.
+PAPER_METHODS = tuple(name for name, entry in METHODS.items() if entry.of_paper)
 
 
 def unless_paper_method(given: bool | None, parameters: Mapping[str, Any]) -> bool:

@@ -26,18 +26,18 @@ def test_methods_are_the_papers_and_single_parameters_go_before():
 def test_nothing_that_follows_from_the_method_is_left_out(method):
     complete = PlannerConfig(method=method).complete()
     missing = {f.name for f in dataclasses.fields(complete) if getattr(complete, f.name) is None}
-    assert missing == {"lane_heading_deg"}  # which follows from the area
+    assert not missing
     assert complete.complete() == complete
 
 
 def test_a_methods_values_are_parameters_that_a_file_may_give():
-    for method, values in METHODS.items():
-        assert from_mapping(PlannerConfig, {"method": method, **values}, "methods.py").method == method
+    for method, entry in METHODS.items():
+        assert from_mapping(PlannerConfig, {"method": method, **entry.parameters}, "methods.py").method == method
 
 
-def test_the_default_counts_the_map_and_the_papers_methods_their_paths():
+def test_the_default_bounds_the_maps_reward_and_the_papers_methods_bound_their_paths():
     assert PlannerConfig().method == "tour"
-    assert {m for m in METHODS if PlannerConfig(method=m).counts_the_map} == {"tour", "fixed_tour"}
+    assert {m for m in METHODS if PlannerConfig(method=m).family.bound_of == "map"} == {"tour", "fixed_tour"}
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.methods import RISK_METHODS
 from auv_lse_common.mission_file.sections.area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.vocabulary.plan import NONE, Plan
@@ -235,7 +234,7 @@ class RecedingHorizon:
 
         What it costs is taken from the account. What the account does not hold, the bound loses.
         """
-        if not self.planner.counts_the_map:
+        if self.planner.family.bound_of != "map":
             return bound
         self._touring.balance = max(0.0, self._touring.balance - weighing.costs)
         jbar, account = bound.jbar - weighing.costs, self._touring.balance
@@ -400,8 +399,8 @@ class RecedingHorizon:
 
     def _reward(self) -> PathReward:
         level_set = self._settings.level_set
-        if self.planner.method in RISK_METHODS:
-            level_set = dataclasses.replace(level_set, method=RISK_METHODS[self.planner.method])
+        if self.planner.entry.risk_integral:
+            level_set = dataclasses.replace(level_set, method=self.planner.entry.risk_integral)
         return PathReward(self._posterior, level_set, self.planner.credit)
 
     def _map_columns(self) -> CachedPoints:

@@ -44,7 +44,7 @@ class Team:
         Args:
             vehicle: Own number.
             vehicles: Number of vehicles.
-            order: "id" (lower numbers come before), "rotating" (the order moves on by one each step), or "all".
+            order: "id" (lower numbers come before) or "all".
             leg_s: Time a leg takes.
             expiry_s: Age at which a plan is dropped.
             follow: The path of a plan.
@@ -101,11 +101,7 @@ class Team:
         others = self.others
         if self._order == "all":
             return others
-        if self._order == "id":
-            return [v for v in others if v < self._vehicle]
-        # rotating: at step s, vehicle 1 + (s mod K) is the first of the order
-        rank = {v: (v - 1 - step) % self._vehicles for v in range(1, self._vehicles + 1)}
-        return [v for v in others if rank[v] < rank[self._vehicle]]
+        return [v for v in others if v < self._vehicle]
 
     def places_ahead(self, now_s: float, vehicle: int) -> Array:
         """Measurement places (P, 2) that a team mate has still to visit, by its clock."""

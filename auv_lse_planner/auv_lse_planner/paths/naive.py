@@ -256,17 +256,14 @@ class NaivePaths:
     def __init__(self, space: FreeSpace, config: PlannerConfig, polygon_m: Array, vehicles: int = 1) -> None:
         """Prepares the lanes along and across the main axis of `polygon_m` (V, 2), for so many `vehicles`.
 
-        The main axis is `lane_heading_deg`, or the direction of the polygon's longest side.
+        The main axis is the direction of the polygon's longest side.
         """
         self.space = space
         self._spacing_m = config.lane_spacing_m
         self._arguments = space.arguments(static=True)
-        if config.lane_heading_deg is not None:
-            axis = math.radians(config.lane_heading_deg)
-        else:
-            sides = np.roll(polygon_m, -1, axis=0) - polygon_m
-            longest = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
-            axis = math.atan2(longest[1], longest[0])
+        sides = np.roll(polygon_m, -1, axis=0) - polygon_m
+        longest = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
+        axis = math.atan2(longest[1], longest[0])
         self._frames = [self._frame(float(wrap_pi(axis))), self._frame(float(wrap_pi(axis + math.pi / 2.0)))]
         self._strips = min(vehicles, len(STRIPS))
         self._strip_places = [self._places_of_strip(polygon_m, number) for number in range(self._strips)]

@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.mission_file.sections.vehicle import MOST_SURFACINGS
@@ -109,7 +108,7 @@ class VehiclePlanner:
         self.records: list[BoundRecord] = []
         wanted = settings.vehicle.surfacings
         if wanted is None:
-            wanted = 0 if planner.method in PAPER_METHODS else MOST_SURFACINGS
+            wanted = 0 if planner.entry.of_paper else MOST_SURFACINGS
         self._surfacings = Surfacings(vehicle, settings.vehicle, wanted, mission.steps, self.motion.leg_length_m)
         self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         self._horizon = RecedingHorizon(
@@ -357,7 +356,7 @@ class VehiclePlanner:
         if not len(self.posterior.centers):
             return
         places = self._shallow_grid.places_m
-        if self.planner.proposals not in ("naive", "tour"):  # a naive path and a tour look as far as the mission goes
+        if not self.planner.family.to_the_end:  # a naive path and a tour look as far as the mission goes
             legs = max(self.planner.horizon, LOOK_AHEAD) + 2
             reach_m = legs * float(self.motion.lengths_m.max()) + SHALLOWS_BEYOND_M
             places = places[np.hypot(places[:, 0] - state[1], places[:, 1] - state[2]) <= reach_m]

@@ -25,10 +25,6 @@ def test_orders():
     assert _team("id").before(7) == [1, 2]
     assert _team("id", vehicle=1).before(7) == []
     assert _team("all").before(7) == [1, 2, 4]
-    ranks = [len(_team("rotating", vehicle=v).before(5)) for v in (1, 2, 3, 4)]
-    assert sorted(ranks) == [0, 1, 2, 3]
-    assert ranks[5 % 4] == 0  # vehicle 1 + (step mod K) is first
-    assert set(_team("rotating", vehicle=1).before(5)) == {2, 3, 4}
 
 
 def test_places_already_passed_are_dropped_and_old_plans_expire():

@@ -71,8 +71,8 @@ def test_a_covering_lawnmower_comes_near_everything(naive_path):
 
 
 def test_lanes_are_straight_and_at_the_configured_spacing():
-    _, motion, _, naive = world(planner=PlannerConfig(lane_spacing_m=60.0, lane_heading_deg=0.0))
-    states = motion.roll(np.zeros(3), naive.actions(np.zeros(3), LAWNMOWERS[0], 80))
+    _, motion, _, naive = world(planner=PlannerConfig(lane_spacing_m=60.0))
+    states = motion.roll(np.zeros(3), naive.actions(np.zeros(3), LAWNMOWERS[2], 80))  # across the longest side: north
     along = np.abs(np.cos(states[:, 0])) > 0.999
     off = np.abs(states[along, 2] - 60.0 * np.round(states[along, 2] / 60.0))
     assert np.mean(off < 3.0) > 0.85  # the rest is on its way from lane to lane

@@ -90,7 +90,7 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
         findings.error(f"{settings.where}: {error}")
         return
     actions = planner.horizon or 1
-    tour = math.ceil(settings.mission.steps / _STEPS_PER_SEGMENT) if planner.proposals == "tour" else 0
+    tour = math.ceil(settings.mission.steps / _STEPS_PER_SEGMENT) if planner.family.sends_tours else 0
     reserve, told = settings.packet.reserve, MOST_BYTES if settings.packet.navigation else 0
     least = capacity(actions, reserve, min(tour, 64), told)
     if tour:  # a bent path is told by its actions

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.mission_file.parameters import parameters_for
 from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
@@ -126,7 +125,7 @@ def evaluate(run: RunData, bounds: int = 34) -> Evaluation:
         scored &= np.isfinite(run.ground.depth_m)
     local = [local_map(v, s, area, _tick_s(run)).field() for v, s in zip(run.vehicles, settings, strict=True)]
     some = _thinned(team.field.grid, scored)
-    papers = first.planner.method in PAPER_METHODS
+    papers = first.planner.entry.of_paper
     curves = reward_curves(run, settings, area, bounds if papers else 2, some)
     return Evaluation(
         run=run,
@@ -189,7 +188,7 @@ def _summary(e: Evaluation) -> Summary:
     ideal = _without_navigation_error(e)
     walls = np.array([d.wall_s for v in run.vehicles for d in v.decisions])
     walls = walls[np.isfinite(walls)]
-    papers = first.planner.method in PAPER_METHODS
+    papers = first.planner.entry.of_paper
     bound = _last(curves.bound_max[:-1]) if papers else None
     p_safe = e.team.p_safe[scored]
     level_set = LevelSet.of(first.level_set)
@@ -240,7 +239,7 @@ def _summary(e: Evaluation) -> Summary:
         risk_third=_at_third(curves.risk),
         risk_after=float(risk_after.mean()),
         mowing_risk=known(curves.mowing_risk),
-        map_bound_promised=first.planner.counts_the_map and _promises(run),
+        map_bound_promised=first.planner.family.bound_of == "map" and _promises(run),
         map_bound_kept=bool(risk_after.mean() <= curves.mowing_risk) if run.steps else None,
         loss_expected=mean(e.team.risk),
         loss_after=of(verdict, lambda v: v.loss),

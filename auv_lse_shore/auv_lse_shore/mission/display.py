@@ -12,7 +12,6 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 
 _LINE_PERIOD_S = 5.0
@@ -115,9 +114,9 @@ class MissionProgress:
 
 def reward_shown(planner: PlannerConfig) -> str:
     """Whose reward the account counts: the map's, the paths' (the paper's methods), or "" for one that says little."""
-    if planner.counts_the_map:
+    if planner.family.bound_of == "map":
         return OF_THE_MAP
-    return OF_THE_PATH if planner.method in PAPER_METHODS else ""
+    return OF_THE_PATH if planner.entry.of_paper else ""
 
 
 def _gained(reward: float | None) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Optional, TypeVar
 
-from auv_lse_common.mission_file.methods import METHODS, PROPOSALS, RISK_METHODS
+from auv_lse_common.mission_file.methods import FAMILIES, METHODS, PROPOSALS, Family, MethodEntry
 from auv_lse_common.mission_file.parameters import ParameterError, parameter, section
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
@@ -65,9 +65,6 @@ class PlannerConfig:
     batch: int = parameter(8, low=1, high=256, help="paths the search values together")
     samples_per_leg: int = parameter(1, low=1, high=20, help="measurement places along a leg that count in the reward")
     lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
-    lane_heading_deg: float | None = parameter(
-        None, unit="deg", help="direction of the lanes; left out: along the longest side of the area"
-    )
     map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
     proposals: FromMethod[str] = from_method(
         "path",
@@ -85,7 +82,7 @@ class PlannerConfig:
         5, low=0, high=65535, unit="legs", help="method tour: legs after which the tour is optimized again; 0: never"
     )
     team_order: str = parameter(
-        "id", choices=("id", "rotating", "all"), help="whose plans count: lower numbers', in turn, everybody's"
+        "id", choices=("id", "all"), help="whose plans count: those of lower numbers, or everybody's"
     )
     coordination: str = parameter(
         "sequential",
@@ -105,9 +102,19 @@ class PlannerConfig:
     )
 
     @property
-    def counts_the_map(self) -> bool:
-        """Whether account and bound are of the drop of the map's risk, not of that at the own places."""
-        return self.complete().proposals == "tour"
+    def family_name(self) -> str:
+        """Name of the method's family, see `methods.FAMILIES`."""
+        return "dec_mcts" if self.coordination == "dec_mcts" else str(self.complete().proposals)
+
+    @property
+    def family(self) -> Family:
+        """Properties of the method's family."""
+        return FAMILIES[self.family_name]
+
+    @property
+    def entry(self) -> MethodEntry:
+        """The method's entry in the table of methods."""
+        return METHODS[self.method]
 
     def complete(self) -> PlannerConfig:
         """This configuration with the method's values where they are left out: no `FromMethod` parameter is None.
@@ -117,13 +124,13 @@ class PlannerConfig:
         """
         paper = {f.name: f.metadata["paper"] for f in fields(self) if "paper" in f.metadata}
         given = {name: value for name in paper if (value := getattr(self, name)) is not None}
-        values = {**paper, **METHODS[self.method], **given}
+        values = {**paper, **self.entry.parameters, **given}
         if values["augmented"] and not values["naive_paths"]:
             values["naive_paths"] = paper["naive_paths"]
         if not values["augmented"] and values["proposals"] != "naive":
             values["naive_paths"] = ()
         if self.coordination == "dec_mcts":
-            if values["proposals"] != "path" or self.method in RISK_METHODS:
+            if values["proposals"] != "path" or self.entry.risk_integral:
                 raise ValueError(
                     f"planner.coordination: 'dec_mcts' is a tree search by the exact risk; got planner.method "
                     f"{self.method!r} with proposals {values['proposals']!r}; expected 'augmented', 'plain' or "
@@ -150,9 +157,9 @@ def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) ->
         complete = planner.complete()
     except ValueError as error:
         raise ParameterError(f"{where}: {error}") from error
-    each = 2 if complete.proposals == "tour" else complete.samples_per_leg  # touring.OWN_PLACES
+    each = max(complete.family.places_per_leg, complete.samples_per_leg)
     places = mission.steps * each
-    if places > MOST_PLACES and (complete.augmented or complete.proposals in ("tour", "naive")):
+    if places > MOST_PLACES and (complete.augmented or complete.family.to_the_end):
         raise ParameterError(
             f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, which values all "
             f"{places} places to the mission's end at once: their covariances take {8e-9 * places**2:.0f} GB; expected "

@@ -37,7 +37,7 @@ def mission_facts(settings: Settings, *, name: str, simulated: bool) -> Event:
         "seed": settings.mission.seed,
         "method": settings.common.planner.method,
         # What the planners count as reward: of their paths, so that it adds up over the team, or of the whole map.
-        "reward_of": "map" if settings.common.planner.counts_the_map else "path",
+        "reward_of": settings.common.planner.family.bound_of,
         "level_m": level_set.level_m,
         "costs": [level_set.cost_false_safe, level_set.cost_false_unsafe],
         "largest_risk": level_set.largest_risk,
