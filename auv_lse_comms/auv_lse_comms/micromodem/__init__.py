@@ -5,18 +5,17 @@ Theory of operation
 `Micromodem` is the driver. It opens no port and reads no clock: its owner gives it bytes and times and takes bytes and
 events from it (docs/examples/drive_a_modem.md). `state.py` has its states and the table of their transitions.
 
-    bytes     wire.py       lines to sentences, and back; damaged lines are counted
-    sentences fields.py, (status|transmit|receive|ping)_messages.py, messages.py
-    messages  driver.py     hands each to the part that it concerns:
-                            configuration.py, clock.py, sending.py, pinging.py, receiving.py; they share a session.py
-    events    events.py     what the owner gets
+    bytes     sentences/wire.py   lines to sentences, and back; damaged lines are counted
+    sentences sentences/          to messages, and back (fields.py, layout.py, *_messages.py, messages.py)
+    messages  driver.py           passes each to the part that handles it: configuration.py, clock.py, sending.py,
+                                  pinging.py, receiving.py; they share a session.py
+    events    events.py           what the driver reports to its owner
 
-`ModemPort` (port.py) joins a driver to a serial or TCP port and a line log; `replay_log` (log.py) gives such a log to a
+`ModemPort` (port.py) joins a driver to a serial or TCP port and a line log; `replay_log` (log.py) feeds such a log to a
 new driver. `micromodem_node.py` is the ROS 2 node around a `ModemPort`.
 
-All but the node import nothing but the standard library, `auv_lse_common` (the parameters' checks, the states of
-health) and, in port.py, `auv_lse_comms.transport`: no NumPy, no packet, no mission. An import contract in
-pyproject.toml holds this.
+Except for the node, everything here imports only the standard library, `auv_lse_common` and, in port.py,
+`auv_lse_comms.transport`: no NumPy, no packet, no mission. An import contract enforces this.
 """
 
 from auv_lse_common.mission_file.sections.modem import ModemConfig

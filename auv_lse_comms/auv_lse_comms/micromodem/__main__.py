@@ -16,19 +16,19 @@ from auv_lse_comms.micromodem.log import read_entries, replay_log
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """`python -m auv_lse_comms.micromodem FILE`: replays a log and prints what the driver makes of it.
+    """Replays a log and prints the driver's events.
 
     Returns:
-        0; 1 if the driver now writes something else than it wrote then; 2 if the log cannot be read.
+        0; 1 if the driver's output differs from the log; 2 if the log cannot be read.
     """
     parser = argparse.ArgumentParser(
         prog="python -m auv_lse_comms.micromodem",
         description="Replays a modem's line log through the driver and prints its events.",
     )
-    parser.add_argument("file", type=Path, help="the log that modem.log_file named")
-    parser.add_argument("--address", type=int, help="modem address, if the log's beginning is lost")
+    parser.add_argument("file", type=Path, help="the log, written to modem.log_file")
+    parser.add_argument("--address", type=int, help="modem address, if the beginning of the log is missing")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="a modem parameter of that run, as rate=5"
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a modem parameter of that run, e.g. rate=5"
     )
     options = parser.parse_args(arguments)
     try:
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     lines_read = ", ".join(f"{count} {name}" for name, count in sorted(result.modem.reader.counts.items()))
     print(f"lines: {lines_read}; driver: {dict(sorted(result.modem.counts.items()))}")
     if result.written != result.logged:
-        print("the driver does not write what it wrote then: other settings, or another version of it", file=sys.stderr)
+        print("the driver's output differs from the log: other settings, or another driver version", file=sys.stderr)
         return 1
     return 0
 

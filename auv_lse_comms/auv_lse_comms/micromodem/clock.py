@@ -2,10 +2,10 @@
 
 step      what happens                          next
 REST      `clock_period_s` is over, when idle   ASKED     $CCTMQ written
-ASKED     $CATMQ: right, or not to be set       REST
+ASKED     $CATMQ: right, or must not be set     REST
 ASKED     $CATMQ: off                           WAITING   until the host's next second begins
 WAITING   a second begins                       SETTING   $CCTMS written (it carries whole seconds)
-SETTING   $CATMS                                ASKED     $CCTMQ written: is it right now?
+SETTING   $CATMS                                ASKED     $CCTMQ written, to check the result
 ASKED, SETTING
           no answer, `CLOCK_TRIES` times        REST      reported
 """
@@ -22,16 +22,16 @@ from auv_lse_comms.micromodem.sentences.wire import Sentence
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import Cause, State
 
-#: $CCTMS carries whole seconds: it is written this soon after one begins (s) ...
+#: $CCTMS carries whole seconds: it is written within this time after a second begins (s).
 SECOND_START_S = 0.1
-#: ... or, when the driver is polled too seldom to hit that, after waiting so long (s).
+#: If the driver is polled too rarely for that, $CCTMS is written after this wait (s).
 SECOND_WAIT_S = 3.0
-#: Tries at setting the clock before the driver reports it and leaves it as it is.
+#: Attempts at setting the clock before the driver reports the failure and leaves the clock as it is.
 CLOCK_TRIES = 3
 
 
 class ClockStep(enum.Enum):
-    """Where a clock check is."""
+    """Step of a clock check."""
 
     REST = "rest"
     ASKED = "asked"
@@ -40,27 +40,27 @@ class ClockStep(enum.Enum):
 
 
 class ClockCheck:
-    """The checks of one modem's clock: the first one in state CLOCK, later ones beside the states.
+    """The checks of one modem's clock: the first one in state CLOCK, later ones independent of the state.
 
     Attributes:
-        step: Where the check is.
-        right: The clock was within `clock_tolerance_s` of the host's at the last check.
+        step: Step of the current check.
+        right: Whether the clock was within `clock_tolerance_s` of the host's at the last check.
     """
 
     def __init__(self, session: Session) -> None:
-        """Writes to `session`; nothing is checked yet."""
+        """Starts without a check; writes to `session`."""
         self.step = ClockStep.REST
         self.right = False
         self._session = session
         self._tries = 0
 
     def reset(self) -> None:
-        """Forgets what is known: the connection or the modem is new."""
+        """Discards the result: the connection or the modem is new."""
         self.step = ClockStep.REST
         self.right = False
 
     def ask(self, new: bool) -> None:
-        """Asks the modem for its time; `new` begins a check, else it is one more try of the same."""
+        """Asks the modem for its time; `new` begins a check, otherwise the current one is repeated."""
         if new:
             self._tries = 0
         self.step = ClockStep.ASKED
@@ -69,7 +69,7 @@ class ClockCheck:
         self._session.write(Sentence("CCTMQ", ("0",)))
 
     def end(self) -> None:
-        """Ends the check, whatever it found; after the first one packets can be sent."""
+        """Ends the check, whatever its result; after the first one packets can be sent."""
         session = self._session
         self.step = ClockStep.REST
         session.start("clock_period")
@@ -78,11 +78,11 @@ class ClockCheck:
             session.report(ModemReady(version=session.version))
 
     def poll(self) -> None:
-        """Lets time pass: begins a check, sets the clock on the second, repeats what was not answered."""
+        """Begins a check if one is due, sets the clock on the second, repeats unanswered queries."""
         session = self._session
         if self.step is ClockStep.REST:
             if session.state is State.IDLE and session.waited_s("clock_period") >= session.config.clock_period_s:
-                session.write(Sentence("CCCFQ", ("SRC",)))  # a modem with another address has rebooted unheard
+                session.write(Sentence("CCCFQ", ("SRC",)))  # another address reveals a reboot that was missed
                 self.ask(new=True)
         elif self.step is ClockStep.WAITING:
             fraction_s = session.now_s - math.floor(session.now_s)
@@ -96,16 +96,16 @@ class ClockCheck:
             if self._tries < CLOCK_TRIES:
                 self.ask(new=False)
             else:
-                session.report(Problem(text="the modem does not answer about its clock"))
+                session.report(Problem(text="the modem does not answer queries about its clock"))
                 self.end()
 
     def _time_to_set(self) -> tuple[str, str]:
-        """Time and mode of $CCTMS, written as a second begins: this one at once, or at the next edge of the PPS."""
+        """Time and mode of $CCTMS: this second, to be set at once, or the next one, to be set at the PPS edge."""
         second_s = round(self._session.now_s)
         return (iso_time(second_s + 1), "1") if self._session.config.synchronous else (iso_time(second_s), "0")
 
     def on_time(self, message: ClockTime) -> None:
-        """The modem's time: compares it with the host's."""
+        """Compares the modem's time with the host's."""
         if self.step is not ClockStep.ASKED:
             return
         session, config = self._session, self._session.config
@@ -117,7 +117,7 @@ class ClockCheck:
             ClockChecked(offset_s=offset_s, within_tolerance=self.right, source=message.source, pps=message.pps)
         )
         self._tries += 1
-        # a time of arrival counts as synchronous only if the clock was set from outside, however right it is
+        # an arrival time counts as synchronous only if the clock was set by the host, however right it is
         unset = config.synchronous and message.source in ("NONE", "RTC")
         if (self.right and not unset) or not config.set_clock or self._tries > CLOCK_TRIES:
             if not self.right:
@@ -130,13 +130,13 @@ class ClockCheck:
             self.poll()
 
     def on_set(self, message: ClockSet) -> None:
-        """The modem has set its clock: asks whether it is right now."""
+        """The modem has set its clock: checks it again."""
         if self.step is not ClockStep.SETTING:
             return
         self._session.counts["clock_timed_out" if message.timed_out else "clock_set"] += 1
         self.ask(new=False)
 
     def on_refused(self) -> None:
-        """The modem has refused a command, which may have been about its clock."""
+        """The modem has refused a command, which may have been a clock command."""
         if self.step in (ClockStep.ASKED, ClockStep.SETTING):
             self.end()

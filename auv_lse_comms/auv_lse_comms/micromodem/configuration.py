@@ -1,4 +1,4 @@
-"""Configures a Micromodem setting by setting: each is sent when the one before is confirmed."""
+"""Configures a Micromodem setting by setting: each is sent once the previous one is confirmed."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from auv_lse_comms.micromodem.sentences.wire import Sentence
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import Cause
 
-#: A modem that reports INIT gets no settings until it reports AUV, or for so long (s).
+#: After INIT the driver waits for AUV, but at most this long, before it sends settings (s).
 REBOOT_WAIT_S = 2.0
 
 
 def settings_of(config: ModemConfig, address: int) -> tuple[tuple[Setting, bool], ...]:
-    """The settings that the driver needs, in the order they are sent, each with whether it is vital.
+    """The settings that the driver sends, in order, each with whether it is required.
 
-    A modem that refuses a vital setting is not used; it is asked again and again.
+    A modem that refuses a required setting is not used; the setting is repeated until it is accepted.
     """
     return tuple(
-        (Setting(name=name, value=value), vital)
-        for name, value, vital in (
+        (Setting(name=name, value=value), required)
+        for name, value, required in (
             ("SRC", str(address), True),  # own address
             ("CST", "1", True),  # receive statistics, the end of every reception
             ("RXP", "1", False),  # report the start of a reception
             ("RXD", "1", True),  # give received frames
             ("TXP", "1", True),  # report that the transducer is on
             ("TXF", "1", True),  # report that it is off: the packet is sent
-            ("REV", "1", False),  # report the revision now and then
+            ("REV", "1", False),  # report the revision every few minutes
             ("XST", "1", False),  # transmit statistics
             ("MFD", "1", False),  # report what the matched filter detected
             ("ASD", "0", False),  # never send test data of its own when the host is late
@@ -39,17 +39,16 @@ def settings_of(config: ModemConfig, address: int) -> tuple[tuple[Setting, bool]
 
 
 class Configuration:
-    """The settings of one modem, on their way to it. After the last one the clock check begins.
+    """Sends one modem its settings; after the last one the clock check begins.
 
-    A modem tells its firmware when it starts. One that has not, as it was on before, is restarted once when it has its
-    address.
+    A modem reports its firmware when it starts. If it was on already, it is restarted once after its address is set.
 
     Attributes:
-        rebooting: The modem is to restart, or has reported INIT and not yet AUV: settings wait.
+        rebooting: Whether the modem is about to restart, or has reported INIT and not yet AUV: settings wait.
     """
 
     def __init__(self, session: Session, clock: ClockCheck) -> None:
-        """Writes to `session`; begins `clock` when the modem is configured."""
+        """Prepares the settings; writes to `session` and begins `clock` when the modem is configured."""
         self.rebooting = False
         self._session = session
         self._clock = clock
@@ -59,7 +58,7 @@ class Configuration:
         self._restarted = False
 
     def begin(self) -> None:
-        """Starts with the first setting, at once or when the modem has rebooted."""
+        """Sends the first setting, at once or when the modem has rebooted."""
         self._number = 0
         self._tries = 0
         self._clock.reset()
@@ -69,38 +68,38 @@ class Configuration:
             self.write()
 
     def write(self) -> None:
-        """Sends the setting that is due."""
+        """Sends the current setting."""
         self._session.write(self._settings[self._number][0].command())
         self._session.start("setting")
 
     def answer(self, message: Setting) -> None:
-        """Takes the modem's answer to a setting."""
+        """Handles the modem's answer to a setting."""
         setting, _ = self._settings[self._number]
         if message.name != setting.name:
             return
         if message.value == setting.value:
             self._next()
         else:
-            self.refuse(f"it answers {message.value!r}")
+            self.refuse(f"it answered {message.value!r}")
 
     def refuse(self, why: str) -> None:
-        """The modem refuses the setting that is due: tries again if it is vital, else goes on without it."""
+        """The modem refuses the current setting: tries again if it is required, else continues without it."""
         session = self._session
-        setting, vital = self._settings[self._number]
+        setting, required = self._settings[self._number]
         self._tries += 1
-        if self._tries <= session.config.retries and vital:
+        if self._tries <= session.config.retries and required:
             self.write()
             return
         session.counts["settings_refused"] += 1
-        session.report(Problem(text=f"the modem does not take {setting.name},{setting.value}: {why}"))
-        if not vital:
+        session.report(Problem(text=f"the modem refused {setting.name},{setting.value}: {why}"))
+        if not required:
             self._next()
             return
-        session.start("setting")  # sent again when this wait is over
+        session.start("setting")  # repeated when this wait is over
         self._tries = 0
 
     def poll(self) -> None:
-        """Lets time pass: repeats a setting that was not answered."""
+        """Repeats a setting that was not answered."""
         session = self._session
         if self.rebooting:
             if session.waited_s("reboot") >= REBOOT_WAIT_S:
@@ -111,7 +110,7 @@ class Configuration:
             self.write()
 
     def _restart_once(self) -> bool:
-        """Restarts a modem that has not told its firmware; its settings stay. Returns whether they wait for that."""
+        """Restarts a modem that has not reported its firmware; returns whether settings must wait for that."""
         session = self._session
         if session.version or self._restarted:
             return False

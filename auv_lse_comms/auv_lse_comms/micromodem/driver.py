@@ -1,17 +1,16 @@
 """Driver of a WHOI Micromodem-2: a state machine from bytes and times to bytes and events. It opens no port.
 
-The owner (`port.py`, or a program of your own) tells the driver what happens: `opened`, `closed`, `receive` (bytes from
-the modem), `send` (a packet to transmit), `ping` (another modem) and, often, `poll` (time passes). After each call it
-takes `outgoing` (bytes to write) and `events`. Every call carries `now_s`, the host's clock, s since 1970 (UTC, or
-simulated): it times the waits, is what the modem's clock is compared with, and may be stepped. After a step back every
-running wait starts anew.
+The owner (`port.py`, or a program of your own) calls `opened`, `closed`, `receive` (bytes from the modem), `send` (a
+packet to transmit), `ping` (another modem) and, often, `poll` (time passes). After each call it takes `outgoing` (bytes
+to write) and `events`. Every call carries `now_s`, the host's clock, s since 1970 (UTC, or simulated). It times the
+waits, and the modem's clock is compared with it. It may be stepped: after a step back every running wait restarts.
 
-How it works is in `state.py`, with the table of its states. `Micromodem` hands each message to the part that it
-concerns: `configuration.py`, `clock.py`, `sending.py`, `pinging.py` or `receiving.py`.
+`state.py` explains the states. `Micromodem` passes each message to the part that handles it: `configuration.py`,
+`clock.py`, `sending.py`, `pinging.py` or `receiving.py`.
 
-A command without an answer is repeated; after `retries` the driver asks for the connection to be made anew
-(`wants_reopen`). Any sentence that passes its checksum proves the modem alive. The clock and the modem's address are
-asked for every `clock_period_s`, so silence and missed reboots are noticed. Lost lines are expected everywhere.
+A command without an answer is repeated; after `retries` the driver requests a new connection (`wants_reopen`). Any
+sentence with a valid checksum proves that the modem is alive. The clock and the modem's address are queried every
+`clock_period_s`, which reveals silence and missed reboots. Any line may be lost.
 """
 
 from __future__ import annotations
@@ -66,16 +65,16 @@ class Micromodem:
 
     Attributes:
         address: The modem's address, which is the vehicle's number.
-        reader: Cuts the lines; `reader.counts` counts the damaged ones by kind.
-        ignored: Sentences the driver has no use for, by type.
-        handlers: What is done with each message. The table is the only way from a modem's text to code.
+        reader: Splits bytes into sentences; `reader.counts` counts the damaged lines by kind.
+        ignored: Sentences that the driver does not use, by type.
+        handlers: Handler of each message. Text from the modem selects code only through this table.
     """
 
     def __init__(self, config: ModemConfig, address: int) -> None:
-        """For the modem that will have `address` (1 to 127, the vehicle's number).
+        """Creates the driver of the modem that gets `address` (1 to 127, the vehicle's number).
 
         Raises:
-            ValueError: if the address cannot be one.
+            ValueError: if the address is out of range.
         """
         if not 1 <= address <= 127:
             raise ValueError(f"modem address: got {address}; expected 1 to 127 (0 is everyone)")
@@ -125,7 +124,7 @@ class Micromodem:
         self._configuration.begin()
 
     def closed(self, now_s: float, reason: str) -> None:
-        """The port is closed, or could not be read: drops what was on the way."""
+        """The port is closed, or could not be read: drops transmissions, pings and receptions in progress."""
         session = self._session
         session.tick(now_s)
         if self.is_open:
@@ -139,11 +138,11 @@ class Micromodem:
         session.move(Cause.CLOSED)
 
     def send(self, now_s: float, payload: bytes, destination: int | None = None) -> int:
-        """Asks for a packet to be transmitted; returns its number, which the events about it carry.
+        """Queues a packet; returns its number, which the events about it carry.
 
         Args:
             now_s: Time (s).
-            payload: Its bytes, as many as one packet holds at the configured rate.
+            payload: Its bytes, at most as many as one packet holds at the configured rate.
             destination: Modem address; None: `modem.destination`.
 
         Raises:
@@ -156,13 +155,13 @@ class Micromodem:
         """Pings another modem, for its distance; returns the ping's number, which the events about it carry.
 
         Raises:
-            ValueError: if `destination` is no other modem's address.
+            ValueError: if `destination` is not another modem's address.
         """
         self._session.tick(now_s)
         return self._pinging.ask(destination, free=not self._sending.waiting)
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Takes bytes that came from the modem."""
+        """Processes bytes from the modem."""
         session = self._session
         session.tick(now_s)
         if not self.is_open:
@@ -183,7 +182,7 @@ class Micromodem:
             self._sending.begin()
 
     def poll(self, now_s: float) -> None:
-        """Lets time pass: repeats, gives up, checks the clock. Call at least ten times a second, or once a tick."""
+        """Lets time pass: timeouts, repeats, clock checks. Call at least ten times a second, or once per tick."""
         self._session.tick(now_s)
         if not self.is_open:
             self._sending.drop_late("no modem")
@@ -198,18 +197,18 @@ class Micromodem:
         self._sending.begin()
 
     def outgoing(self) -> bytes:
-        """The bytes to write to the modem now; they are handed out once."""
+        """The bytes to write to the modem now; each is returned once."""
         return self._session.take_outgoing()
 
     def events(self) -> list[Event]:
-        """What has happened since the last call."""
+        """The events since the last call."""
         return self._session.take_events()
 
     # ------------------------------------------------------------------ what the owner can read
 
     @property
     def state(self) -> State:
-        """Where the driver is."""
+        """The driver's state."""
         return self._session.state
 
     @property
@@ -219,7 +218,7 @@ class Micromodem:
 
     @property
     def counts(self) -> Counter[str]:
-        """What happened, by name: transmissions, receptions, errors by kind, repeats, reboots."""
+        """Counts by name: transmissions, receptions, errors by kind, repeats, reboots."""
         return self._session.counts
 
     @property
@@ -229,17 +228,17 @@ class Micromodem:
 
     @property
     def activity(self) -> tuple[object, ...]:
-        """Changes whenever a call has done anything: written, reported, started or ended a wait."""
+        """Changes whenever a call has had an effect: it wrote, reported, or started or ended a wait."""
         return (self._clock.step, self._configuration.rebooting, *self._session.activity)
 
     @property
     def is_open(self) -> bool:
-        """The owner has called `opened`, and not `closed` since."""
+        """Whether the owner has called `opened`, and not `closed` since."""
         return self.state is not State.CLOSED
 
     @property
     def quiet(self) -> bool:
-        """No answer of the modem is awaited that would come at once (so a lockstep tick may end)."""
+        """Whether no immediate answer of the modem is pending (so a lockstep tick may end)."""
         if self._clock.step is not ClockStep.REST:
             return False
         return self.state in (State.SENDING, State.PINGING) or (self.state is State.IDLE and not self._sending.waiting)
@@ -274,7 +273,7 @@ class Micromodem:
         if self.state is State.CONFIGURING and not self._configuration.rebooting:
             self._configuration.answer(message)
         elif message.name == "SRC" and message.value != str(self.address):
-            self._reboot(f"the modem's address is {message.value}, not {self.address}: it must have rebooted")
+            self._reboot(f"the modem's address is {message.value}, not {self.address}: it has rebooted")
 
     def _on_cycle(self, message: Cycle) -> None:
         if message.source == self.address:
@@ -297,8 +296,8 @@ class Micromodem:
         if message.module == "DATA_TIMEOUT":
             if self.state in TRANSMITTING:
                 self._sending.abort(f"data timeout at frame {message.number}")
-            return  # else: the answer to a packet that was dropped as too late
-        # NMEA: it did not understand our last command, whichever that was
+            return  # outside a transmission: the response to a packet that was dropped as too late
+        # NMEA: the modem did not understand our last command
         if message.module == "NMEA" and self.state is State.CONFIGURING and not self._configuration.rebooting:
             self._configuration.refuse(text)
             return

@@ -22,7 +22,7 @@ class ModemLost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockChecked:
-    """The modem's clock was read. `offset_s`: modem less host, 0 within the reading's resolution."""
+    """The modem's clock was read. `offset_s`: modem minus host, 0 within the reading's resolution."""
 
     offset_s: float
     within_tolerance: bool
@@ -32,14 +32,14 @@ class ClockChecked:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransmitStarted:
-    """A packet is going out: the transducer is on."""
+    """A packet's transmission has begun: the transducer is on."""
 
     number: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransmitDone:
-    """A packet has gone out."""
+    """A packet's transmission is over."""
 
     number: int
 
@@ -54,16 +54,16 @@ class TransmitFailed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PacketReceived:
-    """A packet was received whole.
+    """A packet was received completely.
 
     Attributes:
-        utc_s: End of its reception, s since 1970: by the modem's clock to 0.1 ms where that is right, else the
-            host's when it was reported.
-        payload: Its bytes; zeros after byte 252 are cut off, as some firmware fills frames up with them.
+        utc_s: End of its reception, s since 1970: by the modem's clock, to 0.1 ms, where that is right; else by the
+            host's clock when it was reported.
+        payload: Its bytes; zeros after byte 252, which some firmware appends, are cut off.
         snr_db: At the equalizer's input, dB; NaN if its statistics were lost.
-        travel_s: One-way travel time, s; NaN unless transmissions start on the second (`modem.synchronous`) and the
-            modem's clock is held by a PPS. Only what is beyond whole seconds (1.5 km of water each): from 0 to 1.
-        sent_s: Start of its transmission, s since 1970, NaN likewise; the last second before it arrived.
+        travel_s: One-way travel time, s, without its whole seconds (1.5 km of water each): 0 to 1. NaN unless
+            transmissions start on the second (`modem.synchronous`) and a PPS disciplines the modem's clock.
+        sent_s: Start of its transmission, s since 1970: the last full second before it arrived; NaN likewise.
         arrival_s: Start of its reception by the modem's clock, s since 1970; NaN likewise.
     """
 
@@ -80,7 +80,7 @@ class PacketReceived:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PingStarted:
-    """A ping is going out."""
+    """A ping's transmission has begun."""
 
     number: int
 
@@ -90,11 +90,11 @@ class PingAnswered:
     """Another modem has answered a ping.
 
     Attributes:
-        number: The ping's.
+        number: The ping's number.
         source: The other modem's address.
-        travel_s: One-way travel time, s, by the own clock alone.
-        utc_s: The time for which it holds: half-way between the start of the ping and of its answer's arrival, by the
-            host's clock, s since 1970.
+        travel_s: One-way travel time, s, measured with this modem's clock alone.
+        utc_s: Time at which the range applies: half-way between the start of the ping and the start of its answer, by
+            the host's clock, s since 1970.
     """
 
     number: int
@@ -105,7 +105,7 @@ class PingAnswered:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PingFailed:
-    """A ping that did not begin or was not answered."""
+    """A ping did not begin or was not answered."""
 
     number: int
     reason: str
@@ -113,7 +113,7 @@ class PingFailed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReceptionFailed:
-    """A reception that gave no packet."""
+    """A reception gave no packet."""
 
     reason: str
     snr_db: float = math.nan

@@ -1,13 +1,13 @@
-"""Line log of a modem's port: everything that goes over it, with its time, as text; and the log's replay.
+"""Line log of a modem's port: all traffic with its time, as text; and the log's replay.
 
 One entry per line, `<time> <kind> <text>`, time in s since 1970 with microseconds:
 
-    <  bytes from the modem, as they came (one line, or a part of one; \\r \\n \\xHH escaped)
+    <  bytes from the modem, as received (one line, or a part of one; \\r \\n \\xHH escaped)
     >  bytes to the modem
     =  calls of the driver: "address N", "opened", "closed REASON", "send DESTINATION HEX", "poll"
 
-Only polls that made the driver do something are kept. Because the driver reads no clock and no port, the same
-entries give the same sentences and events again: a field problem is replayed at the desk, and a log is a test.
+Polls without effect are omitted. The driver reads no clock and no port, so a replay gives the same sentences and
+events: a problem from the field can be debugged at the desk, and a log can serve as a test.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _ENTRY = re.compile(r"(\d{1,12}\.\d{6}) ([<>=]) (.*)\Z")
 
 
 class LogError(ValueError):
-    """A line that is no entry of a line log; names it and the reason."""
+    """A line that is not an entry of a line log; names it and the reason."""
 
 
 class LogEntry(NamedTuple):
@@ -40,17 +40,17 @@ class LogEntry(NamedTuple):
 
 
 def escape(data: bytes) -> str:
-    """`data` as printable ASCII: CR, LF and backslash as in C, anything else unprintable as backslash xHH."""
+    """`data` as printable ASCII: CR, LF and backslash as in C, other unprintable bytes as backslash xHH."""
     names = {b"\r": b"\\r", b"\n": b"\\n", b"\\": b"\\\\"}
     text = _ESCAPED.sub(lambda match: names.get(match[0], b"\\x%02x" % match[0][0]), data)
     return text.decode("ascii")
 
 
 def unescape(text: str) -> bytes:
-    """The bytes of which `escape` made `text`.
+    """The inverse of `escape`.
 
     Raises:
-        LogError: if `text` is not what `escape` makes.
+        LogError: if `text` is not a result of `escape`.
     """
     result = bytearray()
     position = 0
@@ -73,10 +73,10 @@ def format_entry(entry: LogEntry) -> str:
 
 
 def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[LogEntry]:
-    """The entries of a log's lines; a last line without its end (the machine stopped) is left out.
+    """The entries of a log's lines; a last line without a line end (the machine stopped) is ignored.
 
     Raises:
-        LogError: naming `where`, the line's number and its text, if a line is no entry.
+        LogError: naming `where`, the line's number and its text, if a line is not an entry.
     """
     for number, line in enumerate(lines, start=1):
         if not line.endswith("\n"):
@@ -88,13 +88,10 @@ def read_entries(lines: Iterable[str], where: str = "line log") -> Iterator[LogE
 
 
 class LoggedModem:
-    """A `Micromodem` whose every input and output is given to `record`, so that it can be replayed.
-
-    Takes the same calls as the driver: `opened`, `closed`, `send`, `ping`, `receive`, `poll`, `outgoing`, `events`.
-    """
+    """A `Micromodem` that passes every input and output to `record`; it has the driver's methods."""
 
     def __init__(self, modem: Micromodem, record: Callable[[LogEntry], None]) -> None:
-        """Drives `modem` and gives each entry to `record`."""
+        """Drives `modem` and passes each entry to `record`."""
         self.modem = modem
         self._record = record
         self._now_s = 0.0
@@ -147,7 +144,7 @@ class LoggedModem:
         return self.modem.events()
 
     def _at(self, now_s: float) -> None:
-        self._now_s = round(now_s, 6)  # as the log keeps it, so that a replay sees the same times
+        self._now_s = round(now_s, 6)  # the log's resolution, so that a replay sees the same times
         if self._first:
             self._first = False
             self._record(LogEntry(self._now_s, CALL, f"address {self.modem.address}".encode("ascii")))
@@ -159,13 +156,13 @@ class LoggedModem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogReplay:
-    """What the replay of a log gives.
+    """The result of replaying a log.
 
     Attributes:
-        modem: The driver as it ended.
+        modem: The driver in its final state.
         events: (time, event) in order.
         written: Bytes that the driver wrote in the replay.
-        logged: Bytes that it wrote when the log was made: the same if the log is whole and neither the driver nor its
+        logged: Bytes written according to the log: the same if the log is complete and neither the driver nor its
             settings have changed.
     """
 
@@ -176,7 +173,7 @@ class LogReplay:
 
 
 def replay_log(entries: Iterable[LogEntry], config: ModemConfig, address: int | None = None) -> LogReplay:
-    """Gives a log's entries to a new driver with `config`; the address is the log's unless given.
+    """Replays a log's entries with a new driver with `config`; `address` defaults to the log's.
 
     Raises:
         LogError: if a call is unknown, or the log names no address and none is given.
@@ -194,24 +191,29 @@ def replay_log(entries: Iterable[LogEntry], config: ModemConfig, address: int | 
             modem = modem or Micromodem(config, int(words[1]))
             continue
         if modem is None:
-            raise LogError("line log: names no address before its first entry; expected '= address N', or give one")
-        if entry.kind == FROM_MODEM:
-            modem.receive(entry.utc_s, entry.data)
-        elif words == ["opened"]:
-            modem.opened(entry.utc_s)
-        elif words[0] == "closed":
-            modem.closed(entry.utc_s, words[1] if len(words) > 1 else "")
-        elif words[0] == "send":
-            destination, payload = words[1].split(" ")
-            modem.send(entry.utc_s, bytes.fromhex(payload), None if destination == "-" else int(destination))
-        elif words[0] == "ping":
-            modem.ping(entry.utc_s, int(words[1]))
-        elif words == ["poll"]:
-            modem.poll(entry.utc_s)
-        else:
-            raise LogError(f"line log: got '= {entry.data.decode('latin-1')[:40]}'; expected a call of the driver")
+            raise LogError("line log: got no address before its first entry; expected '= address N', or give one")
+        _replay_entry(modem, entry, words)
         written += modem.outgoing()
         events += [(entry.utc_s, event) for event in modem.events()]
     if modem is None:
-        raise LogError("line log: is empty; expected entries")
+        raise LogError("line log: got no entries; expected at least one")
     return LogReplay(modem=modem, events=events, written=bytes(written), logged=bytes(logged))
+
+
+def _replay_entry(modem: Micromodem, entry: LogEntry, words: list[str]) -> None:
+    match words:
+        case [] if entry.kind == FROM_MODEM:
+            modem.receive(entry.utc_s, entry.data)
+        case ["opened"]:
+            modem.opened(entry.utc_s)
+        case ["closed", *reason]:
+            modem.closed(entry.utc_s, "".join(reason))
+        case ["send", arguments]:
+            destination, payload = arguments.split(" ")
+            modem.send(entry.utc_s, bytes.fromhex(payload), None if destination == "-" else int(destination))
+        case ["ping", destination]:
+            modem.ping(entry.utc_s, int(destination))
+        case ["poll"]:
+            modem.poll(entry.utc_s)
+        case _:
+            raise LogError(f"line log: got '= {entry.data.decode('latin-1')[:40]}'; expected a call of the driver")

@@ -1,4 +1,4 @@
-"""Drives a Micromodem-2 (or an emulated one): modem/tx to its port, what it receives to modem/rx."""
+"""Drives a Micromodem-2 (or an emulated one): sends packets from modem/tx, publishes received ones on modem/rx."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ class MicromodemNode(DriverNode):
     """micromodem_node: the acoustic modem of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        """Makes the driver from the parameters, wires the topics and begins to open the port."""
+        """Creates the driver from the parameters, wires the topics and begins to open the port."""
         super().__init__("micromodem_node", "micromodem")
         config = section(ModemConfig, self.parameters, "modem", self.where)
         if config.kind != "micromodem":
             raise ParameterError(f"{self.where}: modem.kind: got {config.kind!r}; expected 'micromodem'")
         try:
             self._modem = ModemPort(config, self.vehicle)
-        except (ValueError, OSError) as error:  # an address, of the port or the modem; the line log
+        except (ValueError, OSError) as error:  # the port's or the modem's address; the line log
             raise ParameterError(f"{self.where}: modem: {error}") from error
         self.show_parameters({"modem": config})
-        self._headers: dict[int, Any] = {}  # of the packets whose end is not reported yet, by number
+        self._headers: dict[int, Any] = {}  # of the packets in progress, by number
         self._rx = self.publisher(ModemRx, "modem/rx")
         self._sent = self.publisher(ModemTx, "modem/sent")
         self._failed = self.publisher(ModemTx, "modem/failed")
@@ -37,7 +37,7 @@ class MicromodemNode(DriverNode):
         self.drive(self._modem)
 
     def _on_transmit(self, message: ModemTx) -> None:
-        self.reach_time(seconds(message.header.stamp))  # it may overtake the tick's announcement
+        self.reach_time(seconds(message.header.stamp))  # the packet may arrive before the tick's announcement
         try:
             if message.ping:
                 self._modem.ping(self.now_s(), message.destination)
@@ -48,44 +48,21 @@ class MicromodemNode(DriverNode):
             self.get_logger().error(f"packet of {len(message.payload)} bytes: {error}")
 
     def totals(self) -> tuple[int, ...]:
-        """The packets that never reached the water."""
+        """The number of packets that were never transmitted."""
         return (self._modem.packets_lost,)
 
     def on_event(self, event: Event) -> None:
-        """Publishes or logs what has come from the modem."""
+        """Publishes or logs an event of the driver."""
         log = self.get_logger()
         match event:
             case events.PacketReceived():
-                self._rx.publish(
-                    ModemRx(
-                        header=header(event.utc_s),
-                        source=event.source,
-                        destination=event.destination,
-                        snr_db=event.snr_db,
-                        sent_s=event.sent_s,
-                        arrival_s=event.arrival_s,
-                        travel_s=event.travel_s,
-                        payload=event.payload,
-                    )
-                )
+                self._rx.publish(received_packet(event))
             case events.PingAnswered():
-                self._rx.publish(
-                    ModemRx(
-                        header=header(event.utc_s),
-                        source=event.source,
-                        destination=self.vehicle,
-                        snr_db=math.nan,
-                        sent_s=math.nan,  # no clock of the other modem takes part
-                        arrival_s=event.utc_s,
-                        travel_s=event.travel_s,
-                        ping=True,
-                    )
-                )
+                self._rx.publish(answered_ping(event, self.vehicle))
             case events.PingFailed():
                 log.info(f"ping {event.number}: {event.reason}")
             case PacketLost():
-                # its header says which packet it was; a ping has none
-                if event.number in self._headers:
+                if event.number in self._headers:  # a ping has no header
                     self._failed.publish(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
                 if self.lockstep:
                     self.tell(LockstepDone.MICROMODEM_LOST, max(1, self.last_tick("micromodem")), self.totals())
@@ -105,6 +82,34 @@ class MicromodemNode(DriverNode):
                 log.info(f"reception failed: {event.reason}")
             case events.Problem():
                 log.warning(event.text)
+
+
+def received_packet(event: events.PacketReceived) -> ModemRx:
+    """ModemRx of a packet."""
+    return ModemRx(
+        header=header(event.utc_s),
+        source=event.source,
+        destination=event.destination,
+        snr_db=event.snr_db,
+        sent_s=event.sent_s,
+        arrival_s=event.arrival_s,
+        travel_s=event.travel_s,
+        payload=event.payload,
+    )
+
+
+def answered_ping(event: events.PingAnswered, vehicle: int) -> ModemRx:
+    """ModemRx of the answer to a ping of `vehicle`; `sent_s` is NaN, because the other modem's clock is not used."""
+    return ModemRx(
+        header=header(event.utc_s),
+        source=event.source,
+        destination=vehicle,
+        snr_db=math.nan,
+        sent_s=math.nan,
+        arrival_s=event.utc_s,
+        travel_s=event.travel_s,
+        ping=True,
+    )
 
 
 #: Entry point of `ros2 run auv_lse_comms micromodem_node`.

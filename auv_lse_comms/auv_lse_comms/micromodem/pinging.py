@@ -1,11 +1,11 @@
-"""Measures the distance to one other modem by a two-way ping, which needs no clock but the own.
+"""Measures the distance to one other modem with a two-way ping, which needs no synchronized clocks.
 
     host                    modem
-    $CCMPC,src,dest         $CAMPC (taken)  ~ mini-packet ~>  the other modem answers by itself, after a fixed time
+    $CCMPC,src,dest         $CAMPC (accepted)  ~ mini-packet ~>  the other modem answers after a fixed time
                             $CAMPR (answered, with the one-way travel time)
 
-A ping has the modem for itself: it begins only if nothing is on the way or waits, and a packet asked for meanwhile
-waits. Every ping asked for ends with one `PingAnswered` or `PingFailed`.
+A ping begins only if the modem is idle and no packet waits; packets requested during a ping wait. Every ping ends with
+one `PingAnswered` or `PingFailed`.
 """
 
 from __future__ import annotations
@@ -18,16 +18,15 @@ from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import Cause, State
 
-#: An answer that has not come so long after the ping (s) comes no more: 3 km there and back, two mini-packets, and
-#: the other modem's turn-around.
+#: Longest wait for an answer (s): 3 km there and back, two mini-packets, and the other modem's turn-around.
 ANSWER_TIMEOUT_S = 7.0
 
 
 class Pinging:
-    """The ping of one modem, if there is one under way."""
+    """The ping in progress at one modem, if there is one."""
 
     def __init__(self, session: Session) -> None:
-        """Writes to `session`; nothing is asked yet."""
+        """Starts without a ping; writes to `session`."""
         self._session = session
         self._number = 0
         self._destination = 0
@@ -38,14 +37,14 @@ class Pinging:
 
         Args:
             destination: Its address.
-            free: No packet waits.
+            free: Whether no packet waits.
 
         Raises:
-            ValueError: if it is no other modem.
+            ValueError: if it is not another modem's address.
         """
         session = self._session
         if not 1 <= destination <= 127 or destination == session.address:
-            raise ValueError(f"ping of modem {destination}: expected another modem, 1 to 127")
+            raise ValueError(f"ping: got modem {destination}; expected another modem, 1 to 127")
         number = session.next_number()
         session.counts["pings"] += 1
         if session.state is not State.IDLE or not free:
@@ -58,19 +57,19 @@ class Pinging:
         return number
 
     def poll(self) -> None:
-        """Lets time pass: gives up on an answer."""
+        """Aborts a ping that was not answered in time."""
         if self._session.state is State.PINGING and self._session.waited_s("ping") >= ANSWER_TIMEOUT_S:
             if not self._taken:
                 self._session.strike()
-            self.abort(f"no answer of modem {self._destination}")
+            self.abort(f"no answer from modem {self._destination}")
 
     def fail(self, reason: str) -> None:
-        """Gives up the ping under way, if there is one; the state stays."""
+        """Reports the ping in progress, if there is one, as failed; the state does not change."""
         if self._session.state is State.PINGING:
             self._report_failure(self._number, reason)
 
     def abort(self, reason: str) -> None:
-        """Gives up the ping under way, if there is one; the modem is free again."""
+        """Reports the ping in progress, if there is one, as failed; the modem is idle again."""
         if self._session.state is State.PINGING:
             self.fail(reason)
             self._session.move(Cause.FAILED)
@@ -88,7 +87,7 @@ class Pinging:
             self._session.report(PingStarted(number=self._number))
 
     def on_heard(self, message: PingHeard) -> None:
-        """Another modem has pinged this one, which answers by itself."""
+        """Counts a ping from another modem; this modem answers it without the host."""
         self._session.counts["pings_heard"] += 1
 
     def on_reply(self, message: PingReply) -> None:
@@ -98,9 +97,9 @@ class Pinging:
             session.counts["unasked_ping_replies"] += 1
             return
         if math.isnan(message.travel_s):
-            self.abort(f"the modem tells no travel time to modem {message.source}")
+            self.abort(f"the modem reported no travel time to modem {message.source}")
             return
-        # half-way between the start of the ping and that of the answer
+        # half-way between the start of the ping and the start of the answer
         half_s = 0.5 * max(session.waited_s("ping") - MINI_PACKET_S, 0.0)
         session.move(Cause.FINISHED)
         session.counts["pings_answered"] += 1

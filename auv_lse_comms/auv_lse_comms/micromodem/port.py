@@ -1,4 +1,4 @@
-"""A modem's driver on its port, with its line log: what `micromodem_node` owns."""
+"""A modem's driver on its port, with its line log; `micromodem_node` owns one."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from auv_lse_comms.micromodem.log import LogEntry, LoggedModem, format_entry
 from auv_lse_comms.micromodem.state import State
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
 
-#: States in which the driver has no modem to send with.
+#: States in which no packet can be sent.
 _NOT_READY = (State.CLOSED, State.CONFIGURING, State.CLOCK)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PacketLost:
-    """Packet `number` was not sent and never reached the water: nobody need wait for it."""
+    """Packet `number` was not sent: no transmission of it has begun."""
 
     number: int
 
@@ -41,41 +41,41 @@ Event = DriverEvent | PacketLost
 
 
 class ModemPort:
-    """The driver and the port it speaks on, which is opened again whenever it fails.
+    """The driver and its port, which is reopened whenever it fails.
 
-    `step` carries bytes both ways; `now_s` is the host's clock (UTC or simulated), `steady_s` one that never jumps, for
-    the waits before the port is opened again. A line log that can no longer be written is closed and reported once; the
-    modem goes on without it.
+    `step` transfers bytes both ways. `now_s` is the host's clock (UTC or simulated); `steady_s` is a clock that never
+    jumps and times the waits before the port is reopened. A line log that cannot be written is closed and reported
+    once; the modem continues without it.
 
     Attributes:
         modem: The driver.
         connection: The port.
-        packets_lost: How many packets never reached the water.
+        packets_lost: How many packets were never transmitted.
     """
 
     def __init__(self, config: ModemConfig, address: int) -> None:
-        """For the modem of vehicle number `address`; opens nothing yet.
+        """Prepares the modem of vehicle number `address`; opens only the log.
 
         Raises:
-            AddressError: if `modem.port` is no address.
+            AddressError: if `modem.port` is not an address.
             OSError: if the line log cannot be written.
         """
         where = read_address(config.port, config.baud)
         self.modem = Micromodem(config, address)
-        # a high RTS garbles what some boards of the modem send
+        # on some modem boards, a high RTS garbles the modem's output
         self.connection = Connection(
             lambda: open_transport(where, lines_low=True), config.backoff_min_s, config.backoff_max_s
         )
         self._log: TextIO | None = None
         self._log_problem: Problem | None = None  # not reported yet
         self.packets_lost = 0
-        self._started: set[int] = set()  # packets on their way through the water
+        self._started: set[int] = set()  # numbers of the transmissions in progress
         self._problem = ""  # why the modem was lost
         self._driver: Micromodem | LoggedModem = self.modem
         if config.log_file:
             path = Path(config.log_file)
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._log = path.open("a", encoding="ascii", buffering=1)  # a line at a time: a crash loses none
+            self._log = path.open("a", encoding="ascii", buffering=1)  # line by line, so that a crash loses none
             self._driver = LoggedModem(self.modem, self._record)
 
     @property
@@ -84,7 +84,7 @@ class ModemPort:
         return self.connection.transport
 
     def send(self, now_s: float, payload: bytes, destination: int | None = None) -> int:
-        """Asks for a packet to be transmitted, to `modem.destination` if None; `step` puts it on the wire.
+        """Queues a packet, to `modem.destination` if `destination` is None; `step` writes it to the port.
 
         Raises:
             ValueError: see `Micromodem.send`.
@@ -92,7 +92,7 @@ class ModemPort:
         return self._driver.send(now_s, payload, destination)
 
     def ping(self, now_s: float, destination: int) -> int:
-        """Asks for a ping of another modem; `step` puts it on the wire.
+        """Pings another modem; `step` writes the command to the port.
 
         Raises:
             ValueError: see `Micromodem.ping`.
@@ -100,7 +100,7 @@ class ModemPort:
         return self._driver.ping(now_s, destination)
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
-        """Opens the port if it is time, takes what has come, lets time pass (if `poll`), writes; returns the events."""
+        """Opens the port if it is time, reads, lets time pass (if `poll`), writes; returns the events."""
         if self.connection.poll(steady_s):
             self._driver.opened(now_s)
         data = self.connection.read(steady_s)
@@ -117,7 +117,7 @@ class ModemPort:
 
     @property
     def quiet(self) -> bool:
-        """True if the modem is there and owes no answer that would come at once."""
+        """Whether the modem is ready and no immediate answer is pending."""
         return self.modem.quiet
 
     def health(self) -> Health:
@@ -167,11 +167,11 @@ class ModemPort:
         try:
             self._log.write(format_entry(entry) + "\n")
         except OSError as error:  # a full disk must not stop the modem
-            self._log_problem = Problem(text=f"line log {self._log.name}: closed: it cannot be written: {error}")
+            self._log_problem = Problem(text=f"line log {self._log.name}: closed because it cannot be written: {error}")
             self._close_log()
 
     def _close_log(self) -> None:
         if self._log is not None:
-            with contextlib.suppress(OSError):  # it writes what it could not write before
+            with contextlib.suppress(OSError):  # closing flushes what could not be written
                 self._log.close()
             self._log = None

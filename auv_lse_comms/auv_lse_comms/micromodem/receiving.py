@@ -1,7 +1,7 @@
-"""Puts together what a Micromodem receives: from its sentences to whole packets.
+"""Assembles what a Micromodem receives: from its sentences to whole packets.
 
 $CARXP or $CACYC opens a reception, $CARXD adds a frame, $CAMSG,BAD_CRC a bad one, and $CACST closes it. A reception
-whose $CACST was lost on the line is closed by the next one, or by time.
+whose $CACST was lost is closed by the next reception or by a timeout.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from auv_lse_comms.micromodem.sentences.receive_messages import (
 from auv_lse_comms.micromodem.sentences.transmit_messages import Cycle
 from auv_lse_comms.micromodem.session import Session
 
-#: A time of arrival on the modem's clock is believed if the packet's end by it is within this of the host's clock (s).
+#: The modem's arrival time is used if the packet's end, computed from it, is within this of the host's clock (s).
 ARRIVAL_WINDOW_S = 5.0
 _UNTIMED = (math.nan, math.nan, math.nan)
 
 
 @dataclass(slots=True)
 class _Reception:
-    """One packet that is being received: its cycle, its good frames by number, and how many were bad."""
+    """A packet being received: its cycle, its good frames by number, and how many were bad."""
 
     cycle: Cycle | None = None
     frames: dict[int, FrameHeard] = field(default_factory=dict)
     bad: int = 0
 
     def problem(self, why: str, statistics: ReceptionStatistics | None) -> str:
-        """Why it makes no packet, "" if it makes one; `why` if nothing else is known."""
+        """Why it gives no packet, "" if it gives one; `why` if no other reason is known."""
         if statistics is not None and statistics.mode == MODE_PACKET_TIMEOUT:
             return "packet timeout"
         if self.bad or (statistics is not None and (statistics.mode != MODE_GOOD or statistics.bad_frames)):
@@ -55,35 +55,40 @@ class _Reception:
 
 
 class Receiving:
-    """The reception under way at one modem, if there is one."""
+    """The reception in progress at one modem, if there is one."""
 
     def __init__(self, session: Session, clock: ClockCheck) -> None:
-        """Reports to `session`; times of arrival are the modem's while `clock` is right."""
+        """Reports to `session`; arrival times are the modem's while `clock` is right."""
         self._session = session
         self._clock = clock
         self._reception: _Reception | None = None
 
     def poll(self) -> None:
-        """Lets time pass: closes a reception whose statistics do not come."""
+        """Closes a reception whose statistics did not come in time."""
         session = self._session
         if self._reception is not None and session.waited_s("reception") >= session.config.receive_timeout_s:
             self.close("timed out")
 
     def close(self, why: str, statistics: ReceptionStatistics | None = None) -> None:
-        """Closes the reception under way, if there is one: reports its packet, or `why` there is none."""
+        """Closes the reception in progress, if there is one: reports its packet, or `why` there is none."""
         session = self._session
         reception, self._reception = self._reception, None
         if reception is None:
             if statistics is None:
                 return
             reception = _Reception()
-        snr_db = statistics.snr_in_db if statistics is not None else math.nan
         problem = reception.problem(why, statistics)
         if problem:
             session.counts["receptions_failed"] += 1
             session.counts[f"receptions_failed: {problem}"] += 1
-            session.report(ReceptionFailed(reason=problem, snr_db=snr_db))
-            return
+            session.report(
+                ReceptionFailed(reason=problem, snr_db=math.nan if statistics is None else statistics.snr_in_db)
+            )
+        else:
+            self._report_packet(reception, statistics)
+
+    def _report_packet(self, reception: _Reception, statistics: ReceptionStatistics | None) -> None:
+        session = self._session
         frames = [reception.frames[number] for number in sorted(reception.frames)]
         destination = frames[0].destination
         if destination not in (BROADCAST, session.address):
@@ -91,20 +96,19 @@ class Receiving:
             return
         payload = b"".join(frame.data for frame in frames)
         if len(payload) > PAYLOAD_BYTES and not any(payload[PAYLOAD_BYTES:]):
-            payload = payload[:PAYLOAD_BYTES]  # some firmware fills the frame up with zeros
+            payload = payload[:PAYLOAD_BYTES]  # some firmware pads the frame with zeros
         if statistics is None:
             session.counts["receptions_without_statistics"] += 1
         rate = statistics.rate if statistics is not None else reception.cycle.rate if reception.cycle else -1
         session.counts["received"] += 1
-        utc_s = self._end_s(statistics, len(payload))
         sent_s, travel_s, arrival_s = self._timing(statistics, len(payload))
         session.report(
             PacketReceived(
-                utc_s=utc_s,
+                utc_s=self._end_s(statistics, len(payload)),
                 source=frames[0].source,
                 destination=destination,
                 payload=payload,
-                snr_db=snr_db,
+                snr_db=math.nan if statistics is None else statistics.snr_in_db,
                 travel_s=travel_s,
                 rate=rate,
                 sent_s=sent_s,
@@ -119,14 +123,14 @@ class Receiving:
         return self._reception
 
     def _end_s(self, statistics: ReceptionStatistics | None, count: int) -> float:
-        """End of the reception, by the modem's clock if that can be believed, else now."""
+        """End of the reception (s), by the modem's clock if that is plausible, else now."""
         now_s = self._session.now_s
         if statistics is None or not self._believable(statistics, count):
             return now_s
         return round(statistics.utc_s + packet_duration_s(statistics.rate, count), 4)
 
     def _timing(self, statistics: ReceptionStatistics | None, count: int) -> tuple[float, float, float]:
-        """Start of the transmission, travel time, start of the reception, if clocks are held by a PPS; else NaN."""
+        """Start of transmission, travel time, start of reception (s) if a PPS disciplines both clocks; else NaN."""
         if statistics is None or not self._session.config.synchronous or not clock_is_synchronous(statistics.clock):
             return _UNTIMED
         if not self._believable(statistics, count):
@@ -135,7 +139,7 @@ class Receiving:
         return sent_s, statistics.utc_s - sent_s, statistics.utc_s
 
     def _believable(self, statistics: ReceptionStatistics, count: int) -> bool:
-        """Whether a reception of `count` bytes can have begun when the modem's clock says so."""
+        """Whether the modem's start time fits a reception of `count` bytes that ends about now."""
         if not self._clock.right or statistics.rate not in RATES:
             return False
         end_s = statistics.utc_s + packet_duration_s(statistics.rate, count)
@@ -150,7 +154,7 @@ class Receiving:
         self._open().cycle = message
 
     def on_start(self, message: ReceptionStart) -> None:
-        """A packet's probe was detected. That of a mini-packet is followed by no packet of its own."""
+        """A packet's probe was detected; a mini-packet's is ignored, because no packet follows it."""
         if message.kind == 0:
             return
         if self._reception is not None and (self._reception.frames or self._reception.bad):
@@ -158,11 +162,11 @@ class Receiving:
         self._open()
 
     def on_detection(self, message: Detection) -> None:
-        """The matched filter's detection: the reception goes on."""
+        """The matched filter's detection: extends the reception."""
         self.extend()
 
     def on_frame(self, message: FrameHeard) -> None:
-        """A frame without error."""
+        """Adds a frame without error."""
         reception = self._open()
         if any(frame.source != message.source for frame in reception.frames.values()):
             self.close("another packet began")
@@ -172,11 +176,11 @@ class Receiving:
         reception.frames[message.frame] = message
 
     def on_bad_frame(self) -> None:
-        """A frame with an error."""
+        """Counts a frame with an error."""
         self._open().bad += 1
 
     def on_statistics(self, message: ReceptionStatistics) -> None:
-        """A reception is over."""
+        """Closes the reception that the statistics belong to."""
         reception = self._reception
         if reception is None and message.rate <= 0 and message.mode == MODE_GOOD:
             self._session.counts["mini_packets"] += 1
@@ -188,10 +192,10 @@ class Receiving:
             and not reception.frames
             and message.mode == MODE_GOOD
         ):
-            return  # FSK: these belong to the mini-packet that announces the data; the data's own follow
+            return  # FSK: statistics of the mini-packet that announces the data; the data's own follow
         self.close("no frame was received", message)
 
     def extend(self) -> None:
-        """The reception under way, if there is one, goes on: its time starts anew."""
+        """Restarts the timeout of the reception in progress, if there is one."""
         if self._reception is not None:
             self._session.start("reception")

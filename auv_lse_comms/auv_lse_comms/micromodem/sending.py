@@ -1,9 +1,9 @@
 """Sends packets through a Micromodem, one cycle of sentences each (`state.py` shows the cycle).
 
-A packet that has not begun `start_timeout_s` after it was asked for is dropped, because its TDMA slot is over: a late
-$CADRQ is then left unanswered, and the modem gives up by itself ($CAERR,...,DATA_TIMEOUT). One packet can wait while
-the modem is busy; a second one is refused. Every packet asked for gets exactly one `TransmitStarted` or
-`TransmitFailed`, and every `TransmitStarted` exactly one `TransmitDone` or `TransmitFailed`.
+A packet whose transmission has not begun `start_timeout_s` after the request is dropped, because its TDMA slot is over.
+A late $CADRQ is then not answered, and the modem times out ($CAERR,...,DATA_TIMEOUT). One packet can wait while the
+modem is busy; a second one is refused. Every packet gets exactly one `TransmitStarted` or `TransmitFailed`, and every
+`TransmitStarted` exactly one `TransmitDone` or `TransmitFailed`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
 
 @dataclass(slots=True)
 class _Packet:
-    """A packet to send: its number, its frames, and how many of them the modem has taken."""
+    """A packet to send: its number, its frames, and how many of them the modem has accepted."""
 
     number: int
     destination: int
@@ -37,21 +37,21 @@ class _Packet:
 
 
 class Sending:
-    """The packets on their way to one modem: one in its hands, one that waits."""
+    """The outgoing packets of one modem: one in transmission and one waiting."""
 
     def __init__(self, session: Session) -> None:
-        """Writes to `session`; nothing is to be sent yet."""
+        """Starts without packets; writes to `session`."""
         self._session = session
         self._current: _Packet | None = None
         self._waiting: _Packet | None = None
 
     @property
     def waiting(self) -> bool:
-        """A packet waits for the modem."""
+        """Whether a packet waits for the modem."""
         return self._waiting is not None
 
     def ask(self, payload: bytes, destination: int | None) -> int:
-        """Takes a packet to send; returns its number, which the events about it carry.
+        """Queues a packet; returns its number, which the events about it carry.
 
         Raises:
             ValueError: if the payload is empty or does not fit one packet at the configured rate.
@@ -78,7 +78,7 @@ class Sending:
         return packet.number
 
     def begin(self) -> None:
-        """Begins a cycle for the packet that waits, if there is one and the modem is free."""
+        """Begins a cycle for the waiting packet, if there is one and the modem is idle."""
         session = self._session
         if session.state is not State.IDLE or self._waiting is None:
             return
@@ -95,7 +95,7 @@ class Sending:
         session.write(cycle.command())
 
     def poll(self) -> None:
-        """Lets time pass: drops what is too late, gives up on a transmission whose end is not reported."""
+        """Drops packets that are too late, and aborts a transmission whose end is not reported."""
         session, config = self._session, self._session.config
         self.drop_late(f"modem {session.state.value}")
         if session.state in STARTING:
@@ -107,20 +107,20 @@ class Sending:
             self.abort(f"its end was not reported within {config.transmit_timeout_s:g} s")
 
     def drop_late(self, why: str) -> None:
-        """Drops the packet that waits if its slot is over."""
+        """Drops the waiting packet if its slot is over."""
         timeout_s = self._session.config.start_timeout_s
         if self._waiting is not None and self._session.waited_s("waiting") >= timeout_s:
             packet, self._waiting = self._waiting, None
             self._report_failure(packet.number, f"too late: {why} for {timeout_s:g} s")
 
     def fail(self, reason: str) -> None:
-        """Gives up the packet in the modem's hands, if there is one; the state stays."""
+        """Reports the packet in transmission, if there is one, as failed; the state does not change."""
         if self._current is not None:
             packet, self._current = self._current, None
             self._report_failure(packet.number, reason)
 
     def abort(self, reason: str) -> None:
-        """Gives up the packet in the modem's hands, if there is one; the modem is free again."""
+        """Reports the packet in transmission, if there is one, as failed; the modem is idle again."""
         if self._session.state in TRANSMITTING:
             self.fail(reason)
             self._session.move(Cause.FAILED)
@@ -137,33 +137,33 @@ class Sending:
             self._session.move(Cause.ECHO)
 
     def on_request(self, message: DataRequest) -> None:
-        """The modem asks for a frame: gives it."""
+        """The modem requests a frame: sends it."""
         session, packet = self._session, self._current
         if packet is None or session.state not in STARTING or message.source != session.address:
             session.counts["unasked_requests"] += 1
             return
         if message.frame > len(packet.frames):
-            self.abort(f"the modem asks for frame {message.frame} of {len(packet.frames)}")
+            self.abort(f"the modem requested frame {message.frame} of {len(packet.frames)}")
             return
         data = packet.frames[message.frame - 1]
         if len(data) > message.max_bytes:
-            self.abort(f"the modem takes {message.max_bytes} bytes, the frame has {len(data)}")
+            self.abort(f"the modem accepts {message.max_bytes} bytes, the frame has {len(data)}")
             return
         session.move(Cause.REQUEST)
         frame = FrameGiven(source=session.address, destination=packet.destination, ack=message.ack, data=data)
         session.write(frame.sentence())
 
     def on_taken(self, message: FrameTaken) -> None:
-        """The modem has taken a frame: as many bytes as it has?"""
+        """The modem has accepted a frame: checks that it received all its bytes."""
         session, packet = self._session, self._current
         if packet is None or session.state is not State.GIVING:
             return
         packet.taken += 1
-        # the count is what arrived over the wire; with a wrong one another packet would go out
+        # the count is what arrived over the wire; if it is wrong, a damaged packet will be sent
         expected = len(packet.frames[min(packet.taken, len(packet.frames)) - 1])
         if message.count != expected:
             session.counts["short_frames"] += 1
-            session.report(Problem(text=f"the modem took {message.count} of the frame's {expected} bytes"))
+            session.report(Problem(text=f"the modem accepted {message.count} of the frame's {expected} bytes"))
 
     def on_start(self, message: TransmitStart) -> None:
         """The transducer is on."""
@@ -188,7 +188,7 @@ class Sending:
         """The statistics of a transmission, or of one that never began."""
         if message.mode != 0:
             reason = NOT_SENT.get(message.mode, f"mode {message.mode}")
-            self.abort(f"the modem has not sent it: {reason} (CAXST)")
+            self.abort(f"the modem did not send it: {reason} (CAXST)")
 
     def _started(self, packet: _Packet) -> None:
         self._session.move(Cause.STARTED)

@@ -1,4 +1,4 @@
-"""What the parts of a Micromodem driver share: state, time and waits, what is to be written, and the events."""
+"""What the parts of a Micromodem driver share: state, time and waits, outgoing bytes, and events."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from auv_lse_comms.micromodem.state import TRANSITIONS, Cause, State
 
 
 class Session:
-    """One driver's shared part. It decides nothing but when an unanswered modem is to be opened anew.
+    """The shared state of one driver. Its only decision is when to reopen the port of a silent modem.
 
-    Waits have names. Each runs from its `start`, and all of them start anew when the clock is stepped back.
+    Waits have names. Each runs from its `start`, and all of them restart when the clock is stepped back.
 
     Attributes:
         config: The settings.
         address: The modem's address, which is the vehicle's number.
-        state: Where the driver is.
+        state: The driver's state.
         version: The modem's firmware, "" until it has reported it.
         now_s: Time of the call being handled (s since 1970).
-        counts: What happened, by name.
-        wants_reopen: The modem does not answer; the port is to be closed and opened again.
+        counts: Event counts by name.
+        wants_reopen: Whether the modem is silent and the port must be closed and opened again.
         strikes: Commands in a row without an answer.
     """
 
@@ -46,7 +46,7 @@ class Session:
         """Changes the state.
 
         Raises:
-            RuntimeError: if the table of transitions has no such move.
+            RuntimeError: if the table of transitions has no such entry.
         """
         try:
             self.state = TRANSITIONS[self.state, cause]
@@ -62,7 +62,7 @@ class Session:
 
     def tick(self, now_s: float) -> None:
         """Sets the time."""
-        if now_s < self.now_s:  # the clock was stepped back: every running wait starts anew
+        if now_s < self.now_s:  # the clock was stepped back: every running wait restarts
             self.counts["clock_steps"] += 1
             self._since_s = dict.fromkeys(self._since_s, now_s)
         self.now_s = now_s
@@ -86,13 +86,13 @@ class Session:
         self._events.append(event)
 
     def take_outgoing(self) -> bytes:
-        """The bytes queued for the modem; they are handed out once."""
+        """Removes and returns the bytes queued for the modem."""
         data = bytes(self._out)
         self._out.clear()
         return data
 
     def take_events(self) -> list[Event]:
-        """The events queued for the owner; they are handed out once."""
+        """Removes and returns the events queued for the owner."""
         events, self._events = self._events, []
         return events
 
@@ -105,7 +105,7 @@ class Session:
     # ------------------------------------------------------------------ answers
 
     def strike(self) -> None:
-        """An answer has not come in time. After `retries` of them in a row the port is to be opened anew."""
+        """Counts an answer that did not come in time; after `retries` in a row the port is to be reopened."""
         self.strikes += 1
         self.counts["unanswered"] += 1
         if self.strikes > self.config.retries and not self.wants_reopen:

@@ -1,24 +1,26 @@
-"""The states of a Micromodem's driver, what moves it from one to the next, and the table of all moves.
+"""The states of a Micromodem's driver, the causes of transitions, and the table of all transitions.
 
-Theory of operation ------------------- A fresh connection, or a modem that reports a reboot (or suddenly has another
-address), is configured setting by setting: each is sent when the one before is confirmed (`configuration.py`). Then its
-clock is checked, set if it is off, and checked again (`clock.py`). Only then are packets sent (`sending.py`). One
-transmission is one cycle of sentences:
+Theory of operation
+-------------------
+A fresh connection, or a modem that reports a reboot (or suddenly has another address), is configured setting by
+setting: each is sent once the previous one is confirmed (`configuration.py`). Then its clock is checked, set if it is
+off, and checked again (`clock.py`). Only then are packets sent (`sending.py`). One transmission is one cycle of
+sentences:
 
     host                              modem
     $CCCYC,0,src,dest,rate,0,frames   $CACYC (echo)
-                                      $CADRQ (asks for a frame)       once per frame
-    $CCTXD (frame)                    $CATXD (taken)
+                                      $CADRQ (requests a frame)       once per frame
+    $CCTXD (frame)                    $CATXD (accepted)
                                       $CATXP (transducer on) ... $CATXF (off), $CAXST (statistics)
 
-Receptions run beside these states (`receiving.py`), and so do the later checks of the clock.
+Receptions run independently of these states (`receiving.py`), and so do later clock checks.
 
-Transitions (`TRANSITIONS` below; any other move raises RuntimeError, as it is a bug here and not in the modem)
----------------------------------------------------------------------------------------------------------------
+Transitions (`TRANSITIONS` below; any other one raises RuntimeError: it is a bug here and not in the modem)
+-----------------------------------------------------------------------------------------------------------
     state        cause       next
     CLOSED       OPENED      CONFIGURING
-    CONFIGURING  CONFIGURED  CLOCK         every setting is confirmed, or refused and not vital
-    CLOCK        CLOCKED     IDLE          the clock is right, or set, or given up on (and reported)
+    CONFIGURING  CONFIGURED  CLOCK         every setting is confirmed, or refused and not required
+    CLOCK        CLOCKED     IDLE          the clock is right, or set, or cannot be set (reported)
     IDLE         SEND        CYCLING       $CCCYC written
     CYCLING      ECHO        REQUESTING    $CACYC with our address
     CYCLING      REQUEST     GIVING        the echo's line was lost; $CCTXD written
@@ -42,7 +44,7 @@ import enum
 
 
 class State(enum.Enum):
-    """Where the driver is with its modem."""
+    """State of the driver."""
 
     CLOSED = "closed"
     CONFIGURING = "configuring"
@@ -56,7 +58,7 @@ class State(enum.Enum):
 
 
 class Cause(enum.Enum):
-    """What moves the driver from state to state."""
+    """Cause of a transition."""
 
     OPENED = "opened"
     CLOSED = "closed"
@@ -94,7 +96,7 @@ TRANSITIONS: dict[tuple[State, Cause], State] = {
     **{(state, Cause.CLOSED): State.CLOSED for state in State},
 }
 
-#: States in which a cycle has begun and its packet is not yet on its way through the water ...
+#: States in which a cycle has begun and the transducer is not on yet.
 STARTING = (State.CYCLING, State.REQUESTING, State.GIVING)
-#: ... and all those in which a packet is in the modem's hands or on its way there.
+#: States from the begin of a cycle to the end of its transmission.
 TRANSMITTING = (*STARTING, State.SENDING)

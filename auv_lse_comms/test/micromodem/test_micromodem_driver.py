@@ -326,7 +326,7 @@ def test_lines_lost_on_the_wire_do_not_lose_the_transmission(lost):
         (("CACYC,0,3,0,4,0,1",), "CAXST,6,20191202,030259.0000,14,3,,,,,,,,,,", "transmission is inhibited"),
         (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAERR,030259,NMEA,7,bad frame", "refused"),
         (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,64,1", "takes 64 bytes"),
-        (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,256,2", "asks for frame 2 of 1"),
+        (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,256,2", "requested frame 2 of 1"),
         (("CACYC,0,3,0,4,0,1",), "CAREV,030259,INIT,", "rebooted"),
     ],
 )
@@ -525,7 +525,7 @@ def test_a_ping_word_for_word():
 @pytest.mark.parametrize(
     ("heard", "reason"),
     [
-        (["CAMPC,3,2"], "no answer of modem 2"),
+        (["CAMPC,3,2"], "no answer from modem 2"),
         (["CAERR,030259,NMEA,1,unknown"], "refused by the modem"),
         (["CAMPC,3,2", "CAMPR,2,3"], "tells no travel time"),
         (["CAREV,030259,INIT,", "CAREV,030259,AUV,2.0"], "rebooted"),

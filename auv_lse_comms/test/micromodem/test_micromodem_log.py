@@ -128,8 +128,8 @@ def test_a_last_line_cut_short_by_a_crash_is_left_out():
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        ([], "is empty"),
-        ([LogEntry(1.0, "=", b"opened")], "names no address"),
+        ([], "got no entries"),
+        ([LogEntry(1.0, "=", b"opened")], "got no address"),
         ([LogEntry(1.0, "=", b"address 3"), LogEntry(1.0, "=", b"jumped")], "jumped"),
     ],
 )

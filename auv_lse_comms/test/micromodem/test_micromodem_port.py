@@ -19,7 +19,7 @@ def test_a_full_disk_closes_the_line_log_and_is_reported_once() -> None:
     port.send(1.0, b"payload", 0)
     events += port.step(1.0, 1.0) + port.close(2.0, 2.0)
     (problem,) = [event for event in events if isinstance(event, Problem)]
-    assert problem.text.startswith("line log /dev/full: closed: it cannot be written: ")
+    assert problem.text.startswith("line log /dev/full: closed because it cannot be written: ")
     assert port.modem.counts["asked"] == 1
 
 

@@ -1,7 +1,7 @@
 """Fields of a Micromodem sentence: text to integers, numbers, bytes and times, and times back to text.
 
-Each `take_...` reads the field at `index` and raises `SentenceError`, which names the field, its text and what was
-expected, if the field is missing or holds something else.
+Each `take_...` reads the field at `index`. If it is missing or invalid, `SentenceError` names the field, its text and
+what was expected.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def take_float(fields: Sequence[str], index: int, name: str) -> float:
 
 
 def number_or(fields: Sequence[str], index: int, name: str, other: float = math.nan) -> float:
-    """A decimal number; `other` where the field is empty or missing, as firmware leaves what it did not measure."""
+    """A decimal number; `other` where the field is empty or missing, because the firmware did not measure it."""
     if index >= len(fields) or not fields[index]:
         return other
     return take_float(fields, index, name)
@@ -108,7 +108,7 @@ def read_iso_time(text: str, name: str) -> tuple[float, float]:
 
 
 def read_arrival_time(text: str) -> float:
-    """Seconds since 1970 (UTC) of `20191202030259.1234`; NaN if it is no date (firmware sends such ones)."""
+    """Seconds since 1970 (UTC) of `20191202030259.1234`; NaN if it is not a date (firmware does send such values)."""
     match = re.match(r"(\d{14})(\.\d{1,9})?\Z", text)
     if match is None:
         return math.nan

@@ -1,8 +1,8 @@
 """Lines of the WHOI Micromodem-2: bytes to sentences and back.
 
 A sentence is `$TYPE,field,...*HH` and CR LF. HH is the XOR of the characters between `$` and `*`, as two upper-case
-hexadecimal digits. Types `CC...` go from host to modem, `CA...` from modem to host. `SentenceReader` survives whatever
-a serial line does to the bytes, and counts it. What a sentence means is in `messages.py`.
+hexadecimal digits. Types `CC...` go from host to modem, `CA...` from modem to host. `SentenceReader` tolerates and
+counts any damage on a serial line. `messages.py` interprets the sentences.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from functools import reduce
 from operator import xor
 from typing import ClassVar, NamedTuple
 
-#: Longest line taken for a sentence (characters without CR LF): a 256-byte frame in hexadecimal, and room.
+#: Longest line accepted (characters without CR LF): a 256-byte frame in hexadecimal, with a margin.
 MAX_LINE = 1024
-#: Sentence types that `TypeCounts` counts by name; all others are counted together, so garbage cannot fill memory.
+#: Sentence types that `TypeCounts` counts by name; further ones are counted together, so garbage cannot fill memory.
 MAX_COUNTED_TYPES = 32
 
 _PRINTABLE = re.compile(rb"[\x20-\x7e]*\Z")
@@ -45,21 +45,21 @@ class Sentence(NamedTuple):
 
 
 class SentenceReader:
-    """Cuts bytes into sentences; keeps what is incomplete; counts what is not a sentence.
+    """Splits bytes into sentences; keeps incomplete lines; counts damaged ones.
 
-    `counts` has a key for each thing that happens to lines: "sentences" (good ones), "bad_checksum",
-    "no_checksum", "bad_character" (not printable ASCII), "broken_off" (a `$` inside a sentence: the line before
-    it never ended), "overlong", "not_a_sentence" (text without `$`, such as a boot banner), "bad_type".
+    Keys of `counts`: "sentences" (good ones), "bad_checksum", "no_checksum", "bad_character" (not printable ASCII),
+    "broken_off" (a `$` inside a sentence: the line before it never ended), "overlong", "not_a_sentence" (text without
+    `$`, such as a boot banner), "bad_type".
     """
 
     def __init__(self) -> None:
-        """Starts with nothing read."""
+        """Starts without data."""
         self.counts: Counter[str] = Counter()
         self._line = bytearray()
         self._skipping = False
 
     def feed(self, data: bytes) -> list[Sentence]:
-        """The sentences that `data` completes, in order; whatever else it holds is counted."""
+        """The sentences that `data` completes, in order; all other content is counted."""
         found: list[Sentence] = []
         start = 0
         while start < len(data):
@@ -80,7 +80,7 @@ class SentenceReader:
         return found
 
     def reset(self) -> None:
-        """Forgets an incomplete line: the port has been opened anew."""
+        """Discards an incomplete line: the port has been reopened."""
         if self._line:
             self._drop("broken_off")
         self._skipping = False
@@ -140,11 +140,11 @@ class TypeCounts:
     OTHERS: ClassVar[str] = "others"
 
     def __init__(self) -> None:
-        """Starts with nothing counted."""
+        """Starts at zero."""
         self.counts: Counter[str] = Counter()
 
     def add(self, kind: str) -> None:
-        """Counts one more of `kind`."""
+        """Counts one sentence of type `kind`."""
         if kind not in self.counts and len(self.counts) >= MAX_COUNTED_TYPES:
             kind = self.OTHERS
         self.counts[kind] += 1
