@@ -325,7 +325,7 @@ def test_lines_lost_on_the_wire_do_not_lose_the_transmission(lost):
         (("CACYC,0,3,0,4,0,1",), "CAXST,6,20191202,030259.0000,14,2", "no external synchronization"),
         (("CACYC,0,3,0,4,0,1",), "CAXST,6,20191202,030259.0000,14,3,,,,,,,,,,", "transmission is inhibited"),
         (("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1"), "CAERR,030259,NMEA,7,bad frame", "refused"),
-        (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,64,1", "takes 64 bytes"),
+        (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,64,1", "accepts 64 bytes"),
         (("CACYC,0,3,0,4,0,1",), "CADRQ,030259,3,0,0,256,2", "requested frame 2 of 1"),
         (("CACYC,0,3,0,4,0,1",), "CAREV,030259,INIT,", "rebooted"),
     ],
