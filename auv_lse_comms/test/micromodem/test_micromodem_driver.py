@@ -527,7 +527,7 @@ def test_a_ping_word_for_word():
     [
         (["CAMPC,3,2"], "no answer from modem 2"),
         (["CAERR,030259,NMEA,1,unknown"], "refused by the modem"),
-        (["CAMPC,3,2", "CAMPR,2,3"], "tells no travel time"),
+        (["CAMPC,3,2", "CAMPR,2,3"], "reported no travel time"),
         (["CAREV,030259,INIT,", "CAREV,030259,AUV,2.0"], "rebooted"),
     ],
 )
@@ -579,7 +579,7 @@ def test_a_modem_that_took_less_of_a_frame_is_reported():
     desk = Desk().configure()
     desk.modem.send(desk.now_s, PAYLOAD)
     (problem,) = desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,250")
-    assert "took 250 of the frame's 252 bytes" in problem.text
+    assert "accepted 250 of the frame's 252 bytes" in problem.text
 
 
 def test_unexpected_sentences_change_nothing():
