@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from auv_lse_shore.live.viewers import page
+
 ROOT = Path(__file__).resolve().parents[3]
 DRAWING = (
     "auv_lse_shore.report.figures",
@@ -74,3 +76,12 @@ def test_what_computes_imports_nothing_that_draws(name):
     assert not seen & {*DRAWING}
     drawn = re.compile(r"^\s*(import|from) matplotlib", re.MULTILINE)
     assert not [module for module in seen if drawn.search(modules()[module].read_text())]
+
+
+def test_the_pages_modules_import_each_other_in_one_direction_and_are_joined_in_that_order():
+    folder = ROOT / "auv_lse_shore/auv_lse_shore/live/viewers/page_files"
+    found = {path.name: re.findall(r'from "\./(\w+\.js)"', path.read_text()) for path in folder.glob("*.js")}
+    order = page.MODULES
+    assert sorted(order) == sorted(found)
+    for position, name in enumerate(order):
+        assert set(found[name]) <= set(order[:position]), name

@@ -1,4 +1,4 @@
-"""The page: one HTML file without anything to fetch, made from the files in `page/`."""
+"""The page: one HTML file without anything to fetch, made from the files in `page_files/`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from auv_lse_shore.live.sources.timeline import Event
 _FOLDER = Path(__file__).parent / "page_files"
 
 #: The page's modules, each after those that it imports.
-_MODULES = (
+MODULES = (
     "format.js",
     "colors.js",
+    "canvas.js",
     "store.js",
+    "packets.js",
     "player.js",
     "link.js",
     "map.js",
@@ -43,7 +45,7 @@ def live_page(events: Sequence[Event] | None = None) -> str:
         events: A whole mission to be kept inside of the page, so that it needs no server; None: it asks the server
             that it came from.
     """
-    script = "\n".join(_EXPORT.sub("", _IMPORT.sub("", (_FOLDER / name).read_text())) for name in _MODULES)
+    script = "\n".join(_EXPORT.sub("", _IMPORT.sub("", (_FOLDER / name).read_text())) for name in MODULES)
     # "<" is written as an escape: nothing in a mission can end the element that holds it.
     kept = "" if events is None else json.dumps(events, separators=(",", ":")).replace("<", "\\u003c")
     page = (_FOLDER / "index.html").read_text()

@@ -1,8 +1,8 @@
 // Curves over mission time, with axes, a mark at the moment shown, and the values there in words.
 
+import { prepare } from "./canvas.js";
 import { themeColors } from "./colors.js";
 import { number, tickDigits, ticks, tickStep } from "./format.js";
-import { prepare } from "./map.js";
 import { indexAfter } from "./store.js";
 
 const AXES = { left: 52, right: 12, top: 8, bottom: 34 };

@@ -54,12 +54,12 @@ function draw() {
   const ofMap = store.facts.reward_of === "map";
   const counted = ofMap ? "Drop of the whole map’s risk, mean of the vehicles" : "Sum over the vehicles";
   say($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
-  say($("risk-words"), `Now: ${words(risks, 2)}. Less is better.`);
+  say($("risk-words"), `Now: ${words(risks, 2)}. Lower is better.`);
   cards.update(t, map.vehicle);
-  tellMap(t);
+  describeMap(t);
 }
 
-function tellMap(t) {
+function describeMap(t) {
   const { facts } = store, level = number(facts.level_m, facts.level_m % 1 ? 1 : 0);
   const shown = store.at("map", map.vehicle, t), plan = store.at("plan", map.vehicle, t);
   say($("map-title"), `What auv${map.vehicle} knows of the ${level} m isobath`);
@@ -70,7 +70,7 @@ function tellMap(t) {
   map.canvas.setAttribute("aria-label", `Map of the area, colored by ${label}, with the vehicles’ tracks and plans`);
 }
 
-function tellState() {
+function describeState() {
   const pill = $("state"), status = store.at("status", "", player.t);
   let [text, level] = ["", ""];
   if (source.connection === "lost") [text, level] = ["connection lost, trying again", "error"];
@@ -89,7 +89,7 @@ function tellState() {
   $("live").setAttribute("aria-pressed", String(player.following));
 }
 
-function tellMission() {
+function describeMission() {
   const { facts } = store, n = facts.vehicles.length;
   say($("title"), facts.name);
   document.title = `${facts.name} · live view`;
@@ -98,7 +98,7 @@ function tellMission() {
   say($("facts"), `${n} vehicle${n > 1 ? "s" : ""} · method ${facts.method} · seed ${facts.seed}${speed}`);
 }
 
-function tellTime() {
+function describeTime() {
   const slider = $("time"), start = store.startS, last = Math.max(store.lastS - start, 1), now = player.t - start;
   if (slider.max !== String(Math.ceil(last))) slider.max = String(Math.ceil(last));
   const value = String(Math.round(now));
@@ -232,10 +232,10 @@ function frame(now) {
   const state = [player.t, store.changes, clientWidth, clientHeight, innerWidth, devicePixelRatio, probe, focus, JSON.stringify(map.view), JSON.stringify(source)].join(" ");
   if (state !== drawn) {
     drawn = state;
-    tellState();
+    describeState();
     if (store.facts) {
-      tellMission();
-      tellTime();
+      describeMission();
+      describeTime();
       draw();
     }
   }

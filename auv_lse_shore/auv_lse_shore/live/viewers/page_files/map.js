@@ -1,12 +1,12 @@
 // The map: what one vehicle knows, where all are, what they mean to do, and the packets on the way.
 
+import { cross, DM, label, prepare, stroke, strokeWithCasing, trace } from "./canvas.js";
 import { colorAgain, LAYERS, rgba, themeColors, vehicleColor } from "./colors.js";
 import { number, tickDigits, ticks, tickStep } from "./format.js";
-import { packetsAt } from "./slots.js";
+import { packetsAt } from "./packets.js";
 import { OUTSIDE } from "./store.js";
 
 const MARGIN = { left: 58, right: 10, top: 10, bottom: 40 };
-const DM = 0.1; // lines come in decimetres
 
 export class MapView {
   constructor(canvas, readout, store) {
@@ -142,7 +142,7 @@ export class MapView {
     c.restore();
     this.drawAxes(c, p, width, height, theme);
     this.drawScale(c, p, width, height);
-    this.tell(c, p, map, width, height, theme);
+    this.describeProbe(c, p, map, width, height, theme);
   }
 
   drawRaster(c, p, map) {
@@ -230,17 +230,17 @@ export class MapView {
       if (last) c.lineTo(p.x(last.east), p.y(last.north));
     };
     line(this.store.list("pose", vehicle), now);
-    both(c, "rgba(0, 0, 0, .7)", 4, color, 2.2);
+    strokeWithCasing(c, "rgba(0, 0, 0, .7)", 4, color, 2.2);
     if (colorAgain(vehicle)) {
       c.setLineDash([6, 6]);
-      both(c, "#ffffff", 1, "#ffffff", 1);
+      strokeWithCasing(c, "#ffffff", 1, "#ffffff", 1);
       c.setLineDash([]);
     }
     if (!this.shown.truth) return;
     line(this.store.list("truth", vehicle));
     c.setLineDash([1, 5]);
     c.lineCap = "round";
-    both(c, "#000000", 3.4, "#ffffff", 2);
+    strokeWithCasing(c, "#000000", 3.4, "#ffffff", 2);
     c.setLineDash([]);
     c.lineCap = "butt";
   }
@@ -261,14 +261,14 @@ export class MapView {
     c.lineJoin = "round";
     part(Math.max(gone, plan.own), legs);
     c.setLineDash([7, 5]);
-    both(c, "rgba(0, 0, 0, .45)", 3, rgba(color, 0.95), 1.6);
+    strokeWithCasing(c, "rgba(0, 0, 0, .45)", 3, rgba(color, 0.95), 1.6);
     c.setLineDash([]);
     this.drawWaypoints(c, p, plan, (Math.max(gone, plan.own) - plan.own) * per, color);
     part(gone, plan.own);
     c.lineCap = "round";
-    both(c, "rgba(0, 0, 0, .35)", 9, rgba(color, 0.55), 7);
+    strokeWithCasing(c, "rgba(0, 0, 0, .35)", 9, rgba(color, 0.55), 7);
     part(gone, plan.own);
-    both(c, "rgba(255, 255, 255, .9)", 1.6, "rgba(255, 255, 255, .9)", 1.6);
+    strokeWithCasing(c, "rgba(255, 255, 255, .9)", 1.6, "rgba(255, 255, 255, .9)", 1.6);
     c.lineCap = "butt";
   }
 
@@ -300,7 +300,7 @@ export class MapView {
         for (let ring = 0; ring < 3; ring++) {
           c.beginPath();
           c.arc(x, y, 14 + 16 * (ring + phase), 0, 7);
-          both(c, `rgba(0, 0, 0, ${0.5 - 0.15 * ring})`, 4, rgba(color, 1 - 0.28 * (ring + phase)), 2.4);
+          strokeWithCasing(c, `rgba(0, 0, 0, ${0.5 - 0.15 * ring})`, 4, rgba(color, 1 - 0.28 * (ring + phase)), 2.4);
         }
       }
       for (const { vehicle, state } of packet.receptions) {
@@ -312,12 +312,12 @@ export class MapView {
         c.moveTo(x, y);
         c.lineTo(x + (X - x) * reach, y + (Y - y) * reach);
         c.setLineDash(state === "heard" ? [] : [3, 5]);
-        both(c, "rgba(0, 0, 0, .6)", 4, color, state === "heard" ? 2.4 : 1.6);
+        strokeWithCasing(c, "rgba(0, 0, 0, .6)", 4, color, state === "heard" ? 2.4 : 1.6);
         c.setLineDash([]);
         if (state === "heard") {
           c.beginPath();
           c.arc(X, Y, 13, 0, 7);
-          both(c, "rgba(0, 0, 0, .6)", 4.5, color, 2.6);
+          strokeWithCasing(c, "rgba(0, 0, 0, .6)", 4.5, color, 2.6);
         } else if (state === "lost") {
           cross(c, x + (X - x) * 0.5, y + (Y - y) * 0.5, 7);
         }
@@ -393,12 +393,12 @@ export class MapView {
     c.lineTo(x, y);
     c.lineTo(x + long, y);
     c.lineTo(x + long, y - 5);
-    both(c, "rgba(0, 0, 0, .8)", 4.5, "#ffffff", 2);
+    strokeWithCasing(c, "rgba(0, 0, 0, .8)", 4.5, "#ffffff", 2);
     label(c, `${length} m`, x + long + 8, y - 3);
   }
 
   // What is at the pointer, or at the middle if the map is used by keys.
-  tell(c, p, map, width, height, theme) {
+  describeProbe(c, p, map, width, height, theme) {
     const byKeys = this.canvas.matches(":focus-visible"), at = this.probe ?? (byKeys ? { x: width / 2, y: height / 2 } : null);
     if (!at) {
       this.readout.textContent = "";
@@ -421,64 +421,4 @@ export class MapView {
     }
     this.readout.textContent = parts.join(" · ");
   }
-}
-
-// ---------------------------------------------------------------------- drawing helpers
-
-// A canvas ready to be drawn on in CSS pixels, sharp on any screen.
-export function prepare(canvas, width, height) {
-  const ratio = window.devicePixelRatio || 1, wide = Math.round(width * ratio), high = Math.round(height * ratio);
-  if (canvas.width !== wide || canvas.height !== high) {
-    canvas.width = wide;
-    canvas.height = high;
-  }
-  const c = canvas.getContext("2d");
-  c.setTransform(ratio, 0, 0, ratio, 0, 0);
-  return c;
-}
-
-function trace(c, p, line, closed = false) {
-  c.beginPath();
-  for (let i = 0; i < line.length; i += 2) c.lineTo(p.x(line[i + 1] * DM), p.y(line[i] * DM));
-  if (closed) c.closePath();
-}
-
-function stroke(c, p, line, color, width, dash = []) {
-  trace(c, p, line);
-  c.setLineDash(dash);
-  c.strokeStyle = color;
-  c.lineWidth = width;
-  c.stroke();
-  c.setLineDash([]);
-}
-
-// Strokes the path twice: a casing, then the line, so that it stands out from any ground.
-function both(c, casing, wide, color, width) {
-  c.strokeStyle = casing;
-  c.lineWidth = wide;
-  c.stroke();
-  c.strokeStyle = color;
-  c.lineWidth = width;
-  c.stroke();
-}
-
-function cross(c, x, y, size) {
-  c.beginPath();
-  c.moveTo(x - size, y - size);
-  c.lineTo(x + size, y + size);
-  c.moveTo(x - size, y + size);
-  c.lineTo(x + size, y - size);
-  both(c, "#000000", 5.5, "#ffffff", 2.8);
-}
-
-function label(c, text, x, y) {
-  c.font = "bold 13px system-ui, sans-serif";
-  c.textAlign = "left";
-  c.textBaseline = "middle";
-  c.strokeStyle = "rgba(0, 0, 0, .85)";
-  c.lineWidth = 3.5;
-  c.lineJoin = "round";
-  c.strokeText(text, x, y);
-  c.fillStyle = "#ffffff";
-  c.fillText(text, x, y);
 }

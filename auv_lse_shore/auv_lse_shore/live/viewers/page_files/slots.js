@@ -1,42 +1,11 @@
 // Acoustic slots as a strip of time: a row for each vehicle, packets as blocks, receptions as ticks.
 
+import { prepare } from "./canvas.js";
 import { themeColors, vehicleColor, rgba } from "./colors.js";
 import { clock, number, say, ticks, tickStep } from "./format.js";
-import { prepare } from "./map.js";
+import { packetsAt, receptionsOf, slotAt } from "./packets.js";
 
 const STRIP = { left: 52, right: 12, top: 4, bottom: 34 };
-
-// The slot that a time falls in.
-export function slotAt(tdma, t) {
-  const index = Math.floor((t - tdma.epoch_s) / tdma.slot_s), count = tdma.order.length;
-  const start = tdma.epoch_s + index * tdma.slot_s;
-  return { owner: tdma.order[((index % count) + count) % count], start, end: start + tdma.slot_s };
-}
-
-// What became of a packet at each other vehicle, as it is known at time t: "flying", "heard" or "lost".
-function receptionsOf(store, packet, t) {
-  const { send_s, sound_mps, slot_s } = store.facts.tdma, from = store.pose(packet.vehicle, packet.t);
-  return store.facts.vehicles.filter((v) => v.number !== packet.vehicle).map(({ number: vehicle }) => {
-    const to = store.pose(vehicle, packet.t);
-    const away = from && to ? Math.hypot(to.north - from.north, to.east - from.east) : 0;
-    const heard = store.between("received", vehicle, packet.t, packet.t + slot_s).find((r) => r.source === packet.vehicle);
-    const due = heard ? heard.t : packet.t + send_s + away / sound_mps;
-    const state = t < due ? "flying" : heard ? "heard" : t < due + 1 ? "flying" : "lost";
-    return { vehicle, due, heard, state };
-  });
-}
-
-// Packets sent in the last `window` seconds, each with its receptions.
-export function packetsAt(store, t, window) {
-  const { send_s, slot_s } = store.facts.tdma;
-  return store.facts.vehicles.flatMap(({ number: vehicle }) =>
-    store.between("sent", vehicle, t - window, t).map((packet) => ({
-      ...packet,
-      receptions: receptionsOf(store, packet, t),
-      sending: t < packet.t + send_s,
-      fade: Math.max(0, Math.min(1, 2 * (1 - (t - packet.t) / slot_s))),
-    })));
-}
 
 export class SlotView {
   constructor(canvas, words, store) {
@@ -88,7 +57,7 @@ export class SlotView {
       if (at > STRIP.left + 14 && at < width - 24) c.fillText(clock(s), at, bottom + 5);
     }
     c.fillText("mission time (min:s)", STRIP.left + (width - STRIP.left - STRIP.right) / 2, bottom + 19);
-    this.tell(t);
+    this.describe(t);
   }
 
   drawPacket(c, packet, x, y, row, theme) {
@@ -128,10 +97,10 @@ export class SlotView {
   }
 
   // The slot and the last packet in words.
-  tell(t) {
+  describe(t) {
     const { store } = this, facts = store.facts, slot = slotAt(facts.tdma, t), start = store.startS;
     const last = facts.vehicles.map((v) => store.at("sent", v.number, t)).filter(Boolean).sort((a, b) => b.t - a.t)[0];
-    const owner = slot.owner ? `Slot of auv${slot.owner}` : "Nobody’s slot";
+    const owner = slot.owner ? `Slot of auv${slot.owner}` : "Unassigned slot";
     const now = `${owner}, ${clock(slot.start - start)} to ${clock(slot.end - start)}.`;
     if (!last) return say(this.words, `${now} No packet yet.`);
     const fates = receptionsOf(store, last, t).map(({ vehicle, heard, state }) => {
@@ -139,6 +108,6 @@ export class SlotView {
       return { flying: `on its way to auv${vehicle}`, heard: `heard by auv${vehicle}${snr}`, lost: `not heard by auv${vehicle}` }[state];
     });
     const holds = last.samples === undefined ? `${last.bytes} bytes (${last.problem})` : `${last.samples} samples and its plan`;
-    say(this.words, `${now} Last packet: auv${last.vehicle} at ${clock(last.t - start)}, ${holds}; ${fates.join(", ") || "nobody else"}.`);
+    say(this.words, `${now} Last packet: auv${last.vehicle} at ${clock(last.t - start)}, ${holds}; ${fates.join(", ") || "no other vehicle"}.`);
   }
 }
