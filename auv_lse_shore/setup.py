@@ -6,7 +6,10 @@ setup(
     name=package,
     version="0.1.0",
     packages=find_packages(exclude=["test", "test.*"]),
-    package_data={f"{package}.live.viewers": ["page_files/*"]},
+    package_data={
+        f"{package}.live.viewers": ["page_files/*"],
+        **{f"{package}.{room}": ["templates/*"] for room in ("report", "campaign", "reproduce")},
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),
         (f"share/{package}", ["package.xml"]),

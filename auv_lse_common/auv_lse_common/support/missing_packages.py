@@ -7,6 +7,7 @@ COMMANDS = {
     "contourpy": "sudo apt install python3-contourpy",
     "dask": "pip install dask",
     "distributed": "pip install distributed",
+    "jinja2": "sudo apt install python3-jinja2",
     "matplotlib": "sudo apt install python3-matplotlib",
     "pyarrow": "pip install pyarrow",
     "pymavlink": "pip install pymavlink",

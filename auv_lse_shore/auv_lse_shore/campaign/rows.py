@@ -20,6 +20,7 @@ import numpy as np
 
 from auv_lse_common.support.missing_packages import missing
 from auv_lse_shore.campaign.spec import CampaignSpec, Job
+from auv_lse_shore.campaign.statistics import Interval, interval
 from auv_lse_shore.judge.summary import Summary
 
 try:
@@ -171,6 +172,16 @@ def value_of(row: Row, column: str) -> float | None:
         known = [v for v in value if v is not None]
         return float(np.mean(known)) if known else None
     return None if value is None else float(value)
+
+
+def known_values(rows: Sequence[Row], column: str) -> list[float]:
+    """The finite values of rows in a column."""
+    return [v for v in (value_of(r, column) for r in rows) if v is not None and math.isfinite(v)]
+
+
+def mean_of(rows: Sequence[Row], column: str) -> Interval:
+    """Mean of a column over rows, with its confidence interval."""
+    return interval([value_of(r, column) for r in rows])
 
 
 def by_group(spec: CampaignSpec, rows: Sequence[Row]) -> dict[str, list[Row]]:

@@ -1,13 +1,21 @@
-"""Means over seeds with their confidence intervals."""
+"""Means over seeds, proportions and paired differences, with their confidence intervals."""
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
+from numpy.typing import NDArray
+from scipy import stats
+
+Array = NDArray[np.float64]
+
+#: Keyword of `scipy.stats.bootstrap` for its generator; its name has changed with SciPy 1.15.
+_GENERATOR = "rng" if "rng" in inspect.signature(stats.bootstrap).parameters else "random_state"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,33 +55,42 @@ def proportion(flags: Sequence[bool | None], confidence: float = 0.95) -> str:
     Student's interval would have no width for 0 of 16, and a negative limit for 1 of 16.
     """
     known = [bool(f) for f in flags if f is not None]
-    count = len(known)
-    if not count:
+    if not known:
         return "–"
-    share, z = sum(known) / count, float(ndtri(0.5 + confidence / 2.0))
-    middle = (share + z * z / (2.0 * count)) / (1.0 + z * z / count)
-    half = z / (1.0 + z * z / count) * math.sqrt(share * (1.0 - share) / count + (z / (2.0 * count)) ** 2)
-    return f"{share:.2f} ({max(middle - half, 0.0):.2f} to {min(middle + half, 1.0):.2f})"
+    limits = stats.binomtest(sum(known), len(known)).proportion_ci(confidence, method="wilson")
+    return f"{sum(known) / len(known):.2f} ({limits.low:.2f} to {limits.high:.2f})"
 
 
 def interval(values: Sequence[float | None], confidence: float = 0.95) -> Interval:
     """Mean and confidence interval of values; None and NaN are left out."""
-    known = np.array([v for v in values if v is not None and math.isfinite(v)], dtype=float)
-    count = len(known)
-    if count == 0:
-        return Interval(mean=math.nan, low=math.nan, high=math.nan, count=0)
-    mean = float(known.mean())
-    if count == 1:
-        return Interval(mean=mean, low=math.nan, high=math.nan, count=1)
-    half = float(stdtrit(count - 1, 0.5 + confidence / 2.0) * known.std(ddof=1) / math.sqrt(count))
-    return Interval(mean=mean, low=mean - half, high=mean + half, count=count)
+    known = [v for v in values if v is not None and math.isfinite(v)]
+    mean = float(np.mean(known)) if known else math.nan
+    low, high = math.nan, math.nan
+    if len(known) > 1:
+        half = float(stats.t.ppf(0.5 + confidence / 2.0, len(known) - 1) * stats.sem(known))
+        low, high = mean - half, mean + half
+    return Interval(mean=mean, low=low, high=high, count=len(known))
 
 
 def paired(a: Mapping[int, float | None], b: Mapping[int, float | None]) -> Interval:
     """Mean of a - b over the seeds that both have: seeds share their lakes, so differences vary less than means."""
-    pairs = []
-    for seed, value in a.items():
-        other = b.get(seed)
-        if value is not None and other is not None:
-            pairs.append(value - other)
-    return interval(pairs)
+    pairs = [(value, b.get(seed)) for seed, value in a.items()]
+    return interval([x - y for x, y in pairs if x is not None and y is not None])
+
+
+def bootstrap(
+    samples: Sequence[Array], statistic: Callable[..., Array], resamples: int, seed: int = 0
+) -> tuple[float, float]:
+    """95 % percentile interval of a statistic of paired samples, resampled together.
+
+    Args:
+        samples: Arrays of the same length, at least 2.
+        statistic: Of as many arrays, along the keyword `axis`.
+        resamples: Number of resamples.
+        seed: Of the generator that draws them.
+    """
+    generator: dict[str, Any] = {_GENERATOR: np.random.default_rng(seed)}
+    found = stats.bootstrap(
+        samples, statistic, paired=True, vectorized=True, n_resamples=resamples, method="percentile", **generator
+    ).confidence_interval
+    return float(found.low), float(found.high)

@@ -1,15 +1,16 @@
-"""The figures of a mission that are maps, with axes, units and colours for the colour-blind, too.
+"""Figures of a mission that are maps: north up, to scale, in colors for the color-blind; and what all figures share.
 
-Maps have north up and east to the right, to scale, and leave out what is not judged. Vehicles have the colours of
-Okabe and Ito (2008) and, beyond eight, other dashes too; risk has a colour map of even lightness steps.
+Vehicles have the colors of Okabe and Ito (2008) and, from the ninth on, other dashes; risk has a perceptually uniform
+color map. Cells that are not evaluated are left out.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
@@ -25,8 +26,10 @@ from auv_lse_shore.judge.evaluation import Evaluation
 from auv_lse_shore.judge.tracks import navigation_error, track
 
 Array = NDArray[np.float64]
+P = ParamSpec("P")
+T = TypeVar("T")
 
-#: Colours for categories (Okabe and Ito 2008), distinguishable under every common colour blindness.
+#: Colors for categories (Okabe and Ito 2008), distinguishable with every common color blindness.
 COLORS = ("#D55E00", "#56B4E9", "#009E73", "#CC79A7", "#E69F00", "#0072B2", "#F0E442", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 RISK_COLORS = "cividis"
@@ -53,7 +56,7 @@ LEGEND_COLUMNS = 7
 
 
 def vehicle_style(index: int) -> dict[str, Any]:
-    """Colour and dashes of vehicle number `index` + 1."""
+    """Color and dashes of vehicle number `index` + 1."""
     return {"color": COLORS[index % len(COLORS)], "linestyle": DASHES[index // len(COLORS) % len(DASHES)]}
 
 
@@ -71,133 +74,145 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
+    """Decorates a function that draws: it uses `STYLE`."""
+
+    @functools.wraps(draw)
+    def in_style(*args: P.args, **kwargs: P.kwargs) -> T:
+        with matplotlib.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return in_style
+
+
+def add_grid(axis: Any, direction: Literal["both", "x"] = "both") -> None:
+    """Draws a pale grid behind the data."""
+    axis.grid(True, axis=direction, color="#e4e4e4", lw=0.5)
+    axis.set_axisbelow(True)
+
+
+def draw_map(axis: Any, e: Evaluation, values: Array, title: str, **scale: Any) -> Any:
+    """Draws values (R, C) of a mission's map, what is not evaluated left out; returns the image.
+
+    Args:
+        axis: Where to draw.
+        e: The mission.
+        values: One for each cell of the map.
+        title: Title of the axis.
+        scale: Color map and limits, as of `imshow`.
+    """
+    extent, _ = map_extent(e)
+    shown = np.ma.masked_where(~e.scored, values)
+    image = axis.imshow(shown, origin="lower", extent=extent, aspect="equal", **scale)
+    axis.set_title(title)
+    axis.set_facecolor("#ececec")
+    axis.set_xlim(extent[0], extent[1])
+    axis.set_ylim(extent[2], extent[3])
+    for spine in axis.spines.values():
+        spine.set_visible(True)
+    return image
+
+
+def add_color_bar(figure: Figure, image: Any, axes: Any, label: str, **layout: Any) -> Any:
+    """Adds a color bar beside the axes (below, with `orientation`); returns it."""
+    bar = figure.colorbar(image, ax=axes, **{"shrink": 0.9, "pad": 0.015, "aspect": 28, **layout})
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.5)
+    return bar
+
+
+@styled
 def risk_maps(e: Evaluation) -> Figure:
     """Prior and posterior Bayes risk with the paths, and the true and the estimated isobath."""
-    with matplotlib.rc_context(STYLE):
-        extent, aspect = map_extent(e)
-        panel_in, side_by_side = panel_size(aspect, 2)
-        columns = 2 if side_by_side else 1
-        figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + legend_in(e, 5))
-        axes = figure.subplots(2 // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        top = max(float(np.nanmax(e.prior.risk)), 1e-9)
-        titles = (r"$\bf{a}$  Bayes risk before the mission", r"$\bf{b}$  Bayes risk given all soundings")
-        image: Any = None
-        for axis, title, field in zip(axes, titles, (e.prior, e.team), strict=True):
-            image = axis.imshow(
-                judged_part(field.risk, e),
-                origin="lower",
-                extent=extent,
-                cmap=RISK_COLORS,
-                vmin=0.0,
-                vmax=top,
-                aspect="equal",
-            )
-            map_axes(axis, extent, title)
-            draw_tracks(axis, e)
-        draw_isobath(axes[0], e.truth, "true")
-        draw_isobath(axes[1], e.truth, "true")
-        draw_pieces(axes[1], e.pieces)
-        outer_labels(axes, columns)
-        bar = figure.colorbar(image, ax=axes.tolist(), shrink=0.9, pad=0.015, aspect=28)
-        bar.set_label("Bayes risk per place (units of cost)")
-        bar.outline.set_linewidth(0.5)
-        map_legend(figure, e, truth=bool(e.truth), estimate=True)
-        return figure
+    panel_in, side_by_side = panel_size(map_extent(e)[1], 2)
+    columns = 2 if side_by_side else 1
+    figure = new_figure(WIDTH_IN, panel_in * (1 if side_by_side else 2) + 0.75 + legend_in(e, 5))
+    axes = figure.subplots(2 // columns, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    top = max(float(np.nanmax(e.prior.risk)), 1e-9)
+    titles = (r"$\bf{a}$  Bayes risk before the mission", r"$\bf{b}$  Bayes risk given all soundings")
+    image: Any = None
+    for axis, title, field in zip(axes, titles, (e.prior, e.team), strict=True):
+        image = draw_map(axis, e, field.risk, title, cmap=RISK_COLORS, vmin=0.0, vmax=top)
+        draw_tracks(axis, e)
+        draw_isobath(axis, e.truth, "true")
+    draw_pieces(axes[1], e.pieces)
+    outer_labels(axes, columns)
+    add_color_bar(figure, image, axes.tolist(), "Bayes risk per place (units of cost)")
+    map_legend(figure, e, truth=bool(e.truth), estimate=True)
+    return figure
 
 
+@styled
 def local_risk_error(e: Evaluation) -> Figure:
-    """Per vehicle: posterior risk of its own final map less the risk given all soundings."""
-    with matplotlib.rc_context(STYLE):
-        extent, aspect = map_extent(e)
-        count = len(e.local)
-        columns = min(count, 3 if aspect >= 0.5 else 2)
-        rows = math.ceil(count / columns)
-        width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
-        panel_in = (width - 1.3) / columns * aspect + 0.3
-        figure = new_figure(width, rows * panel_in + 0.7 + legend_in(e, 2))
-        axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        differences = [own.risk - e.team.risk for own in e.local]
-        largest = max((float(np.nanmax(np.abs(d[e.scored]))) for d in differences), default=0.0) or 1.0
-        image: Any = None
-        for index, (axis, difference) in enumerate(zip(axes, differences, strict=False)):
-            image = axis.imshow(
-                judged_part(difference, e),
-                origin="lower",
-                extent=extent,
-                cmap=DIFFERENCE_COLORS,
-                vmin=-largest,
-                vmax=largest,
-                aspect="equal",
-            )
-            mean = e.summary.local_risk_error[index]
-            map_axes(axis, extent, f"auv{e.run.vehicles[index].vehicle}   mean |error| {mean:.3f}")
-            draw_tracks(axis, e, only=index)
-        for axis in axes[count:]:
-            axis.set_visible(False)
-        outer_labels(axes[:count], columns)
-        bar = figure.colorbar(image, ax=axes[:count].tolist(), shrink=0.9, pad=0.015, aspect=26 * rows)
-        bar.set_label("own risk − risk given all\n(units of cost per place)")
-        bar.outline.set_linewidth(0.5)
-        map_legend(figure, e, truth=False, estimate=False)
-        return figure
+    """Per vehicle: posterior risk of its own final map minus the risk given all soundings."""
+    aspect, count = map_extent(e)[1], len(e.local)
+    columns = min(count, 3 if aspect >= 0.5 else 2)
+    rows = math.ceil(count / columns)
+    width = WIDTH_IN if columns > 1 else 0.65 * WIDTH_IN
+    panel_in = (width - 1.3) / columns * aspect + 0.3
+    figure = new_figure(width, rows * panel_in + 0.7 + legend_in(e, 2))
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    differences = [own.risk - e.team.risk for own in e.local]
+    largest = max((float(np.nanmax(np.abs(d[e.scored]))) for d in differences), default=0.0) or 1.0
+    image: Any = None
+    for index, (axis, difference) in enumerate(zip(axes, differences, strict=False)):
+        title = f"auv{e.run.vehicles[index].vehicle}   mean |difference| {e.summary.local_risk_error[index]:.3f}"
+        image = draw_map(axis, e, difference, title, cmap=DIFFERENCE_COLORS, vmin=-largest, vmax=largest)
+        draw_tracks(axis, e, only=index)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    outer_labels(axes[:count], columns)
+    label = "own risk − risk given all\n(units of cost per place)"
+    add_color_bar(figure, image, axes[:count].tolist(), label, aspect=26 * rows)
+    map_legend(figure, e, truth=False, estimate=False)
+    return figure
 
 
+@styled
 def depth_map(e: Evaluation) -> Figure:
     """The estimated depth, its standard deviation, and its error where the truth is known."""
-    with matplotlib.rc_context(STYLE):
-        extent, aspect = map_extent(e)
-        panels = 3 if e.run.ground is not None else 2
-        panel_in = (WIDTH_IN - 2.2) / panels * aspect + 1.05
-        figure = new_figure(WIDTH_IN, panel_in + 0.45)
-        axes = figure.subplots(1, panels, sharex=True, sharey=True)
-        panel_list: list[tuple[str, str, Array, dict[str, Any]]] = [
-            (r"$\bf{a}$  Estimated depth", "depth (m)", e.team.mean_m, {"cmap": "viridis_r"}),
-            (
-                r"$\bf{b}$  Its standard deviation",
-                "standard deviation (m)",
-                e.team.std_m,
-                {"cmap": RISK_COLORS, "vmin": 0.0},
-            ),
-        ]
-        if e.run.ground is not None:
-            error = e.team.mean_m - e.run.ground.depth_m
-            limit = float(np.nanpercentile(np.abs(error[e.scored]), 99.0)) or 1.0
-            scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
-            panel_list.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
-        for axis, (title, label, values, scale) in zip(axes, panel_list, strict=True):
-            image = axis.imshow(judged_part(values, e), origin="lower", extent=extent, aspect="equal", **scale)
-            map_axes(axis, extent, title)
-            draw_isobath(axis, e.truth, "true")
-            draw_pieces(axis, e.pieces)
-            bar = figure.colorbar(image, ax=axis, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
-            bar.set_label(label)
-            bar.outline.set_linewidth(0.5)
-        outer_labels(axes, panels)
-        lines = isobath_handles(e)
-        lines += [isobath_handle("true", "true one")] if e.truth else []
-        figure.legend(handles=lines, loc="outside lower center", ncols=4, handlelength=2.6)
-        return figure
+    std_scale: dict[str, Any] = {"cmap": RISK_COLORS, "vmin": 0.0}
+    panels: list[tuple[str, str, Array, dict[str, Any]]] = [
+        (r"$\bf{a}$  Estimated depth", "depth (m)", e.team.mean_m, {"cmap": "viridis_r"}),
+        (r"$\bf{b}$  Its standard deviation", "standard deviation (m)", e.team.std_m, std_scale),
+    ]
+    if e.run.ground is not None:
+        error = e.team.mean_m - e.run.ground.depth_m
+        limit = float(np.nanpercentile(np.abs(error[e.scored]), 99.0)) or 1.0
+        scale = {"cmap": DIFFERENCE_COLORS, "vmin": -limit, "vmax": limit}
+        panels.append((r"$\bf{c}$  Error", "estimate − truth (m)", error, scale))
+    panel_in = (WIDTH_IN - 2.2) / len(panels) * map_extent(e)[1] + 1.05
+    figure = new_figure(WIDTH_IN, panel_in + 0.45)
+    axes = figure.subplots(1, len(panels), sharex=True, sharey=True)
+    for axis, (title, label, values, scale) in zip(axes, panels, strict=True):
+        image = draw_map(axis, e, values, title, **scale)
+        draw_isobath(axis, e.truth, "true")
+        draw_pieces(axis, e.pieces)
+        add_color_bar(figure, image, axis, label, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
+    outer_labels(axes, len(panels))
+    lines = isobath_handles(e) + ([isobath_handle("true", "true isobath")] if e.truth else [])
+    figure.legend(handles=lines, loc="outside lower center", ncols=4, handlelength=2.6)
+    return figure
 
 
+@styled
 def navigation(e: Evaluation) -> Figure | None:
     """Horizontal error of each vehicle's odometry over time; None without truth."""
     errors = [navigation_error(v) for v in e.run.vehicles]
     if not all(len(error) for error in errors):
         return None
-    with matplotlib.rc_context(STYLE):
-        figure = new_figure(WIDTH_IN, 2.6)
-        axis = figure.subplots()
-        for index, (vehicle, error) in enumerate(zip(e.run.vehicles, errors, strict=True)):
-            axis.plot(
-                vehicle.odometry[:, 0] / 60.0, error, lw=1.3, label=f"auv{vehicle.vehicle}", **vehicle_style(index)
-            )
-        axis.set_xlabel("mission time (min)")
-        axis.set_ylabel("horizontal error (m)")
-        axis.set_xlim(left=0.0)
-        axis.set_ylim(bottom=0.0)
-        axis.grid(True, color="#e4e4e4", lw=0.5)
-        figure.legend(loc="outside lower center", ncols=min(len(errors), 10), handlelength=2.0)
-        return figure
+    figure = new_figure(WIDTH_IN, 2.6)
+    axis = figure.subplots()
+    for index, (vehicle, error) in enumerate(zip(e.run.vehicles, errors, strict=True)):
+        minutes = vehicle.odometry[:, 0] / 60.0
+        axis.plot(minutes, error, lw=1.3, label=f"auv{vehicle.vehicle}", **vehicle_style(index))
+    axis.set_xlabel("mission time (min)")
+    axis.set_ylabel("horizontal error (m)")
+    axis.set_xlim(left=0.0)
+    axis.set_ylim(bottom=0.0)
+    add_grid(axis)
+    figure.legend(loc="outside lower center", ncols=min(len(errors), 10), handlelength=2.0)
+    return figure
 
 
 def map_extent(e: Evaluation) -> tuple[tuple[float, float, float, float], float]:
@@ -218,21 +233,6 @@ def panel_size(aspect: float, columns: int) -> tuple[float, bool]:
     side_by_side = aspect >= 0.5
     width = (WIDTH_IN - 1.4) / (columns if side_by_side else 1)
     return min(width * aspect, 7.5) + 0.25, side_by_side
-
-
-def judged_part(values: Array, e: Evaluation) -> Any:
-    """Values (R, C) of the map with what is not judged masked out."""
-    return np.ma.masked_where(~e.scored, values)
-
-
-def map_axes(axis: Any, extent: Sequence[float], title: str) -> None:
-    """Sets title, frame and limits of a map's axes; `extent` as of `map_extent`."""
-    axis.set_title(title)
-    axis.set_facecolor("#ececec")
-    axis.set_xlim(extent[0], extent[1])
-    axis.set_ylim(extent[2], extent[3])
-    for spine in axis.spines.values():
-        spine.set_visible(True)
 
 
 def outer_labels(axes: Any, columns: int) -> None:
@@ -261,7 +261,7 @@ def draw_tracks(axis: Any, e: Evaluation, only: int | None = None, width: float 
         axis.plot(*rows[-1, [2, 1]], "s", ms=4.5, mfc=style["color"], mec="black", mew=0.7, zorder=5)
 
 
-#: The true isobath, and the classes of the estimated one; `casing` is the colour beside the line.
+#: Lines of the true isobath and of the classes of the estimated one; `casing` is the color on both sides of the line.
 _ISOBATHS: dict[str, dict[str, Any]] = {
     "true": {"color": "white", "linestyle": (0, (3.5, 1.6)), "linewidth": 1.0, "casing": "black"},
     FOUND: {"color": "black", "linestyle": "-", "linewidth": 1.6, "casing": "white"},
@@ -271,7 +271,7 @@ _ISOBATHS: dict[str, dict[str, Any]] = {
 
 
 def draw_isobath(axis: Any, lines: Sequence[Array], kind: str) -> None:
-    """Draws an isobath's lines, each (n, 2) of north, east (m); `kind`: "true" or a class of `certainty.CLASSES`."""
+    """Draws lines (n, 2) of north, east (m); `kind` is "true" or a class of `certainty.CLASSES`."""
     for line in lines:
         axis.plot(line[:, 1], line[:, 0], zorder=4.5 if kind == "true" else 4.0, **_isobath_style(kind, 0.9))
 
@@ -289,7 +289,7 @@ def _isobath_style(kind: str, casing: float) -> dict[str, Any]:
 
 
 def isobath_handles(e: Evaluation) -> list[Line2D]:
-    """What stands for the estimated isobath's classes in a legend: those that there are."""
+    """Legend entries of the estimated isobath's classes, those that occur."""
     level = e.settings[0].level_set.level_m
     kinds = [kind for kind in CLASSES if lines_of(e.pieces, kind)]
     words = {FOUND: f"{level:g} m isobath, found", LIKELY: "likely", GUESSED: "guessed"}
@@ -297,12 +297,12 @@ def isobath_handles(e: Evaluation) -> list[Line2D]:
 
 
 def isobath_handle(kind: str, label: str) -> Line2D:
-    """What stands for an isobath in a legend; `kind` as of `draw_isobath`."""
+    """Legend entry of an isobath; `kind` as of `draw_isobath`."""
     return Line2D([], [], label=label, **_isobath_style(kind, 1.2))
 
 
 def legend_in(e: Evaluation, others: int) -> float:
-    """Height (in) of the legend's lines after the first, with `others` entries beside the vehicles."""
+    """Height (in) of the legend after its first line, with `others` entries beside the vehicles."""
     return 0.17 * ((len(e.run.vehicles) + others - 1) // LEGEND_COLUMNS)
 
 
@@ -319,7 +319,7 @@ def map_legend(figure: Figure, e: Evaluation, *, truth: bool, estimate: bool) ->
     if estimate:
         handles += isobath_handles(e)
     if not e.scored.all():
-        handles.append(Patch(facecolor="#ececec", edgecolor="#888888", linewidth=0.5, label="not judged"))
+        handles.append(Patch(facecolor="#ececec", edgecolor="#888888", linewidth=0.5, label="not evaluated"))
     figure.legend(
         handles=handles,
         loc="outside lower center",

@@ -1,10 +1,12 @@
-"""The report's pictures in their order, each with a caption that says what to see."""
+"""The figures of the report in their order, with captions."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+
+from matplotlib.figure import Figure
 
 from auv_lse_common.process.background import run_in_background
 from auv_lse_shore.judge.evaluation import Evaluation
@@ -12,54 +14,49 @@ from auv_lse_shore.report.figures import depth_map, local_risk_error, navigation
 from auv_lse_shore.report.found_figure import found
 from auv_lse_shore.report.reward_figures import map_risk, paper_reward
 
-#: The picture of the paper's own reward, which stands beside its explanation.
-PAPERS = "reward.png"
+#: The picture of the paper's reward, which stands beside its explanation.
+PAPER = "reward.png"
 
-#: Figures of the report: file name, caption, and the function that draws it (None: nothing to show).
-FIGURES: tuple[tuple[str, str, Any], ...] = (
+#: Figures of the report: file name, caption, and the function that draws it (it returns None for nothing to show).
+FIGURES: tuple[tuple[str, str, Callable[[Evaluation], Figure | None]], ...] = (
     (
         "map.png",
-        "The map that the team brought home, seen from above, north up. Blue: surely deeper than the isobath; sand: "
-        "surely shallower; white: unsure. The black line is the isobath where it was found: the vehicles (coloured "
-        "lines, from circle to square) measured near enough to place it to within 20 m with 95 % certainty. Yellow: "
-        "it is likely to run there. Dotted: a guess, hardly supported by any measurement. The dashes are the true "
-        "isobath, which only a simulation knows: in a good mission they lie inside the black line everywhere.",
+        "The team's final map, north up. Blue is surely deeper than the isobath, sand is surely shallower, white is "
+        "uncertain. Black line: isobath found, placed within 20 m with 95 % certainty. Yellow: likely isobath. "
+        "Dotted: a guess with little data behind it. Dashed: true isobath, known in simulation only. Colored lines are "
+        "the vehicles' tracks, from circle to square.",
         found,
     ),
     (
         "risk_maps.png",
-        "Bayes risk, the expected cost of calling a place safe (deep enough) or not: bright where that would be a "
-        "gamble. (a) Before the mission, by the prior, (b) given the soundings of all vehicles, by the standard "
-        "deviation that they show.",
+        "Bayes risk, the expected cost of calling a place deep enough or not. Bright places are uncertain. (a) Before "
+        "the mission. (b) Given the soundings of all vehicles.",
         risk_maps,
     ),
     (
         "risk_over_steps.png",
-        "The map's reward is the drop of its mean risk (blue). Dashed: what was expected of the mission's end by the "
-        "plans that the vehicles had in hand, and nothing after them. Dotted: what mowing the lawn was "
-        "expected to leave, the bound of the methods that keep one. A mission that ends below the dotted line did "
-        "better than that.",
+        "Map risk over the mission. Solid: map risk so far. Dashed: map risk expected at the end if the vehicles carry "
+        "out their current plans. Dotted: map risk expected of a lawnmower mission of the same length.",
         map_risk,
     ),
     (
         "local_risk_error.png",
-        "Risk of each vehicle's own map less the risk given all soundings: what lost, late and thinned samples cost "
-        "each of them.",
+        "Risk of each vehicle's own map minus the risk given all soundings: the cost of lost, late and thinned "
+        "samples.",
         local_risk_error,
     ),
     ("depth_map.png", "Depth map from all soundings, its standard deviation and its error.", depth_map),
     (
         "navigation.png",
-        "Horizontal error of the vehicles' position estimates, as each believed them at the time. It falls at once "
-        "where a vehicle surfaces for a fix.",
+        "Horizontal error of the position that each vehicle estimated under way. It drops when a vehicle surfaces for "
+        "a fix.",
         navigation,
     ),
     (
-        PAPERS,
-        "The paper's own reward, the drop of risk at the places of the vehicles' paths. (a) Stepwise, the paper's "
-        "literal sum, with its lower bound: the sum plus the naive part of the augmented value. The two do not "
-        "telescope, so the sum can end below it however good the mission was. (b) The whole path as one, its "
-        "expectation at the mission's end by the plans in hand, and that of mowing the lawn.",
+        PAPER,
+        "The paper's reward, the drop of risk at the places of the vehicles' paths. (a) Stepwise, the sum as the paper "
+        "defines it, with its lower bound. The two do not telescope, so the sum can end below the bound. (b) The whole "
+        "path, its value expected at the end of the current plans, and the value expected of a lawnmower.",
         paper_reward,
     ),
 )

@@ -64,8 +64,8 @@ class Claim:
     evidence: tuple[Evidence, ...]
     remark: str = ""
 
-    def standing(self) -> str:
-        """How the claim stands with either prior, in one sentence."""
+    def verdicts(self) -> str:
+        """The verdicts with each prior, counted, in one sentence."""
         parts = []
         for prior, name in ((FLAT, "flat prior"), (CHART, "chart as prior")):
             found = [e.verdict for e in self.evidence if e.prior == prior]
@@ -103,8 +103,8 @@ def by_seed(rows: Sequence[Row], column: str) -> dict[int, float | None]:
 COMPARED = (
     ("team_reward", "team reward, stepwise (cost)", True),
     ("path_reward", "path reward (cost)", True),
-    ("risk_third", "risk at a third of the mission (cost/place)", False),
-    ("risk_after", "final risk (cost/place)", False),
+    ("risk_third", "map risk after a third (cost/place)", False),
+    ("risk_after", "final map risk (cost/place)", False),
     ("f1", "F1", True),
     ("isobath_error_m", "isobath error (m)", False),
 )

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_shore.campaign.rows import Row, Rows, columns_of, rows_of, value_of
-from auv_lse_shore.campaign.statistics import Interval, interval, proportion
+from auv_lse_shore.campaign.rows import Row, Rows, columns_of, mean_of, rows_of
+from auv_lse_shore.campaign.statistics import proportion
 from auv_lse_shore.reproduce.claims import Claim
 from auv_lse_shore.reproduce.study import METHODS, Study, Sweep, sweep_name, trial_name
 
@@ -20,6 +20,7 @@ Groups = Mapping[tuple[int, str], Sequence[Row]]
 
 #: Rows at each point of a sensitivity, by method.
 Lines = dict[str, list[tuple[float, Sequence[Row]]]]
+SweptRows = Sequence[tuple[Sweep, Lines]]
 
 #: Columns of the main table: key, heading.
 COLUMNS = (
@@ -27,23 +28,23 @@ COLUMNS = (
     ("bound_kept", "above stepwise bound (share)"),
     ("path_reward", "path reward (cost)"),
     ("path_bound_kept", "above lawnmower's value (share)"),
-    ("risk_third", "risk at a third (cost/place)"),
-    ("risk_after", "final risk (cost/place)"),
+    ("risk_third", "map risk after a third (cost/place)"),
+    ("risk_after", "final map risk (cost/place)"),
     ("f1", "F1"),
     ("isobath_error_m", "isobath error (m)"),
     ("isobath_found", "isobath found (share)"),
     ("misclassified_m2", "misclassified (m²)"),
-    ("local_risk_error", "local-map risk error (cost/place)"),
-    ("delivery", "packets delivered (share)"),
-    ("planning_median_s", "median decision (s)"),
+    ("local_risk_error", "own-map risk difference (cost/place)"),
+    ("delivery", "packets received (share)"),
+    ("planning_median_s", "median decision time (s)"),
 )
 
 
 #: Columns of the tables of sensitivities: key, name with unit.
 SWEPT = {
-    "risk_after": "final risk (cost/place)",
+    "risk_after": "final map risk (cost/place)",
     "isobath_error_m": "isobath error (m)",
-    "local_risk_error": "local-map risk error (cost/place)",
+    "local_risk_error": "own-map risk difference (cost/place)",
 }
 
 
@@ -77,24 +78,21 @@ def by_sweep(study: Study, rows: Sequence[Row]) -> list[tuple[Sweep, Lines]]:
 
 def markdown(
     found: Sequence[Claim],
-    trials: Groups,
-    charted: Groups,
-    large: Groups,
-    swept: Sequence[tuple[Sweep, Lines]],
+    groups: Mapping[str, Groups],
+    swept: SweptRows,
     subtitle: str,
 ) -> str:
     """Tables and claims as text, for a document."""
-    lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", "", *_markdown_table(trials)]
+    lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", "", *_markdown_table(groups["trials"])]
     for claim in found:
-        lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark} How it stands. {claim.standing()}", ""]
-        lines += ["| prior | measured here | result | this claim is |", "|---|---|---|---|"]
+        lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark} Verdicts: {claim.verdicts()}", ""]
+        lines += ["| prior | measured here | result | verdict |", "|---|---|---|---|"]
         lines += [
             f"| {e.prior} | {e.what.replace('|', chr(92) + '|')} | {e.value} | {e.verdict} |" for e in claim.evidence
         ]
-    if charted:
-        lines += ["", "**With a coarse chart as prior**", "", *_markdown_table(charted)]
-    if large:
-        lines += ["", "**In an area four times as large**", "", *_markdown_table(large)]
+    for name, heading in (("charted", "With a coarse chart as prior"), ("large", "In an area four times as large")):
+        if groups[name]:
+            lines += ["", f"**{heading}**", "", *_markdown_table(groups[name])]
     for sweep, by_method in swept:
         lines += ["", f"**Sensitivity to {sweep.label}**: " + "; ".join(SWEPT.values()), ""]
         lines.append(f"| {sweep.label} | seeds | " + " | ".join(by_method) + " |")
@@ -116,16 +114,12 @@ def _markdown_table(groups: Groups) -> list[str]:
     return lines
 
 
-def _mean(rows: Sequence[Row], column: str) -> Interval:
-    return interval([value_of(r, column) for r in rows])
-
-
 def cell_of(rows: Sequence[Row], column: str) -> str:
     """A column's mean with its interval; of how many missions, if some have no value (no isobath found at all)."""
     values = [r.get(column) for r in rows]
     if any(isinstance(v, bool) for v in values):
         return proportion(values)
-    mean = _mean(rows, column)
+    mean = mean_of(rows, column)
     return f"{mean}" if mean.count == len(rows) else f"{mean} ({mean.count} of {len(rows)})"
 
 
@@ -137,7 +131,7 @@ def as_data(found: Sequence[Claim], campaigns: Mapping[str, Groups]) -> dict[str
         for (vehicles, method), rows in groups.items():
             entry: dict[str, Any] = {"vehicles": vehicles, "method": method, "seeds": len(rows)}
             for column, _ in COLUMNS:
-                mean = _mean(rows, column)
+                mean = mean_of(rows, column)
                 entry[column] = [v if np.isfinite(v) else None for v in (mean.mean, mean.low, mean.high)]
             tables[name].append(entry)
     return {"claims": [asdict(claim) for claim in found], **tables}

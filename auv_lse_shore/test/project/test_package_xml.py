@@ -16,6 +16,7 @@ PACKAGES = tuple(f"auv_lse_{name}" for name in ("common", "gp", "planner", "comm
 #: Rosdep keys of imports that are no ROS packages. The key of a ROS package is its own name.
 KEYS = {
     "contourpy": "python3-matplotlib",  # has no key of its own; Ubuntu's python3-matplotlib depends on it
+    "jinja2": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
     "pymavlink": "python3-pymavlink-pip",

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from auv_lse_shore.judge.summary import table
-from auv_lse_shore.report.page_parts import number
+from auv_lse_shore.report.page import number
 from auv_lse_shore.report.report import write_report
 
 

@@ -79,7 +79,7 @@ def test_the_claims_follow_the_measurements():
     by_text = {e.what: e.verdict for claim in found[:1] for e in claim.evidence}
     assert by_text["3 AUVs: difference in team reward, stepwise (cost)"] == CONTRADICTED
     assert by_text["3 AUVs: difference in path reward (cost)"] == SUPPORTED  # equal is as good
-    assert by_text["3 AUVs: difference in final risk (cost/place)"] == CONTRADICTED
+    assert by_text["3 AUVs: difference in final map risk (cost/place)"] == CONTRADICTED
     bound = {e.what: e for e in found[1].evidence}
     assert bound["3 AUVs: stepwise reward at least the largest time-varying lower bound"].verdict == CONTRADICTED
     assert bound["3 AUVs: path reward at least the value expected of the lawnmower"].value == "20 of 20 missions"
@@ -89,22 +89,22 @@ def test_the_claims_follow_the_measurements():
     assert local.verdict == SUPPORTED  # 0.1 is 2 % of 5
     assert "90 % of packets" in local.what
     assert "2.0 % of the risk before, 10 % of the risk after" in local.value
-    assert {e.verdict for e in found[4].evidence if "final risk" in e.what} == {SUPPORTED}
+    assert {e.verdict for e in found[4].evidence if "final map risk" in e.what} == {SUPPORTED}
 
 
 def test_each_claim_says_how_it_stands_with_either_prior():
     flat = {(3, "augmented"): rows_of(200.0, 1.0), (3, "lawnmower"): rows_of(150.0, 0.9)}
     charted = {(3, "augmented"): rows_of(200.0, 0.5), (3, "lawnmower"): rows_of(150.0, 0.9)}
     searched = next(c for c in claims(flat, charted) if "more efficiently" in c.text)
-    verdicts = {(e.prior, e.verdict) for e in searched.evidence if "final risk" in e.what}
+    verdicts = {(e.prior, e.verdict) for e in searched.evidence if "final map risk" in e.what}
     assert verdicts == {("flat", CONTRADICTED), ("chart", SUPPORTED)}
     # reward and F1 are alike; risk at a third, final risk and isobath turn
-    assert searched.standing() == (
+    assert searched.verdicts() == (
         "flat prior: 1 supported, 2 undecided, 3 contradicted; chart as prior: 4 supported, 2 undecided."
     )
     only = claims({}, charted)
     assert {e.prior for c in only for e in c.evidence} == {"chart"}
-    assert "flat" not in only[0].standing()
+    assert "flat" not in only[0].verdicts()
 
 
 def test_a_large_local_error_contradicts():

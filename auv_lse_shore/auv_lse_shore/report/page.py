@@ -1,0 +1,61 @@
+"""Self-contained HTML pages from Jinja templates, and numbers formatted for readers."""
+
+from __future__ import annotations
+
+import base64
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from auv_lse_common.support.missing_packages import missing
+
+try:
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+except ImportError as error:
+    raise missing(error, "reports") from error
+
+_HERE = "auv_lse_shore.report"
+
+
+class Picture(NamedTuple):
+    """An image for the macro `figure`: its data URI and its caption."""
+
+    data: str
+    caption: str
+
+
+def embed(image: Path, caption: str) -> Picture:
+    """A PNG file as part of a page."""
+    return Picture("data:image/png;base64," + base64.b64encode(image.read_bytes()).decode(), caption)
+
+
+def render(template: str, room: str = _HERE, **values: Any) -> str:
+    """A page from the template of that name in the folder `templates` of a room (a package).
+
+    The room's templates can extend and import those of the report: `page.html` and `parts.html`. Every value is
+    escaped.
+
+    Raises:
+        jinja2.UndefinedError: if the template uses a value that was not given.
+    """
+    loader = ChoiceLoader([PackageLoader(room), PackageLoader(_HERE)])
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.get_template(template).render(**values) + "\n"
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """A value for readers: four significant digits, a dash for unknown."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        if value == 0.0:
+            return "0"
+        places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+        return f"{value:.{min(places, 6)}f}"
+    if isinstance(value, list | tuple):
+        return ", ".join(number(v, digits) for v in value)
+    return str(value)
