@@ -1,0 +1,211 @@
+"""The guide's commands are accepted, its files are valid, and what needs no hardware runs, page after page."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # pytest's importlib mode does not find `guide_pages` by itself
+
+from guide_pages import GUIDE, PAGES, ROOT, Block, blocks
+
+from auv_lse_common.mission_file.settings import Settings
+
+#: Pages whose commands run, in this order: later ones use what earlier ones leave (runs/first, survey.csv).
+RUN = ("first-mission", "your-own-lake", "bench-to-water", "bluerov2", "blueboat", "after-the-dive", "campaigns")
+
+#: Legs that a mission of the guide has here, instead of its own number.
+STEPS = 5
+
+#: Commands of other programs: their names alone are known here.
+FOREIGN = {
+    "cat", "cd", "colcon", "cp", "dask", "export", "pip", "pre-commit", "rosdep", "sed", "source", "sudo", "use_environment", "."
+}  # fmt: skip
+
+#: Commands that do more than parse before they parse: the module that parses.
+PARSES = {"auv_lse_shore.mission.command": "auv_lse_shore.mission.mission"}
+
+#: Files that each page promises, below the folder in which it was followed.
+PROMISED = {
+    "first-mission": ["runs/first/report.html", "runs/first/isobath.geojson", "runs/first/mission.yaml"],
+    "your-own-lake": ["gp.yaml", "runs/lake/mission.yaml", "vehicles.yaml"],
+    "bench-to-water": ["team.key", "auv2.policy.xml"],
+    "bluerov2": ["vehicle.yaml"],
+    "blueboat": ["vehicle-boat.yaml"],
+    "after-the-dive": [
+        "adjusted/moved.md", "adjusted/before_and_after.csv", "runs/first/export/isobath.qgs",
+        "runs/first/export/risk.tif", "runs/first/export/export.png", "report/report.html", "mission.html", "steps.csv",
+    ],
+    "campaigns": ["runs/loss/campaign.html", "runs/loss/results.parquet"],
+}  # fmt: skip
+
+SHELL = [block for page in PAGES for block in blocks(page) if block.language == "sh"]
+FILES = [block for page in PAGES for block in blocks(page) if block.title]
+
+
+def name(block: Block) -> str:
+    return f"{block.page.stem}:{block.line}"
+
+
+class ParsedError(BaseException):
+    """The command line was accepted."""
+
+
+def module_of(words: list[str]) -> tuple[str, list[str]] | None:
+    """The module that takes a command line of this project, and its arguments; None for one of another program."""
+    if words[:2] == ["python", "-m"]:
+        return words[2], words[3:]
+    if not words[0].startswith("scripts/"):
+        return None
+    shim = (ROOT / words[0]).read_text()
+    found = re.search(r"auv_lse_common\.\S*command (\S+)", shim)
+    return (PARSES.get(found[1], found[1]), words[1:]) if found else None
+
+
+def accept(module: str, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets a module parse its command line, and nothing more."""
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_only(self: argparse.ArgumentParser, *given: object) -> None:
+        parse(self, *given)  # type: ignore[call-overload]
+        raise ParsedError
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+    monkeypatch.setattr(sys, "argv", [module, *arguments])
+    found = importlib.import_module(module)
+    main = found if hasattr(found, "main") else importlib.import_module(f"{module}.__main__")
+    with pytest.raises(ParsedError):
+        main.main()
+
+
+@pytest.mark.parametrize("block", SHELL, ids=name)
+def test_each_command_line_is_accepted(block: Block, monkeypatch: pytest.MonkeyPatch) -> None:
+    for words in block.commands():
+        known = module_of(words)
+        if known:
+            accept(*known, monkeypatch)
+            monkeypatch.undo()
+        elif words[0] == "ros2":
+            check_ros2(words)
+        elif not words[0].startswith("scripts/"):
+            assert words[0] in FOREIGN or words[:2] == ["python", "my_driver.py"], words
+
+
+def check_ros2(words: list[str]) -> None:
+    """A launch file or executable of this project is there, and takes these arguments."""
+    kind, package, target, *arguments = words[1:]
+    if kind == "launch":
+        text = (ROOT / package / "launch" / target).read_text()
+        for argument in arguments:
+            assert f'"{argument.partition(":=")[0]}"' in text, words
+    else:
+        assert kind == "run", words
+        assert f"{target} = " in (ROOT / package / "setup.py").read_text(), words
+
+
+@pytest.mark.parametrize("block", [block for block in FILES if block.language == "yaml"], ids=name)
+def test_each_mission_file_is_valid(block: Block, tmp_path: Path) -> None:
+    file = tmp_path / block.title
+    file.write_text(block.text)
+    if "ros__parameters" in block.text:
+        Settings.load(file)
+    else:
+        from auv_lse_shore.campaign.spec import load_campaign
+
+        assert load_campaign(file).missions()
+
+
+@pytest.mark.parametrize("page", GUIDE, ids=[page.stem for page in GUIDE])
+def test_a_page_first_says_who_needs_it(page: Path) -> None:
+    title, first = page.read_text().split("\n\n")[:2]
+    assert re.match(r"# \S", title)
+    assert re.match(r"For [^:]+: [^.]+\.", first), first
+
+
+def test_the_readme_and_the_guide_stay_short() -> None:
+    assert len((ROOT / "README.md").read_text().split()) <= 1200
+    assert sum(len(page.read_text().split()) for page in GUIDE) <= 11000
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder like the project's, whose missions are short, in which the first page was followed."""
+    made = tmp_path_factory.mktemp("guide")
+    (made / "scripts").mkdir()
+    for script in (ROOT / "scripts").iterdir():
+        shim = made / "scripts" / script.name
+        if script.name == "environment.sh":
+            shim.write_text(f'. "{script}"\n')
+            continue
+        more = f" --steps {STEPS}" if script.name == "mission" else ""
+        shim.write_text(f'#!/bin/sh\nexec "{script}" "$@"{more}\n')
+        shim.chmod(0o755)
+    (made / "config").symlink_to(ROOT / "config")
+    follow("first-mission", made)
+    return made
+
+
+def follow(page: str, folder: Path) -> None:
+    """Saves the files of a page and runs its commands, from top to bottom."""
+    for block in blocks(ROOT / "docs" / "guide" / f"{page}.md"):
+        if block.title:
+            (folder / block.title).write_text(block.text)
+        if not block.runs:
+            continue
+        done = subprocess.run(
+            ["bash", "-e", "-c", block.text], cwd=folder, text=True, capture_output=True, timeout=300, check=False,
+            env={**os.environ, "PYTHONWARNINGS": ""},
+        )  # fmt: skip
+        assert done.returncode == 0, f"{name(block)}:\n{block.text}{done.stdout[-3000:]}{done.stderr[-3000:]}"
+
+
+@pytest.mark.ros
+@pytest.mark.mission
+@pytest.mark.parametrize("page", RUN)
+def test_a_page_can_be_followed(page: str, folder: Path) -> None:
+    if page != "first-mission":  # the fixture has followed it
+        follow(page, folder)
+    assert [file for file in PROMISED[page] if not (folder / file).exists()] == []
+
+
+def test_every_page_with_commands_to_run_is_followed() -> None:
+    pages = {block.page.stem for block in SHELL if block.runs and block.page in GUIDE}
+    assert pages == set(RUN)
+
+
+@pytest.mark.ros
+def test_the_example_driver_drives(tmp_path: Path) -> None:
+    """my_driver.py publishes odometry, and travels a leg once it is told to."""
+    rclpy = pytest.importorskip("rclpy")
+    messages = pytest.importorskip("auv_lse_msgs.msg")
+    (block,) = [block for block in FILES if block.title == "my_driver.py"]
+    scope: dict = {"__name__": "my_driver"}
+    exec(compile(block.text, block.title, "exec"), scope)
+    rclpy.init(domain_id=91)
+    try:
+        node, heard = scope["MyDriver"](), []
+        node.create_subscription(scope["Odometry"], "odometry", heard.append, 10)
+        node.legs.append(messages.Waypoint(end_north_m=3.0, end_east_m=0.0, depth_m=4.0, speed_mps=1.5))
+        end = time.monotonic() + 10.0
+        while not heard and time.monotonic() < end:
+            node.tick()
+            rclpy.spin_once(node, timeout_sec=0.1)
+        assert heard[0].pose.pose.position.y == 0.0, "it waits until the mission runs"
+        node.obey(messages.MissionState(action=messages.MissionState.TRAVEL))
+        while (node.legs or heard[-1].pose.pose.position.z > -4.0) and time.monotonic() < end:
+            node.tick()
+            rclpy.spin_once(node, timeout_sec=0.1)
+        place = heard[-1].pose.pose.position
+        assert (node.legs, place.x, place.z) == ([], 0.0, -4.0)
+        assert place.y > 1.0
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
