@@ -1,7 +1,8 @@
 """What a vehicle's packets tell of ranges: when they were sent and arrived, and which mates are pinged.
 
-Modems measure travel times in two ways (docs/micromodem.md). One-way: transmissions start on a second of everybody's
-PPS, and the modem knows what is beyond whole seconds. Two-way: a ping, which a mate's modem answers by itself.
+Modems measure travel times in two ways (docs/reference/hardware.md). One-way: transmissions start on a second of
+everybody's PPS, and the modem knows what is beyond whole seconds. Two-way: a ping, which a mate's modem answers by
+itself.
 """
 
 from __future__ import annotations

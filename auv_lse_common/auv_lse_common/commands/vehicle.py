@@ -182,7 +182,7 @@ def parser() -> argparse.ArgumentParser:
         "request cannot be met; 130 Ctrl-C.",
     )
     p.add_argument("name", metavar="VEHICLE", help="the vehicle, as auv2")
-    p.add_argument("file", type=Path, metavar="FILE", help="the mission's parameter file (docs/operations.md)")
+    p.add_argument("file", type=Path, metavar="FILE", help="the mission file (docs/guide/bench-to-water.md)")
     p.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for logs and recording (default: dives/DATE-TIME-auvN)"
     )

@@ -23,7 +23,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/params",
         description="Looks at the parameters of running nodes and sets them, as `ros2 param` does, on machines without "
-        "that command. Which ones may change while a node runs: docs/operations.md.",
+        "that command. Which ones may change while a node runs: docs/guide/tuning.md.",
         epilog="Exit codes: 0; 1 a node or parameter is not there, or a value is refused; 2 a wrong command line; "
         "130 Ctrl-C.",
     )

@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/run",
         description="Starts, holds, surfaces or aborts the missions of running vehicles (service mission/run), or says "
-        "how it stands with them. The table of states: docs/operations.md.",
+        "how it stands with them. The table of states: docs/guide/during-the-dive.md.",
         epilog="Exit codes: 0 every vehicle has taken the command; 1 one has refused it, or is not there; 2 a wrong "
         "command line; 130 Ctrl-C.",
     )

@@ -22,7 +22,7 @@ class PacketRate(NamedTuple):
     bit_rate: float
 
 
-#: Packet rates by number (Micromodem-2 User's Guide; docs/micromodem.md).
+#: Packet rates by number (Micromodem-2 User's Guide; docs/reference/hardware.md).
 RATES = {
     0: PacketRate(1, 32, 80.0),
     1: PacketRate(3, 64, 250.0),

@@ -60,7 +60,7 @@ class _Parameter:
 
 
 def _parameters(kind: tuple[int, int], system_id: int) -> tuple[_Parameter, ...]:
-    """The parameters to ask an autopilot of this kind for (docs/mavlink.md)."""
+    """The parameters to ask an autopilot of this kind for (docs/guide/mavlink-vehicle.md)."""
     autopilot, vehicle = kind
     own = _Parameter("SYSID_MYGCS", (float(system_id),), "whose silence FS_GCS_ENABLE acts on: link.system_id")
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle == mavlink.MAV_TYPE_SUBMARINE:

@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
         "rates, origin, mode, arming and parameters, and says what this stack misses. It neither arms the vehicle nor "
         "changes a mode or a parameter.",
         epilog="Exit codes: 0 nothing is missing; 1 something is, or the autopilot is not heard; 2 a wrong command "
-        "line; 130 Ctrl-C. What to set: docs/mavlink.md.",
+        "line; 130 Ctrl-C. What to set: docs/guide/mavlink-vehicle.md.",
     )
     p.add_argument(
         "endpoint", metavar="ENDPOINT", help="as link.endpoint: udpin://0.0.0.0:14550, serial:///dev/ttyACM0"

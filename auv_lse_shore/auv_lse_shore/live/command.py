@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/live",
         description="Shows a mission on one page in a browser on this machine: map with risk and isobath, tracks, "
-        "plans, packets in their slots, reward and bound, health. See docs/live.md.",
+        "plans, packets in their slots, reward and bound, health. See docs/guide/live-view.md.",
     )
     p.add_argument(
         "run",

@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for note in notes:
         _say(console, note)
     if options.for_vehicles is not None:
-        _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/operations.md)")
+        _say(console, f"written: {options.for_vehicles} (copy it to every vehicle; docs/guide/bench-to-water.md)")
         return 0
     _say(console, f"run folder: {folder}")
     vehicles, together = settings.mission.vehicles, settings.sim.lockstep

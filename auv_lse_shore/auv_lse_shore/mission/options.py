@@ -32,10 +32,10 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="write the mission file for the vehicles: without the simulator's parameters and the run's folder, "
-        "everything else filled in; starts nothing (docs/operations.md)",
+        "everything else filled in; starts nothing (docs/guide/bench-to-water.md)",
     )
     p.add_argument(
-        "--live", action="store_true", help="open the live view of the mission in the browser (docs/live.md)"
+        "--live", action="store_true", help="open the live view of the mission in the browser (docs/guide/live-view.md)"
     )
     p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
     p.add_argument(

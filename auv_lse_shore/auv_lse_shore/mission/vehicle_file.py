@@ -16,7 +16,7 @@ RECORDING = "bag"
 
 _HEAD = """\
 # The mission file for the vehicles, every default filled in; made by scripts/mission --for-vehicles from
-# {source}. No section sim: nodes without a simulator run on their own clock. docs/operations.md
+# {source}. No section sim: nodes without a simulator run on their own clock. docs/guide/bench-to-water.md
 """
 
 

@@ -1,4 +1,4 @@
-"""What too little and too much of a parameter do to a mission: pictures and figures of merit for docs/tuning.md.
+"""What too little and too much of a parameter do to a mission: pictures and figures of merit for docs/guide/tuning.md.
 
     python -m auv_lse_shore.reproduce.tuning --out docs/figures
 
@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="python -m auv_lse_shore.reproduce.tuning",
         description="Flies small missions with little and much of each tunable parameter, and draws them for "
-        "docs/tuning.md. About 6 minutes of one idle core.",
+        "docs/guide/tuning.md. About 6 minutes of one idle core.",
     )
     p.add_argument("--out", type=Path, default=Path("runs/tuning"), metavar="DIR", help="folder (default: runs/tuning)")
     p.add_argument("--seeds", type=int, default=3, metavar="N", help="lakes; the first is drawn (default: 3)")
@@ -78,6 +78,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def row(knob: Knob, means: Sequence[Mapping[str, float]]) -> str:
+    """One parameter's row of the table: its values, and what the missions came to with each."""
+    loss = ", ".join(f"{m['loss']:.2f}" for m in means)
+    error_m = ", ".join(f"{m['isobath_m']:.1f}" for m in means)
+    return f"{heading(knob)} {loss} | {error_m} |"
+
+
+def heading(knob: Knob) -> str:
+    """The first cells of a parameter's row: its name, the method, and the values."""
+    values = ", ".join(f"{value:g}" for value in knob.values)
+    return f"| `{knob.parameter}` (`{knob.method}`) | {f'{values} {knob.unit}'.strip()} |"
+
+
 def _show(knob: Knob, seeds: int, folder: Path) -> None:
     """Flies one parameter's missions, draws them, and prints its rows of the table."""
     from auv_lse_shore.report.figures import save
@@ -94,12 +107,7 @@ def _show(knob: Knob, seeds: int, folder: Path) -> None:
             if seed == 1:
                 drawn.append(mission)
         means.append({name: float(np.nanmean([row[name] for row in found])) for name in MERITS})
-        m = means[-1]
-        print(
-            f"| `{knob.parameter}` ({knob.method}) | {shown(knob, value)} | {m['risk']:.2f} | {m['loss']:.2f} | "
-            f"{m['isobath_m']:.1f} | {m['own_risk']:.2f} | {1e3 * m['planning_s']:.0f} |",
-            flush=True,
-        )
+    print(row(knob, means), flush=True)
     save(tuning_figure(knob, drawn, means), folder / f"tuning_{knob.name}.png")
     numbers = {"parameter": knob.parameter, "method": knob.method, "seeds": seeds, "values": knob.values}
     (folder / f"tuning_{knob.name}.json").write_text(json.dumps({**numbers, "means": means}, indent=1) + "\n")

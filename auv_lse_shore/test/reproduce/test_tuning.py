@@ -1,4 +1,4 @@
-"""The parameters that docs/tuning.md shows: their values can be flown, and the page has them."""
+"""The parameters that docs/guide/tuning.md shows: their values can be flown, and the page has them."""
 
 from pathlib import Path
 
@@ -6,10 +6,10 @@ import pytest
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.reproduce import tuning
-from auv_lse_shore.reproduce.knobs import KNOBS, shown
+from auv_lse_shore.reproduce.knobs import KNOBS
 from auv_lse_shore.reproduce.study import SMALL, base_mission
 
-PAGE = Path(__file__).resolve().parents[3] / "docs" / "tuning.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "guide" / "tuning.md"
 
 
 def value_in(settings, knob):
@@ -31,8 +31,12 @@ def test_each_value_can_be_flown(knob):
 def test_the_page_shows_each_picture_and_value(knob):
     text = PAGE.read_text()
     assert f"figures/tuning_{knob.name}.png" in text
-    for value in knob.values:
-        assert f"| `{knob.parameter}` ({knob.method}) | {shown(knob, value)} |" in text
+    assert tuning.heading(knob) in text
+
+
+def test_a_row_has_loss_and_error_of_each_value():
+    means = [{"loss": 0.1 * k, "isobath_m": float(k), "risk": 9.0} for k in (1, 2, 3)]
+    assert tuning.row(KNOBS[0], means) == f"{tuning.heading(KNOBS[0])} 0.10, 0.20, 0.30 | 1.0, 2.0, 3.0 |"
 
 
 def test_what_cannot_be_shown_is_refused(tmp_path, capsys):

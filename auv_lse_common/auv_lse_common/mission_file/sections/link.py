@@ -34,7 +34,7 @@ class LinkConfig:
     modes: tuple[int, ...] = parameter(
         (),
         low=0,
-        help="flight modes (the autopilot's numbers) in which the mission goes; empty: by its kind, docs/mavlink.md",
+        help="flight modes (the autopilot's numbers) in which the mission runs; empty: docs/reference/hardware.md",
     )
     key_file: str = parameter(
         "",

@@ -32,7 +32,7 @@ class ModemConfig:
     )
     baud: int = parameter(19200, unit="Bd", low=1200, high=921600, help="serial speed, 8N1, no flow control")
     rate: int = parameter(
-        4, low=3, high=5, help="Micromodem packet rate; 0 to 2 cannot hold a 252-byte packet (docs/micromodem.md)"
+        4, low=3, high=5, help="packet rate; 0 to 2 cannot hold a 252-byte packet (docs/reference/hardware.md)"
     )
     destination: int = parameter(0, low=0, high=127, help="modem address that packets to all (0) are sent to; 0: all")
     set_clock: bool = parameter(
