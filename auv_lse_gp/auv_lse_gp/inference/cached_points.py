@@ -1,10 +1,9 @@
-"""What a posterior says about fixed places, kept while measurements come and go: only what has changed is computed.
+"""The posterior at fixed places, cached while measurements come and go: only what changed is recomputed.
 
-`CachedPoints` keeps every row of the whitened covariance, so that it can follow the posterior back as well: for a map
-of a thousand places. `CachedMoments` keeps mean and variance alone, for a map of a hundred thousand.
+`CachedPoints` keeps every row of the whitened covariance, so that it can also follow a posterior that drops rows: for
+a map of a thousand places. `CachedMoments` keeps mean and variance alone, for a map of a hundred thousand.
 
-Both find out by themselves which rows of the posterior are as they were: each row has a number of its own
-(`Posterior.rows`), which is never used again.
+Both detect unchanged rows by their numbers (`Posterior.rows`), which are never reused.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.inference.point_posteriors import PointPosteriors
 from auv_lse_gp.inference.posterior import CHUNK, Posterior, add_whitened, checked_places
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class CachedPoints:
-    """PointPosteriors of fixed places.
+    """The posterior at fixed places.
 
     Attributes:
         posterior: The posterior that is followed.
@@ -28,22 +28,22 @@ class CachedPoints:
     """
 
     def __init__(self, posterior: Posterior, places_m: Array) -> None:
-        """Starts with the posterior as it is."""
+        """Computes nothing yet."""
         self.posterior = posterior
         self.places_m = checked_places(places_m)
         self._scaled = posterior.kernel.scale(self.places_m)
         self._prior_mean = np.asarray(posterior.prior_mean(self.places_m), dtype=float)
         self._prior_var = posterior.kernel.variance(self.places_m)
-        self._white = np.zeros((64, len(self.places_m)))
+        self._white = GrowingRows(len(self.places_m))
         self._rows = posterior.rows[:0]
 
     def current(self) -> PointPosteriors:
-        """What the posterior says about the places now; `white` is a view that the next call overwrites."""
+        """The posterior at the places now; its `white` is a view that the next call overwrites."""
         posterior = self.posterior
         n = posterior.data_rows
         self._update(n)
         self._update(len(posterior))
-        white = self._white[: len(posterior)]
+        white = self._white.buffer[: len(posterior)]
         data_var = np.maximum(self._prior_var - np.einsum("np,np->p", white[:n], white[:n]), 0.0)
         planned_var = np.maximum(data_var - np.einsum("np,np->p", white[n:], white[n:]), 0.0)
         if posterior.places_uncertain:
@@ -53,18 +53,16 @@ class CachedPoints:
         return PointPosteriors(self._scaled, white.T, mean, data_var, planned_var)
 
     def _update(self, end: int) -> None:
-        """Brings the rows before number `end` up to date: forward substitution from the first that has changed."""
+        """Recomputes the rows before number `end` from the first that changed on, by forward substitution."""
         posterior = self.posterior
-        begin = _same_rows(self._rows, posterior.rows[:end])
+        begin = _unchanged_rows(self._rows, posterior.rows[:end])
         if end > begin:
-            if end > len(self._white):
-                grown = np.zeros((max(end, 2 * len(self._white)), self._white.shape[1]))
-                grown[:begin] = self._white[:begin]
-                self._white = grown
-            lower = posterior.factor.lower
+            self._white.resize(begin)
+            self._white.resize(end)
+            white, lower = self._white.rows, posterior.factor.lower
             right = posterior.kernel.of_scaled(posterior.scaled[begin:end], self._scaled)
-            right -= lower[begin:end, :begin] @ self._white[:begin]
-            self._white[begin:end] = solve_triangular(
+            right -= lower[begin:end, :begin] @ white[:begin]
+            white[begin:] = solve_triangular(
                 lower[begin:end, begin:end], right, lower=True, check_finite=False, overwrite_b=True
             )
             self._rows = posterior.rows[:end]
@@ -77,8 +75,8 @@ class CachedMoments:
     R = L22^-1 (k(new, places) - L21 L11^-1 k(old, places)) of the whitened covariance that they add, the mean grows by
     R^T b_new and the variance shrinks by the sum of R^2. L21 L11^-1 is one small solve, so an update costs one pass of
     k(old, places), whatever the number of new measurements. The last `provisional` ones may still change: the state
-    before them is kept, and they are conditioned on anew each time. What the centers' uncertain places add to the
-    variance (`Posterior.place_variance`) changes as a whole, and is computed anew too: from R where all of it is there.
+    before them is kept, and each update conditions on them anew. The variance that uncertain positions add
+    (`Posterior.place_variance`) changes as a whole and is recomputed too: from R if R has all rows.
     """
 
     def __init__(self, posterior: Posterior, places_m: Array, provisional: int = 0) -> None:
@@ -94,46 +92,46 @@ class CachedMoments:
         self._scaled = posterior.kernel.scale(self._places_m)
         self._prior_mean = np.asarray(posterior.prior_mean(self._places_m), dtype=float)
         self._provisional = provisional
-        self._start_anew()
+        self._reset()
 
-    def _start_anew(self) -> None:
+    def _reset(self) -> None:
         self._rows = self.posterior.rows[:0]
         self._residuals = np.zeros(0)
         self._mean = self._prior_mean.copy()
         self._variance = np.array(self.posterior.kernel.variance(self._places_m))
 
     def update(self) -> tuple[Array, Array, Array]:
-        """Mean, variance where places are known, and what uncertain places add to it, as they are now; (P,) each.
+        """Mean, variance with known positions, and the variance that uncertain positions add, now; (P,) each.
 
         Planned places count in the variance.
         """
         posterior = self.posterior
         rows, residuals = posterior.rows, posterior.whitened_residuals
         n, old = len(rows), len(self._rows)
-        if _same_rows(self._rows, rows) < old or not np.array_equal(self._residuals, residuals[:old]):
-            self._start_anew()
+        if _unchanged_rows(self._rows, rows) < old or not np.array_equal(self._residuals, residuals[:old]):
+            self._reset()
             old = 0
         if n == old:
             return self._mean.copy(), np.maximum(self._variance, 0.0), posterior.place_variance(self._scaled)
         settled = max(old, n - self._provisional)
-        mean, variance, of_places = self._condition(old, settled, n)
+        mean, variance, place_variance = self._condition(old, settled, n)
         self._rows, self._residuals = rows[:settled], residuals[:settled].copy()
-        return mean, np.maximum(variance, 0.0), of_places
+        return mean, np.maximum(variance, 0.0), place_variance
 
     def _condition(self, old: int, settled: int, new: int) -> tuple[Array, Array, Array]:
-        """Conditions on measurements old..settled for good, and on settled..new for the answer only.
+        """Conditions on measurements old..settled for good, and on settled..new for this answer only.
 
         Returns:
-            Mean and variance (P,), (P,), and what the centers' uncertain places add to the variance (P,).
+            Mean, variance, and the variance that uncertain positions add, (P,) each.
         """
         posterior = self.posterior
-        of_places = np.zeros(len(self._scaled)) if old == 0 else posterior.place_variance(self._scaled)
+        place_variance = np.zeros(len(self._scaled)) if old == 0 else posterior.place_variance(self._scaled)
         kernel, factor, residuals = posterior.kernel, posterior.factor, posterior.whitened_residuals
         lower, measured = factor.lower, posterior.scaled
         weights = factor.solve_transposed(lower[old:new, :old].T, old) if old else None  # (old, m): L11^-T L21^T
         own, kept = lower[old:new, old:new], settled - old
         mean, variance = np.empty_like(self._mean), np.empty_like(self._variance)
-        memory = np.empty((new - old) * min(CHUNK, len(self._scaled)))  # used again: asking for more takes longer
+        memory = np.empty((new - old) * min(CHUNK, len(self._scaled)))  # reused: allocating each time is slower
         for begin in range(0, len(self._scaled), CHUNK):
             part = slice(begin, min(begin + CHUNK, len(self._scaled)))
             rows = memory[: (new - old) * (part.stop - begin)].reshape(new - old, -1)
@@ -142,18 +140,18 @@ class CachedMoments:
                 rows = factor.solve_in_place(rows)
                 if posterior.places_uncertain:
                     off = posterior.white_place_effect.T @ rows[: posterior.data_rows]
-                    np.einsum("rp,rp->p", off, off, out=of_places[part])
+                    np.einsum("rp,rp->p", off, off, out=place_variance[part])
             else:
                 kernel.subtract_weighted(measured[:old], weights, self._scaled[part], rows)
                 rows = np.ascontiguousarray(solve_triangular(own, rows, lower=True, check_finite=False))
             add_whitened(rows[:kept], residuals[old:settled], self._mean[part], self._variance[part])
             mean[part], variance[part] = self._mean[part], self._variance[part]
             add_whitened(rows[kept:], residuals[settled:new], mean[part], variance[part])
-        return mean, variance, of_places
+        return mean, variance, place_variance
 
 
-def _same_rows(kept: NDArray[np.int64], now: NDArray[np.int64]) -> int:
-    """How many of the leading rows are the same."""
-    common = min(len(kept), len(now))
-    same = kept[:common] == now[:common]
+def _unchanged_rows(cached: NDArray[np.int64], now: NDArray[np.int64]) -> int:
+    """Number of leading rows that are the same."""
+    common = min(len(cached), len(now))
+    same = cached[:common] == now[:common]
     return common if same.all() else int(np.argmin(same))

@@ -1,4 +1,4 @@
-"""Kernel centers: the measurements of the depth that the Gaussian process is conditioned on."""
+"""Kernel centers: the depth measurements that the Gaussian process is conditioned on."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import NDArray
+
+from auv_lse_common.support.growing_rows import GrowingRows
 
 Array = NDArray[np.float64]
 
@@ -18,9 +20,9 @@ class Centers:
         places_m: North, east (n, 2).
         depths_m: Depth (n,).
         noise_std_m: Standard deviation of each depth as a measurement (n,).
-        place_effect_m: How much each way in which all their places may be wrong together, at one standard deviation, is
-            worth in depth (n, r); None: their places count as known. The first two ways are those that a fix of the
-            map's vehicle would take away.
+        place_effect_m: Change of each center's depth per standard deviation of each mode in which all positions may be
+            wrong together (n, r); None if positions count as known. A position fix of the map's vehicle would remove
+            the first two modes.
     """
 
     places_m: Array
@@ -34,26 +36,22 @@ class Centers:
 
     def slice(self, begin: int, end: int) -> Centers:
         """The centers from number `begin` to `end`, without copying."""
-        effect = self.place_effect_m
-        return Centers(
-            self.places_m[begin:end],
-            self.depths_m[begin:end],
-            self.noise_std_m[begin:end],
-            None if effect is None else effect[begin:end],
-        )
+        effect, part = self.place_effect_m, slice(begin, end)
+        kept = None if effect is None else effect[part]
+        return Centers(self.places_m[part], self.depths_m[part], self.noise_std_m[part], kept)
 
     def joined(self, others: Centers) -> Centers:
-        """These centers and `others` after them."""
+        """These centers, then `others`."""
         return Centers(
             np.concatenate([self.places_m, others.places_m]),
             np.concatenate([self.depths_m, others.depths_m]),
             np.concatenate([self.noise_std_m, others.noise_std_m]),
-            _joined(self, others),
+            _joined_effects(self, others),
         )
 
 
-def _joined(first: Centers, second: Centers) -> Array | None:
-    """Place effects of both; centers without any have none of the other's ways."""
+def _joined_effects(first: Centers, second: Centers) -> Array | None:
+    """Place effects of both; missing modes are zero."""
     a, b = first.place_effect_m, second.place_effect_m
     if a is None and b is None:
         return None
@@ -69,43 +67,36 @@ NO_CENTERS = Centers(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
 
 
 class CenterTable:
-    """Centers in arrays that double when they are full."""
+    """Centers that are appended, moved and dropped."""
 
     def __init__(self) -> None:
         """Makes an empty table."""
-        self._size = 0
-        self._rows = np.zeros((64, 4))  # north, east, depth, noise
+        self._table = GrowingRows(4)  # north, east, depth, noise
 
     def __len__(self) -> int:
         """Number of centers."""
-        return self._size
+        return len(self._table)
 
     @property
     def centers(self) -> Centers:
         """The centers: views, overwritten by later changes."""
-        rows = self._rows[: self._size]
+        rows = self._table.rows
         return Centers(rows[:, :2], rows[:, 2], rows[:, 3])
 
     def copy(self) -> CenterTable:
-        """The same centers, to be changed on their own."""
+        """An independent copy."""
         other = CenterTable()
-        other._size, other._rows = self._size, self._rows.copy()
+        other._table = self._table.copy()
         return other
 
     def append(self, centers: Centers) -> None:
         """Adds centers at the end."""
-        begin, end = self._size, self._size + len(centers)
-        if end > len(self._rows):
-            self._rows = np.pad(self._rows, ((0, max(end, 2 * len(self._rows)) - len(self._rows)), (0, 0)))
-        self._rows[begin:end, :2] = centers.places_m
-        self._rows[begin:end, 2] = centers.depths_m
-        self._rows[begin:end, 3] = centers.noise_std_m
-        self._size = end
+        self._table.append(np.column_stack([centers.places_m, centers.depths_m, centers.noise_std_m]))
 
     def move(self, number: int, place_m: Array, depth_m: float, noise_std_m: float) -> None:
         """Gives center `number` a new place (2,), depth and noise."""
-        self._rows[number] = (*place_m, depth_m, noise_std_m)
+        self._table.rows[number] = (*place_m, depth_m, noise_std_m)
 
     def truncate(self, size: int) -> None:
-        """Forgets all centers from number `size` on."""
-        self._size = min(self._size, size)
+        """Drops all centers from number `size` on."""
+        self._table.resize(min(len(self), size))

@@ -1,6 +1,6 @@
-"""A Cholesky factor that grows: L L^T = K + N, a row for each measurement, kept in a buffer that doubles when full.
+"""A Cholesky factor that grows: L L^T = K + N, a row for each measurement, in a buffer that doubles when it is full.
 
-Many right-hand sides are solved for by matrix products alone, which run three times as fast as LAPACK's triangular
+Many right-hand sides are solved with matrix products alone, which run three times as fast as LAPACK's triangular
 solve. With the rows of L in blocks, block b of X = L^-1 R is D_b R_b - M_b X_above, with D_b the inverse of the small
 triangle on the diagonal and M_b = D_b L_b. Full blocks do not change when rows are appended.
 """
@@ -16,12 +16,12 @@ from auv_lse_gp.compiled.modules import compiled_gp
 
 Array = NDArray[np.float64]
 
-#: Rows of the blocks in which right-hand sides are solved for.
+#: Rows of a block.
 BLOCK = 128
 
 
 class IllConditionedError(ValueError):
-    """The covariance of the centers cannot be factorized in double precision; nothing is added to it silently."""
+    """The covariance of the centers cannot be factorized in double precision; no jitter is added to it."""
 
 
 class Factor:
@@ -38,18 +38,18 @@ class Factor:
 
     @property
     def lower(self) -> Array:
-        """L (n, n), a view: not to be written to, and overwritten by later changes."""
+        """L (n, n): a read-only view, overwritten by later changes."""
         return self._buffer[: self.size, : self.size]
 
     @property
     def inverse(self) -> Array:
-        """L^-1 (n, n), Fortran-ordered, kept until L changes: for who solves hundreds of times with the same L."""
+        """L^-1 (n, n), Fortran-ordered, cached until L changes: for callers that solve hundreds of times."""
         if self._inverse is None:
             self._inverse, _ = lapack.dtrtri(np.array(self.lower, order="F"), lower=1, overwrite_c=1)
         return self._inverse
 
     def copy(self, room: int = 0) -> Factor:
-        """An independent copy, with room for so many more rows."""
+        """An independent copy, with room for `room` more rows."""
         other = Factor(self.size + room)
         other._buffer[: self.size, : self.size] = self.lower
         other._blocks = list(self._blocks)  # the arrays in it are never written to
@@ -58,7 +58,7 @@ class Factor:
         return other
 
     def truncate(self, size: int) -> None:
-        """Forgets all rows from number `size` on."""
+        """Drops all rows from number `size` on."""
         if size >= self.size:
             return
         self.size = size
@@ -83,7 +83,7 @@ class Factor:
         self._reserve(new)
         rows = self.solve(cross.T).T
         remainder = own - rows @ rows.T
-        # A pivot that is all rounding says nothing: n eps k(p, p) is the size of the rounding in it.
+        # A pivot that is all rounding is meaningless: its rounding error is about n eps k(p, p).
         floor = 4.0 * new * np.finfo(float).eps * float(np.max(np.diag(own)))
         try:
             corner = cholesky(remainder, lower=True, check_finite=False)
@@ -91,9 +91,9 @@ class Factor:
             corner = None
         if corner is None or not float(np.min(np.diag(corner))) ** 2 > floor:
             raise IllConditionedError(
-                f"the covariance of {new} centers is not positive definite in double precision: centers too close "
-                f"together for their noise (smallest pivot wanted: {floor:.2g} m^2); expected a larger noise_std_m or "
-                "min_spacing_m. Nothing is added to the diagonal silently."
+                f"the covariance of {new} centers is not positive definite in double precision; expected every pivot "
+                f"above {floor:.2g} m^2. The centers are too close together for their noise: choose a larger "
+                "gp.noise_std_m or gp.min_spacing_m."
             )
         self._buffer[old:new, :old] = rows
         self._buffer[old:new, old:new] = np.tril(corner)
@@ -108,10 +108,7 @@ class Factor:
         return self.solve_in_place(np.array(right, dtype=float, order="C"))
 
     def solve_from(self, begin: int, right: Array) -> Array:
-        """L^-1 right (n,), where the rows of `right` (n,) before number `begin` hold their part of the result already.
-
-        Appending m rows to L then costs O(n m).
-        """
+        """L^-1 right (n,), where `right[:begin]` already holds that part of the result: O(n m) for m rows after it."""
         if compiled.USE_NUMBA:
             return np.asarray(compiled_gp().forward(self._buffer, begin, self.size, right))
         solved = np.array(right, dtype=float)
@@ -143,11 +140,11 @@ class Factor:
         return right
 
     def solve_rows_in_place(self, rows: Array) -> Array:
-        """L^-1 r for each row r of `rows` (P, n), C-ordered, which are overwritten and returned."""
+        """L^-1 r for each row r of `rows` (P, n), C-ordered, which is overwritten and returned."""
         if rows.size:
             if self._contiguous is None:
                 self._contiguous = np.ascontiguousarray(self.lower)
-            # BLAS takes our rows for columns: L^T is upper, and the right side is overwritten without a copy.
+            # BLAS reads these rows as columns: L^T is upper, and the right side is overwritten without a copy.
             blas.dtrsm(1.0, self._contiguous.T, rows.T, lower=0, trans_a=1, overwrite_b=1)
         return rows
 
@@ -166,7 +163,7 @@ class Factor:
         return solved
 
     def _make_blocks(self) -> None:
-        """Makes the blocks that have rows added since."""
+        """Computes the blocks that have new rows."""
         if self._blocked == self.size:
             return
         first = self._blocked // BLOCK

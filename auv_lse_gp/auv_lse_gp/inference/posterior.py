@@ -1,7 +1,7 @@
 """The posterior of the depth: the only place where the Gaussian process is conditioned on anything.
 
 It is conditioned on measurements X: first the data (kernel centers, whose depths z are known), then *planned places*,
-which will be measured and whose depths are not known yet. With K = k(X, X) + noise (RW2006: Rasmussen and Williams,
+which will be measured later. With K = k(X, X) + noise (RW2006: Rasmussen and Williams,
 Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
 
     l. 2   L = chol(K)                             `Factor`, which grows by a row for each measurement
@@ -9,17 +9,16 @@ Gaussian Processes for Machine Learning, 2006, algorithm 2.1):
     l. 5   w(p) = L^-1 k(X, p)                     the *whitened covariance* of place p with the measurements
     l. 6   cov(p, q) = k(p, q) - w(p)^T w(q)       and so var(p) = k(p, p) - |w(p)|^2
 
-The algorithm's line 3 is mean(p) = k(p, X) alpha with alpha = L^-T b; it is the same, and `mean_m` uses it.
+The algorithm's line 3 is mean(p) = k(p, X) alpha with alpha = L^-T b, which is the same; `mean_m` uses it.
 
-Where the centers' places are uncertain, each of r ways in which all of them may be wrong together changes what the
-centers should have measured by a column of E (n, r), at one standard deviation (`Centers.place_effect_m`). The mean at
-p is then off by -w(p)^T L^-1 E in each way, whatever will be measured elsewhere. So |w(p)^T L^-1 E|^2 is added to every
-variance that is told, the *place variance*: a floor that planned measurements do not remove.
+Uncertain positions: the positions of all centers may be wrong together in r modes. One standard deviation of a mode
+changes the depths that the centers should have measured by a column of E (n, r) (`Centers.place_effect_m`), and so the
+mean at p by -w(p)^T L^-1 E. Every variance therefore includes the *place variance* |w(p)^T L^-1 E|^2: a floor that
+planned measurements do not remove.
 
-Rows of L and of w do not change when measurements are added after them. So the variance given the data alone is read
-from the first rows of w, and what planned places add from the others; forgetting measurements is dropping the last
-rows. What will be known after a planned measurement does not depend on its outcome: the variance falls, and the mean
-that is expected for then is today's.
+Rows of L and w do not change when measurements are appended. The variance given the data alone follows from the first
+rows of w, and the effect of planned places from the others; dropping measurements drops the last rows. A planned
+measurement lowers the variance whatever its outcome, and the expected mean stays the same.
 """
 
 from __future__ import annotations
@@ -49,19 +48,19 @@ _SLOPE_M = 0.5
 
 
 class Posterior:
-    """Posterior of the depth given data and, after it, places that will be measured.
+    """Posterior of the depth given data and, after the data, places that will be measured.
 
     Attributes:
         kernel: Covariance function.
         prior_mean: Prior mean, places (P, 2) -> depths (P,).
-        noise_var_m2: Variance of a measurement that is planned.
+        noise_var_m2: Noise variance of a planned measurement.
     """
 
     def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
         """Starts with no data.
 
         Args:
-            config: The prior, and the noise of a measurement that is planned.
+            config: The prior, and the noise of a planned measurement.
             mean: Prior mean (P, 2) -> (P,); by default the one that `config` describes.
         """
         self.kernel = Kernel(config)
@@ -71,12 +70,12 @@ class Posterior:
         self._factor = Factor()
         self._centers = NO_CENTERS
         self._scaled = np.zeros((0, 2))  # of all measurements
-        self._rows = np.zeros(0, dtype=np.int64)  # a number for each row, never used again: see `kept.py`
+        self._rows = np.zeros(0, dtype=np.int64)  # a number for each row, never reused: see `rows`
         self._appended = 0
         self._whitened = np.zeros(0)  # b = L^-1 (z - m(X))
-        self._place_white: Array | None = None  # L^-1 E, made when it is asked for
+        self._place_white: Array | None = None  # L^-1 E, computed when it is first needed
 
-    # ---------------------------------------------------------------- what it is conditioned on
+    # ---------------------------------------------------------------- measurements
 
     def __len__(self) -> int:
         """Number of measurements, data and planned: the mark that `truncate` takes."""
@@ -84,17 +83,17 @@ class Posterior:
 
     @property
     def data_rows(self) -> int:
-        """Number of centers: the first rows of every whitened covariance."""
+        """Number of centers: the first rows of L and w."""
         return len(self._centers)
 
     @property
     def planned_rows(self) -> int:
-        """Number of planned places: the rows after those."""
+        """Number of planned places: the rows after the centers."""
         return len(self._scaled) - len(self._centers)
 
     @property
     def centers(self) -> Centers:
-        """The data; arrays not to be written to."""
+        """The data; its arrays are read-only."""
         return self._centers
 
     def extend(self, centers: Centers) -> None:
@@ -105,14 +104,17 @@ class Posterior:
             IllConditionedError: if the covariance cannot be factorized; nothing is changed.
         """
         if self.planned_rows:
-            raise ValueError(f"extend: {self.planned_rows} places are planned; expected forget_planned() before")
+            raise ValueError(
+                f"extend: got a posterior with {self.planned_rows} planned places; expected none. "
+                "Call forget_planned() first, or plan with with_planned()."
+            )
         self._append(self.kernel.scale(centers.places_m), centers.noise_std_m**2)
         self._set_data(self._centers.joined(centers), self.data_rows)
 
     def plan(self, places_m: Array) -> None:
-        """Conditions on measurements that will be made at `places_m` (O, 2), whatever they will show.
+        """Conditions on future measurements at `places_m` (O, 2), after those already planned.
 
-        They come after those already planned; the same place twice is two measurements.
+        The same place twice is two measurements. This changes the posterior; on a shared one, use `with_planned`.
 
         Raises:
             IllConditionedError: if the covariance cannot be factorized; nothing is changed.
@@ -122,10 +124,7 @@ class Posterior:
             self._append(scaled, np.full(len(scaled), self.noise_var_m2))
 
     def with_planned(self, places_m: Array) -> Posterior:
-        """A posterior of the same data that also expects measurements at `places_m` (O, 2), whatever they will show.
-
-        This posterior stays as it is, and the result does not follow its later changes. Places that are planned here
-        stay planned there.
+        """A copy that is also conditioned on future measurements at `places_m` (O, 2); this posterior is unchanged.
 
         Raises:
             IllConditionedError: if the covariance cannot be factorized.
@@ -136,7 +135,7 @@ class Posterior:
         return other
 
     def truncate(self, size: int) -> None:
-        """Forgets all measurements but the first `size`; `len(posterior)` is the mark to come back to."""
+        """Drops all measurements but the first `size`; take `len(posterior)` as a mark to return to."""
         self._factor.truncate(size)
         self._scaled, self._rows = self._scaled[:size], self._rows[:size]
         if size < self.data_rows:
@@ -145,16 +144,16 @@ class Posterior:
             self._whitened = self._whitened[:size]
 
     def forget_planned(self) -> None:
-        """Goes back to the data alone."""
+        """Drops all planned places."""
         self.truncate(self.data_rows)
 
     def follow(self, centers: Centers) -> int:
-        """Takes `centers` in place of the data there is, and forgets planned places.
+        """Replaces the data by `centers` and drops planned places.
 
-        Only what follows the first center that differs is computed; a depth that differs alone costs no factor.
+        Only rows from the first changed center on are recomputed; if only depths changed, the factor is kept.
 
         Returns:
-            Number of the centers, from the first on, whose place and noise are unchanged.
+            Number of leading centers whose place and noise are unchanged.
 
         Raises:
             IllConditionedError: if they cannot be factorized; the posterior then has the unchanged ones only.
@@ -183,14 +182,14 @@ class Posterior:
         return keep
 
     def blank(self) -> Posterior:
-        """A posterior of the same prior, without data."""
+        """A posterior with the same prior, without data."""
         other = copy.copy(self)
         other._factor = Factor()
         other.truncate(0)
         return other
 
     def copy(self) -> Posterior:
-        """A posterior of the same data, without planned places."""
+        """An independent copy without planned places."""
         other = copy.copy(self)
         other._factor = self._factor.copy()
         other.forget_planned()
@@ -208,7 +207,7 @@ class Posterior:
         self._appended += len(scaled)
 
     def _set_data(self, centers: Centers, same: int) -> None:
-        """Takes the depths of `centers`, whose rows are in the factor; the first `same` depths are as they were."""
+        """Sets the depths of `centers`, whose rows are in the factor; the first `same` depths are unchanged."""
         self._centers = centers
         self._place_white = None
         if same == len(centers) == len(self._whitened):
@@ -218,10 +217,10 @@ class Posterior:
             residuals = residuals - self.prior_mean(centers.places_m[same:])
         self._whitened = self._factor.solve_from(same, np.concatenate([self._whitened[:same], residuals]))
 
-    # ---------------------------------------------------------------- what it says about places
+    # ---------------------------------------------------------------- the posterior at points
 
     def at(self, places_m: Array) -> PointPosteriors:
-        """What the posterior says about places (P, 2)."""
+        """The posterior at places (P, 2)."""
         places = np.asarray(places_m, dtype=float).reshape(-1, 2)
         scaled = self.kernel.scale(places)
         # RW2006 algorithm 2.1, line 5: v = L \ k_*, here a row for each place
@@ -241,9 +240,9 @@ class Posterior:
         return PointPosteriors(scaled, white, mean, data_var, planned_var)
 
     def moments(self, places_m: ArrayLike) -> tuple[Array, Array]:
-        """Mean given the data, and variance given data and planned places (P,), (P,), of any number of places (P, 2).
+        """Mean given the data, and variance given data and planned places, (P,) each, at places (P, 2).
 
-        Unlike `columns` it keeps nothing of the whitened covariance, and so takes no memory for it.
+        Unlike `at`, it needs no memory for the whitened covariance, so P may be large.
         """
         places = checked_places(places_m)
         mean = np.array(self.prior_mean(places), dtype=float)
@@ -254,12 +253,12 @@ class Posterior:
 
     @property
     def places_uncertain(self) -> bool:
-        """Whether the centers' places are uncertain."""
+        """Whether the positions of the centers are uncertain."""
         return self._centers.place_effect_m is not None and bool(len(self._centers))
 
     @property
     def white_place_effect(self) -> Array:
-        """L^-1 E (n, r) of the centers' place effects; (n, 0) where their places count as known."""
+        """L^-1 E (n, r) of the centers' place effects; (n, 0) if positions count as known."""
         if self._place_white is None:
             n, effect = self.data_rows, self._centers.place_effect_m
             if effect is None:
@@ -270,10 +269,9 @@ class Posterior:
 
     @property
     def residual_ratio(self) -> float:
-        """|b|^2 / n of n data with residuals b, whitened by the prior: 1 in the mean if the prior is right.
+        """|b|^2 / n for n data with whitened residuals b: 1 on average if the prior is right, and 1 without data.
 
-        Without data it is 1.
-        Where places are uncertain, b is whitened with their effects, too: |b|^2 is b' (1 + W W')^-1 b with W = L^-1 E.
+        With uncertain positions, |b|^2 is b' (1 + W W')^-1 b with W = L^-1 E.
         """
         b = self.whitened_residuals[: self.data_rows]
         if not len(b):
@@ -287,17 +285,17 @@ class Posterior:
 
     @property
     def variance_scale(self) -> float:
-        """The factor c^2 by which the data find the prior's variance too large or too small.
+        """Factor c^2 on the prior's variance, estimated from the data.
 
         With an inverse gamma prior of c^2 about 1, worth w data (`gp.std_soundings`), the mean of c^2 given the data is
-        (w + |b|^2) / (w + n) but for terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6); |b|^2
-        as in `residual_ratio`. Noise is scaled with the signal.
+        (w + |b|^2) / (w + n) up to terms of 1 / n (Gelman et al., Bayesian Data Analysis, 2013, section 2.6), |b|^2 as
+        in `residual_ratio`. Noise is scaled with the signal.
         """
         n, worth = self.data_rows, self._std_soundings
         return (worth + n * self.residual_ratio) / (worth + n) if worth > 0.0 and n else 1.0
 
     def place_variance(self, scaled: Array) -> Array:
-        """What the uncertain places of the centers add to the variance (P,) at scaled places (P, 2)."""
+        """Variance (P,) that uncertain positions of the centers add at scaled places (P, 2)."""
         if not self.places_uncertain:
             return np.zeros(len(scaled))
         weights = self._factor.solve_transposed(self.white_place_effect, self.data_rows)
@@ -306,14 +304,14 @@ class Posterior:
         return np.asarray(np.einsum("rp,rp->p", off, off))
 
     def slopes(self, places_m: ArrayLike) -> Array:
-        """Slope (P, 2) of the mean depth at places (P, 2): metres per metre north and east."""
+        """Slope (P, 2) of the mean depth at places (P, 2), metres per metre north and east."""
         places = checked_places(places_m)
         n = self.data_rows
         weights = self._factor.solve_transposed(self._whitened, n) if n else np.zeros(0)
         return depth_slopes(self.kernel, self.prior_mean, self._scaled[:n], weights, places)
 
     def condition_moments(self, scaled: Array, mean: Array, variance: Array) -> None:
-        """Turns prior mean (P,) and variance (P,) of scaled places (P, 2) into the posterior's, in place."""
+        """Turns the prior mean (P,) and variance (P,) at scaled places (P, 2) into the posterior's, in place."""
         n = len(self)
         if not n:
             return
@@ -327,7 +325,7 @@ class Posterior:
             add_whitened(white, residuals, mean[part], variance[part])
 
     def mean_m(self, places_m: ArrayLike) -> Array:
-        """Mean (P,) of the depth at places (P, 2) given the data, without the cost of a variance."""
+        """Mean depth (P,) at places (P, 2) given the data, without the cost of a variance."""
         places = checked_places(places_m)
         mean = np.array(self.prior_mean(places), dtype=float)
         n = self.data_rows
@@ -348,8 +346,8 @@ class Posterior:
         return self.kernel.of_scaled(a.scaled, b.scaled) - a.white @ b.white.T
 
     def lower_covariance(self, a: PointPosteriors) -> Array:
-        """Covariance (A, A) among places, its lower triangle only: half the work. Not to be read above it."""
-        own = self.kernel.of_scaled(a.scaled, a.scaled).T  # symmetric; Fortran-ordered, so changed in place
+        """Covariance (A, A) among points: only its lower triangle is valid, for half the work."""
+        own = self.kernel.of_scaled(a.scaled, a.scaled).T  # symmetric; Fortran-ordered, so BLAS works in place
         if not a.white.shape[1]:
             return own
         if a.white.flags.c_contiguous:
@@ -357,7 +355,7 @@ class Posterior:
         return np.asarray(dsyrk(-1.0, np.asfortranarray(a.white), beta=1.0, c=own, lower=1, overwrite_c=1))
 
     def measured_covariance(self, a: PointPosteriors) -> Array:
-        """Covariance (A, A) of measurements at places, that is with noise: its lower triangle only."""
+        """Covariance (A, A) of measurements at points, that is with noise: only its lower triangle is valid."""
         matrix = self.lower_covariance(a)
         np.einsum("ii->i", matrix)[:] += self.noise_var_m2
         return matrix
@@ -366,7 +364,7 @@ class Posterior:
         """Covariances (B, c, c) of measurements along each of several paths of equal length.
 
         Args:
-            paths: Places of all paths, path after path, B * c of them.
+            paths: Points of all paths, path after path, B * c of them.
             count: Number of paths B.
         """
         length = len(paths) // count
@@ -378,26 +376,26 @@ class Posterior:
         np.einsum("bii->bi", matrices)[:] += self.noise_var_m2
         return matrices
 
-    # ---------------------------------------------------------------- its parts
+    # ---------------------------------------------------------------- parts for solvers
 
     @property
     def factor(self) -> Factor:
-        """L of data and planned places; not to be changed."""
+        """L of data and planned places; read-only."""
         return self._factor
 
     @property
     def scaled(self) -> Array:
-        """Places (n + o, 2) of all measurements in the kernel's axes and lengths; not to be written to."""
+        """Places (n + o, 2) of all measurements in the kernel's axes and lengths; read-only."""
         return self._scaled
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """A number for each measurement (n + o,): the same number is the same row of L and w, unchanged."""
+        """A number for each measurement (n + o,): an unchanged number means an unchanged row of L and w."""
         return self._rows
 
     @property
     def whitened_residuals(self) -> Array:
-        """b (n + o,); zero for planned places, whose measurements are expected to show what the mean says."""
+        """b (n + o,); zero for planned places, whose measurements are expected to agree with the mean."""
         if not self.planned_rows:
             return self._whitened
         return np.concatenate([self._whitened, np.zeros(self.planned_rows)])
@@ -435,5 +433,5 @@ def checked_places(places_m: ArrayLike) -> Array:
 
 
 def _leading(same: NDArray[np.bool_]) -> int:
-    """How many are true before the first that is not."""
+    """Number of leading true values."""
     return len(same) if same.all() else int(np.argmin(same))

@@ -1,4 +1,4 @@
-"""The gate that soundings pass before they enter the map: what cannot be a sounding, and what is an outlier."""
+"""Checks that a sounding passes before it enters the map: plausible numbers, and no outlier."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ Mask = NDArray[np.bool_]
 
 
 class SoundingError(ValueError):
-    """A sounding that cannot be one: not finite, or absurd."""
+    """An implausible sounding: not finite, or out of range."""
 
 
 def check_sounding(config: GpConfig, north_m: float, east_m: float, depth_m: float) -> None:
-    """Refuses what cannot be a sounding.
+    """Refuses an implausible sounding.
 
     Raises:
-        SoundingError: if a number is not finite, or the depth out of the configured range.
+        SoundingError: if a number is not finite, or the depth or place out of range.
     """
     if not (math.isfinite(north_m) and math.isfinite(east_m) and math.isfinite(depth_m)):
         raise SoundingError(
-            f"sounding north_m={north_m!r}, east_m={east_m!r}, depth_m={depth_m!r}: expected finite numbers"
+            f"sounding: got north_m={north_m!r}, east_m={east_m!r}, depth_m={depth_m!r}; expected finite numbers"
         )
     if not config.min_depth_m <= depth_m <= config.max_depth_m:
         raise SoundingError(
-            f"sounding at north_m={north_m:.1f}, east_m={east_m:.1f}: depth_m={depth_m!r}; expected "
+            f"sounding at north {north_m:.1f} m, east {east_m:.1f} m: got depth_m={depth_m!r}; expected "
             f"{config.min_depth_m:g} to {config.max_depth_m:g} m (gp.min_depth_m, gp.max_depth_m)"
         )
     if max(abs(north_m), abs(east_m)) > FARTHEST_M:
         raise SoundingError(
-            f"sounding at north_m={north_m!r}, east_m={east_m!r}: expected within 1000 km of the local origin"
+            f"sounding: got north_m={north_m!r}, east_m={east_m!r}; expected within 1000 km of the local origin"
         )
 
 
-def can_be_soundings(config: GpConfig, rows: Array) -> Mask:
-    """Which rows (n, 3) of north, east, depth (m) `check_sounding` does not refuse, shape (n,)."""
+def plausible(config: GpConfig, rows: Array) -> Mask:
+    """Mask (n,) of the rows (n, 3) of north, east, depth (m) that `check_sounding` accepts."""
     with np.errstate(invalid="ignore"):
         deep = (config.min_depth_m <= rows[:, 2]) & (rows[:, 2] <= config.max_depth_m)
         near = (np.abs(rows[:, :2]) <= FARTHEST_M).all(axis=1)
@@ -48,13 +48,13 @@ def can_be_soundings(config: GpConfig, rows: Array) -> Mask:
 
 
 def within_gate(config: GpConfig, depths_m: Array, mean_m: Array, variance_m2: Array, sigmas: float) -> Mask:
-    """Which soundings are no farther off their prediction than `sigmas` standard deviations, noise included.
+    """Mask (P,) of the soundings within `sigmas` standard deviations of their prediction, noise included.
 
     Args:
         config: The noise of a sounding.
         depths_m: Soundings, shape (P,).
-        mean_m: Predicted depths there, shape (P,).
-        variance_m2: Variances of these depths, shape (P,).
-        sigmas: The gate.
+        mean_m: Predicted depths, shape (P,).
+        variance_m2: Variances of the predictions, shape (P,).
+        sigmas: Width of the gate.
     """
     return np.asarray(np.abs(depths_m - mean_m) <= sigmas * np.sqrt(variance_m2 + config.noise_std_m**2))

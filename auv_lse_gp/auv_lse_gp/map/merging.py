@@ -1,4 +1,4 @@
-"""Merging: a sounding that is too close to a kept center is averaged into it."""
+"""Merging: a sounding too close to a kept center is averaged into it."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from auv_lse_gp.covariance.kernels import Kernel
 
 Array = NDArray[np.float64]
 
-#: Soundings that one center is merged from, at most.
+#: Maximum number of soundings per center.
 MAX_MERGED = 256
 
-#: Only the last so many centers are merged into. Older ones stay as they are, so that neither the factor nor a map has
-#: to be made anew when a vehicle crosses an old track (at 2000 centers that would take seconds).
+#: Only the last so many centers change by merging. Otherwise crossing an old track would recompute the factor and the
+#: map (seconds at 2000 centers).
 MERGE_WINDOW = 32
 
 
 class MergedCenter:
-    """A center and the soundings merged into it: together a measurement of the depth at their centroid.
+    """A center and the soundings merged into it: one measurement of the depth at their centroid.
 
-    Their mean depth is the depth at the centroid, for a plane bottom exactly; for a curved one its error has the
-    variance that the kernel gives to mean(f(p_i)) - f(centroid), which is added to the noise of the mean. It is worked
-    out when it is asked for, for all that were merged since then at once.
+    For a plane bottom, the mean of their depths is exactly the depth at the centroid. For a curved one, its error has
+    the kernel's variance of mean(f(p_i)) - f(centroid), which is added to the noise of the mean. `summary` computes it
+    for all soundings merged since the last call.
     """
 
     def __init__(self, kernel: Kernel, place_m: Sequence[float], depth_m: float, noise_std_m: float) -> None:
@@ -38,11 +38,11 @@ class MergedCenter:
 
     @property
     def full(self) -> bool:
-        """Whether it takes no more: beyond, a sounding adds next to nothing."""
+        """Whether it takes no more soundings: another would hardly change it."""
         return len(self._places_m) >= MAX_MERGED
 
     def add(self, place_m: Sequence[float], depth_m: float) -> None:
-        """Merges a sounding at `place_m` (2,) into it."""
+        """Merges a sounding at `place_m` (2,)."""
         self._places_m.append((float(place_m[0]), float(place_m[1])))
         self._depth_sum_m += depth_m
 

@@ -1,10 +1,10 @@
-"""The online Gaussian process of the depth: soundings in, one at a time; posterior out (paper, section "Online GP").
+"""The online Gaussian process of the depth: soundings in, posterior out (paper, section "Online GP").
 
-Theory of operation. The kept soundings are kernel centers, in a table; the posterior (`posterior.py`) follows the
-table. Merging moves centers. That is put off until an answer is asked for, so that a hundred merged soundings cost one
-refactoring, of the rows from the first moved center on, which as a rule is one of the last. New centers wait likewise,
-and are factorized as a block, where it is certain that they can be (`_certain`): which soundings are kept, and where
-the centers are, does not depend on the factor. Otherwise each is factorized at once, so that `add` can refuse it.
+Theory of operation. Kept soundings become kernel centers in a table, and the posterior follows the table. Merging moves
+centers, but the posterior is updated only when it is read: a hundred merged soundings cost one refactorization, from
+the first moved center on, which usually is one of the last. New centers are likewise factorized as a block if that
+cannot fail (`_always_factorizable`); which soundings are kept does not depend on the factor. Otherwise each is
+factorized at once, so that `add` can refuse it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from auv_lse_gp.inference.centers import Centers, CenterTable
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.local_subset import predict_locally
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_gp.map.gate import SoundingError, can_be_soundings, check_sounding, within_gate
+from auv_lse_gp.map.gate import SoundingError, check_sounding, plausible, within_gate
 from auv_lse_gp.map.merging import MAX_MERGED, MERGE_WINDOW, MergedCenter
 from auv_lse_gp.map.spacing import SpacingIndex
 
@@ -45,7 +45,7 @@ class Outcome(enum.Enum):
 
 @dataclasses.dataclass(slots=True)
 class Counts:
-    """How many soundings became what."""
+    """Number of soundings by outcome; `refused` ones are implausible or made the covariance ill-conditioned."""
 
     kept: int = 0
     too_close: int = 0
@@ -62,10 +62,10 @@ class OnlineGp:
         config: The configuration.
         kernel: Its covariance function.
         prior_mean: Its prior mean, places (P, 2) -> depths (P,).
-        counts: What became of the soundings.
+        counts: Number of soundings by outcome.
         revision: Changes whenever the posterior does.
-        problems: What the user should know of: a support below the default, merges that were undone.
-        last_problem: Why `add_all` refused the last sounding that it refused.
+        problems: Messages for the user: a support below the default, merges that were undone.
+        last_problem: Why the last refused sounding was refused; "" if none was.
     """
 
     def __init__(self, config: GpConfig, mean: PriorMean | None = None) -> None:
@@ -84,7 +84,7 @@ class OnlineGp:
         self.kernel, self.prior_mean = self._posterior.kernel, self._posterior.prior_mean
         self._warn_of_short_support()
         self._table = CenterTable()
-        self._behind = False  # whether the table has changed since the posterior followed it
+        self._outdated = False  # whether the table has changed since the posterior followed it
         self._index = SpacingIndex(config.min_spacing_m)
         self._merged: list[MergedCenter] = []
         self._moved: set[int] = set()
@@ -97,19 +97,19 @@ class OnlineGp:
     # ---------------------------------------------------------------- data in
 
     def add(self, north_m: float, east_m: float, depth_m: float, grow: bool = True) -> Outcome:
-        """Takes one sounding, of the configured noise.
+        """Takes one sounding.
 
         Args:
             north_m: North (m).
             east_m: East (m).
             depth_m: Water depth (m, positive down).
-            grow: Whether it may become a new center; if not, it can still be merged into one that is there.
+            grow: Whether it may become a new center; if not, it can still be merged into an existing one.
 
         Returns:
-            What became of it.
+            Its outcome.
 
         Raises:
-            SoundingError: if it cannot be a sounding (counted as refused).
+            SoundingError: if it is implausible (counted as refused).
             IllConditionedError: if the centers' covariance cannot be factorized with it (it is not kept).
         """
         try:
@@ -119,27 +119,27 @@ class OnlineGp:
             raise
         row = np.array([[north_m, east_m, depth_m]], dtype=float)
         if self.config.outlier_sigmas > 0.0 and len(self):
-            mean, variance = self._posterior.moments(row[:, :2])  # as it stands, without merges that wait
+            mean, variance = self._posterior.moments(row[:, :2])  # without pending merges
             if not within_gate(self.config, row[:, 2], mean, variance, self.config.outlier_sigmas)[0]:
                 self.counts.outliers += 1
                 return Outcome.OUTLIER
-        return self._take(row, int(grow))[0]
+        return self._insert(row, int(grow))[0]
 
     def add_all(self, soundings: Array, most_new: int | None = None) -> list[Outcome | None]:
-        """Takes soundings, one after another, as `add`, and goes on after one that it refuses.
+        """Takes soundings one after another, as `add`, and continues after a refused one.
 
         Args:
-            soundings: North, east, depth (m) of each, shape (n, 3).
-            most_new: So many of them may become centers; None: all.
+            soundings: North, east, depth (m), shape (n, 3).
+            most_new: Number of them that may become centers at most; None: all.
 
         Returns:
-            What became of each; None for one that was refused, see `last_problem`.
+            The outcome of each; None if it was refused, see `last_problem`.
         """
         room = len(soundings) if most_new is None else most_new
         outcomes: list[Outcome | None] = [None] * len(soundings)
-        together = can_be_soundings(self.config, soundings) & self._certain(len(self) + len(soundings))
-        taken = self._take(soundings[together], room) if together.any() else []
-        for i, outcome in zip(np.flatnonzero(together).tolist(), taken, strict=True):
+        together = plausible(self.config, soundings) & self._always_factorizable(len(self) + len(soundings))
+        inserted = self._insert(soundings[together], room) if together.any() else []
+        for i, outcome in zip(np.flatnonzero(together).tolist(), inserted, strict=True):
             outcomes[i] = outcome
         for i in np.flatnonzero(~together).tolist():
             north_m, east_m, depth_m = soundings[i].tolist()
@@ -153,8 +153,31 @@ class OnlineGp:
                 self.last_problem = str(error)
         return outcomes
 
-    def _take(self, rows: Array, most_new: int) -> list[Outcome]:
-        """Takes soundings (n, 3) that passed the gates; of more than one it must be `_certain` that they can be kept.
+    def add_if_fitting(
+        self, soundings: Array, sigmas: float, most_new: int
+    ) -> tuple[list[Outcome | None], NDArray[np.bool_]]:
+        """Takes the soundings that fit the map as it is now, as `add_all`; the others are outliers.
+
+        Args:
+            soundings: North, east, depth (m), shape (n, 3).
+            sigmas: Number of standard deviations that a sounding may be off; 0: all fit. Without centers, all fit.
+            most_new: Number of them that may become centers at most.
+
+        Returns:
+            The outcome of each, None if it was refused; and a mask (n,) of those that fit.
+        """
+        fit = np.ones(len(soundings), dtype=bool)
+        finite = np.isfinite(soundings).all(axis=1)
+        if sigmas > 0.0 and len(self) and finite.any():
+            fit[finite] = self._fits(soundings[finite], sigmas)
+        self.counts.outliers += int((~fit).sum())
+        outcomes: list[Outcome | None] = [Outcome.OUTLIER] * len(soundings)
+        for i, outcome in zip(np.flatnonzero(fit).tolist(), self.add_all(soundings[fit], most_new), strict=True):
+            outcomes[i] = outcome
+        return outcomes, fit
+
+    def _insert(self, rows: Array, most_new: int) -> list[Outcome]:
+        """Inserts soundings (n, 3) that passed the gates; more than one only if `_always_factorizable`.
 
         Raises:
             IllConditionedError: as `add`.
@@ -189,17 +212,17 @@ class OnlineGp:
                 outcomes.append(Outcome.TOO_CLOSE)
         return outcomes
 
-    def fits(self, places_m: ArrayLike, depths_m: ArrayLike, sigmas: float) -> NDArray[np.bool_]:
-        """Whether soundings (P,) at places (P, 2) lie within `sigmas` standard deviations of the map, shape (P,)."""
+    def _fits(self, soundings: Array, sigmas: float) -> NDArray[np.bool_]:
+        """Mask (P,) of the soundings (P, 3) within `sigmas` standard deviations of the map."""
         self._sync()
-        mean, variance = self._posterior.moments(places_m)
-        return within_gate(self.config, np.asarray(depths_m, dtype=float), mean, variance, sigmas)
+        mean, variance = self._posterior.moments(soundings[:, :2])
+        return within_gate(self.config, soundings[:, 2], mean, variance, sigmas)
 
     def clear(self) -> None:
-        """Forgets all soundings, to take them in again at other places."""
+        """Drops all soundings."""
         self.counts = Counts()
         self._table = CenterTable()
-        self._behind = True
+        self._outdated = True
         self._index = SpacingIndex(self.config.min_spacing_m)
         self._merged.clear()
         self._moved.clear()
@@ -207,22 +230,22 @@ class OnlineGp:
         self.revision += 1
 
     def set_place_effect(self, effect_m: Array | None) -> None:
-        """How uncertain places change what the centers should have measured, (n, r): see `Centers`.
+        """Sets the effect of uncertain positions on the centers' depths, (n, r): see `Centers.place_effect_m`.
 
-        Centers that come later have none until this is called again.
+        Later centers have no effect until the next call.
 
         Raises:
             ValueError: if there are more rows than centers.
         """
         if effect_m is not None and len(effect_m) > len(self):
-            raise ValueError(f"place effect: got {len(effect_m)} rows; expected at most one for each of {len(self)}")
+            raise ValueError(f"place effect: got {len(effect_m)} rows; expected at most one per center ({len(self)})")
         self._place_effect_m = effect_m
-        self._behind = True
+        self._outdated = True
         self.revision += 1
 
     @property
-    def _held(self) -> Centers:
-        """The centers as the table has them, with their place effects: not to be written to."""
+    def _current_centers(self) -> Centers:
+        """The centers in the table with their place effects; read-only."""
         held, effect = self._table.centers, self._place_effect_m
         if effect is None:
             return held
@@ -235,19 +258,16 @@ class OnlineGp:
     @property
     def centers(self) -> Centers:
         """A copy of the kernel centers."""
-        if self._certain(len(self)):
-            self._settle()
+        if self._always_factorizable(len(self)):
+            self._apply_merges()
         else:
             self._sync()
-        held = self._held
+        held = self._current_centers
         return Centers(held.places_m.copy(), held.depths_m.copy(), held.noise_std_m.copy(), held.place_effect_m)
 
     @property
     def posterior(self) -> Posterior:
-        """The posterior given all centers, brought up to date.
-
-        Whoever plans places on it forgets them before the next sounding comes.
-        """
+        """The posterior given all centers; it follows later soundings. To plan places, use `Posterior.with_planned`."""
         self._sync()
         return self._posterior
 
@@ -268,16 +288,16 @@ class OnlineGp:
         if self.config.local and not self.kernel.compact and self.kernel.local_m < usual:
             text = (
                 f"gp.support_m: {self.kernel.local_m:g} m is less than {LOCAL_RATIO[self.kernel.name]:g} length scales "
-                f"({usual:g} m): the local subset of {self.kernel.name} then errs visibly, see docs/gp.md"
+                f"({usual:g} m); with {self.kernel.name}, the error of the local subset becomes visible (docs/gp.md)"
             )
             self.problems.append(text)
             warnings.warn(text, stacklevel=3)
 
-    def _certain(self, size: int) -> bool:
-        """Whether `size` centers can be factorized wherever they are, so that nothing is lost by doing it later.
+    def _always_factorizable(self, size: int) -> bool:
+        """Whether `size` centers can be factorized wherever they are, so that it can wait.
 
-        No pivot is less than the least noise variance; their rounding errors are within about size^2 eps times the
-        largest variance (Higham 2002, theorems 10.3 and 10.7). The gate for outliers wants the factor each time anyway.
+        No pivot is less than the least noise variance, and rounding errors are within about size^2 eps times the
+        largest variance (Higham 2002, theorems 10.3 and 10.7). With an outlier gate the factor is needed each time.
         """
         noise_m2 = self.config.noise_std_m**2
         least_noise_m2 = noise_m2 / (MAX_MERGED if self.config.merge else 1)
@@ -286,16 +306,16 @@ class OnlineGp:
         return self.config.outlier_sigmas == 0.0 and least_noise_m2 > rounding
 
     def _append(self, centers: Centers) -> None:
-        """Appends centers; a refusal changes nothing."""
+        """Appends centers, or changes nothing if it raises IllConditionedError."""
         if not len(centers):
             return
         n = len(self)
-        certain = self._certain(n + len(centers))
-        if not certain:
+        can_wait = self._always_factorizable(n + len(centers))
+        if not can_wait:
             self._sync()
         self._table.append(centers)
-        self._behind = True
-        if not certain:
+        self._outdated = True
+        if not can_wait:
             try:
                 self._sync()
             except IllConditionedError:
@@ -303,29 +323,27 @@ class OnlineGp:
                 raise
         self.revision += len(centers)
 
-    def _settle(self) -> None:
+    def _apply_merges(self) -> None:
         """Moves the centers that soundings were merged into."""
         for i in self._moved:
             place, depth, noise_m2 = self._merged[i].summary()
             self._table.move(i, place, depth, math.sqrt(noise_m2))
-        self._behind = self._behind or bool(self._moved)
+        self._outdated = self._outdated or bool(self._moved)
         self._moved.clear()
 
     def _sync(self) -> None:
-        """Moves the centers that soundings were merged into, and lets the posterior follow the table."""
+        """Applies merges and updates the posterior."""
         before = self._table.copy() if self._moved else None
-        self._settle()
-        if not self._behind:
+        self._apply_merges()
+        if not self._outdated:
             return
         try:
-            self._posterior.follow(self._held)
+            self._posterior.follow(self._current_centers)
         except IllConditionedError:
             if before is None:
                 raise
-            # Merging lowers the noise and may bring centers together. What was held before is known to work.
+            # Merging lowers the noise and may bring centers together. The centers before it are known to work.
             self._table = before
-            self._posterior.follow(self._held)
-            self.problems.append(
-                "merging made the covariance of the centers ill-conditioned: these soundings are not merged"
-            )
-        self._behind = False
+            self._posterior.follow(self._current_centers)
+            self.problems.append("undid merges: they made the covariance of the centers ill-conditioned")
+        self._outdated = False

@@ -1,12 +1,11 @@
-"""What the other vehicles know, as a sender believes, and what one more sample would be worth to them.
+"""The value of one more sample to the other vehicles, estimated by the sender.
 
-A sample's worth is the drop of the Bayes risk, summed over a coarse map of the operating area, that the receivers
-expect of it before they know its depth (the paper's section "Search objective", with D1 what they know and D2 the
-sample's place).
+The value of a sample is the expected drop of the receivers' Bayes risk, summed over a coarse map of the operating area,
+before its depth is known (paper, section "Search objective", with D1 the receivers' samples and D2 the sample's place).
 
-No sender learns what got through. A sender that takes all for known leaves holes where packets were lost, and does
-worse than one that sends every n-th sample. So several receivers are supposed, each of which misses every packet, sent
-or heard, with the chance that packets are lost then; a sample's worth is its mean over them.
+A sender does not learn which packets arrived. Assuming that all do leaves holes where packets were lost, and performs
+worse than sending every n-th sample. So it simulates several receivers, each of which misses every packet, sent or
+heard, with the current loss rate. The value of a sample is its mean over them.
 """
 
 from __future__ import annotations
@@ -30,31 +29,31 @@ from auv_lse_gp.map.spacing import SpacingIndex
 
 Array = NDArray[np.float64]
 
-#: Left out: a place whose depth a sample explains by less than this share of its variance, ...
+#: Places are ignored if a sample explains less than this share of their variance, ...
 _NEGLIGIBLE_SHARE = 1e-3
-#: ... and one whose Bayes risk is less than this share of the larger cost.
+#: ... or if their Bayes risk is less than this share of the larger cost.
 _NEGLIGIBLE_RISK = 1e-4
-#: Supposed receivers.
+#: Number of simulated receivers.
 ASSUMED_RECEIVERS = 4
 
 
 class ReceiverMap:
-    """What one vehicle knows: an exact Gaussian process on the samples it has, and the risk of a map given them.
+    """The map of one receiver: an exact Gaussian process on its samples, and its Bayes risk.
 
-    Samples nearer than `gp.min_spacing_m` to an earlier one are left out, as a vehicle's map merges them.
+    Samples nearer than `gp.min_spacing_m` to an earlier one are dropped, since a vehicle's map merges them.
 
     Attributes:
-        places_m: Where risk is summed, shape (G, 2): north, east.
+        places_m: Places over which risk is summed, shape (G, 2): north, east.
     """
 
     def __init__(self, gp: GpConfig, level_set: LevelSetConfig, area: OperatingArea, spacing_m: float = 20.0) -> None:
-        """Starts with nothing but the prior.
+        """Starts with the prior.
 
         Args:
             gp: The prior, and the noise of a sounding.
-            level_set: The isobath and what errors cost.
-            area: Where risk counts.
-            spacing_m: Spacing of the places where it is summed.
+            level_set: The isobath and the costs of wrong calls.
+            area: The operating area.
+            spacing_m: Spacing of the places over which risk is summed.
         """
         self.places_m: Array = area.grid(spacing_m).places_m
         self._level_set = LevelSet.of(level_set)
@@ -64,12 +63,12 @@ class ReceiverMap:
         self._index = SpacingIndex(gp.min_spacing_m)
 
     def __len__(self) -> int:
-        """Number of samples that are known; the mark that `forget` takes."""
+        """Number of samples; the mark that `truncate` takes."""
         return len(self._posterior)
 
     @property
     def risk(self) -> float:
-        """Bayes risk, mean over the places."""
+        """Mean Bayes risk over the places."""
         return float(self._level_set.risk(*self.predict()).mean())
 
     def predict(self) -> tuple[Array, Array]:
@@ -78,11 +77,7 @@ class ReceiverMap:
         return places.mean_m, np.sqrt(places.data_var_m2)
 
     def add(self, samples_m: Array) -> None:
-        """Takes samples that the vehicle has now.
-
-        Args:
-            samples_m: North, east, water depth (m), shape (n, 3).
-        """
+        """Takes samples: north, east, water depth (m), shape (n, 3)."""
         kept = []
         for north, east, depth in np.asarray(samples_m, dtype=float).tolist():
             if self._index.too_close(north, east) is None:
@@ -92,17 +87,16 @@ class ReceiverMap:
             rows = np.array(kept)
             self._posterior.extend(Centers(rows[:, :2], rows[:, 2], np.full(len(rows), self._noise_std_m)))
 
-    def forget(self, mark: int) -> None:
-        """Forgets all samples but the first `mark`."""
+    def truncate(self, mark: int) -> None:
+        """Drops all samples but the first `mark`."""
         self._posterior.truncate(mark)
         self._index.truncate(mark)
 
     def gains(self, samples_m: Array) -> Array:
-        """Expected drop of its Bayes risk, summed over the places, by each sample alone, shape (n,).
+        """Expected drop of the Bayes risk, summed over the places, by each sample alone, shape (n,).
 
         Args:
-            samples_m: North, east, water depth (m), shape (n, 3). The depth is not looked at: it is not known
-                yet.
+            samples_m: North, east, water depth (m), shape (n, 3). The depths are not used.
         """
         at = np.asarray(samples_m, dtype=float)[:, :2]
         if not len(at):
@@ -120,7 +114,7 @@ class ReceiverMap:
 
 
 class ReceiversRisk:
-    """Has the shape that `auv_lse_comms.packet.selection.Receivers` asks for."""
+    """Simulated receivers; implements `auv_lse_comms.packet.selection.Receivers`."""
 
     def __init__(
         self,
@@ -130,22 +124,22 @@ class ReceiversRisk:
         rng: np.random.Generator,
         spacing_m: float = 20.0,
     ) -> None:
-        """Starts with receivers who know nothing but the prior.
+        """Starts with receivers that have no samples.
 
         Args:
             gp: The prior, and the noise of a sounding.
-            level_set: The isobath and what errors cost.
-            area: Where risk counts.
-            rng: Which packets the supposed receivers miss.
-            spacing_m: Spacing of the places where risk is summed.
+            level_set: The isobath and the costs of wrong calls.
+            area: The operating area.
+            rng: Decides which packets the receivers miss.
+            spacing_m: Spacing of the places over which risk is summed.
         """
         self._rng = rng
         self._receivers = [ReceiverMap(gp, level_set, area, spacing_m) for _ in range(ASSUMED_RECEIVERS)]
-        self._missed = [0] * ASSUMED_RECEIVERS  # what each has missed, as a number: those with the same know the same
+        self._missed = [0] * ASSUMED_RECEIVERS  # hash of what each has missed: equal ones have equal samples
         self._marks = [len(receiver) for receiver in self._receivers]
-        #: What the receivers knew and had missed before the last packet sent, while that can be taken back ...
+        #: Marks and missed packets before the last packet sent, while it can be taken back ...
         self._before_sent: tuple[list[int], list[int]] | None = None
-        #: ... and what was heard after it: samples, and which receivers missed them.
+        #: ... and packets heard after it: samples, and which receivers missed them.
         self._heard_since: list[tuple[Array, list[bool]]] = []
 
     @classmethod
@@ -154,11 +148,11 @@ class ReceiversRisk:
 
         Args:
             parameters: Nested parameters.
-            where: Where they came from, for messages.
+            where: Source of the parameters, for messages.
             address: Number of the sender.
 
         Raises:
-            ParameterError: naming what cannot be used.
+            ParameterError: naming the invalid parameter.
         """
         return cls(
             section(GpConfig, parameters, "gp", where),
@@ -168,11 +162,11 @@ class ReceiversRisk:
         )
 
     def hear(self, samples_m: ArrayLike, loss: float) -> None:
-        """A team mate's packet with these samples was heard; the others may have missed it.
+        """Records a team mate's packet that this vehicle heard and the others may have missed.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
-            loss: Chance that a packet is lost at present.
+            loss: Current probability that a packet is lost.
         """
         samples = np.asarray(samples_m, dtype=float)
         missed = self._draw(loss)
@@ -181,52 +175,40 @@ class ReceiversRisk:
         self._deliver(missed)
 
     def suppose(self, samples_m: ArrayLike) -> None:
-        """The packet that is being made holds these samples too; its worth is computed as if it arrived.
-
-        Args:
-            samples_m: North, east, water depth (m), shape (n, 3).
-        """
+        """Adds samples (n, 3) to the packet being composed, as if it arrived: north, east, water depth (m)."""
         for receiver in self._receivers:
             receiver.add(np.asarray(samples_m, dtype=float))
 
     def send(self, loss: float) -> None:
-        """The packet is made; each of the supposed receivers misses it with the chance that packets are lost.
-
-        Args:
-            loss: That chance at present.
-        """
+        """Sends the composed packet; each receiver misses it with probability `loss`."""
         self._before_sent, self._heard_since = (self._marks, list(self._missed)), []
         self._deliver(self._draw(loss))
 
     def take_back(self) -> None:
-        """The last packet given to `send` was not sent: nobody has its samples. What was heard since stays known."""
+        """Undoes the last `send`: the packet was not transmitted. Packets heard since are kept."""
         if self._before_sent is None:
             return
         (self._marks, self._missed), self._before_sent = self._before_sent, None
         for receiver, mark in zip(self._receivers, self._marks, strict=True):
-            receiver.forget(mark)
+            receiver.truncate(mark)
         for samples, missed in self._heard_since:
             self.suppose(samples)
             self._deliver(missed)
 
     def _draw(self, loss: float) -> list[bool]:
-        """Which of the receivers miss a packet."""
+        """Draws which receivers miss a packet."""
         return [bool(missed) for missed in self._rng.random(len(self._receivers)) < loss]
 
     def _deliver(self, missed: list[bool]) -> None:
-        """The packet of the samples supposed last is on its way; those who miss it forget them."""
+        """Ends the composed packet; receivers that miss it drop its samples."""
         for i, receiver in enumerate(self._receivers):
             self._missed[i] = hash((self._missed[i], missed[i]))
             if missed[i]:
-                receiver.forget(self._marks[i])
+                receiver.truncate(self._marks[i])
         self._marks = [len(receiver) for receiver in self._receivers]
 
     def gains(self, samples_m: ArrayLike) -> Array:
-        """Expected drop of the receivers' Bayes risk by each sample alone, mean over the receivers, shape (n,).
-
-        Args:
-            samples_m: North, east, water depth (m), shape (n, 3).
-        """
+        """Expected drop of the Bayes risk by each sample (n, 3) alone, mean over the receivers, shape (n,)."""
         samples = np.asarray(samples_m, dtype=float)
         different = dict(zip(self._missed, self._receivers, strict=True))
         known = {missed: receiver.gains(samples) for missed, receiver in different.items()}

@@ -1,4 +1,4 @@
-"""The minimum spacing of kernel centers: which of the places that are kept is too close to a new one."""
+"""The minimum spacing of kernel centers: finds the kept place that is too close to a new one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support import compiled
+from auv_lse_common.support.growing_rows import GrowingRows
 from auv_lse_gp.compiled.modules import compiled_gp
 
 Array = NDArray[np.float64]
@@ -16,28 +17,25 @@ Array = NDArray[np.float64]
 class SpacingIndex:
     """Finds kept places within the minimum spacing of a new one.
 
-    All are looked at: up to some thousand that costs less than keeping them in order.
+    It compares with all of them: up to a few thousand, that is faster than a sorted index.
     """
 
     def __init__(self, spacing_m: float) -> None:
         """Starts without places; a spacing of 0 finds none too close."""
         self._spacing_m = spacing_m
-        self._places_m = np.zeros((64, 2))
-        self._size = 0
+        self._places = GrowingRows(2)
 
     def __len__(self) -> int:
         """Number of places."""
-        return self._size
+        return len(self._places)
 
     def add(self, north_m: float, east_m: float) -> None:
-        """Adds a place; its number is how many there were before."""
-        self._reserve(self._size + 1)
-        self._places_m[self._size] = north_m, east_m
-        self._size += 1
+        """Adds a place; its number is the count before."""
+        self._places.append([north_m, east_m])
 
     def truncate(self, size: int) -> None:
-        """Forgets all places from number `size` on."""
-        self._size = min(self._size, size)
+        """Drops all places from number `size` on."""
+        self._places.resize(min(len(self), size))
 
     def too_close(self, north_m: float, east_m: float) -> int | None:
         """Number of the nearest place that is closer than the spacing, None if there is none."""
@@ -45,53 +43,45 @@ class SpacingIndex:
         return near if near >= 0 else None
 
     def take(self, places_m: Array, most_new: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Keeps those of places (n, 2), one after another, that no kept one is too close to.
+        """Keeps, one after another, the places to which no kept place is too close.
 
         Args:
             places_m: North, east (n, 2).
-            most_new: So many are kept at most.
+            most_new: Number of places to keep at most.
 
         Returns:
-            Number of the kept place that each is too close to, or of itself where it is kept, -1 where it would be one
-            more than `most_new`, (n,); and which are kept, (n,).
+            For each place (n,): the number of the kept place that is too close, its own number if it is kept, or -1 if
+            `most_new` are kept already; and a mask (n,) of the kept ones.
         """
-        self._reserve(self._size + len(places_m))
-        before = self._size
+        before = len(self)
+        self._places.reserve(before + len(places_m))
         near = self._near(places_m, most_new)
         first = np.full(len(places_m), -1)
         first[1:] = np.maximum.accumulate(near)[:-1]
         new = near > np.maximum(first, before - 1)
-        self._size = before + int(new.sum())
+        self._places.resize(before + int(new.sum()))
         return near, new
 
     def _near(self, places_m: Array, most_new: int) -> NDArray[np.int64]:
-        """As `take`'s first answer; the table then has the new places after those that count."""
+        """As `take`'s first result; writes new places into the spare rows of the buffer."""
         near = np.empty(len(places_m), dtype=np.int64)
-        if compiled.USE_NUMBA:
-            compiled_gp().take_spaced(self._places_m, self._size, self._spacing_m, places_m, most_new, near)
-        else:
-            take_spaced_numpy(self._places_m, self._size, self._spacing_m, places_m, most_new, near)
+        take = compiled_gp().take_spaced if compiled.USE_NUMBA else take_spaced_numpy
+        take(self._places.buffer, len(self), self._spacing_m, places_m, most_new, near)
         return near
-
-    def _reserve(self, size: int) -> None:
-        if size > len(self._places_m):
-            grown = np.zeros((max(size, 2 * len(self._places_m)), 2))
-            grown[: self._size] = self._places_m[: self._size]
-            self._places_m = grown
 
 
 def take_spaced_numpy(
     kept: Array, size: int, spacing_m: float, places: Array, most_new: int, near: NDArray[np.int64]
 ) -> None:
-    """`SpacingIndex.take` with NumPy alone: the reference of the compiled one.
+    """`SpacingIndex.take` in NumPy: the reference for the compiled version.
 
     Args:
-        kept: Kept places, `size` of them and room for those of `places` that are new.
-        size: How many are kept.
+        kept: Kept places, `size` of them, then room for new ones.
+        size: Number of kept places.
         spacing_m: The spacing.
         places: Places (n, 2).
-        most_new: So many are kept at most.
-        near: Where the numbers (n,) go.
+        most_new: Number of places to keep at most.
+        near: Output: the numbers (n,).
     """
     full = size + most_new
     for i, place in enumerate(places):

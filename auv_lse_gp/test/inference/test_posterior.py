@@ -212,7 +212,9 @@ def test_data_after_planned_places_is_refused():
     rng = np.random.default_rng(8)
     posterior = Posterior(GpConfig())
     posterior.plan(places(rng, 3))
-    with pytest.raises(ValueError, match=r"extend: 3 places are planned; expected forget_planned\(\) before"):
+    with pytest.raises(
+        ValueError, match=r"extend: got a posterior with 3 planned places; expected none. Call forget_planned"
+    ):
         posterior.extend(centers(rng, 2))
 
 

@@ -123,7 +123,7 @@ def test_factorizing_later_is_factorizing_at_once(merge, monkeypatch):
     assert blocks == []  # where they are needs no factor
     mean, std = later.predict(places + 3.0)
     assert blocks == [len(later)]
-    monkeypatch.setattr(OnlineGp, "_certain", lambda self, size: False)
+    monkeypatch.setattr(OnlineGp, "_always_factorizable", lambda self, size: False)
     for (north, east), depth in zip(places, depths, strict=True):
         at_once.add(north, east, depth)
     assert later.counts == at_once.counts
@@ -206,7 +206,7 @@ def test_merging_that_cannot_be_factorized_is_undone_and_said(monkeypatch):
     summary = (place, 15.0, 1e-16)  # two centers at one place, without noise
     monkeypatch.setattr(type(gp._merged[-4]), "summary", lambda self: summary)
     after = gp.predict(queries)
-    assert gp.problems == ["merging made the covariance of the centers ill-conditioned: these soundings are not merged"]
+    assert gp.problems == ["undid merges: they made the covariance of the centers ill-conditioned"]
     assert after[0] == pytest.approx(before[0], rel=1e-12)
     assert after[1] == pytest.approx(before[1], rel=1e-12)
 

@@ -106,7 +106,7 @@ def test_samples_added_since_a_mark_are_forgotten() -> None:
     mark = len(once)
     for _ in range(2):
         once.add(second)
-        once.forget(mark)
+        once.truncate(mark)
     for knowledge in (once, twice):
         if knowledge is twice:
             twice.add(first)

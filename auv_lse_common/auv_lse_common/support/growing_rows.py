@@ -1,0 +1,56 @@
+"""A table of numbers that grows at its end: its memory doubles when it is full."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class GrowingRows:
+    """Rows of numbers.
+
+    Attributes:
+        buffer: The rows, then spare ones, (capacity, width); replaced when it is full.
+    """
+
+    def __init__(self, width: int, capacity: int = 64) -> None:
+        """Makes an empty table of `width` columns with room for `capacity` rows."""
+        # Memory that is not touched costs nothing; growing does.
+        self.buffer: Array = np.zeros((capacity, width))
+        self._size = 0
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return self._size
+
+    @property
+    def rows(self) -> Array:
+        """The rows (n, width): a view, to be written to, until the table grows."""
+        return self.buffer[: self._size]
+
+    def reserve(self, size: int) -> None:
+        """Makes room for `size` rows in all."""
+        if size > len(self.buffer):
+            grown = np.zeros((max(size, 2 * len(self.buffer)), self.buffer.shape[1]))
+            grown[: self._size] = self.rows
+            self.buffer = grown
+
+    def resize(self, size: int) -> None:
+        """Drops the rows from number `size` on, or adds rows, whose values the caller writes, up to that number."""
+        self.reserve(size)
+        self._size = size
+
+    def append(self, rows: ArrayLike) -> None:
+        """Adds rows (m, width), or one row (width,)."""
+        new = np.atleast_2d(np.asarray(rows, dtype=float))
+        begin = self._size
+        self.resize(begin + len(new))
+        self.buffer[begin : self._size] = new
+
+    def copy(self) -> GrowingRows:
+        """An independent copy."""
+        other = GrowingRows(0)
+        other.buffer, other._size = self.buffer.copy(), self._size
+        return other

@@ -1,0 +1,22 @@
+"""A table that grows: what was appended stays, copies are independent."""
+
+import numpy as np
+
+from auv_lse_common.support.growing_rows import GrowingRows
+
+
+def test_rows_survive_growing_dropping_and_copying():
+    rng = np.random.default_rng(1)
+    table, expected = GrowingRows(3, capacity=2), np.zeros((0, 3))
+    for count in (1, 4, 0, 9, 30):
+        rows = rng.normal(size=(count, 3))
+        table.append(rows)
+        expected = np.concatenate([expected, rows])
+        assert np.array_equal(table.rows, expected)
+    table.append([1.0, 2.0, 3.0])
+    assert table.rows[-1].tolist() == [1.0, 2.0, 3.0]
+    other = table.copy()
+    other.rows[0] = 0.0
+    other.resize(5)
+    assert (len(other), len(table)) == (5, 45)
+    assert np.array_equal(table.rows[0], expected[0])
