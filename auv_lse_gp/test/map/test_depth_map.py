@@ -81,7 +81,7 @@ def test_soundings_are_taken_by_stamp_and_samples_as_they_come():
     assert outcomes == [Outcome.KEPT, Outcome.TOO_CLOSE]
     assert depth_map.centers.places_m.tolist() == [[100.0, 100.0], [50.0, 50.0]]
     assert depth_map.add_soundings(np.zeros((0, 4))) == []
-    with pytest.raises(ValueError, match=r"soundings: got shape \(1, 3\); expected \(n, 4\)"):
+    with pytest.raises(ValueError, match=r"soundings: got rows of shape \(1, 3\); expected \(n, 4\)"):
         depth_map.add_soundings([[1.0, 2.0, 3.0]])
 
 
