@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from auv_lse_common.mission_file.methods import unless_paper_method
-from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.parameters import ParameterError, is_given, section
 from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, PacketConfig, TdmaConfig
+from auv_lse_common.mission_file.sections.area import AreaConfig
+from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.packet.codec import Limits
@@ -26,29 +28,19 @@ MakeReceivers = Callable[[Mapping[str, Any], str, int], Receivers]
 _SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
 
 
-def _mapping(parameters: Mapping[str, Any], name: str, where: str) -> Mapping[str, Any]:
-    """A section of another package; a missing one is empty."""
-    found = parameters.get(name, {})
-    if not isinstance(found, Mapping):
-        raise ParameterError(f"{where}: {name}: got {found!r}; expected a mapping of parameters")
-    return found
-
-
 def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
     """`mission.vehicles` or `mission.steps`, which have no default here, because all vehicles must have the same.
 
     Raises:
         ParameterError: if it is missing or no whole number of at least 1.
     """
-    mission = _mapping(parameters, "mission", where)
-    if key not in mission:
+    mission = section(MissionConfig, parameters, "mission", where)
+    if not is_given(parameters, f"mission.{key}"):
         raise ParameterError(
             f"{where}: mission.{key}: missing; expected {_SHARED[key]}, which all vehicles must share: write it in the "
             f"mission file, section mission, under '/**:'"
         )
-    value = mission[key]
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ParameterError(f"{where}: mission.{key}: got {value!r}; expected a whole number of at least 1")
+    value: int = getattr(mission, key)
     return value
 
 
@@ -56,8 +48,8 @@ def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -
     """What this mission's packets can hold, from its steps, action set and operating area.
 
     Args:
-        parameters: Nested parameters; `mission`, `motion` and `area` belong to other packages, which check them. Only
-            `mission.steps` must be there: without the others packets may hold what the field table can.
+        parameters: Nested parameters. `mission.steps` is required. Without `motion.actions_deg` or `area.polygon_m`
+            the limits are those of the field table.
         packet: The section `packet`.
         where: Where the parameters came from, for messages.
 
@@ -66,22 +58,13 @@ def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -
     """
     known: dict[str, Any] = {"depth_m": (packet.depth_min_m, packet.depth_max_m)}
     known["steps"] = shared_number(parameters, "steps", where)
-    actions = _mapping(parameters, "motion", where).get("actions_deg")
-    if actions is not None:
-        if isinstance(actions, str) or not isinstance(actions, Sequence):
-            raise ParameterError(
-                f"{where}: motion.actions_deg: got {actions!r}; expected a list of heading changes (deg)"
-            )
-        known["n_actions"] = len(actions)
-    polygon = _mapping(parameters, "area", where).get("polygon_m")
-    if packet.check_limits and polygon is not None:
-        try:
-            corners = np.asarray(polygon, dtype=float).reshape(-1, 2)
-            known["north_m"], known["east_m"] = Limits.box(corners, packet.area_margin_m)
-        except (TypeError, ValueError) as error:
-            raise ParameterError(
-                f"{where}: area.polygon_m: got {polygon!r}; expected north, east (m) of each corner in turn: {error}"
-            ) from error
+    motion = section(MotionConfig, parameters, "motion", where)
+    area = section(AreaConfig, parameters, "area", where)
+    if is_given(parameters, "motion.actions_deg"):
+        known["n_actions"] = len(motion.actions_deg)
+    if packet.check_limits and is_given(parameters, "area.polygon_m"):
+        corners = np.reshape(area.polygon_m, (-1, 2))
+        known["north_m"], known["east_m"] = Limits.box(corners, packet.area_margin_m)
     try:
         return Limits(**known)
     except ValueError as error:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from auv_lse_common.mission_file.parameters import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
 from auv_lse_common.topics.table import recorded_topics
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation, raw_place
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.mission_file.parameters import read_parameter_file
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
 
 
 @functools.cache

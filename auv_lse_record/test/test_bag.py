@@ -8,7 +8,7 @@ import yaml
 from rosbags.rosbag2 import StoragePlugin
 from sim_helpers import other_bag
 
-from auv_lse_common.mission_file.parameters import read_parameter_file
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Tour
 from auv_lse_record import bag

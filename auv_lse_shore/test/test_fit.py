@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import approx_fprime
 from scipy.stats import multivariate_normal
 
-from auv_lse_common.mission_file.parameters import parameters_for, read_parameter_file, section
+from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.vocabulary.frames import geodetic_from_local
 from auv_lse_gp import GpConfig, Kernel

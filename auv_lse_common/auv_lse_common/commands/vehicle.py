@@ -19,13 +19,9 @@ from typing import Any
 
 import yaml
 
-from auv_lse_common.mission_file.parameters import (
-    ParameterError,
-    check_sections,
-    merge,
-    parameters_for,
-    read_parameter_file,
-)
+from auv_lse_common.mission_file.parameter_file import merge, parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.process.domain import DomainError, local_environment, vehicle_environment, wanted_domain
 from auv_lse_common.process.processes import (
@@ -160,7 +156,7 @@ def journal_folder(out: Path) -> Path:
 def _section(parameters: dict[str, Any], name: str, file: Path) -> dict[str, Any]:
     found = parameters.get(name, {})
     if not isinstance(found, dict):
-        raise ParameterError(f"{file}: {name}: expected a mapping of parameters, got {found!r}")
+        raise ParameterError(f"{file}: {name}: got {found!r}; expected a mapping of parameters")
     return found
 
 

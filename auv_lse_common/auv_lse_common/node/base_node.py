@@ -13,7 +13,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from auv_lse_common.mission_file.parameters import check_sections, describe, merge, nest, to_mapping
+from auv_lse_common.mission_file.parameter_file import merge, nest
+from auv_lse_common.mission_file.parameters import describe, to_mapping
+from auv_lse_common.mission_file.sections.table import check_sections
 
 #: A clock that nothing sets back.
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)

@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
-from auv_lse_common.mission_file.parameters import ParameterError, merge, nest
+from auv_lse_common.mission_file.parameter_file import merge, nest
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet

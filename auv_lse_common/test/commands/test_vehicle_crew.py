@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from auv_lse_common.commands.vehicle import crew_of, main, vehicle_number
-from auv_lse_common.mission_file.parameters import ParameterError, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError
 
 FOR_ALL = {
     "mission": {"vehicles": 3},
@@ -69,7 +70,7 @@ def test_a_name_that_is_no_vehicles_is_refused(name: str) -> None:
 @pytest.mark.parametrize("name", ["mission", "sim", "modem", "link", "record"])
 @pytest.mark.parametrize("value", [5, None, [1]])
 def test_a_section_that_is_none_is_refused(name: str, value: object, tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name}: expected a mapping of parameters, got"):
+    with pytest.raises(ParameterError, match=rf"vehicles.yaml: {name}: got .*; expected a mapping of parameters"):
         crew(write(tmp_path, **{name: value}))
 
 

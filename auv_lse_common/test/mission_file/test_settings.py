@@ -5,7 +5,8 @@ import sys
 
 import pytest
 
-from auv_lse_common.mission_file.parameters import ParameterError, describe, parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parameters_for, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError, describe
 from auv_lse_common.mission_file.sections.places import places_of
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.mission_file.sections.sim import SimConfig
@@ -106,19 +107,19 @@ def test_parameters_of_a_vehicle_are_its_own(tmp_path):
     [
         ("/**: {ros__parameters: {missions: {seed: 1}}}", r"missions: unknown section; did you mean 'mission'"),
         ("/**: {ros__parameters: {sim: {dvl: {noise: 1.0}}}}", r"sim\.dvl\.noise: unknown parameter .*noise_mps"),
-        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"noise_mps: got -1\.0; expected float >= 0 m/s"),
+        ("/**: {ros__parameters: {sim: {dvl: {noise_mps: -1.0}}}}", r"got -1\.0; expected a number >= 0 m/s"),
         ("/**: {ros__parameters: {sim: {dvl: {dropout_min_s: 3.0}}}}", r"dropout_min_s 3 > dropout_max_s 2"),
-        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed: got 1\.5; expected int"),
-        ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal: got 1; expected bool"),
-        ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma: the same for the whole team"),
-        ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim: the same for the whole team"),
-        ("/auv1/gp_node: {ros__parameters: {gp: {noise_std_m: 0.1}}}", r"/auv1/gp_node: expected '/\*\*' \(all\)"),
+        ("/**: {ros__parameters: {mission: {seed: 1.5}}}", r"seed: got 1\.5; expected a whole number"),
+        ("/**: {ros__parameters: {sim: {ideal: 1}}}", r"ideal: got 1; expected true or false"),
+        ("/auv1/**: {ros__parameters: {tdma: {slot_s: 20.0}}}", r"/auv1/\*\*: tdma: is the same for the whole team"),
+        ("/auv1/**: {ros__parameters: {sim: {ideal: true}}}", r"sim: is the same for the whole team"),
+        ("/auv1/gp_node: {ros__parameters: {gp: {noise_std_m: 0.1}}}", r"/auv1/gp_node: expected '/\*\*' \(all ve"),
         ("/auv0/**: {ros__parameters: {vehicle: {depth_m: 1.0}}}", r"vehicle 0; expected 1 to 3"),
         ("/auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2: .*matches only a node.*expected '/auv2/\*\*'"),
         ("auv2: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"auv2: .*matches only a node.*expected '/auv2/\*\*'"),
-        ("/auv2/*: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2/\*: expected '/\*\*' \(all\)"),
-        ("/auv02/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv02/\*\*: expected '/\*\*' \(all\)"),
-        ("/auv*/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv\*/\*\*: expected '/\*\*' \(all\)"),
+        ("/auv2/*: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv2/\*: expected '/\*\*' \(all vehicles\)"),
+        ("/auv02/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv02/\*\*: expected '/\*\*' \(all vehicles\)"),
+        ("/auv*/**: {ros__parameters: {vehicle: {depth_m: 9.0}}}", r"/auv\*/\*\*: expected '/\*\*' \(all vehicles\)"),
         ("/auv2/**: {ros__parameters: {vehicle: {depht_m: 1.0}}}", r"auv2.*depht_m: unknown parameter .*depth_m"),
         ("", r"is empty; expected a ROS 2 parameter file"),
     ],
@@ -142,7 +143,7 @@ def test_an_override_of_one_vehicle_wins_over_every_pattern_of_the_file(tmp_path
 
 
 def test_overrides_are_checked_as_the_file_is(tmp_path):
-    with pytest.raises(ParameterError, match=r"/auv2/\*\*: tdma: the same for the whole team"):
+    with pytest.raises(ParameterError, match=r"/auv2/\*\*: tdma: is the same for the whole team"):
         Settings.load(None, {"auv2.tdma.slot_s": 20.0})
     with pytest.raises(ParameterError, match="vehicle 0; expected 1 to 3"):
         Settings.load(None, {"auv0.vehicle.depth_m": 2.0})

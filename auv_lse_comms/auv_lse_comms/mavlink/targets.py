@@ -26,9 +26,11 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import ParameterError, section
+from auv_lse_common.mission_file.parameters import is_given, section
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
+from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.safety.fence import Fence
 from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_comms.mavlink.messages.conversion import Target, mission_item, position_target, speed_command
@@ -84,21 +86,19 @@ def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
     """The limits of a vehicle's targets, by its parameters.
 
     Args:
-        parameters: Nested parameters; `area` and `vehicle` belong to other packages, which check the rest of them.
+        parameters: Nested parameters, of which `area`, `safety` and `vehicle` are read.
         where: Where they came from, for messages.
 
     Raises:
-        ParameterError: if they are no area and no depth.
+        ParameterError: if one of these sections cannot be used.
     """
     safety = section(SafetyConfig, parameters, "safety", where)
-    area, vehicle = (parameters.get(name) for name in ("area", "vehicle"))
-    polygon = area.get("polygon_m") if isinstance(area, Mapping) else None
-    depth_m = vehicle.get("depth_m", DEEPEST_TURN_M) if isinstance(vehicle, Mapping) else DEEPEST_TURN_M
-    try:
-        fence = None if polygon is None else Fence(polygon, safety.fence_margin_m)
-        return TargetLimits(fence=fence, deepest_m=safety.deepest_m(float(depth_m)))
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f"{where}: area.polygon_m, vehicle.depth_m: {error}") from error
+    area = section(AreaConfig, parameters, "area", where)
+    vehicle = section(VehicleConfig, parameters, "vehicle", where)
+    depth_m = vehicle.depth_m if is_given(parameters, "vehicle.depth_m") else DEEPEST_TURN_M
+    has_fence = is_given(parameters, "area.polygon_m")
+    fence = Fence(area.polygon_m, safety.fence_margin_m) if has_fence else None
+    return TargetLimits(fence=fence, deepest_m=safety.deepest_m(depth_m))
 
 
 class TargetSender:

@@ -666,7 +666,7 @@ def test_reached_ends_are_left_out_of_the_next_mission():
     ],
 )
 def test_a_mission_origin_that_is_no_place_is_named(area):
-    with pytest.raises(ParameterError, match=r"m.yaml: area: got origin_lat_deg, origin_lon_deg = .*; expected both"):
+    with pytest.raises(ParameterError, match=r"m.yaml: area.*: got .*; expected (both|a number|a mapping)"):
         origin_of({"area": area}, "m.yaml")
 
 
@@ -805,7 +805,7 @@ def test_a_target_too_deep_or_far_outside_never_reaches_the_autopilot(mode):
 
 
 def test_limits_that_are_none_are_named():
-    with pytest.raises(ParameterError, match=r"m.yaml: area.polygon_m, vehicle.depth_m: .*at least 3 corners"):
+    with pytest.raises(ParameterError, match=r"m.yaml: area.polygon_m: .*at least 3 corners"):
         target_limits({"area": {"polygon_m": [0.0, 1.0]}}, "m.yaml")
     assert target_limits({}, "m.yaml").deepest_m == 10.0
 

@@ -24,7 +24,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import ParameterError, read_parameter_file, read_yaml
+from auv_lse_common.mission_file.parameter_file import read_parameter_file, read_yaml
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Patterns, Settings
 
 #: Keys of a campaign file.

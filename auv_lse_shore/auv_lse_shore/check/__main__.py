@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.commands.vehicle import vehicle_number
-from auv_lse_common.mission_file.parameters import ParameterError, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_shore.check.findings import Findings
 from auv_lse_shore.check.geometry import check_geometry
 from auv_lse_shore.check.machine import check_machine

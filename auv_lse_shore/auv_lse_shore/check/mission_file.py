@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameters import ParameterError, check_sections, nest, problems, read_parameter_file
-from auv_lse_common.mission_file.settings import SECTION_CLASSES, Settings
+from auv_lse_common.mission_file.parameter_file import nest, read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError, problems
+from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.check.findings import Findings
 
 
@@ -19,8 +21,8 @@ def check_file(path: Path, findings: Findings) -> Settings | None:
     for pattern, values in patterns.items():
         for name, content in nest(values).items():
             where = f"{path}: {pattern}: {name}"
-            if name in SECTION_CLASSES:
-                for text in problems(SECTION_CLASSES[name], content, where):
+            if name in SECTIONS:
+                for text in problems(SECTIONS[name], content, where):
                     findings.error(text)
                 continue
             try:

@@ -10,7 +10,7 @@ import typing
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import describe
-from auv_lse_common.mission_file.settings import PER_VEHICLE, SECTION_CLASSES
+from auv_lse_common.mission_file.sections.table import SECTIONS, VEHICLE_SECTIONS
 
 _COLUMNS = 118
 
@@ -24,7 +24,7 @@ _HEAD = """\
 
 def schema() -> dict[str, Any]:
     """The JSON schema (draft 7) of a mission file."""
-    sections = {name: _of_class(cls) for name, cls in SECTION_CLASSES.items()}
+    sections = {name: _of_class(cls) for name, cls in SECTIONS.items()}
     shared = {"type": "object", "required": ["ros__parameters"], "additionalProperties": False}
 
     def body(names: typing.Iterable[str]) -> dict[str, Any]:
@@ -45,8 +45,8 @@ def schema() -> dict[str, Any]:
         "type": "object",
         "minProperties": 1,
         "patternProperties": {
-            r"^/?\*\*$": {"description": "for every node", **body(SECTION_CLASSES)},
-            r"^/?auv[1-9]\d*/\*\*$": {"description": "for one vehicle", **body(PER_VEHICLE)},
+            r"^/?\*\*$": {"description": "for every node", **body(SECTIONS)},
+            r"^/?auv[1-9]\d*/\*\*$": {"description": "for one vehicle", **body(VEHICLE_SECTIONS)},
         },
         "additionalProperties": False,
         "definitions": sections,
@@ -101,7 +101,7 @@ def template_text() -> str:
     Without the `#` in its first column, a line is what stands there as a default.
     """
     lines = [*_HEAD.splitlines(), "/**:", "  ros__parameters:"]
-    for name, cls in SECTION_CLASSES.items():
+    for name, cls in SECTIONS.items():
         about = (cls.__doc__ or "").strip().splitlines()[0]
         lines += ["", f"    # {about}", _at(2, f"{name}:", commented=name != "mission")]
         level: list[str] = []

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from auv_lse_common.mission_file.parameters import parameters_for
+from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.sections.places import PlacesConfig, places_of
 from auv_lse_common.mission_file.sections.planner import PlannerSettings

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.parameters import parameters_for
+from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.sounding import Soundings

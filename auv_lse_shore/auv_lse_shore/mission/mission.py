@@ -19,7 +19,8 @@ from rich.table import Table
 from rich.text import Text
 
 from auv_lse_common.mission_file.parameters import describe
-from auv_lse_common.mission_file.settings import SECTION_CLASSES, Settings
+from auv_lse_common.mission_file.sections.table import SECTIONS
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.domain import DomainError, local_environment, note_run, own_domain
 from auv_lse_common.process.processes import LaunchError, Process
 from auv_lse_common.support import compiled
@@ -183,7 +184,7 @@ def _concluded(
 
 def print_parameters(console: Console) -> None:
     """Every parameter of a mission file with default, unit, range and meaning."""
-    for name, cls in SECTION_CLASSES.items():
+    for name, cls in SECTIONS.items():
         table = Table(title=f"{name}: {(cls.__doc__ or '').strip().splitlines()[0]}", title_justify="left")
         for column in ("parameter", "default", "unit", "allowed", "meaning"):
             table.add_column(column, overflow="fold")

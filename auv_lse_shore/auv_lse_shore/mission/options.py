@@ -11,8 +11,9 @@ from typing import Any
 import yaml
 
 from auv_lse_common.mission_file.methods import METHODS
-from auv_lse_common.mission_file.parameters import ParameterError, check_sections, nest, problems
-from auv_lse_common.mission_file.settings import SECTION_CLASSES
+from auv_lse_common.mission_file.parameter_file import nest
+from auv_lse_common.mission_file.parameters import ParameterError, problems
+from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
 
 #: A parameter's name that begins so is one vehicle's: auv2.vehicle.depth_m.
 _VEHICLE = re.compile(r"auv\d+")
@@ -156,5 +157,5 @@ def _check(option: str, name: str, value: Any) -> None:
     nested = nest({rest if _VEHICLE.fullmatch(vehicle) else name: value})
     check_sections(nested, option)
     for section, values in nested.items():
-        for problem in problems(SECTION_CLASSES[section], values, f"{option}: {section}"):
+        for problem in problems(SECTIONS[section], values, f"{option}: {section}"):
             raise ParameterError(problem)

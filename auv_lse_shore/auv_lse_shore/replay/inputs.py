@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.parameters import parameters_for
+from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation, raw_place
 from auv_lse_common.vocabulary.frames import heading_from_quaternion
 from auv_lse_common.vocabulary.leg import Leg

@@ -50,7 +50,7 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"grids": {}}, r"grids: unknown key; expected one of name, mission, set"),
         ({"grid": {"planner.method": "plain"}}, r"grid: planner\.method: got 'plain'; expected a list"),
         ({"grid": {"planner.metod": ["plain"]}}, r"planner\.metod: unknown parameter .* did you mean 'method'"),
-        ({"grid": {"mission.steps": [0]}}, r"mission\.steps: got 0; expected int >= 1"),
+        ({"grid": {"mission.steps": [0]}}, r"mission\.steps: got 0; expected a whole number from 1"),
         ({"seeds": [1, 1]}, r"seeds: got \[1, 1\]; expected"),
         ({"seeds": 0}, "seeds: got 0"),
         ({"seeds": 99999999999}, "seeds: got 99999999999; expected at most 100000 seeds"),

@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 from auv_lse_common.mission_file.parameters import describe
-from auv_lse_common.mission_file.settings import SECTION_CLASSES, Settings
+from auv_lse_common.mission_file.sections.table import SECTIONS
+from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.packet.codec import room_for_samples
 from auv_lse_shore.check.__main__ import check, main
@@ -52,8 +53,8 @@ def test_every_wrong_key_is_named_not_only_the_first(tmp_path: Path) -> None:
     errors = found(path, "error")
     assert [error.removeprefix(f"{path}: ") for error in errors] == [
         "/**: gp.kernal: unknown parameter (value 'matern52'); did you mean 'kernel'?",
-        "/**: gp.noise_std_m: got -1.0; expected float > 0 m",
-        "/**: mission.steps: got 2.5; expected int >= 1 and <= 65535",
+        "/**: gp.noise_std_m: got -1.0; expected a number > 0 m",
+        "/**: mission.steps: got 2.5; expected a whole number from 1 to 65535",
         "/**: plannr: unknown section; did you mean 'planner'?",
         "/**: sim.channel.packet_los: unknown parameter (value 0.1); did you mean 'packet_loss'?",
         "/auv2/**: vehicle.depth: unknown parameter (value 4.0); did you mean 'depth_m'?",
@@ -161,7 +162,7 @@ def test_the_template_has_every_parameter_with_its_default(tmp_path: Path) -> No
     path = tmp_path / "whole.yaml"
     path.write_text("\n".join(whole))
     values = yaml.safe_load(path.read_text())["/**"]["ros__parameters"]
-    for name, cls in SECTION_CLASSES.items():
+    for name, cls in SECTIONS.items():
         for parameter, *_ in describe(cls, ""):
             part = values[name]
             for key in parameter.split("."):

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from auv_lse_common.mission_file.parameters import SECTIONS, describe
-from auv_lse_common.mission_file.settings import SECTION_CLASSES
+from auv_lse_common.mission_file.parameters import describe
+from auv_lse_common.mission_file.sections.table import SECTIONS
 from benchmarks import licences
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -196,7 +196,7 @@ def test_scripts_that_are_named_exist(page):
 @pages(LIVING)
 def test_parameters_that_are_named_exist(page):
     """`planner.horizon`, and what is given to --set and in param set."""
-    names = {row[0] for name, cls in SECTION_CLASSES.items() for row in describe(cls, f"{name}.")}
+    names = {row[0] for name, cls in SECTIONS.items() for row in describe(cls, f"{name}.")}
     groups = {".".join(name.split(".")[:depth]) for name in names for depth in range(1, name.count(".") + 1)}
     modules = {file.stem for file in sources()}
     text = page.read_text()

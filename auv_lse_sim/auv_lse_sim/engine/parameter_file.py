@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from auv_lse_common.mission_file.parameters import ParameterError, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import read_parameter_file
+from auv_lse_common.mission_file.parameters import ParameterError
 
 
 def parameter_file(arguments: Sequence[str]) -> Path:

@@ -328,5 +328,5 @@ def test_misuse_is_refused() -> None:
         from_mapping(ChannelConfig, {"blackouts": [1.0, 2.0, 3.0]}, "sim.channel")
     with pytest.raises(ParameterError, match=r"blackouts: \(1.5, 2.0, 3.0, 4.0\); expected two vehicle numbers"):
         from_mapping(ChannelConfig, {"blackouts": [1.5, 2, 3, 4]}, "sim.channel")
-    with pytest.raises(ParameterError, match=r"packet_loss: got 1.5; expected float >= 0 and <= 1"):
+    with pytest.raises(ParameterError, match=r"packet_loss: got 1.5; expected a number from 0 to 1"):
         from_mapping(ChannelConfig, {"packet_loss": 1.5}, "sim.channel")

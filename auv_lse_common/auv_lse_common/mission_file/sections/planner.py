@@ -11,7 +11,9 @@ from auv_lse_common.mission_file.parameters import ParameterError, parameter, se
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
+from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
+from auv_lse_common.mission_file.sections.sim import SimConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig, with_depth
 from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
 
@@ -140,13 +142,6 @@ class PlannerConfig:
         return replace(self, **values)
 
 
-def _knows_its_place(parameters: Mapping[str, Any]) -> bool:
-    """Whether the simulated vehicles know their places without any fix (`sim` belongs to another package)."""
-    sim = parameters.get("sim", {})
-    navigation = sim.get("navigation", {}) if isinstance(sim, Mapping) else {}
-    return isinstance(navigation, Mapping) and bool(sim.get("ideal") or navigation.get("ideal"))
-
-
 def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) -> None:
     """Refuses parameters that contradict each other, and paths of more places to the end than can be valued at once.
 
@@ -170,7 +165,7 @@ def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerSettings:
-    """All that a `VehiclePlanner` is made from."""
+    """The sections that a planner reads."""
 
     mission: MissionConfig = field(default_factory=MissionConfig)
     level_set: LevelSetConfig = field(default_factory=LevelSetConfig)
@@ -182,12 +177,12 @@ class PlannerSettings:
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, Any], where: str, vehicle: int | None = None) -> PlannerSettings:
-        """The settings in a nested parameter mapping; sections of other packages are left alone.
+        """The settings from a nested parameter mapping.
 
         Args:
             parameters: Nested mapping (section -> parameter -> value).
             where: Where it came from, for messages.
-            vehicle: Number of the vehicle, from 1: it takes its turn of `DEPTHS_M` if no depth is given.
+            vehicle: Number of the vehicle, from 1, for its default depth (`DEPTHS_M`); None: the section's default.
 
         Raises:
             ParameterError: naming the key, the value, what was expected and `where`.
@@ -197,8 +192,11 @@ class PlannerSettings:
         mission = section(MissionConfig, parameters, "mission", where)
         planner = section(PlannerConfig, parameters, "planner", where)
         check_planner(mission, planner, where)
-        own = section(VehicleConfig, parameters, "vehicle", where)
-        led = dict(parameters.get("link", {})).get("kind") == "mavlink"
+        vehicle_config = section(VehicleConfig, parameters, "vehicle", where)
+        sim = section(SimConfig, parameters, "sim", where)
+        has_autopilot = section(LinkConfig, parameters, "link", where).kind == "mavlink"
+        if has_autopilot or sim.ideal or sim.navigation.ideal:
+            vehicle_config = vehicle_config.without_surfacing()
         return cls(
             mission=mission,
             level_set=section(LevelSetConfig, parameters, "level_set", where),
@@ -206,5 +204,5 @@ class PlannerSettings:
             gp=section(GpConfig, parameters, "gp", where),
             motion=section(MotionConfig, parameters, "motion", where),
             planner=planner,
-            vehicle=own.without_surfacing() if led or _knows_its_place(parameters) else own,
+            vehicle=vehicle_config,
         )

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import ParameterError, merge, parameter
+from auv_lse_common.mission_file.parameter_file import merge
+from auv_lse_common.mission_file.parameters import ParameterError, parameter
 from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
 #: Surfacings for a fix in a mission at most, where `vehicle.surfacings` is left out.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.mission_file.parameters import section
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 
 
@@ -74,21 +74,13 @@ def origin_of(parameters: Mapping[str, Any], where: str) -> Origin | None:
     """The mission's origin, None if it has none.
 
     Args:
-        parameters: Nested parameters; `area` belongs to another package, which checks the rest of it.
+        parameters: Nested parameters, of which `area` is read.
         where: Where they came from, for messages.
 
     Raises:
-        ParameterError: if it is no place on Earth, or only half of it is given.
+        ParameterError: if the section `area` cannot be used.
     """
-    area = parameters.get("area", {})
-    names = ("origin_lat_deg", "origin_lon_deg")
-    place: list[Any] = [area.get(name) if isinstance(area, Mapping) else math.nan for name in names]
-    if place == [None, None]:
+    area = section(AreaConfig, parameters, "area", where)
+    if area.origin_lat_deg is None or area.origin_lon_deg is None:
         return None
-    for value, largest in zip(place, (90.0, 180.0), strict=True):
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= largest:
-            raise ParameterError(
-                f"{where}: area: got origin_lat_deg, origin_lon_deg = {place[0]!r}, {place[1]!r}; expected both, "
-                "-90 to 90 and -180 to 180 deg, or neither"
-            )
-    return Origin(lat_deg=float(place[0]), lon_deg=float(place[1]))
+    return Origin(lat_deg=area.origin_lat_deg, lon_deg=area.origin_lon_deg)

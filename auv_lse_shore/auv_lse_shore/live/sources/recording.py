@@ -14,7 +14,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import parse_parameters, read_parameter_file
+from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
 from auv_lse_record.recording import MISSION_FILE, RecordingError, read_messages
 
 _MAGIC = b"\x89MCAP0\r\n"

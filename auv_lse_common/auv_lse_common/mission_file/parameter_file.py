@@ -1,0 +1,131 @@
+"""Reads ROS 2 parameter files: strict YAML, node patterns, and the parameters that a node gets from them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.mission_file.parameters import ParameterError
+
+
+def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested mapping from ROS's dotted names: {"gp.kernel": 1} becomes {"gp": {"kernel": 1}}.
+
+    Raises:
+        ParameterError: if a name is both a section and a value.
+    """
+    nested: dict[str, Any] = {}
+    for name, value in flat.items():
+        *parents, leaf = str(name).split(".")
+        level = nested
+        for parent in parents:
+            level = level.setdefault(parent, {})
+            if not isinstance(level, dict):
+                raise ParameterError(f"{name}: got {value!r}; expected '{parent}' to be a section, but it has a value")
+        level[leaf] = value
+    return nested
+
+
+def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested mapping with the values of `over` on top of those of `base`."""
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        merged[key] = merge(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return merged
+
+
+def read_parameter_file(path: str | Path) -> dict[str, dict[str, Any]]:
+    """Reads a ROS 2 parameter file: {node pattern: nested parameters}, in the file's order.
+
+    Raises:
+        ParameterError: if the file is missing, empty, not YAML, or not shaped as a ROS 2 parameter file.
+    """
+    return parse_parameters(_read_text(Path(path)), str(path))
+
+
+def parse_parameters(text: str, where: str) -> dict[str, dict[str, Any]]:
+    """As `read_parameter_file`, from the file's text; `where` names it in messages."""
+    data = _parse_yaml(text, where)
+    shape = "a ROS 2 parameter file: '/**:' (or '/auv1/**:'), then 'ros__parameters:', then the parameters"
+    if not isinstance(data, Mapping) or not data:
+        raise ParameterError(f"{where}: is {'empty' if data is None else repr(data)[:60]}; expected {shape}")
+    patterns: dict[str, dict[str, Any]] = {}
+    for pattern, body in data.items():
+        if not isinstance(body, Mapping) or set(body) != {"ros__parameters"}:
+            raise ParameterError(f"{where}: under {pattern!r}: expected {shape}")
+        values = body["ros__parameters"]
+        if not isinstance(values, Mapping | None):
+            raise ParameterError(f"{where}: under {pattern!r}: ros__parameters: got {values!r}; expected parameters")
+        patterns[str(pattern)] = {str(name): value for name, value in (values or {}).items()}
+    return patterns
+
+
+def read_yaml(path: Path) -> Any:
+    """The content of a YAML file.
+
+    Raises:
+        ParameterError: if the file is missing, not UTF-8 text, or not YAML.
+    """
+    return _parse_yaml(_read_text(path), str(path))
+
+
+#: What the wildcards of a node pattern match.
+_WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
+
+
+def parameters_for(patterns: Mapping[str, Mapping[str, Any]], node: str) -> dict[str, Any]:
+    """The nested parameters of a node, later patterns over earlier ones.
+
+    Follows rcl, which matches full names: `/*` stands for one name, `/**` for any number of names.
+
+    Args:
+        patterns: As `read_parameter_file` returns them.
+        node: Full name, "/auv1/gp_node".
+    """
+    merged: dict[str, Any] = {}
+    for pattern, values in patterns.items():
+        parts = (_WILDCARDS.get(part, re.escape("/" + part)) for part in pattern.removeprefix("/").split("/"))
+        if re.fullmatch("".join(parts), node):
+            merged = merge(merged, nest(values))
+    return merged
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text()
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # UnicodeDecodeError
+        raise ParameterError(f"{path}: is not UTF-8 text: {error}") from error
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML comes without types
+    """Refuses duplicate keys: PyYAML keeps the last one, so a repeated section would lose its first half."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in seen:
+                what = f"the key {key.value!r} appears twice; expected each key once"
+                raise yaml.constructor.ConstructorError(problem=what, problem_mark=key.start_mark)
+            seen.add((key.tag, str(key.value)))
+        found: dict[Any, Any] = super().construct_mapping(node, deep)
+        return found
+
+
+def _parse_yaml(text: str, where: str) -> Any:
+    try:
+        return yaml.load(text, _UniqueKeyLoader)
+    except yaml.MarkedYAMLError as error:
+        at = error.problem_mark or error.context_mark
+        place = f"line {at.line + 1}, column {at.column + 1}: " if at else ""
+        raise ParameterError(f"{where}: not valid YAML: {place}{error.problem or error.context}") from error
+    except yaml.YAMLError as error:
+        raise ParameterError(f"{where}: not valid YAML: {error}") from error
+    except (RecursionError, ValueError) as error:  # endless nesting; an impossible date or number
+        raise ParameterError(f"{where}: not valid YAML: {str(error) or 'nested too deeply'}") from error
