@@ -15,17 +15,16 @@ carries it meanwhile.
 positive to starboard.) Steering knows only the estimated state; the equations move the true one.
 
 Once a fix has come under way the filter runs twice, by the same instruments: with the fixes, which is what the vehicle
-steers by, and without any (the raw place). Until then both are the same, and one is reckoned.
+steers by, and without any (the raw position). Until then both are the same, and only one is computed.
 
-Written for numba like `navigation.py`: scalars and flat arrays; all random numbers are drawn beforehand.
+Written for numba like `navigation.py`: scalars and the records of `records.py`; all random numbers are drawn
+beforehand.
 """
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from auv_lse_common.support.compiled import compiled
 from auv_lse_sim.vehicle.navigation import (
@@ -42,57 +41,7 @@ from auv_lse_sim.vehicle.navigation import (
     update_gps,
     wrap,
 )
-
-Array = NDArray[np.float64]
-
-# -- a leg as a flat array
-LEG_HEADING, LEG_NORTH, LEG_EAST, LEG_TURN, LEG_RADIUS, LEG_STRAIGHT = range(6)
-
-# -- the vehicle's true state and what it keeps, as a flat array
-(
-    T_NORTH,
-    T_EAST,
-    T_HEADING,
-    T_RATE,  # rad/s
-    T_SPEED,  # through the water, m/s
-    T_DEPTH,  # m
-    T_SURGE,  # over ground, body frame, m/s
-    T_SWAY,
-    ALONG,  # m along the leg
-    MODE,
-    WOBBLE,  # depth keeping error, m
-    DROPOUT,  # seconds left without pings
-    LOCK_LOSS,  # seconds left without bottom lock
-    COMPASS_AGE,  # seconds since the last compass reading
-    GPS_AGE,
-    B_GYRO,  # true biases
-    B_COMPASS,
-    B_SCALE,
-    SURFACE_AGE,  # seconds since the last surfacing ended
-    TRAVELLED,  # m over ground
-    UNDER_WAY,  # seconds since it set out, or since it stopped or went on
-    REFUSED,  # DVL pings that the filter refused in a row
-    REFUSED_RAW,  # the same of the filter without fixes
-    H_SIN,  # true harmonics of the compass
-    H_COS,
-    SURFACING,  # one of NOT_SURFACING, TO_SURFACE, TO_DEPTH
-    UP,  # seconds spent at the surface in this surfacing
-    DIVED,  # 1 once it has been below the depth of fixes under way: from then on a fix is one under way
-    PARTED,  # 1 once the raw place differs from the filter's
-    G_NORTH,  # error of the last GPS reading, m
-    G_EAST,
-    LAST_NORTH,  # that reading, m
-    LAST_EAST,
-    AT_NORTH,  # the filter's place when it had taken it, m
-    AT_EAST,
-    RAW_NORTH,  # the raw place then, m
-    RAW_EAST,
-    FIX_INFORMATION,  # of the mean of this surfacing's readings minus the raw place: inverse variance, 1/m^2 ...
-    FIX_NORTH,  # ... and weighted sums
-    FIX_EAST,
-    FIX_STEP,  # sub-step, from 1, in which a fix was complete; 0: in none
-) = range(41)
-MEMORY = 41
+from auv_lse_sim.vehicle.records import Array, Draws, Filter, Model
 
 # -- surfacing
 NOT_SURFACING, TO_SURFACE, TO_DEPTH = 0.0, 1.0, 2.0
@@ -107,137 +56,58 @@ PATIENCE = 8.0
 # -- modes
 WAITING, ON_RAILS, STEERED = 0.0, 1.0, 2.0
 
-# -- parameters as a flat array
-(
-    P_DT,
-    P_SPEED,  # true speed through the water when commanded
-    P_RATE_MAX,
-    P_YAW_TIME,
-    P_SPEED_TIME,
-    P_LOOKAHEAD,
-    P_GAIN,
-    P_IDEAL_MOTION,
-    P_IDEAL_NAVIGATION,
-    P_DEPTH,
-    P_CLIMB,
-    P_WOBBLE,
-    P_WOBBLE_TIME,
-    P_GYRO_NOISE,  # rad/sqrt(s)
-    P_GYRO_WALK,  # rad/s/sqrt(s)
-    P_COMPASS_NOISE,
-    P_COMPASS_WALK,
-    P_COMPASS_INTERVAL,
-    P_DVL_NOISE,
-    P_DVL_OUTLIER_SHARE,
-    P_DVL_OUTLIER,
-    P_DROPOUT_RATE,  # 1/s
-    P_DROPOUT_MIN,
-    P_DROPOUT_MAX,
-    P_LOSS_RATE,
-    P_LOSS_MIN,
-    P_LOSS_MAX,
-    P_GPS_NOISE,
-    P_GPS_INTERVAL,
-    P_GPS_DEPTH,
-    P_SURFACE_EVERY,
-    P_SURFACE_TIME,
-    P_GYRO_IDEAL,
-    P_COMPASS_IDEAL,
-    P_DVL_IDEAL,
-    P_GPS_IDEAL,
-    P_GPS_TIME,  # correlation time of its error
-) = range(37)
-PARAMETERS = 37
-
-# -- columns of the chance drawn for a sub-step
-NORMALS = 11
-(
-    N_GYRO,
-    N_COMPASS,
-    N_DVL_SURGE,
-    N_DVL_SWAY,
-    N_GPS_NORTH,
-    N_GPS_EAST,
-    N_WOBBLE,
-    N_GYRO_WALK,
-    N_COMPASS_WALK,
-    N_OUT_A,
-    N_OUT_B,
-) = range(NORMALS)
-UNIFORMS = 5
-U_DROPOUT, U_DROPOUT_LENGTH, U_LOSS, U_LOSS_LENGTH, U_OUTLIER = range(UNIFORMS)
-
-# -- columns of what a sub-step leaves
-OUT = 14
-(
-    O_NORTH,
-    O_EAST,
-    O_HEADING,
-    O_DEPTH,
-    O_EST_NORTH,
-    O_EST_EAST,
-    O_EST_HEADING,
-    O_EST_SPEED,
-    O_PING,  # 1 if the DVL is able to ping
-    O_TRAVELLED,
-    O_ALONG,
-    O_RAW_NORTH,
-    O_RAW_EAST,
-    O_RAW_HEADING,
-) = range(OUT)
-
 
 @compiled
-def on_leg(leg: Array, along: float) -> tuple[float, float, float, float]:
+def on_leg(leg: Any, along: float) -> tuple[float, float, float, float]:
     """Heading (rad), north, east (m) and curvature (1/m, clockwise) `along` metres along a leg; then straight on."""
-    size = abs(leg[LEG_TURN])
-    side = 1.0 if leg[LEG_TURN] >= 0.0 else -1.0
-    radius = leg[LEG_RADIUS]
+    size = abs(leg.turn)
+    side = 1.0 if leg.turn >= 0.0 else -1.0
+    radius = leg.radius
     arc = min(max(along, 0.0), radius * size)
     rest = along - arc
     angle = arc / radius
     ahead = radius * math.sin(angle) + rest * math.cos(angle)
     starboard = side * (radius * (1.0 - math.cos(angle)) + rest * math.sin(angle))
-    c, s = math.cos(leg[LEG_HEADING]), math.sin(leg[LEG_HEADING])
+    c, s = math.cos(leg.heading), math.sin(leg.heading)
     curvature = side / radius if 0.0 <= along < radius * size else 0.0
     return (
-        wrap(leg[LEG_HEADING] + side * angle),
-        leg[LEG_NORTH] + c * ahead - s * starboard,
-        leg[LEG_EAST] + s * ahead + c * starboard,
+        wrap(leg.heading + side * angle),
+        leg.north + c * ahead - s * starboard,
+        leg.east + s * ahead + c * starboard,
         curvature,
     )
 
 
 @compiled
-def leg_length(leg: Array) -> float:
+def leg_length(leg: Any) -> float:
     """Length (m) of a leg."""
-    length: float = abs(leg[LEG_TURN]) * leg[LEG_RADIUS] + leg[LEG_STRAIGHT]
+    length: float = abs(leg.turn) * leg.radius + leg.straight
     return length
 
 
 @compiled
-def _rails(m: Array, leg: Array, params: Array, current_north: float, current_east: float) -> None:
+def _follow_exactly(m: Any, leg: Any, params: Any, current_north: float, current_east: float) -> None:
     """One sub-step of an ideal vehicle: on the leg, the current compensated by crabbing."""
-    dt, speed = params[P_DT], params[P_SPEED]
-    path, _, _, _ = on_leg(leg, m[ALONG])
+    dt, speed = params.dt, params.speed
+    path, _, _, _ = on_leg(leg, m.along)
     with_it = current_north * math.cos(path) + current_east * math.sin(path)
     across = -current_north * math.sin(path) + current_east * math.cos(path)
     over_ground = with_it + math.sqrt(max(speed * speed - across * across, 0.0))
     over_ground = max(over_ground, 0.0)
-    before = m[T_HEADING]
-    m[ALONG] += over_ground * dt
-    heading, north, east, _ = on_leg(leg, m[ALONG])
-    m[T_NORTH], m[T_EAST], m[T_HEADING] = north, east, heading
-    m[T_RATE] = wrap(heading - before) / dt
-    m[T_SPEED], m[T_SURGE], m[T_SWAY] = speed, over_ground, 0.0
-    m[TRAVELLED] += over_ground * dt
+    before = m.heading
+    m.along += over_ground * dt
+    heading, north, east, _ = on_leg(leg, m.along)
+    m.north, m.east, m.heading = north, east, heading
+    m.yaw_rate = wrap(heading - before) / dt
+    m.speed, m.surge, m.sway = speed, over_ground, 0.0
+    m.travelled += over_ground * dt
 
 
 @compiled
-def _steer(m: Array, x: Array, leg: Array, params: Array, current_north: float, current_east: float) -> None:
+def _steer(m: Any, x: Array, leg: Any, params: Any, current_north: float, current_east: float) -> None:
     """One sub-step of a vehicle that is steered by its estimated state `x`."""
-    dt = params[P_DT]
-    path, north, east, curvature = on_leg(leg, m[ALONG])
+    dt = params.dt
+    path, north, east, curvature = on_leg(leg, m.along)
     c, s = math.cos(path), math.sin(path)
     dn, de = x[NORTH] - north, x[EAST] - east
     ahead, off = c * dn + s * de, -s * dn + c * de
@@ -245,50 +115,50 @@ def _steer(m: Array, x: Array, leg: Array, params: Array, current_north: float, 
     crab = math.atan2(x[SWAY], x[SURGE]) if x[SURGE] > 0.3 else 0.0
     course = x[HEADING] + crab
     along_rate = max(over_ground * math.cos(wrap(course - path)) + 0.5 * ahead, 0.0)
-    wanted = wrap(path - math.atan(off / params[P_LOOKAHEAD]) - crab - x[HEADING])
-    rate = curvature * along_rate + params[P_GAIN] * wanted
-    rate = min(max(rate, -params[P_RATE_MAX]), params[P_RATE_MAX])
-    if params[P_IDEAL_MOTION] > 0.0:
-        m[T_RATE], m[T_SPEED] = rate, params[P_SPEED]
+    wanted = wrap(path - math.atan(off / params.lookahead) - crab - x[HEADING])
+    rate = curvature * along_rate + params.gain * wanted
+    rate = min(max(rate, -params.yaw_rate_max), params.yaw_rate_max)
+    if params.ideal_motion > 0.0:
+        m.yaw_rate, m.speed = rate, params.speed
     else:
-        m[T_RATE] += (rate - m[T_RATE]) * (1.0 - math.exp(-dt / params[P_YAW_TIME]))
-        m[T_SPEED] += (params[P_SPEED] - m[T_SPEED]) * (1.0 - math.exp(-dt / params[P_SPEED_TIME]))
-    m[ALONG] += along_rate * dt
-    _float(m, current_north, current_east, dt)
+        m.yaw_rate += (rate - m.yaw_rate) * (1.0 - math.exp(-dt / params.yaw_time))
+        m.speed += (params.speed - m.speed) * (1.0 - math.exp(-dt / params.speed_time))
+    m.along += along_rate * dt
+    _drift(m, current_north, current_east, dt)
 
 
 @compiled
-def _float(m: Array, current_north: float, current_east: float, dt: float) -> None:
+def _drift(m: Any, current_north: float, current_east: float, dt: float) -> None:
     """Moves the true vehicle by its speed through the water, its yaw rate and the current."""
-    middle = m[T_HEADING] + 0.5 * m[T_RATE] * dt
-    vn = m[T_SPEED] * math.cos(middle) + current_north
-    ve = m[T_SPEED] * math.sin(middle) + current_east
-    m[T_NORTH] += vn * dt
-    m[T_EAST] += ve * dt
-    m[T_HEADING] = wrap(m[T_HEADING] + m[T_RATE] * dt)
-    c, s = math.cos(m[T_HEADING]), math.sin(m[T_HEADING])
-    m[T_SURGE] = m[T_SPEED] + c * current_north + s * current_east
-    m[T_SWAY] = -s * current_north + c * current_east
-    m[TRAVELLED] += math.hypot(vn, ve) * dt
+    middle = m.heading + 0.5 * m.yaw_rate * dt
+    vn = m.speed * math.cos(middle) + current_north
+    ve = m.speed * math.sin(middle) + current_east
+    m.north += vn * dt
+    m.east += ve * dt
+    m.heading = wrap(m.heading + m.yaw_rate * dt)
+    c, s = math.cos(m.heading), math.sin(m.heading)
+    m.surge = m.speed + c * current_north + s * current_east
+    m.sway = -s * current_north + c * current_east
+    m.travelled += math.hypot(vn, ve) * dt
 
 
 @compiled
-def _hold(m: Array, params: Array, current_north: float, current_east: float) -> None:
+def _hold(m: Any, params: Any, current_north: float, current_east: float) -> None:
     """One sub-step of a vehicle that has stopped; one on rails stays where it is."""
-    if m[MODE] == ON_RAILS:
-        m[T_RATE], m[T_SPEED], m[T_SURGE], m[T_SWAY] = 0.0, 0.0, 0.0, 0.0
+    if m.mode == ON_RAILS:
+        m.yaw_rate, m.speed, m.surge, m.sway = 0.0, 0.0, 0.0, 0.0
         return
-    dt = params[P_DT]
-    if params[P_IDEAL_MOTION] > 0.0:
-        m[T_RATE], m[T_SPEED] = 0.0, 0.0
+    dt = params.dt
+    if params.ideal_motion > 0.0:
+        m.yaw_rate, m.speed = 0.0, 0.0
     else:
-        m[T_RATE] *= math.exp(-dt / params[P_YAW_TIME])
-        m[T_SPEED] *= math.exp(-dt / params[P_SPEED_TIME])
-    _float(m, current_north, current_east, dt)
+        m.yaw_rate *= math.exp(-dt / params.yaw_time)
+        m.speed *= math.exp(-dt / params.speed_time)
+    _drift(m, current_north, current_east, dt)
 
 
 @compiled
-def _surface(m: Array, keel: float, params: Array) -> float:
+def _wanted_depth(m: Any, keel: float, params: Any) -> float:
     """The depth (m) wanted by a vehicle under way: its own, or none while it surfaces.
 
     Args:
@@ -296,239 +166,234 @@ def _surface(m: Array, keel: float, params: Array) -> float:
         keel: Its depth without the error of depth keeping (m).
         params: Parameters.
     """
-    dt = params[P_DT]
-    if m[SURFACING] == NOT_SURFACING and params[P_SURFACE_EVERY] > 0.0:
-        m[SURFACE_AGE] += dt
-        if m[SURFACE_AGE] >= params[P_SURFACE_EVERY]:
-            m[SURFACING] = TO_SURFACE
-            m[UNDER_WAY] = 0.0
-    if m[SURFACING] == TO_SURFACE:
-        if m[T_DEPTH] <= params[P_GPS_DEPTH]:
-            m[UP] += dt
-        if m[UP] >= params[P_SURFACE_TIME] - 1e-9:
-            m[SURFACING] = TO_DEPTH
-    if m[SURFACING] == TO_DEPTH and keel >= params[P_DEPTH]:
-        m[SURFACING], m[SURFACE_AGE], m[UP], m[UNDER_WAY] = NOT_SURFACING, 0.0, 0.0, 0.0
-    return 0.0 if m[SURFACING] == TO_SURFACE else params[P_DEPTH]
+    dt = params.dt
+    if m.surfacing == NOT_SURFACING and params.surface_every > 0.0:
+        m.surface_age += dt
+        if m.surface_age >= params.surface_every:
+            m.surfacing = TO_SURFACE
+            m.under_way = 0.0
+    if m.surfacing == TO_SURFACE:
+        if m.depth <= params.gps_depth:
+            m.time_up += dt
+        if m.time_up >= params.surface_time - 1e-9:
+            m.surfacing = TO_DEPTH
+    if m.surfacing == TO_DEPTH and keel >= params.depth:
+        m.surfacing, m.surface_age, m.time_up, m.under_way = NOT_SURFACING, 0.0, 0.0, 0.0
+    return 0.0 if m.surfacing == TO_SURFACE else params.depth
 
 
 @compiled
-def _keep_depth(m: Array, params: Array, normal: float) -> None:
+def _keep_depth(m: Any, params: Any, normal: float) -> None:
     """One sub-step of depth keeping: the vehicle dives when it moves, and surfaces when it is due."""
-    dt = params[P_DT]
-    keel = m[T_DEPTH] - (m[WOBBLE] if m[T_DEPTH] > 0.0 else 0.0)
-    wanted = _surface(m, keel, params) if m[MODE] != WAITING else 0.0
-    decay = math.exp(-dt / params[P_WOBBLE_TIME])
-    m[WOBBLE] = decay * m[WOBBLE] + math.sqrt(1.0 - decay * decay) * params[P_WOBBLE] * normal
-    step = params[P_CLIMB] * dt
-    at_once = params[P_IDEAL_MOTION] > 0.0 and m[SURFACING] == NOT_SURFACING
+    dt = params.dt
+    keel = m.depth - (m.wobble if m.depth > 0.0 else 0.0)
+    wanted = _wanted_depth(m, keel, params) if m.mode != WAITING else 0.0
+    decay = math.exp(-dt / params.wobble_time)
+    m.wobble = decay * m.wobble + math.sqrt(1.0 - decay * decay) * params.wobble * normal
+    step = params.climb_rate * dt
+    at_once = params.ideal_motion > 0.0 and m.surfacing == NOT_SURFACING
     keel = wanted if at_once else keel + min(max(wanted - keel, -step), step)
-    m[T_DEPTH] = max(keel + m[WOBBLE], 0.0) if keel > 0.0 else 0.0
+    m.depth = max(keel + m.wobble, 0.0) if keel > 0.0 else 0.0
 
 
 @compiled
-def _velocity(x: Array, p: Array, surge: float, sway: float, variance: float, refused: float) -> float:
-    """The filter takes a DVL velocity. Returns how many it has refused in a row, `refused` before this one."""
+def _take_velocity(filter: Filter, surge: float, sway: float, variance: float, refused: float) -> float:
+    """Updates a filter with a DVL velocity (m/s). Returns how many it has refused in a row, `refused` before this."""
     gate = GATE
     if refused >= PATIENCE:
         # Outliers do not come in rows: the velocity has changed as the filter did not expect.
         gate = 1e9
-        p[SURGE, SURGE] += 1.0
-        p[SWAY, SWAY] += 1.0
-    return 0.0 if update_dvl(x, p, surge, sway, variance, gate) == 2 else refused + 1.0
+        filter.p[SURGE, SURGE] += 1.0
+        filter.p[SWAY, SWAY] += 1.0
+    return 0.0 if update_dvl(filter.x, filter.p, surge, sway, variance, gate) == 2 else refused + 1.0
 
 
 @compiled
-def _fix(m: Array, x: Array, p: Array, xr: Array, pr: Array, params: Array, normals: Array) -> None:
-    """The filter takes a GPS reading.
+def _take_fix(model: Model, normals: Any) -> None:
+    """Updates the filter with a GPS reading.
 
-    Its error is a first-order Gauss-Markov process: e = f e_before + white, f = exp(-age / time). So it is whitened:
-    (z - f (z_before + way since then)) / (1 - f) measures the place with variance noise^2 (1 + f) / (1 - f), and errors
-    of these are independent.
+    Its error is a first-order Gauss-Markov process: e = f e_before + white, f = exp(-age / time). Whitened,
+    (z - f (z_before + distance since then)) / (1 - f) measures the position with variance noise^2 (1 + f) / (1 - f),
+    and the errors of these measurements are independent.
     """
-    ideal = params[P_GPS_IDEAL] > 0.0
-    f = 0.0 if ideal or params[P_GPS_TIME] == 0.0 else math.exp(-m[GPS_AGE] / params[P_GPS_TIME])
-    noise = 0.0 if ideal else params[P_GPS_NOISE]
+    m, x, xr, params = model.state, model.estimate.x, model.raw.x, model.params
+    ideal = params.gps_ideal > 0.0
+    f = 0.0 if ideal or params.gps_time == 0.0 else math.exp(-m.gps_age / params.gps_time)
+    noise = 0.0 if ideal else params.gps_noise
     white = noise * math.sqrt(1.0 - f * f)
-    m[G_NORTH] = f * m[G_NORTH] + white * normals[N_GPS_NORTH]
-    m[G_EAST] = f * m[G_EAST] + white * normals[N_GPS_EAST]
-    north, east = m[T_NORTH] + m[G_NORTH], m[T_EAST] + m[G_EAST]
+    m.gps_error_north = f * m.gps_error_north + white * normals.gps_north
+    m.gps_error_east = f * m.gps_error_east + white * normals.gps_east
+    north, east = m.north + m.gps_error_north, m.east + m.gps_error_east
     variance = (1e-4 if ideal else noise * noise) * (1.0 + f) / (1.0 - f)
-    if m[DIVED] > 0.0:
-        if m[PARTED] == 0.0:
-            m[PARTED] = 1.0
+    if m.dived > 0.0:
+        if m.raw_differs == 0.0:
+            m.raw_differs = 1.0
             xr[:] = x
-            pr[:] = p
-        first = m[FIX_INFORMATION] == 0.0
+            model.raw.p[:] = model.estimate.p
+        first = m.fix_information == 0.0
         g = 0.0 if first else f
         weight = 1.0 / (1e-4 if ideal else noise * noise) if first else 1.0 / variance
-        off_north = (north - xr[NORTH] - g * (m[LAST_NORTH] - m[RAW_NORTH])) / (1.0 - g)
-        off_east = (east - xr[EAST] - g * (m[LAST_EAST] - m[RAW_EAST])) / (1.0 - g)
-        m[FIX_INFORMATION] += weight
-        m[FIX_NORTH] += weight * off_north
-        m[FIX_EAST] += weight * off_east
-        m[RAW_NORTH], m[RAW_EAST] = xr[NORTH], xr[EAST]
-    white_north = (north - f * (m[LAST_NORTH] + x[NORTH] - m[AT_NORTH])) / (1.0 - f)
-    white_east = (east - f * (m[LAST_EAST] + x[EAST] - m[AT_EAST])) / (1.0 - f)
-    update_gps(x, p, white_north, white_east, variance)
-    m[LAST_NORTH], m[LAST_EAST], m[AT_NORTH], m[AT_EAST] = north, east, x[NORTH], x[EAST]
-    m[GPS_AGE] = 0.0
+        off_north = (north - xr[NORTH] - g * (m.gps_north - m.raw_north_at_gps)) / (1.0 - g)
+        off_east = (east - xr[EAST] - g * (m.gps_east - m.raw_east_at_gps)) / (1.0 - g)
+        m.fix_information += weight
+        m.fix_north += weight * off_north
+        m.fix_east += weight * off_east
+        m.raw_north_at_gps, m.raw_east_at_gps = xr[NORTH], xr[EAST]
+    white_north = (north - f * (m.gps_north + x[NORTH] - m.north_at_gps)) / (1.0 - f)
+    white_east = (east - f * (m.gps_east + x[EAST] - m.east_at_gps)) / (1.0 - f)
+    update_gps(x, model.estimate.p, white_north, white_east, variance)
+    m.gps_north, m.gps_east, m.north_at_gps, m.east_at_gps = north, east, x[NORTH], x[EAST]
+    m.gps_age = 0.0
 
 
 @compiled
-def _navigate(
-    m: Array,
-    x: Array,
-    p: Array,
-    xr: Array,
-    pr: Array,
-    params: Array,
-    q: Array,
-    normals: Array,
-    uniforms: Array,
-    ping: bool,
-) -> bool:
-    """One sub-step of the instruments and the filter. Returns whether the DVL pings."""
-    dt = params[P_DT]
-    parted = m[PARTED] > 0.0
-    gyro = m[T_RATE]
-    if params[P_GYRO_IDEAL] == 0.0:
-        m[B_GYRO] += params[P_GYRO_WALK] * math.sqrt(dt) * normals[N_GYRO_WALK]
-        gyro += m[B_GYRO] + params[P_GYRO_NOISE] / math.sqrt(dt) * normals[N_GYRO]
-    predict(x, p, gyro, dt, q)
-    if parted:
-        predict(xr, pr, gyro, dt, q)
-    if m[MODE] != WAITING:
-        m[UNDER_WAY] += dt
-        if m[UNDER_WAY] < SETTING_OUT * params[P_SPEED_TIME]:
-            p[SURGE, SURGE] += SETTING_OUT_RATE * dt
-            p[SWAY, SWAY] += SETTING_OUT_RATE * dt
-            pr[SURGE, SURGE] += SETTING_OUT_RATE * dt
-            pr[SWAY, SWAY] += SETTING_OUT_RATE * dt
-    m[COMPASS_AGE] += dt
-    if params[P_COMPASS_IDEAL] == 0.0:
-        m[B_COMPASS] += params[P_COMPASS_WALK] * math.sqrt(dt) * normals[N_COMPASS_WALK]
-    if m[COMPASS_AGE] >= params[P_COMPASS_INTERVAL] - 1e-9:
-        m[COMPASS_AGE] = 0.0
-        noise = params[P_COMPASS_NOISE]
-        reading = m[T_HEADING]
-        if params[P_COMPASS_IDEAL] == 0.0:
-            reading += m[B_COMPASS] + noise * normals[N_COMPASS]
-            reading += m[H_SIN] * math.sin(m[T_HEADING]) + m[H_COS] * math.cos(m[T_HEADING])
-        # An ideal compass is trusted to 0.01 deg, an ideal DVL to 0.1 mm/s, ideal GPS to 1 cm.
-        variance = noise * noise if params[P_COMPASS_IDEAL] == 0.0 else 3e-8
-        update_compass(x, p, reading, variance, GATE)
-        if parted:
-            update_compass(xr, pr, reading, variance, GATE)
-    if params[P_DVL_IDEAL] > 0.0:
-        ping = True
-        update_dvl(x, p, m[T_SURGE], m[T_SWAY], 1e-8, 1e9)
-        if parted:
-            update_dvl(xr, pr, m[T_SURGE], m[T_SWAY], 1e-8, 1e9)
-    elif ping:
-        noise = params[P_DVL_NOISE]
-        surge = (1.0 + m[B_SCALE]) * m[T_SURGE] + noise * normals[N_DVL_SURGE]
-        sway = (1.0 + m[B_SCALE]) * m[T_SWAY] + noise * normals[N_DVL_SWAY]
-        if uniforms[U_OUTLIER] < params[P_DVL_OUTLIER_SHARE]:
-            surge += params[P_DVL_OUTLIER] * normals[N_OUT_A]
-            sway += params[P_DVL_OUTLIER] * normals[N_OUT_B]
-        m[REFUSED] = _velocity(x, p, surge, sway, noise * noise, m[REFUSED])
-        if parted:
-            m[REFUSED_RAW] = _velocity(xr, pr, surge, sway, noise * noise, m[REFUSED_RAW])
-    m[GPS_AGE] += dt
-    if m[MODE] != WAITING and m[T_DEPTH] > params[P_GPS_DEPTH]:
-        m[DIVED] = 1.0
-    if m[T_DEPTH] <= params[P_GPS_DEPTH] and m[GPS_AGE] >= params[P_GPS_INTERVAL] - 1e-9:
-        _fix(m, x, p, xr, pr, params, normals)
+def _predict(model: Model, normals: Any) -> None:
+    """One sub-step of the gyro and of both filters' prediction."""
+    m, params, dt = model.state, model.params, model.params.dt
+    gyro = m.yaw_rate
+    if params.gyro_ideal == 0.0:
+        m.gyro_bias += params.gyro_walk * math.sqrt(dt) * normals.gyro_walk
+        gyro += m.gyro_bias + params.gyro_noise / math.sqrt(dt) * normals.gyro
+    predict(model.estimate.x, model.estimate.p, gyro, dt, model.noise)
+    if m.raw_differs > 0.0:
+        predict(model.raw.x, model.raw.p, gyro, dt, model.noise)
+    if m.mode != WAITING:
+        m.under_way += dt
+        if m.under_way < SETTING_OUT * params.speed_time:
+            for p in (model.estimate.p, model.raw.p):
+                p[SURGE, SURGE] += SETTING_OUT_RATE * dt
+                p[SWAY, SWAY] += SETTING_OUT_RATE * dt
+
+
+@compiled
+def _read_compass(model: Model, normals: Any) -> None:
+    """One sub-step of the compass."""
+    m, params, dt = model.state, model.params, model.params.dt
+    m.compass_age += dt
+    if params.compass_ideal == 0.0:
+        m.compass_bias += params.compass_walk * math.sqrt(dt) * normals.compass_walk
+    if m.compass_age < params.compass_interval - 1e-9:
+        return
+    m.compass_age = 0.0
+    noise = params.compass_noise
+    reading = m.heading
+    if params.compass_ideal == 0.0:
+        reading += m.compass_bias + noise * normals.compass
+        reading += m.compass_sin * math.sin(m.heading) + m.compass_cos * math.cos(m.heading)
+    # An ideal compass is trusted to 0.01 deg, an ideal DVL to 0.1 mm/s, ideal GPS to 1 cm.
+    variance = noise * noise if params.compass_ideal == 0.0 else 3e-8
+    update_compass(model.estimate.x, model.estimate.p, reading, variance, GATE)
+    if m.raw_differs > 0.0:
+        update_compass(model.raw.x, model.raw.p, reading, variance, GATE)
+
+
+@compiled
+def _read_dvl(model: Model, normals: Any, uniforms: Any) -> None:
+    """One ping of the DVL."""
+    m, params = model.state, model.params
+    raw_differs = m.raw_differs > 0.0
+    if params.dvl_ideal > 0.0:
+        update_dvl(model.estimate.x, model.estimate.p, m.surge, m.sway, 1e-8, 1e9)
+        if raw_differs:
+            update_dvl(model.raw.x, model.raw.p, m.surge, m.sway, 1e-8, 1e9)
+        return
+    noise = params.dvl_noise
+    surge = (1.0 + m.dvl_scale) * m.surge + noise * normals.dvl_surge
+    sway = (1.0 + m.dvl_scale) * m.sway + noise * normals.dvl_sway
+    if uniforms.outlier < params.dvl_outlier_share:
+        surge += params.dvl_outlier * normals.outlier_surge
+        sway += params.dvl_outlier * normals.outlier_sway
+    m.refused = _take_velocity(model.estimate, surge, sway, noise * noise, m.refused)
+    if raw_differs:
+        m.refused_raw = _take_velocity(model.raw, surge, sway, noise * noise, m.refused_raw)
+
+
+@compiled
+def _navigate(model: Model, normals: Any, uniforms: Any, ping: bool) -> bool:
+    """One sub-step of the instruments and the filters. Returns whether the DVL pings."""
+    m, params = model.state, model.params
+    ping = ping or params.dvl_ideal > 0.0
+    _predict(model, normals)
+    _read_compass(model, normals)
+    if ping:
+        _read_dvl(model, normals, uniforms)
+    m.gps_age += params.dt
+    if m.mode != WAITING and m.depth > params.gps_depth:
+        m.dived = 1.0
+    if m.depth <= params.gps_depth and m.gps_age >= params.gps_interval - 1e-9:
+        _take_fix(model, normals)
     return ping
 
 
 @compiled
-def _pings(m: Array, params: Array, uniforms: Array) -> bool:
-    """One sub-step of the DVL's gaps: whether it pings."""
-    if params[P_DVL_IDEAL] > 0.0:
+def _can_ping(m: Any, params: Any, uniforms: Any) -> bool:
+    """One sub-step of the DVL's dropouts and lock losses: whether it can ping."""
+    if params.dvl_ideal > 0.0:
         return True
-    dt = params[P_DT]
-    m[DROPOUT] -= dt
-    m[LOCK_LOSS] -= dt
-    if m[DROPOUT] <= 0.0 and uniforms[U_DROPOUT] < params[P_DROPOUT_RATE] * dt:
-        m[DROPOUT] = params[P_DROPOUT_MIN] + uniforms[U_DROPOUT_LENGTH] * (
-            params[P_DROPOUT_MAX] - params[P_DROPOUT_MIN]
-        )
-    if m[LOCK_LOSS] <= 0.0 and uniforms[U_LOSS] < params[P_LOSS_RATE] * dt:
-        m[LOCK_LOSS] = params[P_LOSS_MIN] + uniforms[U_LOSS_LENGTH] * (params[P_LOSS_MAX] - params[P_LOSS_MIN])
-    able: bool = m[DROPOUT] <= 0.0 and m[LOCK_LOSS] <= 0.0
+    dt = params.dt
+    m.dropout -= dt
+    m.lock_loss -= dt
+    if m.dropout <= 0.0 and uniforms.dropout < params.dropout_rate * dt:
+        m.dropout = params.dropout_min + uniforms.dropout_length * (params.dropout_max - params.dropout_min)
+    if m.lock_loss <= 0.0 and uniforms.lock_loss < params.lock_loss_rate * dt:
+        m.lock_loss = params.lock_loss_min + uniforms.lock_loss_length * (params.lock_loss_max - params.lock_loss_min)
+    able: bool = m.dropout <= 0.0 and m.lock_loss <= 0.0
     return able
 
 
 @compiled
+def _write(model: Model, ping: bool, row: Any) -> None:
+    """Writes what a sub-step leaves to a record `RESULT`."""
+    m, x = model.state, model.estimate.x
+    raw = model.raw.x if m.raw_differs > 0.0 else x
+    row.north, row.east, row.heading, row.depth = m.north, m.east, m.heading, m.depth
+    row.est_north, row.est_east, row.est_heading = x[NORTH], x[EAST], x[HEADING]
+    row.est_speed = math.hypot(x[SURGE], x[SWAY]) / (1.0 + x[DVL_SCALE])
+    row.ping = 1.0 if ping else 0.0
+    row.travelled, row.along = m.travelled, m.along
+    row.raw_north, row.raw_east, row.raw_heading = raw[NORTH], raw[EAST], raw[HEADING]
+
+
+@compiled
 def advance(
-    m: Array,
-    x: Array,
-    p: Array,
-    xr: Array,
-    pr: Array,
-    leg: Array,
-    params: Array,
-    q: Array,
-    normals: Array,
-    uniforms: Array,
-    currents: Array,
-    in_reach: bool,
-    limit: float,
-    out: Array,
-    first: int,
-    last: int,
+    model: Model, leg: Any, draws: Draws, in_reach: bool, limit: float, out: Any, first: int, last: int
 ) -> int:
     """Sub-steps `first` to `last` of a tick, or until the leg is done.
 
     Args:
-        m: The vehicle's memory (MEMORY,), changed in place.
-        x: Filter state (10,), changed in place.
-        p: Filter covariance (10, 10), changed in place.
-        xr: State (10,) of the filter that takes no fix under way, changed in place; used once the two differ.
-        pr: Its covariance (10, 10), likewise.
-        leg: Its present leg (6,); not used while waiting.
-        params: Parameters (PARAMETERS,).
-        q: The filter's process noise (5,).
-        normals: Standard normals (n, NORMALS).
-        uniforms: Uniforms in [0, 1) (n, UNIFORMS).
-        currents: Current north, east (n, 2), m/s.
+        model: The vehicle's state, filters and parameters; state and filters are changed in place.
+        leg: Its present leg, a record `LEG`; not used while waiting.
+        draws: Random numbers and currents of the tick's sub-steps.
         in_reach: Whether the bottom is within the DVL's reach.
         limit: Metres along the leg at which to stop.
-        out: Results of each sub-step (n, OUT), changed in place.
+        out: Records `RESULT` (n,), one of each sub-step, changed in place.
         first: First sub-step.
         last: One after the last.
 
     Returns:
         Number of the next sub-step.
     """
+    m, x, params = model.state, model.estimate.x, model.params
     for i in range(first, last):
-        if m[SURFACING] != NOT_SURFACING:
-            _hold(m, params, currents[i, 0], currents[i, 1])
-        elif m[MODE] == ON_RAILS:
-            _rails(m, leg, params, currents[i, 0], currents[i, 1])
-        elif m[MODE] == STEERED:
-            _steer(m, x, leg, params, currents[i, 0], currents[i, 1])
+        current_north, current_east = draws.currents[i, 0], draws.currents[i, 1]
+        if m.surfacing != NOT_SURFACING:
+            _hold(m, params, current_north, current_east)
+        elif m.mode == ON_RAILS:
+            _follow_exactly(m, leg, params, current_north, current_east)
+        elif m.mode == STEERED:
+            _steer(m, x, leg, params, current_north, current_east)
         else:  # held at the surface until it sets out
-            m[T_RATE], m[T_SPEED], m[T_SURGE], m[T_SWAY] = 0.0, 0.0, 0.0, 0.0
-        _keep_depth(m, params, normals[i, N_WOBBLE])
-        ping = _pings(m, params, uniforms[i]) and in_reach
-        if params[P_IDEAL_NAVIGATION] > 0.0:
-            x[NORTH], x[EAST], x[HEADING] = m[T_NORTH], m[T_EAST], m[T_HEADING]
-            x[SURGE], x[SWAY] = m[T_SURGE], m[T_SWAY]
+            m.yaw_rate, m.speed, m.surge, m.sway = 0.0, 0.0, 0.0, 0.0
+        _keep_depth(m, params, draws.normals[i].wobble)
+        ping = _can_ping(m, params, draws.uniforms[i]) and in_reach
+        if params.ideal_navigation > 0.0:
+            x[NORTH], x[EAST], x[HEADING] = m.north, m.east, m.heading
+            x[SURGE], x[SWAY] = m.surge, m.sway
         else:
-            ping = _navigate(m, x, p, xr, pr, params, q, normals[i], uniforms[i], ping)
-            if m[FIX_INFORMATION] > 0.0 and m[FIX_STEP] == 0.0 and m[T_DEPTH] > params[P_GPS_DEPTH]:
-                m[FIX_STEP] = i + 1.0
-        row = out[i]
-        row[O_NORTH], row[O_EAST], row[O_HEADING], row[O_DEPTH] = m[T_NORTH], m[T_EAST], m[T_HEADING], m[T_DEPTH]
-        row[O_EST_NORTH], row[O_EST_EAST], row[O_EST_HEADING] = x[NORTH], x[EAST], x[HEADING]
-        row[O_EST_SPEED] = math.hypot(x[SURGE], x[SWAY]) / (1.0 + x[DVL_SCALE])
-        row[O_PING] = 1.0 if ping else 0.0
-        row[O_TRAVELLED], row[O_ALONG] = m[TRAVELLED], m[ALONG]
-        raw = xr if m[PARTED] > 0.0 else x
-        row[O_RAW_NORTH], row[O_RAW_EAST], row[O_RAW_HEADING] = raw[NORTH], raw[EAST], raw[HEADING]
-        if m[MODE] != WAITING and m[ALONG] >= limit - 1e-9:
+            ping = _navigate(model, draws.normals[i], draws.uniforms[i], ping)
+            if m.fix_information > 0.0 and m.fix_step == 0.0 and m.depth > params.gps_depth:
+                m.fix_step = i + 1.0
+        _write(model, ping, out[i])
+        if m.mode != WAITING and m.along >= limit - 1e-9:
             return i + 1
     return last

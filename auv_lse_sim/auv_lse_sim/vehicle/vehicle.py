@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,21 +17,18 @@ from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Action, Stop
 from auv_lse_sim.vehicle import motion_model as mm
 from auv_lse_sim.vehicle.echo_sounder import EchoSounder
-from auv_lse_sim.vehicle.motion_parameters import DEG, motion_parameters, process_noise
+from auv_lse_sim.vehicle.motion_parameters import DEG, initial_model, speed_share
 from auv_lse_sim.vehicle.navigation import (
-    COMPASS_BIAS,
-    COMPASS_COS,
     COMPASS_SIN,
     DVL_SCALE,
     EAST,
-    GYRO_BIAS,
     HEADING,
     NORTH,
-    STATES,
     SURGE,
     SWAY,
     wrap,
 )
+from auv_lse_sim.vehicle.records import LEG, NORMALS, RESULT, UNIFORMS, Draws, as_records, new_record
 from auv_lse_sim.vehicle.target_leg import leg_to
 from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
 
@@ -65,7 +63,7 @@ class _Order:
 class _Way:
     """Where a vehicle was on its way when it was told to stop, and what it is told meanwhile."""
 
-    leg: Array
+    leg: Any
     step: int
     along_m: float
     loitering: bool
@@ -107,54 +105,12 @@ class SimVehicle:
         self._rng = rng
         more = rng.spawn(1)[0]  # its draws leave those of `rng` as they are
         self._clearance_m = clearance_m
-        draws = rng.standard_normal(8)  # the same count whatever is ideal, so that other draws stay the same
-        ideal = sim.ideal
-        spread = 0.0 if sim.dynamics.ideal or ideal else sim.dynamics.speed_spread
-        self._speed_share = max(1.0 + spread * float(draws[0]), 0.2)
-        self._params = motion_parameters(config, sim, config.speed_mps * self._speed_share)
-        self._rails = bool(self._params[mm.P_IDEAL_MOTION] and self._params[mm.P_IDEAL_NAVIGATION])
-        gyro_bias = 0.0 if sim.gyro.ideal or ideal else sim.gyro.bias_deg_h * DEG / 3600.0
-        compass_bias = 0.0 if sim.compass.ideal or ideal else sim.compass.bias_deg * DEG
-        harmonic = 0.0 if sim.compass.ideal or ideal else sim.compass.harmonic_deg * DEG
-        scale = 0.0 if sim.dvl.ideal or ideal else sim.dvl.scale
-        gps = 0.01 if sim.gps.ideal or ideal else sim.gps.noise_m
+        draws = rng.standard_normal(8)
+        self._model = initial_model(config, sim, more, draws)
+        self._rails = bool(self._params.ideal_motion and self._params.ideal_navigation)
+        self._speed_share = speed_share(sim, draws)
         self._sounder = EchoSounder(sim, rng, float(draws[4]))
-
-        m = np.zeros(mm.MEMORY)
-        m[mm.T_NORTH], m[mm.T_EAST] = config.start_north_m, config.start_east_m
-        m[mm.T_HEADING] = wrap(config.start_heading_rad)
-        m[mm.B_GYRO], m[mm.B_COMPASS], m[mm.B_SCALE] = np.array([gyro_bias, compass_bias, scale]) * draws[1:4]
-        m[mm.H_SIN : mm.H_COS + 1] = harmonic * more.standard_normal(2)
-        m[mm.MODE] = mm.WAITING
-        self._m = m
-        heading_std = max(math.hypot(compass_bias, harmonic), 0.2 * DEG)
-        self._x = np.zeros(STATES)
-        self._x[NORTH] = m[mm.T_NORTH] + gps * draws[5]
-        self._x[EAST] = m[mm.T_EAST] + gps * draws[6]
-        m[mm.G_NORTH : mm.G_EAST + 1] = gps * draws[5:7]
-        m[mm.LAST_NORTH : mm.LAST_EAST + 1] = m[mm.AT_NORTH : mm.AT_EAST + 1] = self._x[[NORTH, EAST]]
-        self._x[HEADING] = wrap(m[mm.T_HEADING] + heading_std * draws[7])
-        self._p = np.zeros((STATES, STATES))
-        for index, std in (
-            (NORTH, gps),
-            (EAST, gps),
-            (HEADING, heading_std),
-            (SURGE, 0.01),
-            (SWAY, 0.01),
-            (GYRO_BIAS, gyro_bias),
-            (COMPASS_BIAS, compass_bias),
-            (DVL_SCALE, scale),
-            (COMPASS_SIN, harmonic),
-            (COMPASS_COS, harmonic),
-        ):
-            self._p[index, index] = std * std
-        if self._params[mm.P_IDEAL_NAVIGATION]:
-            self._x[:3] = m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING]
-            self._p[:] = 0.0
-        self._x_raw, self._p_raw = self._x.copy(), self._p.copy()  # without fixes under way, from the first one on
-        self._q = process_noise(self._params)
-        self._leg = np.zeros(6)
-        self._leg[mm.LEG_RADIUS] = 15.0
+        self._leg = new_record(LEG, 0.0, 0.0, 0.0, 0.0, 15.0)
         self._step = -1
         self._next: _Order | None = None
         self._then: Stop | None = None
@@ -162,10 +118,26 @@ class SimVehicle:
         self._way: _Way | None = None
         self._loitering = False
         self._surface_after = False
-        self._rows = np.empty((0, mm.OUT))
+        self._rows = as_records(np.empty((0, len(RESULT.names or ()))), RESULT)
         self._stamps = np.empty(0)
         #: Fixes completed in the last `move`.
         self.fixes: list[Fix] = []
+
+    @property
+    def _m(self) -> Any:
+        return self._model.state
+
+    @property
+    def _params(self) -> Any:
+        return self._model.params
+
+    @property
+    def _x(self) -> Array:
+        return self._model.estimate.x
+
+    @property
+    def _p(self) -> Array:
+        return self._model.estimate.p
 
     @property
     def step(self) -> int:
@@ -175,7 +147,7 @@ class SimVehicle:
     @property
     def position(self) -> tuple[float, float, float]:
         """True north, east and depth (m)."""
-        return float(self._m[mm.T_NORTH]), float(self._m[mm.T_EAST]), float(self._m[mm.T_DEPTH])
+        return float(self._m.north), float(self._m.east), float(self._m.depth)
 
     @property
     def state(self) -> Array:
@@ -191,10 +163,10 @@ class SimVehicle:
     def error(self) -> Array:
         """Filter's state minus the truth (10,)."""
         m = self._m
-        seen = 1.0 + m[mm.B_SCALE]
+        seen = 1.0 + m.dvl_scale
         truth = np.array(
-            [m[mm.T_NORTH], m[mm.T_EAST], m[mm.T_HEADING], seen * m[mm.T_SURGE], seen * m[mm.T_SWAY], m[mm.B_GYRO],
-             m[mm.B_COMPASS], m[mm.B_SCALE], m[mm.H_SIN], m[mm.H_COS]]
+            [m.north, m.east, m.heading, seen * m.surge, seen * m.sway, m.gyro_bias,
+             m.compass_bias, m.dvl_scale, m.compass_sin, m.compass_cos]
         )  # fmt: skip
         error: Array = self._x - truth
         error[HEADING] = wrap(error[HEADING])
@@ -208,7 +180,7 @@ class SimVehicle:
     @property
     def track(self) -> Array:
         """True north, east, depth (m) of the sub-steps of the last `move`, shape (n, 3)."""
-        return self._rows[:, [mm.O_NORTH, mm.O_EAST, mm.O_DEPTH]]
+        return np.column_stack([self._rows.north, self._rows.east, self._rows.depth])
 
     def command(self, leg: Leg, speed_mps: float | None = None, then: Stop | None = None) -> None:
         """Takes the next leg.
@@ -226,21 +198,21 @@ class SimVehicle:
             return
         self._stop = stop
         self._keep_depth()
-        if self._m[mm.MODE] == mm.WAITING:
+        if self._m.mode == mm.WAITING:
             return
         if stop is None:
             self._travel_on()
             return
         if self._way is None:
             orders = [] if self._next is None else [self._next]
-            along_m = float(self._m[mm.ALONG])
+            along_m = float(self._m.along)
             self._way = _Way(self._leg.copy(), self._step, along_m, self._loitering, self._then, orders)
         self._next, self._then = None, None
         here = self._here()
         if stop.action is Action.GO_TO:
-            self._lead(leg_to(*here, stop.place_m, float(self._leg[mm.LEG_RADIUS]), self._step))
+            self._lead(leg_to(*here, stop.place_m, float(self._leg.radius), self._step))
         else:
-            self._leg = np.array([*here, 0.0, float(self._leg[mm.LEG_RADIUS]), 0.0])
+            self._leg = new_record(LEG, *here, 0.0, float(self._leg.radius), 0.0)
             self._circle(0.0)
 
     def _travel_on(self) -> None:
@@ -248,17 +220,17 @@ class SimVehicle:
         if way is None:
             return
         self._leg, self._step, self._loitering, self._then = way.leg, way.step, way.loitering, way.then
-        self._m[mm.ALONG] = way.along_m
-        self._m[mm.MODE] = mm.STEERED
+        self._m.along = way.along_m
+        self._m.mode = mm.STEERED
         for order in way.orders:
             self._take(order)
 
     def _take(self, order: _Order) -> None:
         if self._way is not None:
             self._way.orders.append(order)
-        elif self._m[mm.MODE] == mm.WAITING or self._follows(order.leg):
+        elif self._m.mode == mm.WAITING or self._follows(order.leg):
             self._next = order
-        elif self._loitering and self._m[mm.MODE] == mm.STEERED:
+        elif self._loitering and self._m.mode == mm.STEERED:
             self._next = None
             self._begin(replace(order, leg=self._from_here(order.leg)), 0.0)
         else:
@@ -267,8 +239,8 @@ class SimVehicle:
 
     def _here(self) -> tuple[float, float, float]:
         """Heading, north, east from which a way that nobody planned begins: of the track on rails, else estimated."""
-        if self._m[mm.MODE] == mm.ON_RAILS:
-            heading, north, east, _ = mm.on_leg(self._leg, self._m[mm.ALONG])
+        if self._m.mode == mm.ON_RAILS:
+            heading, north, east, _ = mm.on_leg(self._leg, self._m.along)
             return heading, north, east
         return float(self._x[HEADING]), float(self._x[NORTH]), float(self._x[EAST])
 
@@ -281,48 +253,48 @@ class SimVehicle:
 
     def _keep_depth(self) -> None:
         up = self._stop is not None and self._stop.action is Action.SURFACE
-        self._params[mm.P_DEPTH] = 0.0 if up else self.config.depth_m
+        self._params.depth = 0.0 if up else self.config.depth_m
 
     def _lead(self, leg: Leg, along_m: float = 0.0) -> None:
         """Leads the vehicle on a leg that is none of the mission's."""
-        self._leg = np.array(
-            [leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m], dtype=float
+        self._leg = new_record(
+            LEG, leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m
         )
         self._loitering = False
-        self._m[mm.ALONG] = along_m
+        self._m.along = along_m
 
     def _follows(self, leg: Leg) -> bool:
         """Whether a leg begins where the vehicle's way ends; a circle that is steered has no end."""
-        if self._loitering and self._m[mm.MODE] == mm.STEERED:
+        if self._loitering and self._m.mode == mm.STEERED:
             return False
         end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
         near = math.hypot(leg.north_m - end[1], leg.east_m - end[2]) <= SEAM_M
         return near and abs(wrap(leg.heading_rad - end[0])) <= SEAM_RAD
 
     def _leg_start(self) -> tuple[float, float, float, float]:
-        return self._leg[mm.LEG_HEADING], self._leg[mm.LEG_NORTH], self._leg[mm.LEG_EAST], 0.0
+        return self._leg.heading, self._leg.north, self._leg.east, 0.0
 
     def _begin(self, order: _Order, along_m: float) -> None:
         """Starts a leg, of which `along_m` are travelled already."""
         m, leg = self._m, order.leg
         self._surface()
         self._surface_after = leg.surface
-        self._params[mm.P_SPEED] = order.speed_mps * self._speed_share
+        self._params.speed = order.speed_mps * self._speed_share
         self._then = order.then
         self._keep_depth()
-        on_track = mm.on_leg(self._leg, m[mm.ALONG]) if m[mm.MODE] == mm.ON_RAILS else None
+        on_track = mm.on_leg(self._leg, m.along) if m.mode == mm.ON_RAILS else None
         self._lead(leg, along_m)
         self._step = leg.step
         place = mm.on_leg(self._leg, along_m)
-        on_rails = self._rails and math.hypot(place[1] - m[mm.T_NORTH], place[2] - m[mm.T_EAST]) < RAILS_M
-        if on_track is None and m[mm.MODE] != mm.WAITING and abs(wrap(place[0] - m[mm.T_HEADING])) > 0.01:
+        on_rails = self._rails and math.hypot(place[1] - m.north, place[2] - m.east) < RAILS_M
+        if on_track is None and m.mode != mm.WAITING and abs(wrap(place[0] - m.heading)) > 0.01:
             on_rails = False
-        m[mm.MODE] = mm.ON_RAILS if on_rails else mm.STEERED
+        m.mode = mm.ON_RAILS if on_rails else mm.STEERED
 
     def _surface(self) -> None:
         """Begins to surface for a fix if the leg that ends, or is given up, asks for it."""
-        if self._surface_after and self._m[mm.SURFACING] == mm.NOT_SURFACING:
-            self._m[mm.SURFACING], self._m[mm.UNDER_WAY] = mm.TO_SURFACE, 0.0
+        if self._surface_after and self._m.surfacing == mm.NOT_SURFACING:
+            self._m.surfacing, self._m.under_way = mm.TO_SURFACE, 0.0
         self._surface_after = False
 
     def _end(self, along_m: float) -> None:
@@ -331,26 +303,26 @@ class SimVehicle:
         self._surface()
         heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
         if then is not None and then.action is Action.GO_TO:
-            self._lead(leg_to(heading, north, east, then.place_m, float(self._leg[mm.LEG_RADIUS])), along_m)
+            self._lead(leg_to(heading, north, east, then.place_m, float(self._leg.radius)), along_m)
             return
         if then is not None and then.action is Action.SURFACE:
-            self._params[mm.P_DEPTH] = 0.0
+            self._params.depth = 0.0
         self._circle(along_m)
 
     def _circle(self, along_m: float) -> None:
         """Starts a circle at the leg's end."""
         heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
-        radius = float(self._leg[mm.LEG_RADIUS])
-        side = 1.0 if self._leg[mm.LEG_TURN] > -NO_TURN_RAD else -1.0  # to starboard after a straight
+        radius = float(self._leg.radius)
+        side = 1.0 if self._leg.turn > -NO_TURN_RAD else -1.0  # to starboard after a straight
         if self._clearance_m is not None:
             free = {
                 s: self._clearance_m(north - s * radius * math.sin(heading), east + s * radius * math.cos(heading))
                 for s in (1.0, -1.0)
             }
             side = max((1.0, -1.0), key=lambda s: (free[s], s == side))
-        self._leg = np.array([heading, north, east, side * 2.0 * math.pi, radius, 0.0])
+        self._leg = new_record(LEG, heading, north, east, side * 2.0 * math.pi, radius, 0.0)
         self._loitering = True
-        self._m[mm.ALONG] = along_m
+        self._m.along = along_m
 
     def move(self, stamps_s: Array, currents: Array) -> tuple[Array, Array]:
         """Advances by sub-steps of one over the DVL's rate.
@@ -363,15 +335,16 @@ class SimVehicle:
             True north and east (n,) of each sub-step: the places at which `sense` needs the depth of water.
         """
         m, n = self._m, len(stamps_s)
-        normals = self._rng.standard_normal((n, mm.NORMALS))
-        uniforms = self._rng.random((n, mm.UNIFORMS))
-        rows = np.zeros((n, mm.OUT))
-        dt = self._params[mm.P_DT]
+        normals = as_records(self._rng.standard_normal((n, len(NORMALS.names or ()))), NORMALS)
+        uniforms = as_records(self._rng.random((n, len(UNIFORMS.names or ()))), UNIFORMS)
+        draws = Draws(normals, uniforms, currents)
+        rows = np.zeros(n, RESULT).view(np.recarray)
+        dt = self._params.dt
         start_s = float(stamps_s[0]) - dt if n else 0.0
         i = 0
         while i < n:
             last, limit = n, math.inf
-            if m[mm.MODE] == mm.WAITING:
+            if m.mode == mm.WAITING:
                 until_start = math.ceil((self.config.start_delay_s - start_s) / dt - 1e-6)
                 if self._next is not None and self._stop is None and i >= until_start:
                     order, self._next = self._next, None
@@ -381,23 +354,20 @@ class SimVehicle:
                     last = min(n, max(until_start, i + 1))
             else:
                 limit = mm.leg_length(self._leg)
-            i = mm.advance(
-                m, self._x, self._p, self._x_raw, self._p_raw, self._leg, self._params, self._q, normals, uniforms,
-                currents, self._sounder.in_reach, limit, rows, i, last,
-            )  # fmt: skip
-            if m[mm.MODE] != mm.WAITING and m[mm.ALONG] >= limit - 1e-9:
-                over = max(float(m[mm.ALONG]) - limit, 0.0)
+            i = mm.advance(self._model, self._leg, draws, self._sounder.in_reach, limit, rows, i, last)
+            if m.mode != mm.WAITING and m.along >= limit - 1e-9:
+                over = max(float(m.along) - limit, 0.0)
                 if self._next is not None:
                     order, self._next = self._next, None
                     self._begin(order, over)
                 elif self._loitering:
-                    m[mm.ALONG] = over
+                    m.along = over
                 else:
                     self._end(over)
         self._rows = rows
         self._stamps = stamps_s
         self.fixes = self._completed()
-        return rows[:, mm.O_NORTH], rows[:, mm.O_EAST]
+        return rows.north, rows.east
 
     @property
     def gps_m(self) -> tuple[float, float] | None:
@@ -405,24 +375,24 @@ class SimVehicle:
         m = self._m
         if self.position[2] >= self._sim.gps.antenna_m:
             return None
-        return float(m[mm.T_NORTH] + m[mm.G_NORTH]), float(m[mm.T_EAST] + m[mm.G_EAST])
+        return float(m.north + m.gps_error_north), float(m.east + m.gps_error_east)
 
     def _completed(self) -> list[Fix]:
         """The fix that was complete in the last `move`, if one was; the next surfacing begins another."""
         m = self._m
-        if m[mm.FIX_STEP] == 0.0:
+        if m.fix_step == 0.0:
             return []
-        i, information = int(m[mm.FIX_STEP]) - 1, float(m[mm.FIX_INFORMATION])
-        raw_north_m, raw_east_m = (float(v) for v in self._rows[i, [mm.O_RAW_NORTH, mm.O_RAW_EAST]])
+        i, information = int(m.fix_step) - 1, float(m.fix_information)
+        raw_north_m, raw_east_m = float(self._rows[i].raw_north), float(self._rows[i].raw_east)
         fix = Fix(
             stamp_s=float(self._stamps[i]),
-            north_m=raw_north_m + float(m[mm.FIX_NORTH]) / information,
-            east_m=raw_east_m + float(m[mm.FIX_EAST]) / information,
+            north_m=raw_north_m + float(m.fix_north) / information,
+            east_m=raw_east_m + float(m.fix_east) / information,
             raw_north_m=raw_north_m,
             raw_east_m=raw_east_m,
             std_m=information**-0.5,
         )
-        m[[mm.FIX_INFORMATION, mm.FIX_NORTH, mm.FIX_EAST, mm.FIX_STEP]] = 0.0
+        m.fix_information = m.fix_north = m.fix_east = m.fix_step = 0.0
         return [fix]
 
     def sense(self, water_m: Array) -> Array:
@@ -450,7 +420,7 @@ class SimVehicle:
 
     def dead_reckoning(self, now_s: float) -> DeadReckoning:
         """The raw place at the end of the last tick, with the measured depth."""
-        raw = self._x_raw if self._m[mm.PARTED] else self._x
+        raw = self._model.raw.x if self._m.raw_differs else self._x
         return DeadReckoning(
             stamp_s=now_s,
             heading_rad=float(raw[HEADING]),
@@ -476,14 +446,14 @@ class SimVehicle:
         m = self._m
         return Truth(
             stamp_s=now_s,
-            heading_rad=float(m[mm.T_HEADING]),
-            north_m=float(m[mm.T_NORTH]),
-            east_m=float(m[mm.T_EAST]),
-            depth_m=float(m[mm.T_DEPTH]),
-            speed_mps=math.hypot(float(m[mm.T_SURGE]), float(m[mm.T_SWAY])),
-            travelled_m=float(m[mm.TRAVELLED]),
+            heading_rad=float(m.heading),
+            north_m=float(m.north),
+            east_m=float(m.east),
+            depth_m=float(m.depth),
+            speed_mps=math.hypot(float(m.surge), float(m.sway)),
+            travelled_m=float(m.travelled),
             water_m=self._sounder.water_m,
             step=self._step,
-            along_m=float(m[mm.ALONG]),
+            along_m=float(m.along),
             loitering=self._loitering and self._way is None,
         )

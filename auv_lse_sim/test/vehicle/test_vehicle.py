@@ -70,17 +70,32 @@ class Dive:
             assert self.now_s < 5000.0
 
 
+def results(dive: Dive):
+    """What the motion model left of every sub-step, as records."""
+    return np.concatenate(dive.rows).view(np.recarray)
+
+
+def numbers(dive: Dive):
+    """The same as rows of numbers."""
+    return np.concatenate([[row.tolist() for row in rows] for rows in dive.rows])
+
+
+def places(rows, kind=""):
+    """North and east (n, 2) of records: true, "est_" or "raw_"."""
+    return np.column_stack([rows[kind + "north"], rows[kind + "east"]])
+
+
 def path_error(dive: Dive, start, actions) -> float:
     """Largest distance of the true track from the legs' places, after the first leg."""
-    state, places = np.array(start, float), []
+    state, legs = np.array(start, float), []
     for action in actions:
         leg = TABLE.leg(0, state, action)
-        places.append([leg.state_at(along)[1:] for along in np.arange(0.0, leg.length_m, 0.05)])
+        legs.append([leg.state_at(along)[1:] for along in np.arange(0.0, leg.length_m, 0.05)])
         state = TABLE.end_state(state, action)
-    places = np.concatenate(places)
-    rows = np.concatenate(dive.rows)
-    track = rows[(rows[:, mm.O_TRAVELLED] > 30.0) & (rows[:, mm.O_TRAVELLED] < 23.5 * len(actions)), :2]
-    return max(float(np.hypot(*(places - p).T).min()) for p in track[::5])
+    on_legs = np.concatenate(legs)
+    rows = results(dive)
+    track = places(rows[(rows.travelled > 30.0) & (rows.travelled < 23.5 * len(actions))])
+    return max(float(np.hypot(*(on_legs - p).T).min()) for p in track[::5])
 
 
 ACTIONS = [5, RIGHT, 8, 2, LEFT, 5, LEFT, 9, 1, RIGHT, RIGHT, 5]
@@ -159,8 +174,8 @@ def test_start_delay_and_waiting_at_the_surface():
     north, _, depth = dive.vehicle.position
     assert north > 20.0
     assert depth == pytest.approx(3.0, abs=0.3)
-    rows = np.concatenate(dive.rows)
-    moving = np.flatnonzero(rows[:, mm.O_TRAVELLED] > 0.0)[0]
+    rows = results(dive)
+    moving = np.flatnonzero(rows.travelled > 0.0)[0]
     assert moving == 125  # sub-steps of 0.1 s
 
 
@@ -170,7 +185,7 @@ def test_speed_differs_between_vehicles():
         dive.fly([STRAIGHT] * 3)
     assert slow.now_s == pytest.approx(2 * fast.now_s, abs=1.5)
     spread = [
-        SimVehicle(1, VehicleConfig(), sim_config(), stream(s, "sensors", 1))._params[mm.P_SPEED] for s in range(300)
+        SimVehicle(1, VehicleConfig(), sim_config(), stream(s, "sensors", 1))._params.speed for s in range(300)
     ]
     assert np.std(spread) == pytest.approx(0.02 * 1.5, rel=0.15)
     assert np.mean(spread) == pytest.approx(1.5, abs=0.006)
@@ -186,8 +201,8 @@ def test_without_a_next_leg_it_circles_and_then_goes_on(ideal):
     assert truth.loitering
     end = dive.state
     center = np.array([end[1], end[2] + 15.0])
-    rows = np.concatenate(dive.rows)
-    circling = rows[rows[:, mm.O_TRAVELLED] > 40.0, :2]
+    rows = results(dive)
+    circling = places(rows[rows.travelled > 40.0])
     assert np.abs(np.hypot(*(circling - center).T) - 15.0).max() < (1e-6 if ideal else 1.0)
     dive.command(STRAIGHT)  # from where the first leg ended: on rails it is taken when the circle closes
     while dive.vehicle.step == 0:
@@ -294,7 +309,7 @@ def test_gaps_last_as_long_as_asked_for():
     sim = sim_config(navigation=IDEAL, dvl={"dropouts_per_h": 200.0, "lock_losses_per_h": 0.0})
     dive = Dive(sim)
     dive.fly([STRAIGHT] * 120)
-    ping = np.concatenate(dive.rows)[:, mm.O_PING]
+    ping = results(dive).ping
     edges = np.flatnonzero(np.diff(np.concatenate([[1], ping, [1]])))
     lengths = np.diff(edges)[::2] / 10.0
     assert len(lengths) == pytest.approx(200.0 * dive.now_s / 3600.0, rel=0.35)
@@ -329,7 +344,7 @@ def test_surfacing_brings_fixes():
     errors, depths = [], []
     for step in range(40):
         dive.fly([STRAIGHT]) if step == 0 else dive.command(STRAIGHT)
-        while dive.vehicle.step < step or dive.vehicle._m[mm.ALONG] < 15.0:
+        while dive.vehicle.step < step or dive.vehicle._m.along < 15.0:
             dive.tick()
             errors.append(np.hypot(*dive.vehicle.error[:2]))
             depths.append(dive.vehicle.position[2])
@@ -348,7 +363,7 @@ def test_time_at_the_surface_is_counted_at_the_surface(depth_m):
     dive.command(STRAIGHT)  # then it circles
     for _ in range(500):
         dive.tick()
-    depths = np.concatenate(dive.rows)[:, mm.O_DEPTH]
+    depths = results(dive).depth
     up = depths <= sim.gps.antenna_m
     begins = np.flatnonzero(~up[:-1] & up[1:]) + 1
     ends = np.flatnonzero(up[:-1] & ~up[1:]) + 1
@@ -375,9 +390,9 @@ def test_surfacing_costs_its_time(ideal):
 
     free, once = flown(0.0), flown(60.0)
     assert once.now_s - free.now_s == pytest.approx(49.0 if ideal else 50.0, abs=2.0)
-    rows = np.concatenate(once.rows)
-    held = rows[:, mm.O_DEPTH] <= 0.3
-    moved = np.hypot(*np.ptp(rows[600:][held[600:]][20:, :2], axis=0))
+    rows = results(once)
+    held = rows.depth <= 0.3
+    moved = np.hypot(*np.ptp(places(rows[600:][held[600:]][20:]), axis=0))
     assert moved < (1e-9 if ideal else 0.5), "it stays where it came up"
     assert path_error(once, [0.0, 0.0, 0.0], [STRAIGHT] * 6) < (0.03 if ideal else 3.0), "and goes on along its leg"
 
@@ -396,12 +411,12 @@ def test_a_fix_moves_the_estimate_and_not_the_raw_place():
         fixes += dive.vehicle.fixes
         if not fixes and tick < 150:  # the same until the first surfacing
             assert np.array_equal(dive.rows[-1], never.rows[-1])
-    rows = np.concatenate(dive.rows)
-    raw, estimate, truth = (rows[:, [a, a + 1]] for a in (mm.O_RAW_NORTH, mm.O_EST_NORTH, mm.O_NORTH))
+    rows = results(dive)
+    raw, estimate, truth = (places(rows, kind) for kind in ("raw_", "est_", ""))
     assert np.array_equal(raw[:1500], estimate[:1500])
     (fix,) = fixes
     i = round(fix.stamp_s * 10.0) - 1
-    assert rows[i, mm.O_DEPTH] > 0.3 >= rows[i - 1, mm.O_DEPTH], "complete when it dives"
+    assert rows[i].depth > 0.3 >= rows[i - 1].depth, "complete when it dives"
     assert (fix.raw_north_m, fix.raw_east_m) == tuple(raw[i])
     # 30 readings a second apart, correlated over 20 s: 1 m / sqrt(1 + 29 (1 - f) / (1 + f)), f = exp(-1 / 20)
     assert fix.std_m == pytest.approx(0.76, abs=0.02)
@@ -424,10 +439,10 @@ def test_what_a_compass_makes_of_the_heading_does_not_shift_the_chance_of_the_re
         return dive
 
     without, with_it = flown(0.0), flown(1.0)
-    assert np.array_equal(np.concatenate(without.rows), np.concatenate(with_it.rows))
-    names = [mm.B_GYRO, mm.B_COMPASS, mm.B_SCALE]
-    assert np.array_equal(without.vehicle._m[names], with_it.vehicle._m[names])
-    assert (with_it.vehicle._m[[mm.H_SIN, mm.H_COS]] != 0.0).all()
+    assert np.array_equal(results(without), results(with_it))
+    names = ["gyro_bias", "compass_bias", "dvl_scale"]
+    assert all(without.vehicle._m[name] == with_it.vehicle._m[name] for name in names)
+    assert all(with_it.vehicle._m[name] != 0.0 for name in ("compass_sin", "compass_cos"))
 
 
 def test_gps_errors_are_correlated_over_seconds():
@@ -437,7 +452,7 @@ def test_gps_errors_are_correlated_over_seconds():
         dive = Dive(sim_config(), seed, start_delay_s=1e6)
         for _ in range(60):
             dive.tick()
-            errors.append(dive.vehicle._m[mm.G_NORTH])
+            errors.append(dive.vehicle._m.gps_error_north)
     errors = np.reshape(errors, (40, 60))
     assert errors.std() == pytest.approx(1.0, abs=0.2)  # 40 dives of 3 correlation times
     assert (errors[:, :-1] * errors[:, 1:]).mean() / errors.var() == pytest.approx(np.exp(-1 / 20), abs=0.03)
@@ -449,7 +464,7 @@ def test_one_part_made_ideal_does_not_shift_the_chance_of_the_others():
         dive.command(STRAIGHT)
         for _ in range(20):
             dive.tick()
-        return dive.vehicle._m[[mm.B_COMPASS, mm.B_SCALE]]
+        return np.array([dive.vehicle._m.compass_bias, dive.vehicle._m.dvl_scale])
 
     assert np.array_equal(biases(), biases(gyro=IDEAL))
     assert np.array_equal(biases()[1:], biases(compass=IDEAL)[1:])
@@ -491,7 +506,7 @@ def test_plain_python_moves_alike():
             b.tick()
     finally:
         mm.advance = compiled_advance
-    assert np.allclose(np.concatenate(a.rows), np.concatenate(b.rows), rtol=1e-9, atol=1e-12)
+    assert np.allclose(numbers(a), numbers(b), rtol=1e-9, atol=1e-12)
 
 
 def test_current_is_what_was_asked_for():
@@ -535,8 +550,8 @@ def test_a_vehicle_told_to_hold_stays_there_and_then_travels_its_leg_to_the_end(
         if dive.vehicle.truth(0.0).loitering:
             break
     assert dive.vehicle.step == 2
-    rows = np.concatenate(dive.rows)[-600:]
-    assert np.hypot(rows[:, mm.O_EST_NORTH] - end[1], rows[:, mm.O_EST_EAST] - end[2]).min() < 3.0
+    rows = results(dive)[-600:]
+    assert np.hypot(rows.est_north - end[1], rows.est_east - end[2]).min() < 3.0
 
 
 def test_a_vehicle_told_to_surface_comes_up_and_dives_again() -> None:
@@ -609,8 +624,8 @@ def test_a_leg_that_ends_in_a_surfacing_is_stopped_at():
         fixes += dive.vehicle.fixes
         assert dive.now_s < 200.0
     (fix,) = fixes
-    rows = np.concatenate(dive.rows)
+    rows = results(dive)
     i = round(fix.stamp_s * 10.0) - 1
-    assert np.hypot(rows[i, mm.O_NORTH] - first.end_state[1], rows[i, mm.O_EAST]) < 8.0, "one stopping distance on"
+    assert np.hypot(rows[i].north - first.end_state[1], rows[i].east) < 8.0, "one stopping distance on"
     legs_s = (first.length_m + second.length_m) / 1.5
     assert dive.now_s == pytest.approx(legs_s + 50.0, abs=12.0)

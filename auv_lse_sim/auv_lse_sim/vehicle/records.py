@@ -1,0 +1,196 @@
+"""Named records that the compiled motion model reads and writes: state, parameters, leg, draws, results.
+
+Each is a NumPy record, so that compiled and plain code use the same names (`state.north`). Units: metres, seconds,
+radians; north, east and headings clockwise from north; surge ahead and sway to starboard over ground.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _record(*names: str) -> np.dtype[Any]:
+    return np.dtype((np.record, [(name, np.float64) for name in names]))
+
+
+#: One leg: an arc at the turning radius, then a straight.
+LEG = _record("heading", "north", "east", "turn", "radius", "straight")
+
+#: The vehicle's true state and what the model keeps between sub-steps.
+STATE = _record(
+    "north",
+    "east",
+    "heading",
+    "yaw_rate",  # rad/s
+    "speed",  # through the water, m/s
+    "depth",
+    "surge",
+    "sway",
+    "along",  # m along the leg
+    "mode",  # WAITING, ON_RAILS or STEERED
+    "wobble",  # depth keeping error, m
+    "dropout",  # seconds left without pings
+    "lock_loss",  # seconds left without bottom lock
+    "compass_age",  # seconds since the last compass reading
+    "gps_age",
+    "gyro_bias",  # the true errors of the instruments
+    "compass_bias",
+    "dvl_scale",
+    "compass_sin",  # true harmonics of the compass
+    "compass_cos",
+    "surface_age",  # seconds since the last surfacing ended
+    "travelled",  # m over ground
+    "under_way",  # seconds since it set out, stopped or went on
+    "refused",  # DVL pings that the filter refused in a row
+    "refused_raw",  # the same for the filter without fixes
+    "surfacing",  # NOT_SURFACING, TO_SURFACE or TO_DEPTH
+    "time_up",  # seconds spent at the surface in this surfacing
+    "dived",  # 1 once it has been below the antenna's depth: later fixes are fixes under way
+    "raw_differs",  # 1 once the raw position differs from the filter's
+    "gps_error_north",  # error of the last GPS reading
+    "gps_error_east",
+    "gps_north",  # that reading
+    "gps_east",
+    "north_at_gps",  # the filter's position after it took that reading
+    "east_at_gps",
+    "raw_north_at_gps",  # the raw position at that time
+    "raw_east_at_gps",
+    "fix_information",  # mean of this surfacing's readings minus the raw position: inverse variance (1/m^2) ...
+    "fix_north",  # ... and weighted sums
+    "fix_east",
+    "fix_step",  # sub-step, from 1, in which a fix was complete; 0: none
+)
+
+#: What the mission file sets (`motion_parameters`).
+PARAMETERS = _record(
+    "dt",
+    "speed",  # true speed through the water when commanded
+    "yaw_rate_max",
+    "yaw_time",
+    "speed_time",
+    "lookahead",
+    "gain",
+    "ideal_motion",
+    "ideal_navigation",
+    "depth",
+    "climb_rate",
+    "wobble",
+    "wobble_time",
+    "gyro_noise",  # rad/sqrt(s)
+    "gyro_walk",  # rad/s/sqrt(s)
+    "compass_noise",
+    "compass_walk",
+    "compass_interval",
+    "dvl_noise",
+    "dvl_outlier_share",
+    "dvl_outlier",
+    "dropout_rate",  # 1/s
+    "dropout_min",
+    "dropout_max",
+    "lock_loss_rate",
+    "lock_loss_min",
+    "lock_loss_max",
+    "gps_noise",
+    "gps_interval",
+    "gps_depth",  # depth of the vehicle at which the antenna goes under
+    "surface_every",
+    "surface_time",
+    "gyro_ideal",
+    "compass_ideal",
+    "dvl_ideal",
+    "gps_ideal",
+    "gps_time",  # correlation time of its error
+)
+
+#: Standard normal numbers of one sub-step.
+NORMALS = _record(
+    "gyro",
+    "compass",
+    "dvl_surge",
+    "dvl_sway",
+    "gps_north",
+    "gps_east",
+    "wobble",
+    "gyro_walk",
+    "compass_walk",
+    "outlier_surge",
+    "outlier_sway",
+)
+
+#: Uniform numbers in [0, 1) of one sub-step.
+UNIFORMS = _record("dropout", "dropout_length", "lock_loss", "lock_loss_length", "outlier")
+
+#: What one sub-step leaves: truth, estimate, and the estimate without fixes under way ("raw").
+RESULT = _record(
+    "north",
+    "east",
+    "heading",
+    "depth",
+    "est_north",
+    "est_east",
+    "est_heading",
+    "est_speed",
+    "ping",  # 1 if the DVL is able to ping
+    "travelled",
+    "along",
+    "raw_north",
+    "raw_east",
+    "raw_heading",
+)
+
+
+class Filter(NamedTuple):
+    """The navigation filter: state (10,) and covariance (10, 10), see `navigation.py`; both are changed in place."""
+
+    x: Array
+    p: Array
+
+
+class Model(NamedTuple):
+    """All that a vehicle's motion model works on.
+
+    Attributes:
+        state: Record `STATE`, changed in place.
+        estimate: The filter that takes every fix.
+        raw: The filter that takes no fix under way, used once the two differ.
+        params: Record `PARAMETERS`.
+        noise: The filter's process noise (5,).
+    """
+
+    state: Any
+    estimate: Filter
+    raw: Filter
+    params: Any
+    noise: Array
+
+
+class Draws(NamedTuple):
+    """Random numbers and currents of a tick's sub-steps.
+
+    Attributes:
+        normals: Records `NORMALS` (n,).
+        uniforms: Records `UNIFORMS` (n,).
+        currents: Current north, east (n, 2), m/s.
+    """
+
+    normals: Any
+    uniforms: Any
+    currents: Array
+
+
+def new_record(kind: np.dtype[Any], *values: float) -> Any:
+    """A record of zeros, or of `values` in the order of its fields."""
+    record = np.zeros(1, kind).view(np.recarray)[0]
+    for name, value in zip(kind.names or (), values, strict=False):
+        record[name] = value
+    return record
+
+
+def as_records(numbers: Array, kind: np.dtype[Any]) -> Any:
+    """Rows (n, fields) of numbers as records (n,), without a copy."""
+    return numbers.view(kind).reshape(len(numbers)).view(np.recarray)
