@@ -32,23 +32,33 @@ def _table(group: str, rows: list[Row]) -> Table:
     return table
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the groups asked for. Returns 0, or 1 if a group could not be run; a goal missed is no failure."""
-    parser = argparse.ArgumentParser(prog="scripts/bench", description=__doc__)
-    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"any of {', '.join(GROUPS)}; default: all")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here, as a JSON list")
-    parser.add_argument("--smoke", action="store_true", help="every row at its smallest size: shows that it runs")
-    parser.add_argument(
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/bench."""
+    p = argparse.ArgumentParser(
+        prog="scripts/bench",
+        description=__doc__,
+        epilog="Exit codes: 0, also if a goal is missed; 1 a group failed; 2 a wrong command line; 130 Ctrl-C.",
+    )
+    p.add_argument("groups", nargs="*", metavar="GROUP", help=f"any of {', '.join(GROUPS)}; default: all")
+    p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures here, as a JSON list")
+    p.add_argument("--smoke", action="store_true", help="every row at its smallest size: shows that it runs")
+    p.add_argument(
         "--lake", type=Path, metavar="FILE", help="soundings of a real lake for the gp group; default: a made-up lake"
     )
-    options = parser.parse_args(arguments)
+    return p
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the groups asked for. Returns 0, or 1 if a group could not be run; a goal missed is no failure."""
+    command_line = parser()
+    options = command_line.parse_args(arguments)
     unknown = [group for group in options.groups if group not in GROUPS]
     if unknown:
-        parser.error(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
+        command_line.error(f"no group {', '.join(unknown)}; there are {', '.join(GROUPS)}")
     if options.json and not options.json.resolve().parent.is_dir():
-        parser.error(f"--json {options.json}: there is no folder {options.json.parent}")
+        command_line.error(f"--json {options.json}: there is no folder {options.json.parent}")
     if options.lake and not options.lake.is_file():
-        parser.error(f"--lake {options.lake}: there is no such file")
+        command_line.error(f"--lake {options.lake}: there is no such file")
     console = Console(width=None if sys.stdout.isatty() else 160)
     figures: list[Row] = []
     failed = False

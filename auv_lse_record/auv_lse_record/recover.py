@@ -116,15 +116,20 @@ def _records(source: BinaryIO) -> Iterator[tuple[Any, int]]:
         return  # here it tears
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Recovers a recording. Returns 0, 1 if it cannot be, 2 for a wrong command line, 130 after Ctrl-C."""
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/recover."""
     p = argparse.ArgumentParser(
         prog="scripts/recover",
         description="Makes a recording whole that was cut off: by a power failure, or a recorder that was killed.",
         epilog="Exit codes: 0 recovered, or whole already; 1 it cannot be; 2 a wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("path", type=Path, metavar="RUN", help="run folder, rosbag2 directory, or its .mcap")
-    path = p.parse_args(arguments).path
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Recovers a recording. Returns 0, 1 if it cannot be, 2 for a wrong command line, 130 after Ctrl-C."""
+    path = parser().parse_args(arguments).path
     try:
         done = recover(path)
     except _Whole as whole:

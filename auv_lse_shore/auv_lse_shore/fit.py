@@ -120,27 +120,37 @@ def _plain_exponent(text: str) -> str:
     return text.replace("e", ".0e") if "e" in text and "." not in text else text
 
 
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/fit."""
+    p = argparse.ArgumentParser(
+        prog="scripts/fit",
+        description=__doc__,
+        epilog="Exit codes: 0; 2 the soundings cannot be read or fitted, or a wrong command line; 130 Ctrl-C.",
+    )
+    p.add_argument("source", type=Path, metavar="SOUNDINGS|RUN", help="table (CSV), npz grid, run folder or bag")
+    p.add_argument("--kernel", choices=(*KERNELS, "best"), default="matern52",
+                   help="covariance function; best: the likeliest of all (default: %(default)s)")  # fmt: skip
+    p.add_argument("--mean", choices=("constant", "plane"), default="constant",
+                   help="prior mean (default: %(default)s)")  # fmt: skip
+    p.add_argument("--two-axes", action="store_true", help="learn two length scales and a rotation")
+    p.add_argument("--points", type=int, default=500, metavar="N",
+                   help="use N soundings, drawn at random (default: %(default)s; work ~ N^3)")  # fmt: skip
+    p.add_argument("--restarts", type=int, default=5, metavar="N",
+                   help="starts of the search (default: %(default)s)")  # fmt: skip
+    p.add_argument("--seed", type=int, default=0, help="seed of the draw (default: %(default)s)")
+    p.add_argument("--out", type=Path, metavar="FILE", help="write a ROS 2 parameter file")
+    return p
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Command line of `scripts/fit` and `ros2 run auv_lse_gp fit`. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="fit", description=__doc__)
-    parser.add_argument("source", type=Path, metavar="SOUNDINGS|RUN", help="table (CSV), npz grid, run folder or bag")
-    parser.add_argument("--kernel", choices=(*KERNELS, "best"), default="matern52",
-                        help="covariance function; best: the likeliest of all (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--mean", choices=("constant", "plane"), default="constant",
-                        help="prior mean (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--two-axes", action="store_true", help="learn two length scales and a rotation")
-    parser.add_argument("--points", type=int, default=500, metavar="N",
-                        help="use N soundings, drawn at random (default: %(default)s; work ~ N^3)")  # fmt: skip
-    parser.add_argument("--restarts", type=int, default=5, metavar="N",
-                        help="starts of the search (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="seed of the draw (default: %(default)s)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write a ROS 2 parameter file")
-    options = parser.parse_args(argv)
+    """Fits a Gaussian process to soundings. Returns the exit code."""
+    command_line = parser()
+    options = command_line.parse_args(argv)
     for name, low in (("points", 10), ("restarts", 1), ("seed", 0)):
         if getattr(options, name) < low:
-            parser.error(f"--{name}: got {getattr(options, name)}; expected at least {low}")
+            command_line.error(f"--{name}: got {getattr(options, name)}; expected at least {low}")
     if options.out is not None and not options.out.resolve().parent.is_dir():
-        parser.error(f"--out {options.out}: there is no folder {options.out.parent}")
+        command_line.error(f"--out {options.out}: there is no folder {options.out.parent}")
     try:
         soundings, origin = read(options.source)
         where = ""

@@ -79,16 +79,21 @@ def make_key(path: str | Path) -> None:
         raise KeyFileError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Command line of `scripts/key`. Returns 0, or 2 if no key could be made."""
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """The command line of scripts/key."""
+    p = argparse.ArgumentParser(
         prog="scripts/key",
         description="Makes a key for the tag at the packets' end (docs/packet.md): a new file of 64 hexadecimal digits "
         "that only you can read. Copy it to every vehicle of the team, and name it in packet.key_file.",
         epilog="Exit codes: 0 made; 2 the file is there already, or cannot be written.",
     )
-    parser.add_argument("file", type=Path, metavar="FILE", help="the new file, which must not be there yet")
-    options = parser.parse_args(argv)
+    p.add_argument("file", type=Path, metavar="FILE", help="the new file, which must not be there yet")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Writes a key. Returns 0, or 2 if no key could be made."""
+    options = parser().parse_args(argv)
     try:
         make_key(options.file)
     except KeyFileError as error:

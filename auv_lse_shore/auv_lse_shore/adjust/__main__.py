@@ -29,7 +29,8 @@ def parser() -> argparse.ArgumentParser:
         "which says what moved and by how much.",
         epilog="Recordings of one dive by several vehicles, or of several dives in one local frame, are best given "
         "together. What is known before (how good compass and DVL are) is the section places of the first run's "
-        "mission file. A second call replaces the files of the first; the recordings are only read.",
+        "mission file. A second call replaces the files of the first; the recordings are only read. "
+        "Exit codes: 0; 2 the runs cannot be adjusted, or a wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings that hold none")

@@ -26,7 +26,8 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/campaign",
         description="Flies a grid or list of settings times seeds in simulation (fleet engine, no ROS), a result row "
-        "in Parquet for each mission as it finishes. Started again, it goes on where it stopped.",
+        "in Parquet for each mission as it finishes. Started again, it goes on where it stopped.\n\n"
+        "Exit codes: 0; 1 missions failed; 2 the request cannot be met, or a wrong command line; 130 Ctrl-C.",
         epilog=campaign_spec.__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -21,7 +21,8 @@ def parser() -> argparse.ArgumentParser:
         "ESRI ASCII grid; soundings.csv; and isobath.qgs, a QGIS project that opens all of them, with a style (.qml) "
         "beside each file.",
         epilog="With area.origin_lat_deg and origin_lon_deg in the mission file, the files lie where they belong on "
-        "Earth; without, they are in local metres. A second export into the same folder replaces the first.",
+        "Earth; without, they are in local metres. A second export into the same folder replaces the first. "
+        "Exit codes: 0; 2 the run cannot be exported, or a wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("run", type=Path, metavar="RUN", help="run folder, with mission.yaml and bag/")
     p.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: RUN/export)")

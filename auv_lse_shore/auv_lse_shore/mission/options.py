@@ -25,6 +25,7 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/mission",
         description="Flies a team mission as real ROS 2 processes and leaves one run folder with the recording, the "
         "figures and a report.",
+        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 the request cannot be met; 130 Ctrl-C.",
     )
     add_mission_options(p)
     p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")

@@ -1,0 +1,165 @@
+"""Tables of topics, lockstep phases, packages, parameters, summary keys and packet fields."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+
+from auv_lse_common.mission_file.parameters import SECTIONS, describe
+from auv_lse_common.mission_file.settings import PER_VEHICLE, SECTION_CLASSES
+from auv_lse_common.node.lockstep import PHASES
+from auv_lse_common.support.project_folder import project_folder
+from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, Topic
+from auv_lse_comms.packet import fields
+from auv_lse_comms.packet.codec import REASONS
+from auv_lse_comms.packet.navigation import RAW, RAW_AND_FIX, SIZES
+from auv_lse_shore.judge.summary import Summary
+from auv_lse_shore.reference_pages.blocks import code, item, table
+
+
+
+def _topic_row(name: str, topic: Topic) -> tuple[str, ...]:
+    readers = ", ".join(code(reader.replace("|", " or ")) for reader in topic.readers)
+    traits = [
+        word
+        for word, holds in (
+            ("latched", topic.latched),
+            ("command", topic.command),
+            ("not recorded", not topic.recorded),
+        )
+        if holds
+    ]
+    return code(name), code(topic.kind.replace("/msg/", "/")), code(topic.writer), readers, ", ".join(traits)
+
+
+def topics() -> str:
+    """Every topic: type, writer, readers and traits."""
+    head = ("topic", "type", "writer", "readers", "traits")
+    vehicle = table(head, [_topic_row(name, topic) for name, topic in VEHICLE_TOPICS.items()])
+    mission = [*MISSION_TOPICS.items(), ("/truth/auvN/odometry", TRUTH_TOPIC)]
+    return (
+        f"### Topics of a vehicle, under `/auvN`\n{vehicle}\n\n"
+        f"### Topics of a mission\n{table(head, [_topic_row(name, topic) for name, topic in mission])}"
+    )
+
+
+def phases() -> str:
+    """The phases of a lockstep tick."""
+    rows = [
+        (
+            code(name),
+            ", ".join(code(topic) for topic in phase.waits_for),
+            ", ".join(code(topic) for topic in phase.announces),
+            "yes" if phase.ends_tick else "",
+        )
+        for name, phase in PHASES.items()
+    ]
+    return table(("phase", "waits for", "announces", "simulator waits for it"), rows)
+
+
+def _summary_of(init: Path) -> str:
+    """The first sentence of a package's docstring, without its full stop."""
+    text = ast.get_docstring(ast.parse(init.read_text())) or ""
+    return " ".join(text.split("\n\n")[0].split()).rstrip(".")
+
+
+def rooms() -> str:
+    """Packages and their rooms, by their docstrings."""
+    rows = []
+    for package in sorted(project_folder().glob("auv_lse_*/auv_lse_*/__init__.py")):
+        rows.append((f"**`{package.parent.name}`**", _summary_of(package)))
+        for room in sorted(package.parent.glob("*/__init__.py")):
+            if text := _summary_of(room):
+                rows.append((f"`{package.parent.name}/{room.parent.name}`", text))
+    return table(("package, room", "what it holds"), rows)
+
+
+def _shown(value: Any) -> str:
+    """A parameter's default as YAML has it."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_shown(each) for each in value) + "]" if len(value) <= 4 else f"{len(value)} numbers"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _limits(allowed: str) -> str:
+    """A range without blanks, as 0..1 or >0, or the choices."""
+    if match := re.fullmatch(r">= (\S+) <= (\S+)", allowed):
+        return f"{match[1]}..{match[2]}"
+    if ", " in allowed:
+        return f"of `{allowed.replace(', ', '|')}`"
+    return allowed.replace(">= ", "≥").replace("<= ", "≤").replace("> ", ">")
+
+
+def parameters() -> str:
+    """Every parameter, a list for each section: default, unit, range, meaning."""
+    parts = []
+    for section in SECTIONS:
+        lines = [f"### {section}"]
+        if section in PER_VEHICLE:
+            lines += ["Vehicles may differ.", ""]
+        for name, default, unit, allowed, meaning in describe(SECTION_CLASSES[section], f"{section}."):
+            value = " ".join(part for part in (code(_shown(default)), unit) if part)
+            facts = ", ".join(part for part in (value, _limits(allowed)) if part)
+            lines.append(item(f"{code(name)} ({facts}): {meaning}" if facts else f"{code(name)}: {meaning}"))
+        parts.append("\n".join(lines))
+    return "\n\n".join(parts)
+
+
+def summary_keys() -> str:
+    """Every key of summary.json with unit and meaning."""
+    lines = []
+    for field in dataclasses.fields(Summary):
+        unit, meaning = field.metadata["unit"], field.metadata["help"]
+        lines.append(item(f"{code(field.name)} ({unit}): {meaning}" if unit else f"{code(field.name)}: {meaning}"))
+    return "\n".join(lines)
+
+
+def _field_row(field: fields.PacketField, repeated: str) -> tuple[str, ...]:
+    at_path = field in (fields.TERMINAL, *fields.TOUR_HEADER[:1], *fields.PAIRS_HEADER[:1])
+    low, high = (f"0x{int(v):02X}" if at_path else f"{v:.6g}" for v in (field.low, field.high))
+    span = low if low == high else f"{low} to {high}"
+    return repeated, code(field.name), field.type, field.unit, span, field.meaning
+
+
+def packet_fields() -> str:
+    """The fields of a packet in their order on the wire."""
+    groups: tuple[tuple[str, tuple[fields.PacketField, ...]], ...] = (
+        ("once", fields.HEADER),
+        ("per action, up to 16", (fields.ACTION,)),
+        ("or, for more actions: once", fields.PAIRS_HEADER),
+        ("per two actions", (fields.PAIR,)),
+        ("with a tour: once", fields.TOUR_HEADER),
+        ("per segment", (fields.BEARING,)),
+        ("once", (fields.TERMINAL,)),
+        ("per sample", fields.SAMPLE),
+    )
+    rows = [_field_row(field, repeated) for repeated, group in groups for field in group]
+    return table(("how often", "field", "type", "unit", "range", "meaning"), rows)
+
+
+def packet_sizes() -> str:
+    """How many samples fit which plan, with and without navigation."""
+    plans = (("3 actions", 3, 0), ("10 actions", 10, 0), ("3 actions, 50 segments", 3, 50), ("100 actions", 100, 0))
+    rows = []
+    for name, actions, segments in plans:
+        paired = actions in fields.PAIRED
+        cells = []
+        for navigation in (0, SIZES[RAW], SIZES[RAW_AND_FIX]):
+            samples = fields.capacity(actions, 0, segments, navigation, paired)
+            spare = fields.PACKET_BYTES - fields.samples_start(actions, segments, navigation, paired)
+            cells.append(f"{samples}, {spare - samples * fields.SAMPLE_BYTES}")
+        first = fields.samples_start(actions, segments, 0, paired)
+        rows.append((name, str(first), *cells))
+    return table(("plan", "first sample at byte", "samples, spare bytes", "with raw place", "with raw place and fix"), rows)
+
+
+def packet_reasons() -> str:
+    """Why a receiver rejects a packet."""
+    return table(("reason", "meaning"), [(code(reason), meaning) for reason, meaning in REASONS.items()])
