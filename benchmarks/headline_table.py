@@ -1,4 +1,4 @@
-"""The tables of docs/planner.md: methods compared lake by lake, from the rows of config/campaigns/headline.yaml.
+"""The tables of docs/design/planner.md: methods compared lake by lake, from the rows of config/campaigns/headline.yaml.
 
     scripts/campaign config/campaigns/headline.yaml
     python -m benchmarks.headline_table runs/campaigns/headline

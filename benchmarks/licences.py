@@ -1,6 +1,6 @@
-"""Prints docs/dependencies.md: every pinned package with its licence, as the installed packages state it.
+"""Prints config/licences.txt: every pinned package with its licence, as the installed packages state it.
 
-python -m benchmarks.licences > docs/dependencies.md
+python -m benchmarks.licences > config/licences.txt
 """
 
 from __future__ import annotations
@@ -17,18 +17,8 @@ from benchmarks.command import end_with
 _ROOT = Path(__file__).resolve().parents[1]
 CONSTRAINTS = _ROOT / "config" / "constraints.txt"
 _HEAD = """\
-# Dependencies and their licences
-
-Every package that `scripts/setup` installs, pinned in `config/constraints.txt`, with the licence that its metadata
-state (made by `python -m benchmarks.licences > docs/dependencies.md`). What each of the main ones is for stands in the
-README. Those under the LGPL (`acomms`, `pymavlink`) are used unchanged, as separate packages; `acomms` by tests only.
-
-`config/locked.txt` has the SHA-256 of every file of these versions on PyPI. `scripts/setup` installs no other, with
-Python 3.11 to 3.13 (the ROS 2 wheels are for x86-64 Linux). Where ROS 2 is sourced its own packages stay, and what it
-lacks is installed by version alone.
-
-| package | version | licence |
-|---|---|---|
+# Every package that scripts/setup installs, with its version and the licence that its metadata state.
+# Made by: python -m benchmarks.licences > config/licences.txt
 """
 
 
@@ -71,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ).parse_args(arguments)
     print(_HEAD, end="")
     for name, version in pins():
-        print(f"| {name} | {version} | {licence_of(name)} |")
+        print(f"{name}=={version}  {licence_of(name)}")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""What corrected places are worth: the first table of docs/places.md.
+"""What corrected places are worth: the first table of docs/design/places.md.
 
     python -m benchmarks.places_drift --seeds 7500 20 --out places.jsonl
 

@@ -1,4 +1,4 @@
-"""The table of docs/places.md: what corrected places are worth, from the rows of config/campaigns/places.yaml.
+"""The table of docs/design/places.md: what corrected places are worth, from the rows of config/campaigns/places.yaml.
 
     scripts/campaign config/campaigns/places.yaml
     python -m benchmarks.places_table runs/campaigns/places

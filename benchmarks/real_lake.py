@@ -1,4 +1,4 @@
-"""Windows of a real lake in the whole simulator: navigation, packets, corrected places (tables of docs/planner.md).
+"""Windows of a real lake in the whole simulator: navigation, packets, corrected places (docs/evidence/planner.md).
 
     python -m benchmarks.real_lake FILE
 

@@ -1,7 +1,7 @@
 """A run's recording (rosbag2 directory with MCAP) to `RunData` and back, without ROS.
 
 Writing is for missions of the fleet engine: their recordings play with `ros2 bag play` as those of the ROS wiring do.
-Positions become ENU at this boundary, as in every other message (see docs/frames.md).
+Positions become ENU at this boundary, as in every other message (see docs/reference/frames.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""scripts/faults: breaks things on purpose and prints a table of what happened (docs/reliability.md)."""
+"""scripts/faults: breaks things on purpose and prints a table of what happened (docs/design/safety.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Angles and frames: the one place where conventions meet (see docs/frames.md).
+"""Angles and frames: the one place where conventions meet (see docs/reference/frames.md).
 
 Inside: north, east in metres on the local tangent plane, heading in radians clockwise from north.
 At the ROS boundary: map frame ENU (REP 103): x east, y north, z up, yaw counter-clockwise from east.

@@ -2,7 +2,7 @@
 
 Time is cut into periods of `every_s`, counted from 0 s. A ping is an altitude; its place and vehicle depth are
 interpolated between the odometries before and after it. Each period with enough pings gives one sounding: their median
-water depth at their mean place and time, as the simulator makes them (docs/simulation.md). A period is over once
+water depth at their mean place and time, as the simulator makes them (docs/design/simulation.md). A period is over once
 odometry is `LATE_S` past its end, so that altitudes may come that much later than odometry.
 """
 

@@ -3,7 +3,7 @@
 Theory of operation
 -------------------
 `Micromodem` is the driver. It opens no port and reads no clock: its owner gives it bytes and times and takes bytes and
-events from it (docs/examples/drive_a_modem.md). `state.py` has its states and the table of their transitions.
+events from it (docs/reference/python/modem.md). `state.py` has its states and the table of their transitions.
 
     bytes     sentences/wire.py   lines to sentences, and back; damaged lines are counted
     sentences sentences/          to messages, and back (fields.py, layout.py, *_messages.py, messages.py)

@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/key."""
     p = argparse.ArgumentParser(
         prog="scripts/key",
-        description="Makes a key for the tag at the packets' end (docs/packet.md): a new file of 64 hexadecimal digits "
+        description="Makes a key for authenticated packets (docs/design/comms.md): a new file of 64 hexadecimal digits "
         "that only you can read. Copy it to every vehicle of the team, and name it in packet.key_file.",
         epilog="Exit codes: 0 made; 2 the file is there already, or cannot be written.",
     )

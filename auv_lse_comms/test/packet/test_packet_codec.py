@@ -277,62 +277,9 @@ def test_capacity_is_the_papers() -> None:
         fields.capacity(238)
 
 
-def spare_bytes(n_actions: int, segments: int = 0, paired: bool = False) -> int:
+def spare_bytes(n_actions: int) -> int:
     """Bytes left over after the samples of a full packet."""
-    samples = fields.capacity(n_actions, segments=segments, paired=paired) * fields.SAMPLE_BYTES
-    return fields.PACKET_BYTES - fields.samples_start(n_actions, segments, paired=paired) - samples
-
-
-def layout_table(n_actions: int, segments: int = 0, paired: bool = False) -> str:
-    """The layout of a packet with so many actions and segments of a tour, as a table for the documentation."""
-    rows = ["| bytes | type | field | unit | range | meaning |", "|---|---|---|---|---|---|"]
-    at = 0
-
-    def row(field: fields.PacketField, name: str, count: int = 1) -> None:
-        nonlocal at
-        last = at + field.size * count - 1
-        span = f"{at}" if last == at else f"{at}-{last}"
-        kind = field.type if count == 1 else f"{count} x {field.type}"
-        if field.type == "float32":
-            limits = f"{field.low:g} to {field.high:g}"
-        elif field.low >= fields.FIRST_TERMINAL:
-            limits = " to ".join(dict.fromkeys(f"0x{int(v):02X}" for v in (field.low, field.high)))
-        else:
-            limits = f"{int(field.low)} to {int(field.high)}"
-        rows.append(f"| {span} | {kind} | `{name}` | {field.unit} | {limits} | {field.meaning} |")
-        at = last + 1
-
-    for field in fields.HEADER:
-        row(field, field.name)
-    if paired:
-        for field in fields.PAIRS_HEADER:
-            row(field, field.name)
-        row(fields.PAIR, fields.PAIR.name, (n_actions + 1) // 2)
-    elif n_actions:
-        row(fields.ACTION, fields.ACTION.name, n_actions)
-    if segments:
-        for field in fields.TOUR_HEADER:
-            row(field, field.name)
-        row(fields.BEARING, fields.BEARING.name, segments)
-    row(fields.TERMINAL, fields.TERMINAL.name)
-    n = fields.capacity(n_actions, segments=segments, paired=paired)
-    for field in fields.SAMPLE:
-        row(field, f"samples[0].{field.name}")
-    last = fields.samples_start(n_actions, segments, paired=paired) + n * fields.SAMPLE_BYTES - 1
-    rows.append(f"| {at}-{last} | {n - 1} x 3 float32 | `samples[1..{n - 1}]` | m | as above | unused ones all 0xFF |")
-    if last + 1 < fields.PACKET_BYTES:
-        spare = spare_bytes(n_actions, segments, paired)
-        span = "251 | 1 byte" if spare == 1 else f"{last + 1}-{fields.PACKET_BYTES - 1} | {spare} bytes"
-        rows.append(f"| {span} | spare | | 0xFF | or the tag |")
-    return "\n".join(rows)
-
-
-def test_documented_layouts_derive_from_the_table() -> None:
-    text = (ROOT / "docs" / "packet.md").read_text()
-    for n_actions, segments, paired in ((3, 0, False), (10, 0, False), (3, 50, False), (100, 0, True)):
-        assert layout_table(n_actions, segments, paired) in text
-    for reason, meaning in REASONS.items():
-        assert f"| `{reason}` | {meaning} |" in text
+    return fields.PACKET_BYTES - fields.samples_start(n_actions) - fields.capacity(n_actions) * fields.SAMPLE_BYTES
 
 
 def single(low: float, high: float) -> st.SearchStrategy[float]:

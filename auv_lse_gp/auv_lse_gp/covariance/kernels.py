@@ -24,7 +24,7 @@ SUPPORT_RATIO = {"wendland_c2": 3.3107, "wendland_c4": 3.6969}
 
 #: Default radius of the local subset (d_eps) / length scale, for the kernels without compact support. With it, the
 #: mean is off the full posterior's by at most 0.02 of its standard deviation with the Matern kernels and 0.2 with the
-#: squared exponential, on a real lake and on made-up ones: docs/gp.md.
+#: squared exponential, on a real lake and on made-up ones: docs/design/gp.md.
 LOCAL_RATIO = {"matern32": 4.0, "matern52": 4.0, "squared_exponential": 6.0}
 
 

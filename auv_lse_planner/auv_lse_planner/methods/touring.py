@@ -12,7 +12,7 @@ A decision values everything by the same reward (`reward/anytime.py`), with the 
   the account is about, and the best path of all is bent. The naive paths are candidates.
 
 The own path is valued at two places of each leg at least. By one, at the leg's end, the risk that a turning path leaves
-is overestimated twice as much as that of straight lanes (docs/planner.md), and these are chosen wrongly.
+is overestimated twice as much as that of straight lanes (docs/design/planner.md), and these are chosen wrongly.
 
 The account keeps the bound. E is the drop of the map's risk that is expected for the mission's end (`Value.end`): at
 the start A = E(chosen) - E(best naive path) >= 0, and each later choice needs E(new) >= E(incumbent) - A and changes A

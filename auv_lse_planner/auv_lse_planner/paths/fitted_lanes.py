@@ -3,8 +3,8 @@
 Lanes lie along either axis of a strip of the area. How many there are, how far the outer ones are from the strip's
 sides and how far their ends are from the border is chosen so that the mean distance of the strip to the path is least,
 over all that the path's length allows: every lawnmower between too few lanes and lanes that it could not finish. The
-mean distance stands in for the expected risk of the map, which it follows closely (docs/planner.md), and needs neither
-a map nor its parameters. Behind the last lane the path returns midway between the lanes.
+mean distance stands in for the expected risk of the map, which it follows closely (docs/design/planner.md), and
+needs neither a map nor its parameters. Behind the last lane the path returns midway between the lanes.
 
 The number of steps, the start and the area are all that counts, and all arithmetic is scalar: every receiver of a
 packet fits the same lanes to the last bit.

@@ -1,8 +1,8 @@
 """Motion primitives (paper, section 4): an action is an arc of |a| at the turning radius, then a straight.
 
 A state is an array (3,): heading (rad, clockwise from north), north (m), east (m). The print's
-slips are read as docs/paper.md says: dx is to starboard, dy ahead, heading 0 is north, and the new place is the old one
-plus the rotated step. `MotionTable` computes the step of every action once.
+slips are read as docs/design/paper.md says: dx is to starboard, dy ahead, heading 0 is north, and the new place is the
+old one plus the rotated step. `MotionTable` computes the step of every action once.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class MotionTable:
         theta = math.radians(config.theta_max_deg)
         turns = np.radians(np.asarray(config.actions_deg, dtype=float))
         size = np.abs(turns)
-        # docs/paper.md: d = r (theta_max - |a|) is the default reading; the paper prints '+'.
+        # docs/design/paper.md: d = r (theta_max - |a|) is the default reading; the paper prints '+'.
         self.straights_m: Array = radius * (theta - size if config.straight == "constant" else theta + size)
         self.turns_rad: Array = turns
         self.radius_m = radius

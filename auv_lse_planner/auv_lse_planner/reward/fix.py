@@ -1,9 +1,9 @@
 """What a fix brings: how much less is lost because soundings are not where they are booked.
 
 The risk that plans are made by undervalues it. Its prior is wider than lakes are, so that its variance is several times
-the square of the map's errors (docs/places.md), and beside that variance those of places hardly count. What is lost to
-places is therefore priced beside the variance that the soundings show: with v the map's variance without places, D the
-place effects (`Posterior`), D_1 those that a fix takes away, and c^2 = `Posterior.variance_scale`,
+the square of the map's errors (docs/design/places.md), and beside that variance those of places hardly count. What is
+lost to places is therefore priced beside the variance that the soundings show: with v the map's variance without
+places, D the place effects (`Posterior`), D_1 those that a fix takes away, and c^2 = `Posterior.variance_scale`,
 
     worth = sum over the map of r(mean, sqrt(c^2 v + D^2)) - r(mean, sqrt(c^2 v + D^2 - D_1^2)),
 

@@ -1,4 +1,4 @@
-"""The paper's reward of a path: the expected benefit of search at its own places (docs/paper.md).
+"""The paper's reward of a path: the expected benefit of search at its own places (docs/design/paper.md).
 
 J(V) = sum over p in V of [ r(p | S) - E r(p | S u O u V) ],  S the data, O the paths of the agents before, V the path.
 That is `credit="whole"`. With `credit="beyond"` the first term is E r(p | S u O): what V adds at its places beyond

@@ -7,7 +7,7 @@ tree against plans drawn from theirs. Here, as a packet has room for one plan:
   `KEPT_PLANS` different plans of a team mate, newer ones weighing more, stand for the mate's distribution.
 - The search values a sequence by its mean over `JOINT_DRAWS` joint draws of the team mates' plans: by the drop of the
   map's risk that it adds to theirs, which is the local utility of the paper. By its own places, as the paper's other
-  searches value it, it loses half as much again (docs/planner.md, "Team").
+  searches value it, it loses half as much again (docs/design/planner.md, "Team").
 - The own distribution is q(x) ~ exp(value(x) / temperature) over the best sequences of the search: the minimum of the
   free energy that Dec-MCTS descends to, for the others' distributions as they stand. The temperature falls from step to
   step (`COOLING`). The vehicle itself travels the best sequence.

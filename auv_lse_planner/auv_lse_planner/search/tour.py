@@ -41,7 +41,7 @@ EVEN_WEIGHT = 3e-2
 #: What it costs to bend a path: of a displacement that grows by a segment's length over a segment, of the tour's value.
 BEND_WEIGHT = 3e-3
 #: An optimization ends with the first iteration that gains less, as a part of the tour's value: of waypoints, and of a
-#: bend, which goes on behind iterations that gain little (docs/planner_trials.md).
+#: bend, which goes on behind iterations that gain little (docs/evidence/planner-trials.md).
 LEAST_GAIN, LEAST_BENT = 1e-6, 1e-7
 #: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
 CUT_CORNERS = 1.25

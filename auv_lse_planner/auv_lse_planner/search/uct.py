@@ -34,7 +34,7 @@ Actions = tuple[int, ...]
 #: Share of the iterations that goes to changing single actions of the best sequences.
 POLISH = 0.4
 #: Only up to this horizon: over many legs the path with the paper's best reward is not the best one
-#: (docs/planner_trials.md).
+#: (docs/evidence/planner-trials.md).
 POLISH_UP_TO = 4
 #: Sequences in a ranking.
 RANKED = 64

@@ -40,5 +40,5 @@ def warnings_of(decision: Decision, deadline_s: float) -> list[str]:
             "iterations; the best plan so far is taken"
         )
     if decision.statistics.escape:
-        found.append(f"step {bound.step}: nothing feasible; escaping, see docs/planner.md")
+        found.append(f"step {bound.step}: nothing feasible; escaping, see docs/design/planner.md")
     return found

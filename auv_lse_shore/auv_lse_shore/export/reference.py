@@ -17,7 +17,7 @@ class Reference:
 
     @property
     def proj(self) -> str:
-        """The reference system as PROJ has it, the mission's own local frame (docs/frames.md); "" without origin."""
+        """The mission's local frame as a PROJ string (docs/reference/frames.md); "" without origin."""
         if self.origin is None:
             return ""
         latitude, longitude = self.origin

@@ -150,7 +150,7 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
         lacks = [f"auv{v.vehicle} of run {n + 1}: {missing_in(v)}" for n, run in enumerate(runs) for v in run.vehicles]
         raise AdjustError(
             "; ".join(lacks or ["no vehicle in any run"])
-            + "; expected raw places beside the soundings, as recorded since vehicles keep them (docs/places.md)"
+            + "; expected raw places beside the soundings, as recorded since vehicles keep them (docs/design/places.md)"
         )
     origins = {run.origin for run in runs}
     if len(origins) > 1:

@@ -1,4 +1,4 @@
-"""The team's reward and its lower bound, computed anew from what was measured (docs/paper.md).
+"""The team's reward and its lower bound, computed anew from what was measured (docs/design/paper.md).
 
 Joint step i is leg i of every vehicle; D_{i-1} is what all vehicles measured on their legs before it. The judge knows
 all of it at once, which no vehicle did. Two readings of the paper's reward are computed, because only one of them can

@@ -158,12 +158,6 @@ def table() -> list[tuple[str, str, str]]:
     return [(f.name, f.metadata["unit"], f.metadata["help"]) for f in dataclasses.fields(Summary)]
 
 
-def markdown() -> str:
-    """`table` as docs/results.md shows it."""
-    rows = [f"| `{key}` | {unit} | {meaning.replace('|', chr(92) + '|')} |" for key, unit, meaning in table()]
-    return "\n".join(["| key | unit | meaning |", "|---|---|---|", *rows])
-
-
 def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None

@@ -43,8 +43,8 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/live",
         description="Shows a mission on one page in a browser on this machine: map with risk and isobath, tracks, "
         "plans, packets in their slots, reward and bound, health. See docs/guide/live-view.md.",
-    )
         epilog="Exit codes: 0; 2 the request cannot be met, or a wrong command line; 130 Ctrl-C.",
+    )
     p.add_argument(
         "run",
         nargs="?",

@@ -57,7 +57,7 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
     )
     p.add_argument("--vehicles", type=int, metavar="K", help="number of vehicles, 1 to 20")
     p.add_argument("--steps", type=int, metavar="N", help="legs that each vehicle travels")
-    p.add_argument("--method", metavar="NAME", help=f"planning method: {', '.join(METHODS)} (docs/planner.md)")
+    p.add_argument("--method", metavar="NAME", help=f"planning method: {', '.join(METHODS)} (docs/design/planner.md)")
     p.add_argument("--seed", type=int, help="seed of every random stream: ground, sensors, channel, planners")
     p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
     p.add_argument(

@@ -1,1 +1,1 @@
-"""The tables of docs that derive from code: topics, parameters, packet, commands, summary, licences."""
+"""The tables of docs that derive from code: topics, parameters, packet, commands, summary keys."""

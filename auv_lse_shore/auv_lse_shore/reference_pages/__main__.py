@@ -7,13 +7,12 @@ import sys
 from collections.abc import Callable, Sequence
 
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_shore.reference_pages import commands, licences, tables
+from auv_lse_shore.reference_pages import commands, tables
 from auv_lse_shore.reference_pages.blocks import outdated
 
 #: What generates each block, by the name in its marker.
 BLOCKS: dict[str, Callable[[], str]] = {
     "commands": commands.commands,
-    "licences": licences.licences,
     "packet-fields": tables.packet_fields,
     "packet-reasons": tables.packet_reasons,
     "packet-sizes": tables.packet_sizes,
@@ -30,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="python -m auv_lse_shore.reference_pages",
         description="Derives the generated tables of docs from the code: topics, parameters, packet, commands, summary "
-        "keys, licences.",
+        "keys.",
         epilog="Exit codes: 0; 1 with --check if a page is out of date; 2 a wrong command line.",
     )
     mode = p.add_mutually_exclusive_group(required=True)

@@ -71,6 +71,4 @@ def wrapped(text: str) -> str:
 
 def item(text: str) -> str:
     """A list item in lines of at most 120 columns."""
-    return textwrap.fill(
-        f"- {text}", 120, subsequent_indent="  ", break_on_hyphens=False, break_long_words=False
-    )
+    return textwrap.fill(f"- {text}", 120, subsequent_indent="  ", break_on_hyphens=False, break_long_words=False)

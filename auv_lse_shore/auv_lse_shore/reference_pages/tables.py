@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import dataclasses
 import re
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,8 @@ from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOP
 from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS
 from auv_lse_comms.packet.navigation import RAW, RAW_AND_FIX, SIZES
-from auv_lse_shore.judge.summary import Summary
+from auv_lse_shore.judge import summary
 from auv_lse_shore.reference_pages.blocks import code, item, table
-
 
 
 def _topic_row(name: str, topic: Topic) -> tuple[str, ...]:
@@ -32,7 +30,13 @@ def _topic_row(name: str, topic: Topic) -> tuple[str, ...]:
         )
         if holds
     ]
-    return code(name), code(topic.kind.replace("/msg/", "/")), code(topic.writer), readers, ", ".join(traits)
+    return (
+        code(name),
+        code(topic.kind.removeprefix("auv_lse_msgs/msg/").replace("/msg/", "/")),
+        code(topic.writer),
+        readers,
+        ", ".join(traits),
+    )
 
 
 def topics() -> str:
@@ -115,9 +119,8 @@ def parameters() -> str:
 def summary_keys() -> str:
     """Every key of summary.json with unit and meaning."""
     lines = []
-    for field in dataclasses.fields(Summary):
-        unit, meaning = field.metadata["unit"], field.metadata["help"]
-        lines.append(item(f"{code(field.name)} ({unit}): {meaning}" if unit else f"{code(field.name)}: {meaning}"))
+    for key, unit, meaning in summary.table():
+        lines.append(item(f"{code(key)} ({unit}): {meaning}" if unit else f"{code(key)}: {meaning}"))
     return "\n".join(lines)
 
 
@@ -157,7 +160,8 @@ def packet_sizes() -> str:
             cells.append(f"{samples}, {spare - samples * fields.SAMPLE_BYTES}")
         first = fields.samples_start(actions, segments, 0, paired)
         rows.append((name, str(first), *cells))
-    return table(("plan", "first sample at byte", "samples, spare bytes", "with raw place", "with raw place and fix"), rows)
+    head = ("plan", "first sample at byte", "samples, spare bytes", "with raw place", "with raw place and fix")
+    return table(head, rows)
 
 
 def packet_reasons() -> str:

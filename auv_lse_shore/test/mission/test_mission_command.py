@@ -143,7 +143,7 @@ def test_a_pace_that_cannot_be_is_refused(
 
 
 def test_the_help_names_the_methods_that_there_are() -> None:
-    listed = parser().format_help().split("planning method: ")[1].split(" (docs/planner.md)")[0]
+    listed = parser().format_help().split("planning method: ")[1].split(" (docs/design/planner.md)")[0]
     assert "".join(listed.split()).split(",") == list(METHODS)
 
 

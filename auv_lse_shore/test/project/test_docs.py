@@ -12,6 +12,8 @@ import yaml
 
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
+from auv_lse_shore.reference_pages.__main__ import BLOCKS
+from auv_lse_shore.reference_pages.blocks import block_names, outdated, render
 from benchmarks import licences
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -136,12 +138,61 @@ def test_nothing_outside_of_the_project_is_cited():
     assert not found, "\n".join(found)
 
 
-def test_the_library_page_shows_every_example():
+def test_the_page_of_the_python_api_shows_every_example():
     """`test_examples.py` runs them."""
-    page = (ROOT / "docs" / "library.md").read_text()
-    examples = sorted(file.name for file in (ROOT / "docs" / "examples").iterdir())
+    page = (ROOT / "docs" / "reference" / "python-api.md").read_text()
+    examples = sorted(file.name for file in (ROOT / "docs" / "reference" / "python").iterdir())
     assert len(examples) >= 4
-    assert [name for name in examples if f"](examples/{name})" not in page] == []
+    assert [name for name in examples if f"](python/{name})" not in page] == []
+
+
+def words(*patterns):
+    """Words in pages: what has a letter or a digit, so that a table's bars do not count."""
+    files = {file for pattern in patterns for file in ROOT.glob(pattern)}
+    assert files
+    return sum(len(re.findall(r"\S*\w\S*", file.read_text())) for file in files)
+
+
+@pytest.mark.parametrize(
+    ("most", "patterns"),
+    [
+        (1_200, ["README.md"]),
+        (11_000, ["docs/reference/**/*.md"]),
+        (22_000, ["docs/guide/**/*.md", "docs/reference/**/*.md"]),
+        *((2_000, [f"docs/design/{page.name}"]) for page in sorted((ROOT / "docs" / "design").glob("*.md"))),
+    ],
+    ids=str,
+)
+def test_pages_are_short(most, patterns):
+    assert words(*patterns) <= most
+
+
+@pytest.mark.ros  # the commands' modules import ROS
+def test_generated_tables_are_those_of_the_code():
+    pages = outdated(ROOT / "docs", BLOCKS)
+    assert not pages, f"python -m auv_lse_shore.reference_pages --write: {', '.join(map(str, pages))}"
+
+
+def test_every_generated_table_has_a_page_and_is_current():
+    shown = [name for page in PAGES for name in block_names(page.read_text())]
+    assert sorted(shown) == sorted(BLOCKS)
+    without_ros = {name: BLOCKS[name] for name in BLOCKS if name != "commands"} | {"commands": lambda: ""}
+    for page in PAGES:
+        if "commands" not in block_names(text := page.read_text()):
+            assert render(text, without_ros) == text, f"python -m auv_lse_shore.reference_pages --write: {page.name}"
+
+
+def test_the_site_shows_every_page():
+    site = yaml.safe_load((ROOT / "config" / "site" / "mkdocs.yml").read_text())
+
+    def pages_of(entry):
+        if isinstance(entry, str):
+            return [entry]
+        parts = entry.values() if isinstance(entry, dict) else entry
+        return [page for part in parts for page in pages_of(part)]
+
+    present = [page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")]
+    assert sorted(pages_of(site["nav"])) == sorted(present)
 
 
 @pages(LIVING)
@@ -232,10 +283,10 @@ def test_functions_and_classes_that_are_named_alone_exist(page):
             assert word in words, f"{page.name}: `{span}`"
 
 
-def test_the_page_of_licences_and_the_hashes_have_every_pinned_package():
+def test_the_list_of_licences_and_the_hashes_have_every_pinned_package():
     pinned = set(licences.pins())
-    rows = re.findall(r"^\| ([\w.-]+) \| ([\w.]+) \| [^|]+ \|$", (ROOT / "docs" / "dependencies.md").read_text(), re.M)
-    assert set(rows) - {("package", "version")} == pinned, "python -m benchmarks.licences > docs/dependencies.md"
+    listed = re.findall(r"^([\w.-]+)==(\S+)  \S", (ROOT / "config" / "licences.txt").read_text(), re.M)
+    assert set(listed) == pinned, "python -m benchmarks.licences > config/licences.txt"
     locked = (ROOT / "config" / "locked.txt").read_text()
     entries = re.findall(r"^([\w.-]+)==(\S+)( ; [^\\]+)? \\\n    --hash=sha256:[0-9a-f]{64}", locked, re.M)
     assert len(entries) == len(re.findall(r"^[\w.-]+==", locked, re.M)), "each has a hash"

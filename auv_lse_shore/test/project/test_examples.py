@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = sorted((Path(__file__).resolve().parents[3] / "docs" / "examples").glob("*.md"))
+EXAMPLES = sorted((Path(__file__).resolve().parents[3] / "docs" / "reference" / "python").glob("*.md"))
 BLOCK = re.compile(r"```python\n(.*?)```\n(?:```text\n(.*?)```\n)?", re.DOTALL)
 
 

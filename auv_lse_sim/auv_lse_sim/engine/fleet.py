@@ -1,4 +1,4 @@
-"""A whole mission in one process, without ROS: the nodes' cores, called in the order of docs/architecture.md.
+"""A whole mission in one process, without ROS: the nodes' cores, called in the order of docs/design/architecture.md.
 
 The nodes make the same calls with the same numbers, so that both give the same mission from the same seed. Where a
 message rounds (a stamp to nanoseconds, a heading to a quaternion and back), the fleet rounds too.

@@ -1,4 +1,4 @@
-"""Simulated acoustic channel between the vehicles' modems (docs/channel.md).
+"""Simulated acoustic channel between the vehicles' modems (docs/design/comms.md).
 
 A transmission of source level SL reaches a receiver at range R after R / c, at the level SL - TL(R) with
 

@@ -1,4 +1,4 @@
-"""How long packets travel, as the modems of sender and receiver measure it (docs/channel.md).
+"""How long packets travel, as the modems of sender and receiver measure it (docs/design/comms.md).
 
     measured = distance / (speed (1 + c)) + clock of the receiver - clock of the sender + noise, or + a late echo
 

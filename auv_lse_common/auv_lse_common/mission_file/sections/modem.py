@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
 from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 
-#: What the packet takes on the wire (docs/packet.md); every transmission carries exactly one packet.
+#: What the packet takes on the wire (docs/reference/packet.md); every transmission carries exactly one packet.
 PAYLOAD_BYTES = 252
 #: What the driver's reports may take on their way (s).
 _SPARE_S = 1.0

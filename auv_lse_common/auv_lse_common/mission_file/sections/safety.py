@@ -13,7 +13,7 @@ RESPONSES = ("warn", "hold", "surface", "abort")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyConfig:
-    """The limits of one vehicle. What each does: docs/reliability.md."""
+    """The limits of one vehicle. What each does: docs/design/safety.md."""
 
     max_depth_m: float | None = parameter(
         None, unit="m", above=0.0, help="greatest depth of the vehicle; left out: vehicle.depth_m + 5 m"

@@ -1,4 +1,4 @@
-"""MAVLink's frames, datums and units to the stack's and back: the only place where they meet (docs/frames.md).
+"""Converts MAVLink's frames, datums and units to the stack's and back (docs/reference/frames.md).
 
 | quantity | MAVLink | here |
 |---|---|---|
