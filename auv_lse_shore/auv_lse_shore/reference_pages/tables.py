@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from auv_lse_common.mission_file.parameters import SECTIONS, describe
-from auv_lse_common.mission_file.settings import PER_VEHICLE, SECTION_CLASSES
+from auv_lse_common.mission_file.parameters import describe
+from auv_lse_common.mission_file.sections.table import SECTIONS, VEHICLE_SECTIONS
 from auv_lse_common.node.lockstep import PHASES
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, Topic
@@ -104,11 +104,11 @@ def _limits(allowed: str) -> str:
 def parameters() -> str:
     """Every parameter, a list for each section: default, unit, range, meaning."""
     parts = []
-    for section in SECTIONS:
+    for section, cls in SECTIONS.items():
         lines = [f"### {section}"]
-        if section in PER_VEHICLE:
+        if section in VEHICLE_SECTIONS:
             lines += ["Vehicles may differ.", ""]
-        for name, default, unit, allowed, meaning in describe(SECTION_CLASSES[section], f"{section}."):
+        for name, default, unit, allowed, meaning in describe(cls, f"{section}."):
             value = " ".join(part for part in (code(_shown(default)), unit) if part)
             facts = ", ".join(part for part in (value, _limits(allowed)) if part)
             lines.append(item(f"{code(name)} ({facts}): {meaning}" if facts else f"{code(name)}: {meaning}"))
