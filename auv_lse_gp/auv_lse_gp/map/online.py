@@ -288,7 +288,7 @@ class OnlineGp:
         if self.config.local and not self.kernel.compact and self.kernel.local_m < usual:
             text = (
                 f"gp.support_m: {self.kernel.local_m:g} m is less than {LOCAL_RATIO[self.kernel.name]:g} length scales "
-                f"({usual:g} m); the error of the local subset of {self.kernel.name} becomes visible (docs/design/gp.md)"
+                f"({usual:g} m); the error of the local subset of {self.kernel.name} is visible (docs/design/gp.md)"
             )
             self.problems.append(text)
             warnings.warn(text, stacklevel=3)
