@@ -72,8 +72,8 @@ def cards(s: Summary) -> list[tuple[str, str]]:
         (s.isobath_found_error_m, "{:.1f} m".format, "mean isobath error"),
         (s.isobath_found_m, _m, "of isobath found"),
         (s.isobath_found, _percent, "of the true isobath found"),
-        (s.risk_after, lambda _: risk, "map risk (cost per place)"),
-        (s.mowing_risk, _three, "lawnmower bound" if s.map_bound_promised else "map risk expected of a lawnmower"),
+        (s.risk_after, lambda _: risk, "map risk, before → after (cost per place)"),
+        (s.mowing_risk, _three, "lawnmower bound on map risk" if s.map_bound_promised else "map risk expected of a lawnmower"),
         (s.loss_expected, _three, "expected loss (cost per place)"),
         (s.loss_after, _three, "actual loss (cost per place)"),
         (s.delivery, _percent, f"of packets received ({s.packets_sent} sent)"),
@@ -131,7 +131,7 @@ def _uncertain(e: Evaluation) -> str:
     longest = sorted((p for p in e.pieces if p.kind != FOUND), key=lambda p: p.length_m, reverse=True)
     listed = [_stretch(p) for p in longest[:MAX_STRETCHES] if p.length_m >= MIN_STRETCH_M]
     where = f" Longest stretches: {'; '.join(listed)}." if listed else ""
-    return f"Not found: {'; '.join(reasons)}.{where}"
+    return f"Line not found: {'; '.join(reasons)}.{where}"
 
 
 def _stretch(piece: Piece) -> str:

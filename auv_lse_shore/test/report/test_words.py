@@ -111,7 +111,7 @@ def test_a_map_without_any_isobath_is_reported(other):
     try:
         assert "shows no 15 m isobath." in text_of(other)
         assert "uncertain." in text_of(other), "the areas are still there"
-        assert "Not found" not in text_of(other)
+        assert "not found" not in text_of(other)
     finally:
         other.summary = kept
 
