@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +144,13 @@ class Summary:
     planning_max_s: float | None = figure("s", "longest wall-clock time of a decision")
     sim_s: float = figure("s", "mission time")
     wall_s: float | None = figure("s", "wall-clock time of the mission")
+
+    @classmethod
+    def of_known(cls, values: Mapping[str, Any]) -> Summary:
+        """A summary in which every key that is missing in `values`, NaN or infinite is None."""
+        known: dict[str, Any] = dict.fromkeys(field.name for field in dataclasses.fields(cls))
+        known |= {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
+        return cls(**known)
 
     def to_json(self) -> str:
         """The summary as JSON: NaN and infinity become null."""

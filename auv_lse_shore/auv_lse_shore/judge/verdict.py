@@ -29,6 +29,11 @@ class Verdict:
     depth_rmse_m: float
     error: isobath.IsobathError
 
+    @property
+    def misclassified_m2(self) -> float:
+        """Area on the wrong side of the level."""
+        return self.false_safe_m2 + self.false_unsafe_m2
+
 
 def judge(
     field_: DepthField, settings: PlannerSettings, ground: GroundGrid, scored: Mask, truth: list[Array]

@@ -8,7 +8,8 @@ import numpy as np
 
 from auv_lse_common.mission_file.methods import PAPER_METHODS
 from auv_lse_shore.judge.certainty import FLAT, FOUND, NOT_VISITED, PLACES_UNCERTAIN, VISITED_M, Piece
-from auv_lse_shore.judge.evaluation import SURE, Evaluation
+from auv_lse_shore.judge.evaluation import Evaluation
+from auv_lse_shore.judge.figures_of_merit import SURE
 from auv_lse_shore.judge.summary import Summary
 from auv_lse_shore.report.page import number
 
@@ -67,13 +68,14 @@ def subtitle(e: Evaluation) -> str:
 
 def cards(s: Summary) -> list[tuple[str, str]]:
     """The main figures as pairs of a value and its meaning."""
+    lawnmower = "lawnmower bound on map risk" if s.map_bound_promised else "map risk expected of a lawnmower"
     risk = f"{_three(s.risk_before)} → {_three(s.risk_after)}"
     rows: list[tuple[float | None, Callable[[float], str], str]] = [
         (s.isobath_found_error_m, "{:.1f} m".format, "mean isobath error"),
         (s.isobath_found_m, _m, "of isobath found"),
         (s.isobath_found, _percent, "of the true isobath found"),
         (s.risk_after, lambda _: risk, "map risk, before → after (cost per place)"),
-        (s.mowing_risk, _three, "lawnmower bound on map risk" if s.map_bound_promised else "map risk expected of a lawnmower"),
+        (s.mowing_risk, _three, lawnmower),
         (s.loss_expected, _three, "expected loss (cost per place)"),
         (s.loss_after, _three, "actual loss (cost per place)"),
         (s.delivery, _percent, f"of packets received ({s.packets_sent} sent)"),

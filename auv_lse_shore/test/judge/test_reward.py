@@ -8,7 +8,8 @@ from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
-from auv_lse_shore.judge.reward import PlannedPaths, leg_times, reward_curves, running_maximum
+from auv_lse_shore.judge.planned_paths import PlannedPaths, leg_times
+from auv_lse_shore.judge.reward import reward_curves, running_maximum
 from auv_lse_shore.judge.team_map import mission_settings
 
 

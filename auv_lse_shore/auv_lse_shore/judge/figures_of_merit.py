@@ -1,0 +1,189 @@
+"""The parts of a mission's summary, each computed from what it needs; keys and meanings as of `summary.Summary`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_gp.map.depth_map import DepthField
+from auv_lse_record.run_data import GroundGrid, RunData
+from auv_lse_shore.judge import isobath
+from auv_lse_shore.judge.certainty import (
+    FLAT,
+    FOUND,
+    GUESSED,
+    LIKELY,
+    NOT_VISITED,
+    PLACES_UNCERTAIN,
+    Piece,
+    length_of,
+    lines_of,
+)
+from auv_lse_shore.judge.reliability import Reliability
+from auv_lse_shore.judge.reward import Curves
+from auv_lse_shore.judge.tracks import least_separation, navigation_error, path_length_m, true_positions
+from auv_lse_shore.judge.verdict import judge
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Probability from which on a place counts as surely on one side of the level.
+SURE = 0.95
+
+
+def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None) -> dict[str, Any]:
+    """Lengths of the estimated isobath by class and reason; with the true isobath (None: unknown), its error."""
+
+    def uncertain(reason: str) -> float:
+        return length_of(pieces, LIKELY, reason) + length_of(pieces, GUESSED, reason)
+
+    error = None if truth is None else isobath.judge_claim(lines_of(pieces, FOUND), truth)
+    return {
+        "isobath_found_m": length_of(pieces, FOUND),
+        "isobath_likely_m": length_of(pieces, LIKELY),
+        "isobath_guessed_m": length_of(pieces, GUESSED),
+        "isobath_not_visited_m": uncertain(NOT_VISITED),
+        "isobath_places_uncertain_m": uncertain(PLACES_UNCERTAIN),
+        "isobath_flat_m": uncertain(FLAT),
+        "isobath_found": error and error.found,
+        "isobath_found_error_m": error and error.mean_m,
+        "isobath_found_error_p95_m": error and error.percentile_95_m,
+        "isobath_made_up": error and error.made_up,
+        "isobath_true_m": None if truth is None else isobath.length_m(truth),
+        "isobath_length_m": isobath.length_m(lines_of(pieces)),
+    }
+
+
+def map_risk(
+    prior: DepthField, team: DepthField, local: Sequence[DepthField], settings: PlannerSettings, scored: Mask
+) -> dict[str, Any]:
+    """Risk and expected loss of the maps over the evaluated cells, and the areas on each side of the level.
+
+    Risk is computed with the prior's scale, which planners use and the bound refers to; loss with the scale of the
+    published maps.
+    """
+    level_set = LevelSet.of(settings.level_set)
+    before, after, *own = (level_set.risk(f.mean_m, f.prior_std_m)[scored] for f in (prior, team, *local))
+    p_safe = team.p_safe[scored]
+
+    def area(cells: Mask) -> float:
+        return float(np.count_nonzero(cells)) * team.grid.resolution_m**2
+
+    return {
+        "risk_before": float(before.mean()),
+        "risk_after": float(after.mean()),
+        "loss_expected": float(team.risk[scored].mean()),
+        "deep_m2": area(p_safe >= SURE),
+        "shallow_m2": area(p_safe <= 1.0 - SURE),
+        "unsure_m2": area((p_safe > 1.0 - SURE) & (p_safe < SURE)),
+        "area_m2": area(np.ones(len(p_safe), dtype=bool)),
+        "local_risk": tuple(float(risk.mean()) for risk in own),
+        "local_risk_error": tuple(float(np.abs(risk - after).mean()) for risk in own),
+    }
+
+
+def against_truth(
+    maps: Sequence[DepthField],
+    ideal: DepthField | None,
+    settings: PlannerSettings,
+    ground: GroundGrid,
+    scored: Mask,
+    true_isobath: list[Array],
+) -> dict[str, Any]:
+    """Errors of the maps over the evaluated cells.
+
+    Args:
+        maps: The map from all soundings, then each vehicle's own.
+        ideal: The map from all soundings at their true positions; None if these are unknown.
+        settings: Settings of the mission.
+        ground: The true ground.
+        scored: The cells evaluated, shape of the maps.
+        true_isobath: Lines of the true isobath.
+    """
+    team, depth = maps[0], ground.depth_m[scored]
+    found, *local = (judge(own, settings, ground, scored, true_isobath) for own in maps)
+    best = None if ideal is None else judge(ideal, settings, ground, scored, true_isobath)
+    reliability = Reliability.of(team.p_safe[scored], depth >= settings.level_set.level_m)
+    return {
+        "isobath_error_m": found.error.mean_m,
+        "isobath_error_p95_m": found.error.percentile_95_m,
+        "loss_after": found.loss,
+        "reliability_error": reliability.error,
+        "reliability_cells": reliability.cells,
+        "reliability_expected": reliability.expected,
+        "reliability_safe": reliability.safe,
+        "f1": found.f1,
+        "misclassified_m2": found.misclassified_m2,
+        "false_safe_m2": found.false_safe_m2,
+        "false_unsafe_m2": found.false_unsafe_m2,
+        "depth_rmse_m": found.depth_rmse_m,
+        "local_f1": tuple(own.f1 for own in local),
+        "error_over_std": float((((team.mean_m - ground.depth_m)[scored] / team.std_m[scored]) ** 2).mean()),
+        "f1_true_positions": best and best.f1,
+        "misclassified_true_positions_m2": best and best.misclassified_m2,
+        "isobath_error_true_positions_m": best and best.error.mean_m,
+    }
+
+
+def positions(run: RunData) -> dict[str, Any]:
+    """Position errors where the truth is known, distances and separation."""
+    navigation = [navigation_error(v) for v in run.vehicles]
+    tracked = all(len(n) for n in navigation)
+    placed = all(len(v.truth) and len(v.soundings) for v in run.vehicles)
+    apart = [v.soundings.places_m - true_positions(v).places_m for v in run.vehicles] if placed else []
+    return {
+        "navigation_error_m": tuple(float(np.sqrt(np.mean(n**2))) for n in navigation) if tracked else None,
+        "navigation_error_end_m": tuple(float(n[-1]) for n in navigation) if tracked else None,
+        "place_error_m": tuple(float(np.sqrt((a**2).sum(axis=1).mean())) for a in apart) if placed else None,
+        "distance_m": tuple(path_length_m(v) for v in run.vehicles),
+        "min_separation_m": least_separation(run.vehicles),
+    }
+
+
+def work(run: RunData) -> dict[str, Any]:
+    """Counts of soundings, samples and packets, and the time that decisions took."""
+    possible = len(run.sent) * (len(run.vehicles) - 1)
+    walls = np.array([d.wall_s for v in run.vehicles for d in v.decisions])
+    walls = walls[np.isfinite(walls)]
+    return {
+        "soundings": sum(len(v.soundings) for v in run.vehicles),
+        "samples_received": sum(len(v.received) for v in run.vehicles),
+        "packets_sent": len(run.sent),
+        "packets_received": len(run.received),
+        "delivery": len(run.received) / possible if possible else None,
+        "planning_median_s": float(np.median(walls)) if len(walls) else None,
+        "planning_max_s": float(walls.max()) if len(walls) else None,
+        "sim_s": run.sim_s,
+        "wall_s": run.wall_s,
+    }
+
+
+def paper_reward(curves: Curves, of_paper: bool) -> dict[str, Any]:
+    """The paper's reward, and its bounds for the paper's methods."""
+    team_reward, path_reward, steps = float(curves.stepwise[-1]), float(curves.whole[-1]), len(curves.stepwise) - 1
+    bounds: dict[str, Any] = {}
+    if of_paper:
+        lower_bound = _last(curves.bound_max[:-1])
+        bounds = {
+            "lower_bound": lower_bound,
+            "bound_kept": None if lower_bound is None else team_reward >= lower_bound,
+            "path_bound_start": float(curves.whole_bound[0]),
+            "path_bound_max": _last(curves.whole_bound_max[:-1]),
+            "path_bound_kept": path_reward >= curves.naive_value if steps else None,
+        }
+    return {
+        "team_reward": team_reward,
+        "path_reward": path_reward,
+        "lawnmower_value": curves.naive_value,
+        **bounds,
+    }
+
+
+def _last(values: Array) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite[-1]) if len(finite) else None
