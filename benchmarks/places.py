@@ -10,7 +10,7 @@ import numpy as np
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_gp.places.position_corrector import PositionCorrector
 from auv_lse_gp.places.terrain_matching import Terrain
-from auv_lse_shore.judge.adjustment import adjust
+from auv_lse_shore.places.adjustment import adjust
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground

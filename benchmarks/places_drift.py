@@ -29,10 +29,10 @@ from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_shore.campaign.statistics import interval
 from auv_lse_shore.judge import isobath
-from auv_lse_shore.judge.adjustment import adjust
 from auv_lse_shore.judge.team_map import map_of, mission_settings
 from auv_lse_shore.judge.tracks import true_positions
 from auv_lse_shore.judge.verdict import judge
+from auv_lse_shore.places.adjustment import adjust
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
@@ -91,7 +91,7 @@ def judged(run: RunData) -> dict[str, dict[str, float]]:
             used = run if way == "corrected" else _without_fixes(run)
             adjustment = adjust([used])
             depth_map = DepthMap(settings.gp, settings.level_set, area)
-            adjustment.settle(depth_map).set_uncertainty(adjustment.correction)
+            adjustment.fill(depth_map).set_uncertainty(adjustment.correction)
             vehicles = adjustment.runs[0].vehicles
             nees = _nees(run, adjustment.correction)
         else:

@@ -1,1 +1,1 @@
-"""After the dive: soundings put where they were taken."""
+"""scripts/adjust: positions of soundings re-estimated after the dive."""

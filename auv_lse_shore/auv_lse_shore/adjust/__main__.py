@@ -15,31 +15,31 @@ from auv_lse_shore.export.export import write_export
 from auv_lse_shore.export.rasters import rasterio
 from auv_lse_shore.export.reference import Reference
 from auv_lse_shore.export.soundings import write_soundings
-from auv_lse_shore.judge.adjustment import adjust, missing_in
 from auv_lse_shore.judge.team_map import adjusted_map, mission_settings, write_isobath
+from auv_lse_shore.places.adjustment import adjust
+from auv_lse_shore.places.recordings import missing_in
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/adjust."""
     p = argparse.ArgumentParser(
         prog="scripts/adjust",
-        description="Finds where all soundings of one or more runs were really taken, by everything that was recorded: "
-        "fixes, ranges between vehicles, and crossings of all tracks. Writes the soundings at these places with map "
-        "and isobath (as scripts/export does), before_and_after.csv with every sounding at both places, and moved.md, "
-        "which says what moved and by how much.",
-        epilog="Recordings of one dive by several vehicles, or of several dives in one local frame, are best given "
-        "together. What is known before (how good compass and DVL are) is the section places of the first run's "
-        "mission file. A second call replaces the files of the first; the recordings are only read. "
+        description="Re-estimates the positions of all soundings of one or more runs from everything recorded: fixes, "
+        "ranges between vehicles, and crossings of their tracks. Writes the adjusted soundings, map and isobath (as "
+        "scripts/export does), before_and_after.csv with both positions of every sounding, and moved.md, a report.",
+        epilog="Give recordings of one dive by several vehicles, or of several dives in one local frame, together. "
+        "The accuracy of compass and DVL is read from the section places of the first run's mission file. Recordings "
+        "are only read; a second call replaces the files of the first. "
         "Exit codes: 0; 2 the runs cannot be adjusted, or a wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder, or a recording")
-    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings that hold none")
-    p.add_argument("--out", type=Path, metavar="DIR", help="where to write (default: adjusted in the first RUN)")
+    p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, for recordings without one")
+    p.add_argument("--out", type=Path, metavar="DIR", help="output folder (default: adjusted in the first RUN)")
     return p
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Adjusts runs. Returns 0, 2 if that cannot be done, 130 after Ctrl-C."""
+    """Adjusts runs; returns the exit code."""
     options = parser().parse_args(arguments)
     first: Path = options.runs[0]
     folder = options.out or (first if first.is_dir() else first.parent) / "adjusted"
@@ -50,13 +50,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("\nstopped; what is in the folder may be incomplete: the same command writes it anew", file=sys.stderr)
+        print("\nstopped; the folder may be incomplete. Run the same command again to complete it", file=sys.stderr)
         return 130
     return 0
 
 
 def adjusted(paths: Sequence[Path], folder: Path, mission: Path | None = None) -> Iterator[str]:
-    """Adjusts the runs at `paths` into `folder`; says what it does, line by line.
+    """Adjusts the runs at `paths` into `folder`; yields its progress, line by line.
 
     Raises:
         AdjustError: if nothing can be adjusted, naming what is missing.
@@ -68,10 +68,10 @@ def adjusted(paths: Sequence[Path], folder: Path, mission: Path | None = None) -
         runs.append(read_run(path, mission=mission))
         for vehicle in runs[-1].vehicles:
             if missing := missing_in(vehicle):
-                yield f"  auv{vehicle.vehicle}: {missing}: its soundings stay where they are"
+                yield f"  auv{vehicle.vehicle}: {missing}; its soundings are not moved"
     names = [path.resolve().name for path in paths]
-    vehicles = sum(len(run.vehicles) for run in runs)
-    yield f"finding places: {sum(len(v.soundings) for r in runs for v in r.vehicles)} soundings of {vehicles} vehicles"
+    vehicles = [vehicle for run in runs for vehicle in run.vehicles]
+    yield f"estimating positions: {sum(len(v.soundings) for v in vehicles)} soundings of {len(vehicles)} vehicles"
     adjustment = adjust(runs)
     report = lines(adjustment, runs, names)
     yield from report

@@ -1,4 +1,4 @@
-"""What an adjustment did, in words and numbers, and every sounding before and after it."""
+"""The report of an adjustment, and a table of every sounding before and after it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,18 @@ import numpy as np
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.error_model import STATIC
 from auv_lse_record.run_data import RunData, VehicleRun
-from auv_lse_shore.judge.adjustment import Adjustment, Moved
 from auv_lse_shore.judge.tracks import true_positions
+from auv_lse_shore.places.adjustment import Adjustment, VehicleAdjustment
+
+#: Columns of the table of positions, and of the table of errors of dead reckoning.
+POSITIONS = (
+    "run", "vehicle", "soundings", "mean shift (m)", "largest shift (m)", "std now, per axis (m)", "fixes", "ranges",
+    "RMS error before, now (m)",
+)  # fmt: skip
+DEAD_RECKONING = (
+    "run", "vehicle", "start north (m)", "start east (m)", "heading (deg)", "heading × sine (deg)",
+    "heading × cosine (deg)", "DVL scale (%)",
+)  # fmt: skip
 
 #: Columns of the table of soundings before and after.
 COLUMNS = ("run", "vehicle", "time_s", "north_m", "east_m", "adjusted_north_m", "adjusted_east_m", "depth_m")
@@ -23,56 +33,59 @@ def lines(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str
     """The report, as text with tables in Markdown.
 
     Args:
-        adjustment: What was found.
+        adjustment: The adjustment.
         before: The runs as they were recorded.
         names: A name for each run.
     """
     text = [
-        "# What moved",
+        "# Adjusted positions",
         "",
-        "| run | vehicle | soundings | moved, mean (m) | largest (m) | place now, std of each axis (m) | surfacings "
-        "| ranges | off the truth before, now (m) |",
-        "|---|---|---|---|---|---|---|---|---|",
+        *_table_head(POSITIONS),
+        *(_row(v, adjustment, before, names[v.run]) for v in adjustment.vehicles),
+        "",
+        f"{adjustment.ranges} ranges used; {adjustment.refused} ranges and fixes rejected as outliers.",
     ]
-    text += [_moved_row(m, adjustment, before, names[m.run]) for m in adjustment.moved]
-    text += ["", f"{adjustment.ranges} ranges; {adjustment.refused} ranges and fixes refused as wrong."]
-    if not any(m.fixes for m in adjustment.moved):
+    if not any(v.fixes for v in adjustment.vehicles):
         text += [
             "",
-            "No fix under way: a translation, rotation or scale that all tracks have in common is only known as well "
-            "as before the dive.",
+            "No fix under way: a translation, rotation or scale error common to all tracks remains as uncertain as "
+            "before the dive.",
         ]
-    text += ["", "# What was wrong with each vehicle's dead reckoning", ""]
     text += [
-        "| run | vehicle | start north (m) | start east (m) | heading (deg) | with its sine (deg) "
-        "| with its cosine (deg) | DVL scale (%) |",
-        "|---|---|---|---|---|---|---|---|",
+        "",
+        "# Estimated errors of dead reckoning",
+        "",
+        *_table_head(DEAD_RECKONING),
     ]
-    for m in adjustment.moved:
-        if not m.missing:
-            cells = " | ".join(_unknowns(adjustment.correction, m.key))
-            text.append(f"| {names[m.run]} | auv{m.vehicle} | {cells} |")
-    text += ["", "Each with its standard deviation; what drifted under way comes on top."]
-    return text
+    for v in adjustment.vehicles:
+        if not v.missing:
+            text.append(_markdown_row(names[v.run], f"auv{v.vehicle}", *_unknowns(adjustment.correction, v.key)))
+    return [*text, "", "Values are mean ± standard deviation. Drift under way comes on top."]
 
 
-def _moved_row(m: Moved, adjustment: Adjustment, before: Sequence[RunData], name: str) -> str:
-    if m.missing:
-        return f"| {name} | auv{m.vehicle} | {m.soundings} | stays: {m.missing} | | | | | |"
-    old, new = (_vehicle(runs[m.run], m.vehicle) for runs in (before, adjustment.runs))
-    truth = ""
-    if len(old.truth):
-        truth = f"{_off(old, old):.2f}, {_off(new, old):.2f}"
-    cells = f"{m.mean_m:.2f} | {m.largest_m:.2f} | {m.std_m:.2f} | {m.fixes} | {m.ranges} | {truth}"
-    return f"| {name} | auv{m.vehicle} | {m.soundings} | {cells} |"
+def _markdown_row(*cells: object) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
+
+
+def _table_head(names: Sequence[str]) -> list[str]:
+    return [_markdown_row(*names), "|---" * len(names) + "|"]
+
+
+def _row(v: VehicleAdjustment, adjustment: Adjustment, before: Sequence[RunData], name: str) -> str:
+    if v.missing:
+        return _markdown_row(name, f"auv{v.vehicle}", v.soundings, f"not moved: {v.missing}", *[""] * 5)
+    old, new = (_vehicle(runs[v.run], v.vehicle) for runs in (before, adjustment.runs))
+    errors = f"{_rms_error(old, old):.2f}, {_rms_error(new, old):.2f}" if len(old.truth) else ""
+    numbers = (f"{v.mean_m:.2f}", f"{v.largest_m:.2f}", f"{v.std_m:.2f}", v.fixes, v.ranges, errors)
+    return _markdown_row(name, f"auv{v.vehicle}", v.soundings, *numbers)
 
 
 def _vehicle(run: RunData, number: int) -> VehicleRun:
     return next(v for v in run.vehicles if v.vehicle == number)
 
 
-def _off(vehicle: VehicleRun, recorded: VehicleRun) -> float:
-    """Root mean square distance (m) of a vehicle's soundings from where it truly was."""
+def _rms_error(vehicle: VehicleRun, recorded: VehicleRun) -> float:
+    """Root mean square error (m) of the places of a vehicle's soundings."""
     apart = vehicle.soundings.places_m - true_positions(recorded).places_m
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 

@@ -19,26 +19,25 @@ from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthField, DepthMap, Isobath
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.judge import certainty
-from auv_lse_shore.judge.adjustment import Adjustment, adjust, wanted
 from auv_lse_shore.judge.certainty import CLASSES, Piece
 from auv_lse_shore.judge.isobath import write_geojson
+from auv_lse_shore.places.adjustment import Adjustment, adjust, corrects_places
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TeamMap:
-    """What all vehicles together know in the end.
+    """The final map of all vehicles together.
 
     Attributes:
-        run: The mission, with soundings where they were taken as far as fixes, ranges and terrain tell (`adjust`), if
-            it flew with `places.correct`; else as it was.
+        run: The mission; with `places.correct`, soundings are at the places estimated from fixes, ranges and terrain.
         settings: The first vehicle's settings: level, costs and prior are the same for all.
         area: The operating area.
         prior: The map before the first sounding.
         field: The map given all soundings, in order of time.
         isobath: Its contour at the level, with the band about it.
-        pieces: That contour, in pieces of one certainty.
+        pieces: That contour, in pieces of one class of certainty.
     """
 
     run: RunData
@@ -70,30 +69,32 @@ def mission_settings(parameters: Mapping[str, Mapping[str, Any]], vehicles: int)
 def team_map(run: RunData) -> TeamMap:
     """The map of a mission.
 
-    Where places are corrected, the map tells how uncertain they still are (`Posterior.place_variance`); the certainty
-    of the isobath's pieces takes that as the vehicles' place error.
+    Where places are corrected, the map includes their remaining uncertainty (`Posterior.place_variance`); the classes
+    of the isobath's pieces use it as the vehicles' place error.
 
     Raises:
         ValueError: if there is no vehicle.
         ParameterError: if the parameters cannot be used.
     """
     if not run.vehicles:
-        raise ValueError("run: has no vehicle; expected at least one")
+        raise ValueError(
+            "run: got no vehicle; expected at least one. Check that the recording has soundings and odometry"
+        )
     first = mission_settings(run.parameters, run.vehicles[0].vehicle)[-1]
     area = OperatingArea(first.area)
-    if wanted(run):
+    if corrects_places(run):
         return adjusted_map(adjust([run]), first)
     depth_map = map_of(first, area, Soundings.join(v.soundings for v in run.vehicles))
     return _team_map(run, first, area, depth_map, depth_map.field())
 
 
 def adjusted_map(adjustment: Adjustment, settings: PlannerSettings) -> TeamMap:
-    """The map of all runs of an adjustment; with several, its run has the vehicles of all of them."""
+    """The map of all runs of an adjustment; its run has the vehicles of all of them."""
     area = OperatingArea(settings.area)
     depth_map = DepthMap(settings.gp, settings.level_set, area)
-    placed = adjustment.settle(depth_map)
+    corrected = adjustment.fill(depth_map)
     places_known = depth_map.field()
-    placed.set_uncertainty(adjustment.correction)
+    corrected.set_uncertainty(adjustment.correction)
     first = adjustment.runs[0]
     run = dataclasses.replace(first, vehicles=[v for run in adjustment.runs for v in run.vehicles])
     return _team_map(run, settings, area, depth_map, places_known)
@@ -134,10 +135,10 @@ def sounded_places(run: RunData) -> Array:
 
 
 def write_isobath(team: TeamMap, path: Path, origin: tuple[float, float] | None, truth: list[Array]) -> None:
-    """Writes the estimated isobath, the band about it and, where known, the true one as GeoJSON.
+    """Writes the estimated isobath, its uncertainty band and, where known, the true isobath as GeoJSON.
 
     Each piece of the estimate is a feature with its class (found, likely, guessed), the reason why it is not found,
-    and the median of its sideways standard deviation (null where the ground has no slope).
+    and the median of its horizontal standard deviation (null where the ground has no slope).
 
     Args:
         team: The map.

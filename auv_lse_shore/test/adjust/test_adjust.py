@@ -15,11 +15,11 @@ from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_record.bag import read_run, write_run
 from auv_lse_shore.adjust.__main__ import main
-from auv_lse_shore.judge.adjustment import adjust, missing_in, wanted
-from auv_lse_shore.judge.adjustment_errors import AdjustError
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_shore.judge.tracks import true_positions
+from auv_lse_shore.places.adjustment import AdjustError, adjust, corrects_places
+from auv_lse_shore.places.recordings import missing_in
 
 
 def dived(make_run, steps=24, bias_deg=(4.0, -3.0), fixed=True, seed=1):
@@ -92,7 +92,7 @@ def off(vehicle, recorded):
 def test_soundings_go_where_they_were_taken(synthetic_run):
     run = dived(synthetic_run)
     adjustment = adjust([run])
-    for old, new, moved in zip(run.vehicles, adjustment.runs[0].vehicles, adjustment.moved, strict=True):
+    for old, new, moved in zip(run.vehicles, adjustment.runs[0].vehicles, adjustment.vehicles, strict=True):
         assert off(new, old) < 0.25 * off(old, old)
         assert moved.largest_m >= moved.mean_m > 1.0
         assert moved.fixes == 1
@@ -108,12 +108,12 @@ def test_soundings_go_where_they_were_taken(synthetic_run):
 
 def test_the_report_judges_the_adjusted_map(synthetic_run):
     run = dived(synthetic_run)
-    assert wanted(run)
+    assert corrects_places(run)
     team = team_map(run)
     assert off(team.run.vehicles[0], run.vehicles[0]) < 0.25 * off(run.vehicles[0], run.vehicles[0])
     corrected = evaluate(run, bounds=2).summary
     run.parameters["/**"]["places"]["correct"] = False
-    assert not wanted(run)
+    assert not corrects_places(run)
     as_flown = evaluate(run, bounds=2).summary
     assert corrected.isobath_error_m < 0.5 * as_flown.isobath_error_m
     assert corrected.place_error_m[0] < 0.25 * as_flown.place_error_m[0]
@@ -156,12 +156,12 @@ def test_without_dead_reckoning_it_says_what_is_missing(synthetic_run):
     run.vehicles[1].dead_reckoning = np.empty((0, 5))
     assert missing_in(run.vehicles[1]) == "no dead reckoning (topic dead_reckoning)"
     adjustment = adjust([run])
-    assert [m.missing for m in adjustment.moved] == ["", "no dead reckoning (topic dead_reckoning)"]
+    assert [m.missing for m in adjustment.vehicles] == ["", "no dead reckoning (topic dead_reckoning)"]
     assert np.array_equal(adjustment.runs[0].vehicles[1].soundings.rows, run.vehicles[1].soundings.rows)
     run.vehicles[0].dead_reckoning = np.empty((0, 5))
     with pytest.raises(AdjustError, match=r"auv1 of run 1: no dead reckoning \(topic dead_reckoning\)"):
         adjust([run])
-    assert not wanted(run)
+    assert not corrects_places(run)
 
 
 def test_raw_places_that_were_not_recorded_come_from_the_raw_track(synthetic_run):

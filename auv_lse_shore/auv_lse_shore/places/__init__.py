@@ -1,0 +1,1 @@
+"""Where soundings were taken, estimated from whole recordings."""
