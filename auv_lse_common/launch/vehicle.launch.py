@@ -1,6 +1,6 @@
 """ros2 launch auv_lse_common vehicle.launch.py name:=auv2 params_file:=vehicles.yaml: the nodes of one vehicle.
 
-The same nodes that scripts/vehicle keeps running (auv_lse_common.commands.vehicle). A node that dies is started again
+The same nodes that scripts/vehicle keeps running (auv_lse_common.commands.vehicle). A node that dies is restarted
 after two seconds.
 """
 
@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 
 from auv_lse_common.commands.vehicle import crew_of, journal_folder
 from auv_lse_common.node.journal import FOLDER_VARIABLE
-from auv_lse_common.process.processes import RECORDER_STOP_S
+from auv_lse_common.process.processes import LAST_STOP_S, RECORDER
 
 
 def _nodes(context):
@@ -42,11 +42,11 @@ def _nodes(context):
         for process in crew.processes
     ]
     if crew.recording is not None:
-        # Not started again: its folder exists then. scripts/vehicle gives each start a folder of its own.
+        # Not restarted, because its folder exists then. scripts/vehicle gives each start a new folder.
         out.mkdir(parents=True, exist_ok=True)
         folder = {"record.folder": str(crew.recording)}
-        recorder = {"package": "auv_lse_record", "executable": "recorder_node", "output": "screen"}
-        nodes.insert(0, Node(**recorder, parameters=[str(crew.file), folder], sigterm_timeout=str(RECORDER_STOP_S)))
+        recorder = {"package": RECORDER.package, "executable": RECORDER.executable, "output": "screen"}
+        nodes.insert(0, Node(**recorder, parameters=[str(crew.file), folder], sigterm_timeout=str(LAST_STOP_S)))
     return nodes
 
 

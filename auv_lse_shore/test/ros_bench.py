@@ -14,9 +14,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from auv_lse_common.process.domain import local_environment, own_domain
+from auv_lse_common.process.keeper import ProcessKeeper, node_task
 from auv_lse_common.process.processes import Process
 from auv_lse_common.topics.quality import EVERY
-from auv_lse_shore.mission.launcher import ProcessGroup
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -26,7 +26,8 @@ class Bench:
 
     def __init__(self, folder: Path, domain: int) -> None:
         self.folder = folder
-        self.group = ProcessGroup(folder, local_environment(ROOT, domain))
+        self.environment = local_environment(ROOT, domain)
+        self.keepers: list[ProcessKeeper] = []
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node: Node = rclpy.create_node("bench", context=self.context)
@@ -36,7 +37,9 @@ class Bench:
     def start(self, package: str, executable: str, parameters: str, namespace: str = "/auv1") -> None:
         path = self.folder / f"{executable}.yaml"
         path.write_text(parameters)
-        self.group.start(Process(package=package, executable=executable, namespace=namespace), path)
+        task = node_task(Process(package=package, executable=executable, namespace=namespace), path)
+        self.keepers.append(ProcessKeeper([task], self.folder, self.environment, print, restart=False))
+        self.keepers[-1].tick(time.monotonic())
 
     def collect(self, kind: type, topic: str, qos: Any = EVERY) -> list[Any]:
         """A list that fills with the messages of a topic."""
@@ -66,7 +69,8 @@ class Bench:
         return "; ".join(f"{p.name}: {p.read_text()[-500:]}" for p in sorted(self.folder.glob("*.log")))
 
     def close(self) -> None:
-        self.group.stop()
+        for keeper in self.keepers:
+            keeper.stop()
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)

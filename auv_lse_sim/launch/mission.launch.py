@@ -14,7 +14,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.processes import RECORDER_STOP_S
+from auv_lse_common.process.processes import LAST_STOP_S
 from auv_lse_sim.engine.hardware import hardware_of
 from auv_lse_sim.engine.processes import mission_processes
 
@@ -49,8 +49,8 @@ def _nodes(context):
             namespace=process.namespace,
             parameters=[str(complete), {"use_sim_time": process.executable != "sim_node"}],
             output="screen",
-            **({"sigterm_timeout": str(RECORDER_STOP_S)} if process.executable == "recorder_node" else {}),
-            # The simulator ends the mission; one node lost is the mission lost.
+            **({"sigterm_timeout": str(LAST_STOP_S)} if process.last else {}),
+            # The simulator ends the mission; without one of its nodes a mission cannot go on.
             on_exit=[EmitEvent(event=Shutdown(reason=f"{process.name} ended"))],
         )
         for process in mission_processes(settings.mission.vehicles, modem, link, record)

@@ -9,12 +9,11 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import yaml
@@ -24,15 +23,9 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.table import check_sections
 from auv_lse_common.node.journal import FOLDER_VARIABLE
 from auv_lse_common.process.domain import DomainError, local_environment, vehicle_environment, wanted_domain
-from auv_lse_common.process.processes import (
-    LOADING,
-    LOADING_TOLD_S,
-    LaunchError,
-    Process,
-    executable_path,
-    vehicle_nodes,
-)
-from auv_lse_common.process.supervisor import REFUSED, SILENT_S, Supervisor, Task
+from auv_lse_common.process.interrupt import Interrupt
+from auv_lse_common.process.keeper import REFUSED, SILENT_S, ProcessKeeper, Task, node_task
+from auv_lse_common.process.processes import RECORDER, LaunchError, Process, vehicle_nodes
 from auv_lse_common.support.project_folder import project_folder
 
 _TICK_S = 0.2
@@ -61,32 +54,25 @@ class Crew:
     lockstep: bool
 
     def tasks(self) -> list[Task]:
-        """The processes as tasks of a supervisor.
+        """The processes as tasks of a process keeper.
 
         Raises:
             LaunchError: if one is not installed.
         """
-        tasks = [Task(name=p.name, command=self._command(p, executable_path(p)), node=p) for p in self.processes]
+        clock = ("-p", "use_sim_time:=true") if self.simulated else ()
+        tasks = [node_task(process, self.file, *clock) for process in self.processes]
         if self.recording is not None:
-            recorder = Process(package="auv_lse_record", executable="recorder_node", namespace="/")
-            command = self._recorder_command(executable_path(recorder), self.recording)
-            tasks.insert(0, Task(name=f"auv{self.vehicle}.recorder_node", command=command, last=True))
+            tasks.insert(0, self._recorder(self.recording))
         return tasks
 
-    def _command(self, process: Process, path: Path) -> Callable[[int], Sequence[str]]:
-        command = [str(path), "--ros-args", "--params-file", str(self.file), *process.ros_arguments]
-        if self.simulated:
-            command += ["-p", "use_sim_time:=true"]
-        return lambda starts: command
+    def _recorder(self, folder: Path) -> Task:
+        once = node_task(RECORDER, self.file)
 
-    def _recorder_command(self, path: Path, folder: Path) -> Callable[[int], Sequence[str]]:
-        command = [str(path), "--ros-args", "--params-file", str(self.file)]
+        def command(start_number: int) -> Sequence[str]:
+            again = f"-{start_number + 1}" if start_number else ""  # a new folder for each start
+            return [*once.command(0), "-p", f"record.folder:={folder}{again}"]
 
-        def at(starts: int) -> Sequence[str]:
-            again = f"-{starts + 1}" if starts else ""
-            return [*command, "-p", f"record.folder:={folder}{again}"]
-
-        return at
+        return Task(name=f"auv{self.vehicle}.{RECORDER.executable}", command=command, last=True)
 
 
 def vehicle_number(name: str) -> int:
@@ -224,57 +210,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return _keep_running(crew, tasks, out / "logs", environment)
 
 
-class _Signals:
-    """SIGINT and SIGTERM as a flag, so that the nodes are ended in order."""
-
-    def __init__(self) -> None:
-        self.came: int | None = None
-        for sign in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(sign, self._note)
-
-    def _note(self, sign: int, frame: FrameType | None) -> None:
-        self.came = self.came or sign
-
-
 def _keep_running(crew: Crew, tasks: Sequence[Task], logs: Path, environment: dict[str, str]) -> int:
-    signals = _Signals()
-    # in lockstep a node may take as long as it likes, and none can be started again
+    """Keeps the tasks running until a signal, a fatal death or the simulated mission's end; returns the exit code."""
+    interrupt = Interrupt()
+    # In lockstep a node may take any time for a tick, and none can be restarted.
     silent_s = math.inf if crew.lockstep else SILENT_S
-    supervisor = Supervisor(tasks, logs, environment, _say, silent_s)
-    began_s = called_s = time.monotonic()
-    told = False
+    keeper = ProcessKeeper(tasks, logs, environment, _say, silent_s=silent_s)
     with ExitStack() as stack:
         stack.callback(_say, f"auv{crew.vehicle}: every node has ended")
-        stack.callback(supervisor.stop)
+        stack.callback(keeper.stop)
         mission_end = (lambda: None) if not crew.simulated else stack.enter_context(_mission_end(environment))
-        while signals.came is None:
-            died = supervisor.tick(time.monotonic())
-            if supervisor.loading:
-                began_s = time.monotonic()
-                if not told and began_s - called_s > LOADING_TOLD_S:
-                    _say(f"auv{crew.vehicle}: still {LOADING}")
-                    told = True
-            early = time.monotonic() - began_s < _FIRST_START_S
-            for name, code in died:
-                if code == REFUSED and early and supervisor.starts[name] == 1:
-                    _say(f"error: {name} refuses its parameters: {supervisor.log(name)}")
+        while not interrupt.came:
+            for name, code in keeper.tick(time.monotonic()):
+                early = keeper.loaded_for_s < _FIRST_START_S
+                if code == REFUSED and early and keeper.starts[name] == 1:
+                    _say(f"error: {name} refuses its parameters: {keeper.log(name)}")
                     return 2
                 if crew.lockstep:
-                    _say(f"error: {name} is lost, and with it the tick that the simulator waits for")
+                    _say(f"error: {name} died; a lockstep mission cannot continue")
                     return 1
             if (ended := mission_end()) is not None:
                 _say(f"auv{crew.vehicle}: the simulated mission has {ended}")
                 return 0 if ended == "finished" else 1
             time.sleep(_TICK_S)
-    return 130 if signals.came == signal.SIGINT else 0
+    return 130 if interrupt.signal == signal.SIGINT else 0
 
 
 def _mission_end(environment: dict[str, str]) -> Any:
-    """A context that gives a function: how the simulated mission has ended, None until then."""
-    from auv_lse_common.node.sim_status_node import SimStatusWatch  # ROS, which a vehicle's supervisor does without
+    """A context whose value is a function: how the simulated mission has ended, None until then."""
+    from auv_lse_common.node.sim_status_node import SimStatusWatch  # imports ROS, which other vehicles do without
 
-    os.environ.update(environment)
-    return SimStatusWatch()
+    return SimStatusWatch(environment)
 
 
 def _say(text: str) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from auv_lse_common.process.domain import temporary_environment
 from auv_lse_common.topics.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
 
@@ -20,16 +21,22 @@ _LOOKS = 10
 class SimStatusWatch:
     """A context that gives a function: how the mission has ended ("finished", "failed", ...), None until then."""
 
-    def __init__(self) -> None:
-        """Joins nothing yet."""
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        """Joins nothing yet.
+
+        Args:
+            environment: Environment of the mission's nodes: ROS domain and discovery.
+        """
+        self._environment = environment
         self._state: str | None = None
         self._begun = False
         self._looks_gone = 0
 
     def __enter__(self) -> Callable[[], str | None]:
-        """Joins the environment's ROS domain; signals stay the caller's."""
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("vehicle_supervisor")
+        """Joins the mission's ROS domain; the caller keeps handling signals."""
+        with temporary_environment(self._environment):
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            self._node = rclpy.create_node("vehicle_supervisor")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)

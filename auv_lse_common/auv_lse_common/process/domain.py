@@ -6,7 +6,7 @@ import contextlib
 import fcntl
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO
 
@@ -171,6 +171,18 @@ def vehicle_environment(root: Path, domain: int) -> dict[str, str]:
     if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp":
         environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # the profile is Fast DDS's own
     return environment
+
+
+@contextlib.contextmanager
+def temporary_environment(environment: Mapping[str, str]) -> Iterator[None]:
+    """Sets this process's environment variables for as long as the context lasts; DDS reads them when it starts."""
+    before = dict(os.environ)
+    os.environ.update(environment)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def node_environment(domain: int | None = None) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The processes of one vehicle, how each is started, and how processes are ended."""
+"""Processes: what they are, the nodes of one vehicle, and how processes are started and ended."""
 
 from __future__ import annotations
 
@@ -9,17 +9,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-#: What takes long before the first node runs, said after so long (s).
-LOADING = "loading the nodes: code of theirs that has changed is compiled first, which takes up to some minutes"
-LOADING_TOLD_S = 10.0
 _STOP_S = 3.0
-#: A recorder writes what has come in and closes its file: with many vehicles on a busy machine that takes longer (s).
-RECORDER_STOP_S = 30.0
+#: Time (s) for a recorder to write what has come in and to close its file; long for many vehicles on a busy machine.
+LAST_STOP_S = 30.0
 
 
 class LaunchError(RuntimeError):
@@ -35,22 +32,28 @@ class Process:
         executable: Its entry point, which is also the node's name.
         namespace: Node namespace, "/auv1" or "/".
         beside: Package and executable of further nodes in the same process.
+        last: Whether it is ended after the others, and gets `LAST_STOP_S` for it.
     """
 
     package: str
     executable: str
     namespace: str
     beside: tuple[tuple[str, str], ...] = ()
+    last: bool = False
 
     @property
     def name(self) -> str:
-        """Name for people and log files: "auv1.gp_node", "sim_node"; of several nodes "auv1"."""
+        """Name for people and log files: "auv1.gp_node", "sim_node"; "auv1" for several nodes."""
         return (self.namespace.strip("/") + ("" if self.beside else f".{self.executable}")).strip(".")
 
     @property
     def ros_arguments(self) -> tuple[str, ...]:
         """Remappings that put the node into its namespace."""
         return ("-r", f"__ns:={self.namespace}") if self.namespace != "/" else ()
+
+
+#: Ended last, so that it records the end of the others.
+RECORDER = Process(package="auv_lse_record", executable="recorder_node", namespace="/", last=True)
 
 
 def vehicle_nodes(modem: bool, link: bool) -> list[tuple[str, str]]:
@@ -91,7 +94,7 @@ def executable_path(process: Process) -> Path:
 
 
 def start(
-    command: list[str], log: Path, environment: dict[str, str], *, append: bool = False
+    command: Sequence[str], log: Path, environment: Mapping[str, str], *, append: bool = False
 ) -> subprocess.Popen[bytes]:
     """Starts a command whose output goes to a file; it ends with this process, even if that is killed.
 
@@ -128,11 +131,11 @@ class Running(Protocol):
 
 
 def end(processes: Iterable[Running], patience_s: float = _STOP_S) -> None:
-    """Ends processes started by `start` with all of their children: asks twice, then kills.
+    """Ends processes and their children: SIGINT, then SIGTERM, then SIGKILL.
 
     Args:
-        processes: What is to end.
-        patience_s: How long it may take (s) before it is asked again.
+        processes: Leaders of process groups, as `start` makes them.
+        patience_s: Time (s) between SIGINT and SIGTERM.
     """
     everyone = list(processes)
     for sign, wait_s in ((signal.SIGINT, patience_s), (signal.SIGTERM, 1.0), (signal.SIGKILL, 5.0)):
@@ -155,7 +158,7 @@ def last_lines(log: Path, lines: int = 15) -> str:
 def die_with_parent() -> None:
     """Runs in the child: asks Linux to end it with its parent, even if the parent is killed.
 
-    A child of a process that was started in the background would ignore SIGINT, by which it is asked to end.
+    Also restores SIGINT, which children of a background process ignore.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if sys.platform == "linux":

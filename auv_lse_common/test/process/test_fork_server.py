@@ -17,8 +17,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from auv_lse_common.process import fork_server
 from auv_lse_common.process.fork_server import ForkServer, prepare
+from auv_lse_common.process.keeper import ProcessKeeper, Task
 from auv_lse_common.process.processes import LaunchError, Process, end
-from auv_lse_common.process.supervisor import Supervisor, Task
 
 pytestmark = pytest.mark.ros
 
@@ -84,31 +84,31 @@ def test_a_process_that_is_not_installed_is_named(tmp_path: Path) -> None:
         ForkServer([ghost], tmp_path / "server.log", dict(os.environ))
 
 
-def test_a_supervisor_starts_everything_again_when_the_fork_server_dies(tmp_path: Path) -> None:
+def test_a_keeper_starts_everything_again_when_the_fork_server_dies(tmp_path: Path) -> None:
     command = ["modem_node", "--ros-args", "-r", "__ns:=/auv7"]
     task = Task(name="auv7.modem_node", command=lambda starts: command, node=MODEM)
-    supervisor = Supervisor([task], tmp_path, {**os.environ, "ROS_DOMAIN_ID": "103"}, lambda text: None)
+    keeper = ProcessKeeper([task], tmp_path, {**os.environ, "ROS_DOMAIN_ID": "103"}, lambda text: None)
     now_s = 0.0
     try:
-        supervisor.tick(now_s)
-        assert supervisor.running == {}, "the server loads first, and nobody waits for it"
-        first = _running(supervisor, now_s)
+        keeper.tick(now_s)
+        assert keeper.running == {}, "the server loads first, and nobody waits for it"
+        first = _running(keeper, now_s)
         server = int(Path(f"/proc/{first}/stat").read_text().rpartition(")")[2].split()[1])
         assert server != os.getpid()
         (tmp_path / "fork_server.log").write_text("why it dies\n")
         os.kill(server, signal.SIGKILL)
         until = time.monotonic() + 10.0
-        while supervisor.starts["auv7.modem_node"] == 1:
+        while keeper.starts["auv7.modem_node"] == 1:
             assert time.monotonic() < until
             now_s += 0.5
-            supervisor.tick(now_s)
+            keeper.tick(now_s)
             time.sleep(0.02)
-        again = _running(supervisor, now_s)
+        again = _running(keeper, now_s)
         assert again != first
         assert "why it dies" in (tmp_path / "fork_server.log").read_text()
     finally:
-        supervisor.stop()
-    assert supervisor.running == {}
+        keeper.stop()
+    assert keeper.running == {}
     assert not Path(f"/proc/{again}").exists()
 
 
@@ -122,11 +122,11 @@ def test_what_nodes_load_is_loaded_once_before_the_forks(tmp_path: Path, monkeyp
     assert message.__class__._TYPE_SUPPORT is not None, "entry_point prepares the types of all messages"
 
 
-def _running(supervisor: Supervisor, now_s: float) -> int:
+def _running(keeper: ProcessKeeper, now_s: float) -> int:
     """The process id of the one task, once it has begun."""
     until = time.monotonic() + 30.0
-    while not supervisor.running:
+    while not keeper.running:
         assert time.monotonic() < until
-        supervisor.tick(now_s)
+        keeper.tick(now_s)
         time.sleep(0.02)
-    return next(iter(supervisor.running.values()))
+    return next(iter(keeper.running.values()))

@@ -1,51 +1,27 @@
-"""Starts a mission's processes, watches the mission to its end, and ends every process."""
+"""Runs a mission: starts its processes, follows it to its end, and ends every process."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import os
-import signal
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 
 from rich.console import Console
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.process.processes import LOADING, LOADING_TOLD_S, Process
+from auv_lse_common.process.interrupt import Interrupt
+from auv_lse_common.process.keeper import ProcessKeeper, node_task
+from auv_lse_common.process.processes import Process, last_lines
 from auv_lse_shore.mission.display import Display, MissionProgress, reward_shown
-from auv_lse_shore.mission.launcher import ProcessGroup
 from auv_lse_shore.mission.watch_node import MissionWatch
 
 _START_S = 90.0
 
 
 class MissionError(RuntimeError):
-    """A mission that did not end as it should: what happened, and where to look."""
-
-
-class Interrupt:
-    """Turns Ctrl-C and SIGTERM into a flag, so that the processes are ended in order.
-
-    Attributes:
-        came: Whether one of the two signals has come.
-    """
-
-    def __init__(self) -> None:
-        """Takes over both signals."""
-        self.came = False
-        for sign in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(sign, self._note)
-
-    def _note(self, sign: int, frame: FrameType | None) -> None:
-        self.came = True
-
-    def over(self) -> None:
-        """Nothing has to be ended in order any more: from now on either signal is a KeyboardInterrupt."""
-        for sign in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(sign, signal.default_int_handler)
+    """A mission that failed: what happened, and where to look."""
 
 
 def conduct(
@@ -58,60 +34,69 @@ def conduct(
     start_s: float | None = None,
     when_running: Callable[[], None] | None = None,
 ) -> dict[str, float]:
-    """Starts every process, watches the mission to its end, and ends every process.
+    """Starts every process, follows the mission to its end, and ends every process.
 
     Args:
         settings: The mission, as written to mission.yaml in `folder`.
         folder: The run folder.
-        environment: The processes' environment (`launcher.local_environment`).
+        environment: The processes' environment (`domain.local_environment`).
         console: Where the progress is shown.
         interrupt: Ends the mission early.
-        processes: What to start (`processes.mission_processes`); the mission's other nodes are started elsewhere.
-        start_s: Longest time (s) until all nodes have found each other, from when they are loaded; None: as long as a
-            team of that size needs.
+        processes: What to start (`mission_processes`); other nodes of the mission are started elsewhere.
+        start_s: Longest time (s) for the loaded nodes to discover each other; None: enough for a team of that size.
         when_running: Called once when the first tick has come.
 
     Returns:
         Wall-clock seconds of the phases "start", "mission" and "ending"; those not reached are left out.
 
     Raises:
-        MissionError: if a node ends by itself or the simulator gives up. Every process is ended then, too.
+        MissionError: if a node ends or the simulator fails. Every process is ended then, too.
+        LaunchError: if a process is not installed.
     """
-    os.environ.update(environment)
     start_s = _START_S + 10.0 * settings.mission.vehicles if start_s is None else start_s
+    keeper = _keeper(settings, folder, environment, console, processes)
     progress = MissionProgress(
         vehicles=settings.mission.vehicles,
         steps_total=settings.mission.steps,
         reward=reward_shown(settings.planner_settings(1).planner),
     )
     marks = {"began": time.monotonic()}
-    forked_s, told = marks["began"], False
     started_s: dict[str, float] = {}
-    group = ProcessGroup(folder / "logs", environment, processes, in_turn=settings.sim.lockstep)
     with contextlib.ExitStack() as stack:
-        stack.callback(group.stop)
-        for process in processes:
-            follows = process.executable != "sim_node"  # every clock but the simulator's follows /clock
-            group.start(process, folder / "mission.yaml", ("-p", "use_sim_time:=true") if follows else ())
-        watch = stack.enter_context(MissionWatch(progress))
+        stack.callback(keeper.stop)
+        keeper.tick(marks["began"])
+        watch = stack.enter_context(MissionWatch(progress, environment))
         display = stack.enter_context(Display(progress, console))
         while not interrupt.came and progress.phase != "finished":
             state, message = watch.wait(0.1)
-            if group.loading:
-                forked_s = time.monotonic()
-                if not told and forked_s - marks["began"] > LOADING_TOLD_S:
-                    console.print(f"still {LOADING}")
-                    told = True
-            _check(state, message, group, folder, time.monotonic() - forked_s > start_s)
+            died = keeper.tick(time.monotonic())
+            _check(state, message, died, keeper, folder / "logs", keeper.loaded_for_s > start_s)
             if state in ("running", "finished"):
                 progress.phase = state
                 if "running" not in marks:
-                    marks["running"], started_s = time.monotonic(), group.cpu_s()
+                    marks["running"], started_s = time.monotonic(), keeper.cpu_s()
                     if when_running is not None:
                         when_running()
             display.refresh()
         marks["ended"] = time.monotonic()
-        processor_s = group.cpu_s()
+        processor_s = keeper.cpu_s()
+    return _write_times(folder, marks, processor_s, started_s)
+
+
+def _keeper(
+    settings: Settings, folder: Path, environment: dict[str, str], console: Console, processes: Sequence[Process]
+) -> ProcessKeeper:
+    # Every clock but the simulator's own follows /clock.
+    clock = {process: () if process.executable == "sim_node" else ("-p", "use_sim_time:=true") for process in processes}
+    tasks = [node_task(process, folder / "mission.yaml", *clock[process]) for process in processes]
+    logs, in_turn = folder / "logs", settings.sim.lockstep
+    return ProcessKeeper(tasks, logs, environment, console.print, restart=False, in_turn=in_turn)
+
+
+def _write_times(
+    folder: Path, marks: dict[str, float], processor_s: dict[str, float], started_s: dict[str, float]
+) -> dict[str, float]:
+    """Writes logs/times.json; returns the wall-clock seconds of the phases."""
     phases = {"ending": time.monotonic() - marks["ended"]}
     if "running" in marks:
         phases = {"start": marks["running"] - marks["began"], "mission": marks["ended"] - marks["running"], **phases}
@@ -120,17 +105,18 @@ def conduct(
     return phases
 
 
-def _check(state: str, message: str, group: ProcessGroup, folder: Path, late: bool) -> None:
+def _check(
+    state: str, message: str, died: Sequence[tuple[str, int]], keeper: ProcessKeeper, logs: Path, late: bool
+) -> None:
     """Checks that the mission can go on.
 
     Raises:
-        MissionError: if a process has ended, the simulator has given up, or the nodes do not find each other.
+        MissionError: if a process has ended, the simulator has failed, or the nodes do not discover each other.
     """
-    for name, code in group.ended():
-        raise MissionError(
-            f"{name} ended by itself (exit code {code}); the end of {group.log(name)}:\n{group.last_words(name)}"
-        )
+    for name, code in died:
+        log = keeper.log(name)
+        raise MissionError(f"{name} ended unexpectedly (exit code {code}); the end of {log}:\n{last_lines(log)}")
     if state == "failed":
-        raise MissionError(f"the simulator gave up: {message}; logs: {folder / 'logs'}")
+        raise MissionError(f"the simulator stopped the mission: {message}; logs: {logs}")
     if state == "waiting" and late:
-        raise MissionError(f"the nodes have not found each other: {message}; logs: {folder / 'logs'}")
+        raise MissionError(f"discovery timed out: {message}; logs: {logs}")

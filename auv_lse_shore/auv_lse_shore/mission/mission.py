@@ -22,6 +22,7 @@ from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.domain import DomainError, local_environment, note_run, own_domain
+from auv_lse_common.process.interrupt import Interrupt
 from auv_lse_common.process.processes import LaunchError, Process
 from auv_lse_common.support import compiled
 from auv_lse_common.support.missing_packages import missing
@@ -29,7 +30,7 @@ from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
 from auv_lse_gp.compiled.modules import compiled_gp, compiled_risk
 from auv_lse_shore.live.process import LiveProcess
-from auv_lse_shore.mission.conductor import Interrupt, MissionError, conduct
+from auv_lse_shore.mission.conductor import MissionError, conduct
 from auv_lse_shore.mission.options import overrides_of, parser
 from auv_lse_shore.mission.run_folder import begun, run_folder
 from auv_lse_shore.mission.vehicle_file import write_vehicle_file
@@ -167,7 +168,7 @@ def _concluded(
     """Evaluates the mission; an exit code: 130 if it, or this, was interrupted."""
     code = 130 if interrupt.came else 0
     mission = "the mission was interrupted" if interrupt.came else "the mission is complete"
-    interrupt.over()
+    interrupt.release()
     try:
         conclude(folder, settings, wall_s, phases, console, report=report)
     except KeyboardInterrupt:

@@ -15,12 +15,12 @@ from rich.text import Text
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.domain import DomainError, taken_domain, wanted_domain
-from auv_lse_common.process.processes import Process
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.mission.mission import fly, prepare, write_mission
 from auv_lse_shore.mission.options import add_mission_options
 from auv_lse_shore.mission.run_folder import begun, run_folder
 from auv_lse_shore.mission.vehicle_file import send_duration_s
+from auv_lse_sim.engine.processes import mission_processes
 
 #: The file in the run folder that vehicles apart get.
 VEHICLES = "vehicles.yaml"
@@ -96,8 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             say(f"    scripts/vehicle auv{vehicle} {folder / VEHICLES} --domain {domain + vehicle}")
         else:
             say(f"    scripts/vehicle auv{vehicle} {folder / 'mission.yaml'}{where}")
-    names = ["sim_node"] if options.no_record else ["recorder_node", "sim_node"]
-    processes = [Process(package="auv_lse_sim", executable=name, namespace="/") for name in names]
+    processes = mission_processes(0, record=not options.no_record)
     owned = taken_domain(domain)
     return fly(settings, folder, console, processes, owned, start_s=math.inf, report=not options.no_report)
 

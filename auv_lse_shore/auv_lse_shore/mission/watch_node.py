@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from functools import partial
 from types import TracebackType
 
@@ -10,6 +11,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.node.executor import make_executor
+from auv_lse_common.process.domain import temporary_environment
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
@@ -26,15 +28,22 @@ _STATES = {
 class MissionWatch:
     """A node that reads /sim/status and every planner's bound into a MissionProgress; a context manager."""
 
-    def __init__(self, progress: MissionProgress) -> None:
-        """Joins nothing yet."""
+    def __init__(self, progress: MissionProgress, environment: Mapping[str, str]) -> None:
+        """Joins nothing yet.
+
+        Args:
+            progress: Takes what the simulator and the planners publish.
+            environment: Environment of the mission's nodes: ROS domain and discovery.
+        """
+        self._environment = environment
         self._progress = progress
-        self._state, self._message = "waiting", "nothing heard from the simulator yet"
+        self._state, self._message = "waiting", "the simulator has not published its state yet"
 
     def __enter__(self) -> MissionWatch:
-        """Joins the mission's ROS domain; Ctrl-C stays the caller's."""
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node("mission_display")
+        """Joins the mission's ROS domain; the caller keeps handling Ctrl-C."""
+        with temporary_environment(self._environment):
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            self._node = rclpy.create_node("mission_display")
         self._executor = make_executor()
         self._executor.add_node(self._node)
         self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)

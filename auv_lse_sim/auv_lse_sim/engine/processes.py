@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from auv_lse_common.process.processes import Process, vehicle_nodes
+from auv_lse_common.process.processes import RECORDER, Process, vehicle_nodes
 
 #: In lockstep, how many ticks the recorder may be behind before the simulator waits for it; at the mission's end none.
 RECORDER_LAG_TICKS = 20
@@ -28,7 +28,7 @@ def mission_processes(
     """
     processes: list[Process] = []
     if record:
-        processes.append(Process(package="auv_lse_record", executable="recorder_node", namespace="/"))
+        processes.append(RECORDER)
     for vehicle in range(1, vehicles + 1):
         namespace = f"/auv{vehicle}"
         nodes = vehicle_nodes(modem == "emulated", vehicle_link == "mavlink")

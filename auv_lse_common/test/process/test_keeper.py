@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from auv_lse_common.process.supervisor import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S, STEADY_S, Supervisor, Task
+from auv_lse_common.process.keeper import FIRST_WAIT_S, LONGEST_WAIT_S, SILENT_S, STEADY_S, ProcessKeeper, Task
 
 
 class Desk:
-    """A supervisor with a clock of its own, and what it has said."""
+    """A keeper with a clock of its own, and what it has said."""
 
     def __init__(self, folder: Path, **commands: str) -> None:
         self.now_s, self.said = 100.0, []
@@ -24,14 +24,14 @@ class Desk:
             )
             for name, text in commands.items()
         ]
-        self.supervisor = Supervisor(tasks, folder, os.environ, self.said.append)
+        self.keeper = ProcessKeeper(tasks, folder, os.environ, self.said.append)
 
     def after(self, seconds: float) -> list[tuple[str, int]]:
         self.now_s += seconds
-        return self.supervisor.tick(self.now_s)
+        return self.keeper.tick(self.now_s)
 
     def death(self) -> tuple[str, int]:
-        """Waits for the next process to end by itself; the supervisor's clock stands still."""
+        """Waits for the next process to end by itself; the keeper's clock stands still."""
         until = time.monotonic() + 10.0
         while not (died := self.after(0.0)):
             assert time.monotonic() < until
@@ -49,7 +49,7 @@ while True:
 
 
 def alive_for(desk: Desk, seconds: float) -> None:
-    """So many seconds by the supervisor's clock, with time in between in which a process can say that it lives."""
+    """So many seconds by the keeper's clock, with time in between in which a process can say that it lives."""
     for _ in range(round(seconds)):
         time.sleep(0.03)
         assert desk.after(1.0) == []
@@ -61,24 +61,23 @@ def test_a_process_that_hangs_is_killed_and_started_again(tmp_path: Path) -> Non
     desk.after(0.0)
     time.sleep(0.5)
     alive_for(desk, 2.0 * SILENT_S)
-    pid = desk.supervisor.running["node"]
+    pid = desk.keeper.running["node"]
     os.kill(pid, signal.SIGSTOP)
     time.sleep(0.1)
     desk.after(1.0)  # takes what it has still said
-    desk.after(3600.0)  # the supervisor stood still itself: that is no silence
+    desk.after(3600.0)  # the keeper stood still itself: that is no silence
     alive_for(desk, SILENT_S - 3.0)
-    assert desk.supervisor.running["node"] == pid
+    assert desk.keeper.running["node"] == pid
     said = len(desk.said)
     while len(desk.said) == said:
         desk.after(1.0)
     assert desk.said[said] == (
-        f"node hangs: process {pid} runs, but has not said for {SILENT_S:.0f} s that it serves its callbacks; it is "
-        "killed"
+        f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s"
     )
     assert desk.death() == ("node", -9)
     desk.after(FIRST_WAIT_S)
-    assert desk.supervisor.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
-    desk.supervisor.stop()
+    assert desk.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"
+    desk.keeper.stop()
 
 
 def test_what_dies_is_started_again_after_a_wait_that_doubles(tmp_path: Path) -> None:
@@ -87,18 +86,18 @@ def test_what_dies_is_started_again_after_a_wait_that_doubles(tmp_path: Path) ->
     waits = []
     for deaths in range(1, 8):
         assert desk.death() == ("node", 3)
-        assert desk.supervisor.starts == {"node": deaths}
+        assert desk.keeper.starts == {"node": deaths}
         waited = 0.0
-        while desk.supervisor.starts == {"node": deaths}:
+        while desk.keeper.starts == {"node": deaths}:
             desk.after(0.5)
             waited += 0.5
         waits.append(waited)
     assert waits == [min(FIRST_WAIT_S * 2**n, LONGEST_WAIT_S) for n in range(7)]
-    assert desk.said[1].startswith("node died (exit code 3) after 0 s; starts again in 0.5 s")
+    assert desk.said[1].startswith("node died (exit code 3) after 0 s; restarting in 0.5 s")
     assert "start 0" in desk.said[1], "with its last words"
-    assert "node started again (start 2)" in desk.said[2]
+    assert "node restarted (start 2)" in desk.said[2]
     assert (tmp_path / "node.log").read_text().splitlines()[:7] == [f"start {n}" for n in range(7)], "the log goes on"
-    desk.supervisor.stop()
+    desk.keeper.stop()
 
 
 def test_a_process_that_has_run_long_is_started_again_at_once_as_at_first(tmp_path: Path) -> None:
@@ -106,13 +105,13 @@ def test_a_process_that_has_run_long_is_started_again_at_once_as_at_first(tmp_pa
     desk.after(0.0)
     for _ in range(3):
         desk.after(STEADY_S)
-        os.kill(desk.supervisor.running["node"], signal.SIGKILL)
+        os.kill(desk.keeper.running["node"], signal.SIGKILL)
         assert desk.death() == ("node", -9)
-        assert f"node died (SIGKILL) after {STEADY_S:.0f} s; starts again in 0.5 s" in desk.said[-1]
+        assert f"node died (SIGKILL) after {STEADY_S:.0f} s; restarting in 0.5 s" in desk.said[-1]
         desk.after(FIRST_WAIT_S)
-    assert desk.supervisor.running
-    desk.supervisor.stop()
-    assert not desk.supervisor.running
+    assert desk.keeper.running
+    desk.keeper.stop()
+    assert not desk.keeper.running
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="real-time signals as Linux numbers them")
@@ -121,21 +120,21 @@ def test_a_signal_without_a_name_is_named_by_its_number(tmp_path: Path) -> None:
     desk.after(0.0)
     assert desk.death() == ("node", -40)
     assert "node died (signal 40) after 0 s" in desk.said[-1]
-    desk.supervisor.stop()
+    desk.keeper.stop()
 
 
 def test_a_command_that_is_missing_is_tried_again_and_named(tmp_path: Path) -> None:
     said: list[str] = []
-    supervisor = Supervisor([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)
-    assert supervisor.tick(0.0) == []
+    keeper = ProcessKeeper([Task(name="x", command=lambda n: ["/no/such"])], tmp_path, os.environ, said.append)
+    assert keeper.tick(0.0) == []
     assert said == [
-        "x cannot be started (/no/such): [Errno 2] No such file or directory: '/no/such'; the next try in 0.5 s"
+        "x cannot be started (/no/such): [Errno 2] No such file or directory: '/no/such'; trying again in 0.5 s"
     ]
-    supervisor.tick(0.4)
+    keeper.tick(0.4)
     assert len(said) == 1
-    supervisor.tick(1.0)
-    assert said[1].endswith("the next try in 1 s")
-    supervisor.stop()
+    keeper.tick(1.0)
+    assert said[1].endswith("trying again in 1 s")
+    keeper.stop()
 
 
 @pytest.fixture
@@ -156,7 +155,7 @@ def test_the_recorder_is_ended_after_the_others(tmp_path: Path) -> None:
     while not all((tmp_path / name).exists() for name in ("first", "last")):  # until both have set their trap
         assert time.monotonic() < until
         time.sleep(0.02)
-    desk.supervisor.stop()
+    desk.keeper.stop()
     assert (tmp_path / "order").read_text().split() == ["first", "last"]
 
 
@@ -165,11 +164,11 @@ def test_a_recorder_has_the_time_to_close_its_file(tmp_path: Path) -> None:
     closing += "print('up', flush=True)\ntry: time.sleep(60)\n"
     closing += f"except ZeroDivisionError: time.sleep(5); pathlib.Path({str(tmp_path / 'closed')!r}).touch()"
     tasks = [Task(name="recorder", command=lambda n: [sys.executable, "-c", closing], last=True)]
-    supervisor = Supervisor(tasks, tmp_path, os.environ, lambda text: None)
-    supervisor.tick(0.0)
+    keeper = ProcessKeeper(tasks, tmp_path, os.environ, lambda text: None)
+    keeper.tick(0.0)
     until = time.monotonic() + 10.0
     while "up" not in (tmp_path / "recorder.log").read_text():
         assert time.monotonic() < until
         time.sleep(0.01)
-    supervisor.stop()
+    keeper.stop()
     assert (tmp_path / "closed").exists(), "killed while it closed its file"
