@@ -286,14 +286,14 @@ def _decision(method: str, count: int, sizes: Sizes) -> list[Row]:
         made = planner(method, count, **sizes.options)
         made._take_centers()  # the node takes the map as it arrives
         begin = time.process_time()
-        values.append(made.decide(0.0).bound.jbar)
+        values.append(made.decide(0.0).bound.expected_end)
         times.append(1e3 * (time.process_time() - begin))
     made = planner(method, count, **sizes.options)
     made._take_centers()
     begin = time.process_time()
     limited = made.decide(0.0, deadline=lambda: time.process_time() - begin > 0.020)
     spent = 1e3 * (time.process_time() - begin)
-    share = limited.bound.jbar / float(np.median(values))
+    share = limited.bound.expected_end / float(np.median(values))
     took, what = float(np.median(times)), f"{method}, {count} centers, step 0"
     goal, holds = (f"<= {limit:g}", took <= limit) if (limit := DECIDED[method]) else ("", None)
     return [
@@ -323,12 +323,12 @@ def under_way(sizes: Sizes = FULL) -> list[Row]:
         now_s = _flown(made, every, now_s)
         whole, hurried = copy.deepcopy(made), copy.deepcopy(made)
         begin = time.process_time()
-        value = whole.decide(now_s).bound.jbar
+        value = whole.decide(now_s).bound.expected_end
         full_ms.append(1e3 * (time.process_time() - begin))
         begin = time.process_time()
         limited = hurried.decide(now_s, deadline=lambda begin=begin: time.process_time() - begin > 0.020)
         limited_ms.append(1e3 * (time.process_time() - begin))
-        shares.append(limited.bound.jbar / value)
+        shares.append(limited.bound.expected_end / value)
     least, what = float(min(shares)), f"tour, {sizes.centers} centers, with a plan in hand"
     return [
         row(f"one decision that looks for another plan, {what}", float(np.median(full_ms)), "ms"),

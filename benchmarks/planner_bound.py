@@ -135,7 +135,7 @@ def mission(number: int, method: str, rule: bool, steps: int, iterations: int, f
     line["team_end"] = before - risk(team, settings)
     for boat in outcome.boats:
         records = boat.planner.records
-        promised = np.array([r.promised for r in records])
+        promised = np.array([r.expected_total for r in records])
         if method == "tour":
             posterior = boat.planner.posterior
             at_last_decision = risk(posterior, settings)
@@ -145,10 +145,10 @@ def mission(number: int, method: str, rule: bool, steps: int, iterations: int, f
         else:
             end = float(promised[-1])  # the last leg's own reward is all that its Jbar holds
             bound = np.array([r.lower_bound for r in records])
-        gains = np.array([r.jbar - r.incumbent_value for r in records if np.isfinite(r.incumbent_value)])
+        gains = np.array([r.expected_end - r.incumbent_value for r in records if np.isfinite(r.incumbent_value)])
         start = float(bound[0] if method == "tour" else promised[0])
         if method == "tour":
-            gains = np.array([r.account for r in records])
+            gains = np.array([r.budget for r in records])
         line["per_vehicle"].append(
             {
                 "start": start,

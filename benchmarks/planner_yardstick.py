@@ -19,14 +19,13 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerS
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_planner.methods.proposals import search_path
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.search.path_search import SearchProblem, search_path
 from auv_lse_planner.search.sequences import PathSequences
-from auv_lse_planner.search.situation import Situation
 from auv_lse_planner.search.tree import every_sequence
 from benchmarks.command import end_with
 
@@ -56,7 +55,7 @@ def shares(situations: int, augmented: bool, iterations: int | None = None, firs
         naive_paths = planner.naive_paths if augmented and left > planner.horizon else ()
         rollout = Rollout(motion, naive, left, planner.samples_per_leg)
         reward = PathReward(posterior, LevelSet())
-        situation = Situation(
+        problem = SearchProblem(
             planner=planner,
             step=0,
             state=state,
@@ -65,7 +64,7 @@ def shares(situations: int, augmented: bool, iterations: int | None = None, firs
             rng=rng,
             grid=grid,
         )
-        found = search_path(situation, space, rollout, reward).value
+        found = search_path(problem, space, rollout, reward).found.value
         sequences = PathSequences(reward, rollout, 0, state, naive_paths)
         every = [tuple(s) for s in every_sequence(space.arguments(), state, planner.horizon).tolist()]
         best = max(sequences(every[i : i + BATCH]).max() for i in range(0, len(every), BATCH))

@@ -18,11 +18,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.cached_points import CachedPoints
-from auv_lse_planner.methods.touring import LINE_PLACES, OWN_PLACES
+from auv_lse_planner.methods.tour_candidates import LINE_PLACES
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.tour import TourSearch, arc_m
@@ -52,7 +53,7 @@ class Frontier:
         self._kept, self._coarse = (
             CachedPoints(planner.posterior, grounds.grid(m).places_m) for m in (spacing, max(COARSE_M, spacing))
         )
-        self._search, self._steering = TourSearch(planner.space, OWN_PLACES), Steering(planner.space)
+        self._search, self._steering = TourSearch(planner.space, MAP_PLACES_PER_LEG), Steering(planner.space)
         self._start = np.zeros(3)
 
     def _reward(self, weight: float) -> AnytimeReward:
@@ -76,7 +77,7 @@ class Frontier:
             bent = search.bend(line, legs, reward, MORE)
             actions = self._steering.along(self._start, bent.waypoints_m, arc_m(line) / legs, legs)
             plan = Plan.at(0, self._start, tuple(int(a) for a in actions), NONE)
-            worth, before = (reward.value(self._places(p, OWN_PLACES)).weighted for p in (plan, best))
+            worth, before = (reward.value(self._places(p, MAP_PLACES_PER_LEG)).weighted for p in (plan, best))
             if worth <= before:
                 break
             best = plan
@@ -93,7 +94,7 @@ class Frontier:
         rows = []
         for count in PLACES:
             places = self._places(plan, count)
-            drops = [reward.value(places[:legs]).end for legs in (self._legs // 3, self._legs)]
+            drops = [reward.value(places[:legs]).expected_end for legs in (self._legs // 3, self._legs)]
             third, end = ((reward.risk_before - drop) / len(self._kept.places_m) for drop in drops)
             rows.append((third, end))
         return rows

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
     from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
     from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
-    from auv_lse_planner.methods.account import BoundRecord
-    from auv_lse_planner.methods.decision import Decision, Statistics
+    from auv_lse_planner.methods.decision import BoundRecord, Decision, Statistics
     from auv_lse_planner.paths.free_space import FreeSpace
     from auv_lse_planner.paths.motion import MotionTable
     from auv_lse_planner.paths.naive import NaivePaths
@@ -43,11 +42,10 @@ __all__ = [
 __getattr__ = lazy_exports(
     __name__,
     {
-        "methods.account": ("BoundRecord",),
         "auv_lse_common.mission_file.sections.mission": ("MissionConfig", "MotionConfig"),
         "auv_lse_common.mission_file.sections.planner": ("PlannerConfig", "PlannerSettings"),
         "auv_lse_common.mission_file.sections.vehicle": ("VehicleConfig",),
-        "methods.decision": ("Decision", "Statistics"),
+        "methods.decision": ("BoundRecord", "Decision", "Statistics"),
         "auv_lse_common.mission_file.methods": ("METHODS",),
         "paths.free_space": ("FreeSpace",),
         "paths.motion": ("MotionTable",),

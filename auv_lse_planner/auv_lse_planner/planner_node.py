@@ -62,7 +62,7 @@ class PlannerNode(VehicleNode):
         self._settings = settings
         self._planner = VehiclePlanner(self.vehicle, settings, stream(settings.mission.seed, "planner", self.vehicle))
         self._intake = PlannerIntake(self._planner)
-        self._planner.run(0.0, "safety_node has not said how it stands with the mission")
+        self._planner.set_blocked(0.0, "safety_node has not reported the mission's state")
         if not self.journal.records:  # else it is started again under way: the sooner it is back, the better
             rehearse(settings, self.vehicle)
         self.show_parameters(

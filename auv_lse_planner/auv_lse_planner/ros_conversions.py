@@ -14,7 +14,7 @@ from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_msgs.msg import AutopilotStatus, Bound, Waypoint
-from auv_lse_planner.methods.account import BoundRecord
+from auv_lse_planner.methods.decision import BoundRecord
 from auv_lse_planner.vehicle.intake import Taken
 
 
@@ -74,7 +74,7 @@ def bound_message(now_s: float, bound: BoundRecord, planning_s: float, taken: Ta
     return Bound(
         header=header(now_s),
         step=bound.step,
-        jbar=bound.jbar,
+        jbar=bound.expected_end,
         reward_so_far=bound.reward_so_far,
         lower_bound=bound.lower_bound,
         lower_bound_max=bound.lower_bound_max,

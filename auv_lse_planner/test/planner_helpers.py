@@ -13,6 +13,8 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerS
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.methods.method import PlanningContext
+from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import (
     FreeSpace,
     clearance_at,
@@ -24,7 +26,7 @@ from auv_lse_planner.paths.free_space import (
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import Rollout
-from auv_lse_planner.search.situation import Situation
+from auv_lse_planner.search.path_search import SearchProblem
 
 SMALL = (-20.0, -20.0, 380.0, -20.0, 380.0, 480.0, -20.0, 480.0)
 
@@ -59,11 +61,27 @@ def rollout(steps, samples_per_leg=1, vehicles=1, **options):
     return Rollout(motion, naive, steps, samples_per_leg), space
 
 
-def situation(state, rng, step=0, naive_paths=(), **planner) -> Situation:
-    """A situation from parameters of the method "augmented" and others."""
+def search_problem(state, rng, step=0, naive_paths=(), **planner) -> SearchProblem:
+    """A search problem from parameters of the method "augmented" and others."""
     config = PlannerConfig(**{"method": "augmented", **planner}).complete()
-    return Situation(
+    return SearchProblem(
         planner=config, step=step, state=state, horizon=config.horizon, naive_paths=tuple(naive_paths), rng=rng
+    )
+
+
+def context(roll, space, posterior, rng, grid) -> PlanningContext:
+    """What the methods of vehicle 1 of 2 share."""
+    team = Team(1, 2, "id", 15.7, 600.0, roll.follow)
+    return PlanningContext(
+        vehicle=1,
+        settings=settings(vehicles=2, steps=roll.steps),
+        space=space,
+        rollout=roll,
+        posterior=posterior,
+        team=team,
+        map_grid=grid,
+        coarse_grid=grid,
+        rng=rng,
     )
 
 

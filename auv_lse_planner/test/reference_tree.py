@@ -191,4 +191,4 @@ def exhaustive_search(
     values = np.concatenate([valuer(sequences[i : i + batch]) for i in range(0, len(sequences), batch)])
     order = np.argsort(-values, kind="stable")
     ranking = [(sequences[i], float(values[i])) for i in order[:64]]
-    return SearchResult(*ranking[0], len(sequences), len(sequences), False, ranking, [(0, ranking[0][1])])
+    return SearchResult(*ranking[0], len(sequences), len(sequences), False, ranking)

@@ -14,6 +14,10 @@ from typing import Any
 
 from auv_lse_common.vocabulary.naive_ids import FITTED
 
+#: Least number of places on each leg for the map's reward: with one, risk left by turning paths is overestimated twice
+#: as much as that left by straight lanes (docs/design/planner.md).
+MAP_PLACES_PER_LEG = 2
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Family:
@@ -51,7 +55,9 @@ class MethodEntry:
 
 #: Families by name: the values of `planner.proposals`, and `dec_mcts`, which `planner.coordination` selects.
 FAMILIES: dict[str, Family] = {
-    "tour": Family(bound_of="map", to_the_end=True, all_mates=True, places_per_leg=2, sends_tours=True),
+    "tour": Family(
+        bound_of="map", to_the_end=True, all_mates=True, places_per_leg=MAP_PLACES_PER_LEG, sends_tours=True
+    ),
     "path": Family(),
     "naive": Family(to_the_end=True),
     "random": Family(),

@@ -1,13 +1,57 @@
-"""What a decision gives: the plan for the team, the leg to travel, the account, and how it was found."""
+"""The result of a decision: the plan for the team, the leg to travel, the bound record, and how they were found."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_planner.methods.account import BoundRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundRecord:
+    """Expected reward and lower bound of one decision.
+
+    Rewards are sums of expected benefit of search, in the unit of the costs; on the whole map, or at the places of the
+    own path (`Family.bound_of`).
+
+    Attributes:
+        step: Step planned from.
+        now_s: Mission time.
+        method: The method.
+        reward_so_far: Reward of the legs already decided.
+        expected_end: Reward of the chosen path from here to its end (the paper's Jbar, or J without a naive path).
+        lower_bound: The time-varying lower bound: reward_so_far + the part of `expected_end` that no later decision can
+            lose, which is that of the naive path, or `expected_end` less the budget.
+        lower_bound_max: Its running maximum.
+        incumbent_value: `expected_end` of the incumbent on the same data; NaN where there was none.
+        incumbent_kept: Whether the incumbent was kept.
+        iterations: Search iterations.
+        deadline_hit: Whether the deadline ended the search.
+        budget: By how much later decisions may lower the expected end (method tour), never negative. NaN for a method
+            without a budget.
+        void: Why the last plan was discarded without a charge: "shallow ground", "off the plan"; else empty.
+    """
+
+    step: int
+    now_s: float
+    method: str
+    reward_so_far: float
+    expected_end: float
+    lower_bound: float
+    lower_bound_max: float
+    incumbent_value: float
+    incumbent_kept: bool
+    iterations: int
+    deadline_hit: bool
+    budget: float = math.nan
+    void: str = ""
+
+    @property
+    def expected_total(self) -> float:
+        """Reward expected of the whole mission: reward_so_far + expected_end."""
+        return self.reward_so_far + self.expected_end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,34 +59,30 @@ class Statistics:
     """How a decision was found.
 
     Attributes:
-        centers: Kernel centers of the map.
         team_places: Places that team mates' plans still hold.
-        evaluations: Different paths valued.
-        best_new_value: Value of the best path the search found, by the search's own reward; NaN if there was none.
-        progress: (iteration, best value) at every improvement.
+        evaluations: Different paths evaluated.
+        best_new_value: Value of the best path that the search found, by the search's own reward; NaN without one.
         escape: Whether nothing was feasible.
         reanchored: Whether the plan starts from odometry instead of the planned state.
-        incumbent_infeasible: Whether the last plan had to be given up because the map now forbids its next legs.
+        incumbent_infeasible: Whether the map now forbids the next legs of the last plan.
     """
 
-    centers: int
     team_places: int
-    evaluations: int = 0
-    best_new_value: float = math.nan
-    progress: list[tuple[int, float]] = field(default_factory=list)
-    escape: bool = False
-    reanchored: bool = False
-    incumbent_infeasible: bool = False
+    evaluations: int
+    best_new_value: float
+    escape: bool
+    reanchored: bool
+    incumbent_infeasible: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """What `VehiclePlanner.decide` gives.
+    """A decision of `VehiclePlanner`.
 
     Attributes:
         plan: The path to the mission's end, for the team.
         leg: The leg to travel next.
-        bound: The account.
+        bound: The bound record.
         statistics: How it was found.
     """
 

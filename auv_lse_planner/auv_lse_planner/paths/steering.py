@@ -26,8 +26,10 @@ from auv_lse_planner.paths.motion import advance
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Legs that an action is judged by.
+#: Legs that an action is judged by, and that the map must leave feasible where a plan goes on.
 LOOK_AHEAD = 3
+#: Legs of a new plan that are checked against the map, and legs that lead around shallow ground as explicit actions.
+DETOUR_LEGS = 8
 #: Least length of a segment (m): below it a direction means nothing.
 SHORTEST_M = 1e-3
 #: What a squared error along the polyline counts, of one across it.

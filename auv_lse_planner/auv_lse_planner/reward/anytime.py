@@ -6,13 +6,13 @@ and the places that team mates will have measured by then, S the data, O places 
     R_i = sum over p in M of E r(p | S u O u V_i)                                  (paper: expected Bayes risk)
     J   = sum over legs i of w_i (R_{i-1} - R_i),    w_i = 1 + weight (1 - (step + i) / steps)
 
-`weighted` is J, its standard deviations taken for `doubt` times as large. `end` is J with w = 1 and without doubt: it
+`weighted` is J, with standard deviations `doubt` times as large. `expected_end` is J with w = 1 and without doubt: it
 telescopes to R_0 - R_L, the drop at the mission's end, which own vehicle and mates bring together. Mates are not
 conditioned on beforehand: they measure at their time, as the own vehicle does. What they measure after the own last leg
 counts at the end.
 
 R is computed at some legs only, the *checkpoints*, and taken to fall evenly in between, so that J is a sum over
-checkpoints. `end` does not depend on them.
+checkpoints. `expected_end` does not depend on them.
 
 The variance left at the map's cells after each checkpoint, and the gradient of J by the own places, are those of
 measurements conditioned on jointly (`reward/joint.py`).
@@ -24,7 +24,7 @@ grid, without cells whose risk hardly counts, with fewer checkpoints and with so
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,11 +57,11 @@ class Value:
 
     Attributes:
         weighted: Drops of the map's expected risk, those of early legs counted more, by doubted standard deviations.
-        end: Drop of the map's expected risk at the mission's end.
+        expected_end: Drop of the map's expected risk at the mission's end (paper: Jbar, over the map).
     """
 
     weighted: float
-    end: float
+    expected_end: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +172,6 @@ class AnytimeReward:
             ValueError: for more legs than are left, or if the covariance of the places is not positive definite.
         """
         return self._exact.value(*self._timed(places_m))
-
-    def values(self, many_m: Iterable[Array]) -> list[Value]:
-        """`value` of several paths."""
-        return [self.value(places_m) for places_m in many_m]
 
     def value_and_gradient(self, places_m: Array) -> tuple[float, Array]:
         """A coarser `weighted` of a path with all its legs, and its exact gradient.

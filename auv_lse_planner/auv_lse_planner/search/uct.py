@@ -1,7 +1,7 @@
 """Monte Carlo tree search (UCT) over actions: one search for every reward.
 
 What differs is passed in: the tree says where to go, the valuer what sequences are worth, the batch how many are valued
-together. `PathSequences` values by the path's own places, `JointDraws` by the map, in the mean over the team mates'
+together. `PathSequences` evaluates at the path's own places, `JointDraws` on the map, in the mean over the team mates'
 possible plans (Dec-MCTS).
 
 The tree's nodes are sequences of actions from the root state. An iteration descends by UCB on values scaled to 0..1
@@ -21,7 +21,7 @@ tree of plain Python objects. Random numbers are drawn beforehand.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -54,16 +54,14 @@ class SearchResult:
         evaluations: Different sequences valued.
         deadline_hit: Whether the deadline ended the search before its budget.
         ranking: Valued sequences with their values, best first (at most 64).
-        progress: (iteration, best value so far) at every improvement.
     """
 
     actions: Actions
     value: float
-    iterations: int
-    evaluations: int
-    deadline_hit: bool
-    ranking: list[tuple[Actions, float]]
-    progress: list[tuple[int, float]]
+    iterations: int = 0
+    evaluations: int = 0
+    deadline_hit: bool = False
+    ranking: list[tuple[Actions, float]] = field(default_factory=list)
 
 
 class Tree(Protocol):
@@ -133,30 +131,26 @@ def run_search(
         # the first batch is small, so that a short deadline still finds something
         size = min(batch if done else min(batch, max(2, len(starts))), grown - done)
         sequences = tree.grow(forced[done : done + size], randoms[done : done + size])
-        tree.credit(memo.value([tuple(s) for s in sequences.tolist()], done))
+        tree.credit(memo.value([tuple(s) for s in sequences.tolist()]))
         done += size
     if not hit and polish > 0.0:
         done, hit = _polish(tree, memo, done, iterations, batch, rng, deadline)
     ranking = sorted(memo.values.items(), key=lambda item: (-item[1], item[0]))[:RANKED]
     best, value = ranking[0]
-    return SearchResult(best, value, done, len(memo.values), hit, ranking, memo.progress)
+    return SearchResult(best, value, done, len(memo.values), hit, ranking)
 
 
 class _Memo:
-    """Values of sequences, each asked for once, and the improvements."""
+    """Values of sequences, each evaluated once."""
 
     def __init__(self, valuer: Valuer) -> None:
         self._valuer = valuer
         self.values: dict[Actions, float] = {}
-        self.progress: list[tuple[int, float]] = []
 
-    def value(self, sequences: list[Actions], done: int) -> Array:
+    def value(self, sequences: list[Actions]) -> Array:
         new = [s for s in dict.fromkeys(sequences) if s not in self.values]
         if new:
-            for sequence, value in zip(new, self._valuer(new).tolist(), strict=True):
-                self.values[sequence] = value
-                if not self.progress or value > self.progress[-1][1]:
-                    self.progress.append((done, value))
+            self.values.update(zip(new, self._valuer(new).tolist(), strict=True))
         return np.array([self.values[s] for s in sequences])
 
 
@@ -183,6 +177,6 @@ def _polish(
             if deadline is not None and deadline():
                 return done, True
             part = changes[begin : begin + batch]
-            memo.value(part, done)
+            memo.value(part)
             done += len(part)
     return done, False

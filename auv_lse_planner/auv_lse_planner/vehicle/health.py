@@ -21,7 +21,7 @@ def planner_health(planner: VehiclePlanner, problems: Mapping[str, str], plannin
     values: dict[str, Any] = {"decisions": len(planner.records), "planning_ms": f"{1e3 * planning_s:.1f}"}
     if planner.records:
         last = planner.records[-1]
-        values |= {"step": last.step, "iterations": last.iterations, "jbar": last.jbar}
+        values |= {"step": last.step, "iterations": last.iterations, "jbar": last.expected_end}
     level = Level.WARN if problems else Level.OK
     return Health(level=level, text="; ".join(problems.values()) or "ok", values=values)
 

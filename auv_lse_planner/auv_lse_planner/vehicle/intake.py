@@ -84,7 +84,7 @@ class PlannerIntake:
         """
         revision, plans, odometry_s = self.taken.map_revision, self.taken.plans, self.taken.odometry_s
         if self._standing is not None:
-            self.planner.run(now_s, self._standing.blocked_reason)
+            self.planner.set_blocked(now_s, self._standing.blocked_reason)
             self._state = self._standing.state
             self._standing = None
         if self._centers is not None:

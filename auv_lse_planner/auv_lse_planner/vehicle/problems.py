@@ -79,10 +79,10 @@ def of_map(now_s: float, map_s: float | None, refused: str, planner: PlannerConf
     return found
 
 
-def of_team(now_s: float, step: int, team: Team, planner: PlannerConfig) -> dict[str, str]:
-    """Team mates whose plans count for the decision of `step`, and are missing, getting old, or have expired."""
+def of_team(now_s: float, team: Team, planner: PlannerConfig) -> dict[str, str]:
+    """Team mates whose plans count, and are missing, getting old, or have expired."""
     found, ages = {}, team.age_s(now_s)
-    for mate in team.others if planner.family.all_mates else team.before(step):
+    for mate in team.others if planner.family.all_mates else team.before:
         if mate not in ages:
             found[f"plan of {mate} missing"] = f"team: no plan of vehicle {mate} heard yet; planning goes on without"
         elif ages[mate] >= planner.plan_expiry_s:

@@ -1,21 +1,21 @@
-"""When a vehicle surfaces for a fix: where that brings more than the legs that it costs.
+"""When a vehicle surfaces for a fix: where that gains more than the legs that it costs.
 
-Dead reckoning errs by a turn and a stretch about the start, so that a fix tells most far from there; soundings before
-it can then be booked anew, and those after it begin right. So a vehicle asks what a fix would bring
+Dead reckoning errs by a rotation and a scale about the start, so that a fix tells most far from there; soundings before
+it can then be placed anew, and those after it begin right. So a vehicle weighs a surfacing
 
 - not before `FIRST` of its mission, and each vehicle of a team a little later than the one before it: the fix of one
   serves all through ranges, and the next knows by then how little its own would add;
-- where a leg ends that leads farther from the start than the next `LOOK_AHEAD` ones by its plan;
-- `AGAIN` of the mission after its last surfacing at the earliest: the map does not know at once what that has brought.
+- where a leg ends that leads farther from the start than the next `LEGS_AHEAD` ones by its plan;
+- `NEXT` of the mission after its last surfacing at the earliest: the map does not show at once what that has gained.
 
-What a fix brings is the drop of what is lost by places in doubt (`reward/fix.py`), what it costs is what the legs bring
+The gain of a fix is the drop of the loss from uncertain places (`reward/fix.py`). Its cost is the reward of the legs
 that are then missing at the mission's end, as the plan has it. Both are in the unit of the map's risk.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,11 +24,11 @@ from auv_lse_planner.paths.rollout import PlannedPath
 
 #: Parts of the mission: before the first surfacing of the first vehicle, from each vehicle's turn to the next one's,
 #: and between surfacings.
-FIRST, TURN, AGAIN = 0.3, 0.1, 0.2
+FIRST, TURN, NEXT = 0.3, 0.1, 0.2
 #: Vehicles that have turns of their own; those after them share them.
 TURNS = 3
 #: Legs ahead that must not lead farther from the start.
-LOOK_AHEAD = 10
+LEGS_AHEAD = 10
 
 
 class Surfacings:
@@ -57,32 +57,24 @@ class Surfacings:
         self._start_m = np.array([config.start_north_m, config.start_east_m])
         self._earliest = round((FIRST + TURN * ((vehicle - 1) % TURNS)) * steps)
 
-    def due(self, path: PlannedPath, pays: Callable[[], bool]) -> bool:
-        """Whether the vehicle surfaces where the first leg of `path` ends, its path to the mission's end.
-
-        Args:
-            path: The path.
-            pays: Says whether a fix there brings more than it costs; asked only where one may be due.
-        """
+    def considered(self, path: PlannedPath) -> bool:
+        """Whether a surfacing is weighed where the first leg of `path` ends, which leads to the mission's end."""
         end = path.step + 1
         if self.done >= self.most or end < self._earliest or len(path) <= self.legs:
             return False
-        ahead = path.states[1 : LOOK_AHEAD + 2, 1:] - self._start_m
+        ahead = path.states[1 : LEGS_AHEAD + 2, 1:] - self._start_m
         far_m = np.hypot(ahead[:, 0], ahead[:, 1])
-        if far_m[0] < far_m.max() or not pays():
-            return False
-        self.surfaced(end)
-        return True
+        return bool(far_m[0] >= far_m.max())
 
-    def surfaced(self, step: int) -> None:
+    def record(self, step: int) -> None:
         """The vehicle surfaces at the end of the leg to mission step `step`."""
         self.done += 1
-        self._earliest = step + round(AGAIN * self._steps)
+        self._earliest = step + round(NEXT * self._steps)
 
     def snapshot(self) -> list[int]:
         """How many are decided, and the earliest step of the next, for a journal."""
         return [self.done, self._earliest]
 
     def restore(self, value: Sequence[int]) -> None:
-        """Goes on from what `snapshot` gave."""
+        """Continues from a `snapshot`."""
         self.done, self._earliest = value

@@ -77,7 +77,7 @@ class Travel:
         self._held_s = math.nan
         self._next_leg: Leg | None = None
 
-    def run(self, now_s: float, running: bool) -> None:
+    def set_running(self, now_s: float, running: bool) -> None:
         """The mission goes, or holds, from `now_s` on."""
         if self.running and not running:
             self._held_s = now_s

@@ -10,7 +10,7 @@ Theory of operation.
   passed over, and the plan waits for as many.
 - Steps are counted only while the mission goes (`run`): while it waits or holds nothing is decided, and the leg under
   way takes no time.
-- A decision goes through the steps of `receding_horizon.py`.
+- The method decides (`methods/method.py`); the bound record is written here.
 - Plans are made in the map, whose places may be corrected; odometry is displaced against it (`displaced`). Legs are
   given to the vehicle, and travelled, as that knows its place (`for_vehicle`).
 - Nothing here reads a clock. A decision always yields a leg: where nothing is feasible, the escape (`free_space.py`).
@@ -32,20 +32,21 @@ from auv_lse_common.mission_file.sections.vehicle import MOST_SURFACINGS
 from auv_lse_common.vocabulary.health import Recent
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.naive_ids import FITTED
-from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.factor import IllConditionedError
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_planner.methods.account import BoundRecord
-from auv_lse_planner.methods.decision import Decision
-from auv_lse_planner.methods.receding_horizon import LOOK_AHEAD, RecedingHorizon, Weighing
+from auv_lse_planner.methods.decision import BoundRecord, Decision, Statistics
+from auv_lse_planner.methods.families import CLASSES
+from auv_lse_planner.methods.method import Choice, Followed, Method, PlanningContext, Situation
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.search.dec_mcts import KEPT_PLANS
+from auv_lse_planner.paths.steering import LOOK_AHEAD
 from auv_lse_planner.vehicle import problems
+from auv_lse_planner.vehicle.reward_so_far import RewardSoFar
 from auv_lse_planner.vehicle.surfacing import Surfacings
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 
@@ -63,13 +64,14 @@ class VehiclePlanner:
     Attributes:
         vehicle: Number of the vehicle.
         settings: All parameters, as they were at the start.
+        planner: The planner's parameters in force, complete.
         motion: Its actions.
         space: Where it may go.
         rollout: Follows plans, its own and team mates', to the mission's end.
         posterior: Its map.
         team: Its team mates.
         plans_refused: Number of received plans that could not be followed.
-        records: The account of every decision.
+        records: The bound record of every decision.
     """
 
     def __init__(self, vehicle: int, settings: PlannerSettings, rng: np.random.Generator) -> None:
@@ -83,60 +85,61 @@ class VehiclePlanner:
         Raises:
             ValueError: if the number is not one of the mission's vehicles, or parameters contradict each other.
         """
-        mission, planner, area = settings.mission, settings.planner, OperatingArea(settings.area)
+        mission, area = settings.mission, OperatingArea(settings.area)
         if not 1 <= vehicle <= mission.vehicles:
             raise ValueError(f"vehicle: got {vehicle}; expected 1 to mission.vehicles = {mission.vehicles}")
         self.vehicle = vehicle
         self.settings = settings
+        self.planner: PlannerConfig = settings.planner.complete()
         self.motion = MotionTable(settings.motion)
         self.space = FreeSpace(area, self.motion, settings.area.raster_m)
-        naive = NaivePaths(self.space, planner, area.polygon, mission.vehicles)
-        self.rollout = Rollout(self.motion, naive, mission.steps, planner.samples_per_leg)
+        naive = NaivePaths(self.space, self.planner, area.polygon, mission.vehicles)
+        self.rollout = Rollout(self.motion, naive, mission.steps, self.planner.samples_per_leg)
         self.posterior = Posterior(settings.gp)
-        decentralized = planner.coordination == "dec_mcts"
+        leg_m = self.motion.leg_length_m
         self.team = Team(
             vehicle,
             mission.vehicles,
-            "all" if decentralized else planner.team_order,
-            self.motion.leg_length_m / settings.vehicle.speed_mps,
-            planner.plan_expiry_s,
+            self.planner.team_order,
+            leg_m / settings.vehicle.speed_mps,
+            self.planner.plan_expiry_s,
             self.rollout.follow,
-            KEPT_PLANS if decentralized else 1,
-            self._mowing,
+            self._assumed_plan,
         )
         self.plans_refused = 0
         self.records: list[BoundRecord] = []
-        wanted = settings.vehicle.surfacings
-        if wanted is None:
-            wanted = 0 if planner.entry.of_paper else MOST_SURFACINGS
-        self._surfacings = Surfacings(vehicle, settings.vehicle, wanted, mission.steps, self.motion.leg_length_m)
-        self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
-        self._horizon = RecedingHorizon(
-            vehicle,
-            settings,
-            self.space,
-            self.rollout,
-            self.posterior,
-            self.team,
-            area.grid(planner.map_spacing_m),
-            area.grid(max(COARSE_M, planner.map_spacing_m)),
-            rng,
+        self._context = PlanningContext(
+            vehicle=vehicle,
+            settings=settings,
+            space=self.space,
+            rollout=self.rollout,
+            posterior=self.posterior,
+            team=self.team,
+            map_grid=area.grid(self.planner.map_spacing_m),
+            coarse_grid=area.grid(max(COARSE_M, self.planner.map_spacing_m)),
+            rng=rng,
         )
+        self._methods: dict[str, Method] = {}  # by family, made when a decision needs them
+        self._reward = RewardSoFar()
+        self._followed: Followed | None = None  # from the last decision's step on
+        self._surfacings = Surfacings(vehicle, settings.vehicle, self._most_surfacings(), mission.steps, leg_m)
+        self._surfacings_before = self._surfacings.snapshot()  # before the last decision
+        self._surfaced = False  # where the leg decided last ends
+        self._travel = Travel(settings.vehicle, mission.steps, self._surfacings.legs)
         self._shallow_grid = area.grid(max(10.0, 2.0 * settings.area.raster_m))
         self._new_centers: Centers | None = None
         self._map_s: float | None = None
         self._map_refused = ""
-        self._held = ""
+        self._blocked_reason = ""
         self._recent = Recent()
         self._displaced_m = np.zeros(3)  # the map against odometry: heading, which is not displaced, north, east
         self._leg_displaced_m = self._displaced_m  # when the last leg was decided
-        self._surfaced = False  # where the leg decided last ends
-        self._surfacings_before = self._surfacings.snapshot()  # before that decision
 
-    @property
-    def planner(self) -> PlannerConfig:
-        """The planner's parameters, complete."""
-        return self._horizon.planner
+    def _most_surfacings(self) -> int:
+        wanted = self.settings.vehicle.surfacings
+        if wanted is not None:
+            return wanted
+        return 0 if self.planner.entry.of_paper else MOST_SURFACINGS
 
     def set_planner(self, config: PlannerConfig) -> None:
         """Takes new planner parameters; they take effect at the next decision.
@@ -147,7 +150,7 @@ class VehiclePlanner:
         Raises:
             ValueError: if they contradict each other; the old ones then stay.
         """
-        self._horizon.planner = config.complete()
+        self.planner = config.complete()
 
     # ------------------------------------------------------------------ what comes in
 
@@ -178,15 +181,10 @@ class VehiclePlanner:
         _, north_m, east_m = self._displaced_m.tolist()
         return dataclasses.replace(leg, north_m=leg.north_m - north_m, east_m=leg.east_m - east_m)
 
-    def run(self, now_s: float, standing: str = "") -> None:
-        """The mission goes from `now_s` on, or does not.
-
-        Args:
-            now_s: Mission time.
-            standing: Why it does not, for people; "" if it goes.
-        """
-        self._travel.run(now_s, not standing)
-        self._held = standing
+    def set_blocked(self, now_s: float, reason: str = "") -> None:
+        """The mission goes on from `now_s` ("" as reason), or is blocked for a reason, which is a text for people."""
+        self._travel.set_running(now_s, not reason)
+        self._blocked_reason = reason
 
     # ------------------------------------------------------------------ where it is
 
@@ -203,8 +201,7 @@ class VehiclePlanner:
     @property
     def path(self) -> PlannedPath | None:
         """The path of the plan from the next decision's step on; None before the first."""
-        path = self._horizon.path
-        return None if path is None else path.from_step(self._travel.decided)
+        return None if self._followed is None else self._followed.path.from_step(self._travel.decided)
 
     @property
     def finished(self) -> bool:
@@ -222,10 +219,10 @@ class VehiclePlanner:
         found |= problems.of_place(self._travel, self.space)
         found |= problems.of_map(now_s, self._map_s, self._map_refused, self.planner)
         if started:
-            found |= problems.of_team(now_s, self._travel.decided, self.team, self.planner)
+            found |= problems.of_team(now_s, self.team, self.planner)
         found |= problems.of_leg(now_s, self._travel)
-        if self._held:
-            found["held"] = f"no steps are counted: {self._held}"
+        if self._blocked_reason:
+            found["held"] = f"no steps are counted: {self._blocked_reason}"
         totals = {
             "odometry absurd": self._travel.absurd,
             "odometry jumps": self._travel.gate.jumps,
@@ -253,37 +250,39 @@ class VehiclePlanner:
         state = anchor.astype(np.float32).astype(float)  # as its packet will have it
         self._take_centers()
         self._keep_off_shallows(state)
-        if self.planner.proposals == "tour":  # it takes team mates in time order, not as if they had measured already
-            return self._taken(self._horizon.decide(now_s, step, state, reanchored, 0, deadline), now_s, reanchored)
-        ahead = [self.team.places_ahead(now_s, mate) for mate in self.team.before(step)]
-        places = np.concatenate([np.empty((0, 2)), *ahead])
-        self.posterior.plan(places)
-        try:
-            decision = self._horizon.decide(now_s, step, state, reanchored, len(places), deadline)
-        finally:
-            self.posterior.forget_planned()
-        return self._taken(decision, now_s, reanchored)
-
-    def snapshot(self) -> dict[str, Any]:
-        """What a planner of the same settings needs to go on after the last decision, as values that JSON holds.
-
-        Not the map, which comes whole from its owner, nor the team mates' plans, which are heard again.
-        """
-        return {
-            "travel": self._travel.snapshot(),
-            "horizon": self._horizon.snapshot(),
-            "assumed": self.team.snapshot(),
-            "surfacings": self._surfacings.snapshot(),
-            "displaced": [self._displaced_m.tolist(), self._leg_displaced_m.tolist()],
-        }
-
-    def restore(self, values: Mapping[str, Any]) -> None:
-        """Goes on from what `snapshot` gave."""
-        self._travel.restore(values["travel"])
-        self._horizon.restore(values["horizon"])
-        self.team.restore(values["assumed"])
-        self._surfacings.restore(values["surfacings"])
-        self._displaced_m, self._leg_displaced_m = (np.array(moved) for moved in values["displaced"])
+        last = None if self._followed is None else Followed(self._followed.plan, self._followed.path.from_step(step))
+        situation = Situation(
+            planner=self.planner,
+            now_s=now_s,
+            step=step,
+            state=state,
+            last=last,
+            off_plan=reanchored,
+            deadline=deadline,
+        )
+        choice = self._method.decide(situation)
+        path = choice.chosen.path
+        self._followed = Followed(choice.chosen.plan, path)
+        leg = self.motion.leg(step, path.states[0], int(path.actions[0]))
+        decision = Decision(
+            plan=choice.told,
+            leg=leg,
+            bound=self._bound(situation, choice),
+            statistics=Statistics(
+                team_places=choice.team_places,
+                evaluations=choice.evaluations,
+                best_new_value=choice.best_new_value,
+                escape=not self.space.feasible(state).size,
+                reanchored=reanchored,
+                incumbent_infeasible=choice.infeasible,
+            ),
+        )
+        decision = self._with_surfacing(situation, decision, path)
+        decision = dataclasses.replace(decision, leg=self.for_vehicle(decision.leg))
+        self._leg_displaced_m = self._displaced_m
+        self._travel.take(decision.leg, now_s, at_once=reanchored)
+        self.records.append(decision.bound)
+        return decision
 
     def adopt(self, plan: Plan, leg: Leg) -> None:
         """Follows another plan, with another next leg, than the one just decided: a replay goes on from what was flown.
@@ -293,35 +292,124 @@ class VehiclePlanner:
             leg: The leg to travel in place of the one decided.
         """
         self._travel.replace(leg)
-        self._horizon.adopt(plan, leg.step + (self._surfacings.legs if leg.surface else 0))
+        step = leg.step + (self._surfacings.legs if leg.surface else 0)
+        self._followed = Followed(plan, self.rollout.follow(plan).from_step(step))
         self._surfacings.restore(self._surfacings_before)
         if leg.surface:
-            self._surfacings.surfaced(leg.step + 1)
+            self._surfacings.record(leg.step + 1)
         more = int(leg.surface) - int(self._surfaced)
-        self._horizon.delayed(more * self._surfacings.legs)
+        self._method.shift(more * self._surfacings.legs)
         self._surfaced = leg.surface
 
-    def _taken(self, decision: Decision, now_s: float, reanchored: bool) -> Decision:
-        path, legs = self._horizon.path, self._surfacings.legs
-        weighing: Weighing | None = None
+    def snapshot(self) -> dict[str, Any]:
+        """What a planner of the same settings needs to go on after the last decision, as values that JSON holds.
 
-        def pays() -> bool:
-            nonlocal weighing
-            weighing = self._horizon.weigh_surfacing(now_s, legs)
-            return weighing.pays
+        Not the map, which comes whole from its owner, nor the team mates' plans, which are heard again.
+        """
+        f = self._followed
+        return {
+            "followed": None if f is None else {"plan": dataclasses.asdict(f.plan), "step": f.path.step},
+            "travel": self._travel.snapshot(),
+            "reward": self._reward.snapshot(),
+            "methods": {family: method.snapshot() for family, method in self._methods.items()},
+            "random": self._context.rng.bit_generator.state,
+            "assumed": self.team.snapshot(),
+            "surfacings": self._surfacings.snapshot(),
+            "displaced": [self._displaced_m.tolist(), self._leg_displaced_m.tolist()],
+        }
 
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continues from a `snapshot`."""
+        if values["followed"] is not None:
+            plan = Plan.from_mapping(values["followed"]["plan"])
+            self._followed = Followed(plan, self.rollout.follow(plan).from_step(values["followed"]["step"]))
+        self._travel.restore(values["travel"])
+        self._reward.restore(values["reward"])
+        for family, own in values["methods"].items():
+            self._method_of(family).restore(own)
+        self._context.rng.bit_generator.state = values["random"]
+        self.team.restore(values["assumed"])
+        self._surfacings.restore(values["surfacings"])
+        self._displaced_m, self._leg_displaced_m = (np.array(moved) for moved in values["displaced"])
+
+    # ------------------------------------------------------------------ its parts
+
+    @property
+    def _method(self) -> Method:
+        return self._method_of(self.planner.family_name)
+
+    def _method_of(self, family: str) -> Method:
+        if family not in self._methods:
+            self._methods[family] = CLASSES[family](self._context)
+        return self._methods[family]
+
+    def _bound(self, situation: Situation, choice: Choice) -> BoundRecord:
+        """The bound record of a choice; the reward so far is measured, or takes that of the leg decided afterwards."""
+        self._reward.measure(choice.map_risk)
+        so_far = self._reward.value
+        lower, largest = self._reward.bound(choice.assured)
+        self._reward.add(choice.leg_reward)
+        return BoundRecord(
+            step=situation.step,
+            now_s=situation.now_s,
+            method=self.planner.method,
+            reward_so_far=so_far,
+            expected_end=choice.chosen.value.expected_end,
+            lower_bound=lower,
+            lower_bound_max=largest,
+            incumbent_value=math.nan if choice.incumbent is None else choice.incumbent.value.expected_end,
+            incumbent_kept=choice.chosen is choice.incumbent,
+            iterations=choice.iterations,
+            deadline_hit=choice.deadline_hit,
+            budget=choice.budget,
+            void=choice.void,
+        )
+
+    def _with_surfacing(self, situation: Situation, decision: Decision, path: PlannedPath) -> Decision:
+        """The decision with a surfacing at the end of its leg, if that is due and pays."""
         self._surfacings_before = self._surfacings.snapshot()
-        self._surfaced = path is not None and self._surfacings.due(path, pays)
-        if self._surfaced and weighing is not None:
-            leg = dataclasses.replace(decision.leg, surface=True)
-            bound = self._horizon.charge(weighing, decision.bound)
-            plan = self._horizon.delay(legs, decision.plan)
-            decision = dataclasses.replace(decision, leg=leg, plan=plan, bound=bound)
-        decision = dataclasses.replace(decision, leg=self.for_vehicle(decision.leg))
-        self._leg_displaced_m = self._displaced_m
-        self._travel.take(decision.leg, now_s, at_once=reanchored)
-        self.records.append(decision.bound)
-        return decision
+        self._surfaced = False
+        legs = self._surfacings.legs
+        if not self._surfacings.considered(path):
+            return decision
+        worth = self._method.weigh_surfacing(situation, path, legs)
+        if not worth.pays:
+            return decision
+        self._surfaced = True
+        self._surfacings.record(path.step + 1)
+        budget, bound = self._method.spend(worth.cost), decision.bound
+        if budget is not None:  # the cost that the budget does not cover is lost from the bound
+            end = bound.expected_end - worth.cost
+            lower = bound.reward_so_far + end - budget
+            bound = dataclasses.replace(bound, expected_end=end, budget=budget, lower_bound=lower)
+        leg = dataclasses.replace(decision.leg, surface=True)
+        return dataclasses.replace(decision, leg=leg, bound=bound, plan=self._delay(legs, decision.plan))
+
+    def _delay(self, legs: int, told: Plan) -> Plan:
+        """The vehicle stops for the time of so many legs: its path goes on as many steps later, and ends as it must.
+
+        A naive path may be made for the legs that are left, and lead elsewhere with fewer. Then the plan goes on by
+        the actions of the path: to choose anew would begin the lanes and the budget again.
+
+        Args:
+            legs: How many.
+            told: The plan for the team.
+
+        Returns:
+            The plan for the team instead.
+        """
+        assert self._followed is not None  # it was decided
+        decided, path = self._followed.plan, self._followed.path
+        rest = path.from_step(path.step + 1)
+        plan = dataclasses.replace(decided, step=decided.step + legs)
+        later = self.rollout.follow(plan).from_step(path.step + legs)
+        if not np.allclose(later.states[min(1, len(later))], rest.states[0], atol=1e-6):
+            actions = tuple(int(action) for action in rest.actions[: max(len(rest) - legs, 0)])
+            plan = Plan.at(rest.step + legs, rest.states[0], actions, NONE)
+            later = self.rollout.follow(plan)
+        self._followed = Followed(plan, later)
+        self._method.shift(legs)
+        return plan if told == decided else dataclasses.replace(told, step=told.step + legs)
 
     def _anchor(self) -> tuple[Array, bool]:
         """The state (3,) in the map to plan from, and whether the last plan does not lead there.
@@ -335,8 +423,8 @@ class VehiclePlanner:
             return anchor + self._leg_displaced_m, False
         return anchor + self._displaced_m, reanchored or self._travel.leg is not None
 
-    def _mowing(self, mate: int) -> Plan:
-        """What a team mate that was never heard is taken to do: it mows its strip from the start."""
+    def _assumed_plan(self, mate: int) -> Plan:
+        """The plan that a team mate is assumed to follow until it is heard: it mows its strip from the start."""
         v = self.settings.vehicle
         start = np.array([v.start_heading_rad, v.start_north_m, v.start_east_m])
         return Plan.at(0, start, (), FITTED[(mate - 1) % len(FITTED)])
@@ -356,7 +444,7 @@ class VehiclePlanner:
         if not len(self.posterior.centers):
             return
         places = self._shallow_grid.places_m
-        if not self.planner.family.to_the_end:  # a naive path and a tour look as far as the mission goes
+        if not self.planner.family.to_the_end:
             legs = max(self.planner.horizon, LOOK_AHEAD) + 2
             reach_m = legs * float(self.motion.lengths_m.max()) + SHALLOWS_BEYOND_M
             places = places[np.hypot(places[:, 0] - state[1], places[:, 1] - state[2]) <= reach_m]

@@ -17,14 +17,14 @@ def _follow(plan):
     return PlannedPath(plan.step, states, np.full(10, 5), 1, states[1:, None, 1:])
 
 
-def _team(order="id", vehicle=3, expiry=600.0, kept=1):
-    return Team(vehicle, 4, order, 20.0, expiry, _follow, kept)
+def _team(order="id", vehicle=3, expiry=600.0):
+    return Team(vehicle, 4, order, 20.0, expiry, _follow)
 
 
 def test_orders():
-    assert _team("id").before(7) == [1, 2]
-    assert _team("id", vehicle=1).before(7) == []
-    assert _team("all").before(7) == [1, 2, 4]
+    assert _team("id").before == [1, 2]
+    assert _team("id", vehicle=1).before == []
+    assert _team("all").before == [1, 2, 4]
 
 
 def test_places_already_passed_are_dropped_and_old_plans_expire():
@@ -78,11 +78,9 @@ def test_own_plans_are_ignored():
     assert team.age_s(0.0) == {}
 
 
-def test_kept_plans_are_drawn_newer_ones_more_often():
-    team = _team("all", kept=2)
-    team.hear(0.0, 1, _plan(0))
-    team.hear(0.0, 1, _plan(0, north=500.0))
-    draws = [team.draw(0.0, np.random.default_rng(seed))[0, 0] for seed in range(60)]
-    assert set(draws) == {10.0, 510.0}
-    assert draws.count(510.0) > draws.count(10.0)
-    assert _team("all").draw(0.0, np.random.default_rng(1)).shape == (0, 2)
+def test_the_last_different_plans_of_a_mate_are_kept_the_newest_first():
+    team = _team("all", expiry=100.0)
+    for north in (0.0, 500.0, 500.0, 900.0, 1300.0):
+        team.hear(0.0, 1, _plan(0, north=north))
+    assert [[places[0, 0] for places in mate] for mate in team.recent_places(0.0)] == [[1310.0, 910.0, 510.0]]
+    assert team.recent_places(100.0) == []

@@ -84,8 +84,7 @@ def test_value_agrees_with_the_dense_computation(name):
     value = case.reward.value(case.path_m)
     assert value.weighted == pytest.approx(expected, rel=1e-8)  # cells of 1e-9 of the largest risk are left out
     undoubted = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates))
-    assert value.end == pytest.approx(undoubted.sum(), rel=1e-8)
-    assert case.reward.values([case.path_m, case.path_m[:3]]) == [value, case.reward.value(case.path_m[:3])]
+    assert value.expected_end == pytest.approx(undoubted.sum(), rel=1e-8)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -154,7 +153,7 @@ def test_compiled_agrees_with_numpy(name, monkeypatch):
         case = Case(**CASES[name])
         value, gradient = case.reward.value_and_gradient(case.path_m.reshape(-1, 2))
         exact = case.reward.value(case.path_m)
-        results.append((np.array([value, exact.weighted, exact.end]), gradient))
+        results.append((np.array([value, exact.weighted, exact.expected_end]), gradient))
     # 1e-12 of the variances, through roots of what is left of them
     assert results[0][0] == pytest.approx(results[1][0], rel=1e-8, abs=1e-9)
     largest = np.abs(results[1][1]).max()
@@ -165,10 +164,10 @@ def test_compiled_agrees_with_numpy(name, monkeypatch):
 def test_with_weight_0_it_is_the_drop_at_the_end(mates):
     case = Case(weight=0.0, mates=mates)
     value = case.reward.value(case.path_m)
-    assert value.weighted == pytest.approx(value.end, rel=1e-12)
+    assert value.weighted == pytest.approx(value.expected_end, rel=1e-12)
     theirs = [m for _, m in case.mates]
     everything = np.concatenate([case.path_m.reshape(-1, 2), *theirs])
-    assert value.end == pytest.approx(case.drop(everything), rel=1e-8)
+    assert value.expected_end == pytest.approx(case.drop(everything), rel=1e-8)
 
 
 def test_of_a_share_of_the_weight_it_is_the_same_with_that_weight():
@@ -176,7 +175,7 @@ def test_of_a_share_of_the_weight_it_is_the_same_with_that_weight():
     whole, half, end = (case.reward.weighing(share).value(case.path_m) for share in (1.0, 0.5, 0.0))
     assert whole == case.reward.value(case.path_m)
     assert half.weighted == pytest.approx(0.5 * (whole.weighted + end.weighted), rel=1e-12), "J is linear in the weight"
-    assert half.end == end.end == whole.end
+    assert half.expected_end == end.expected_end == whole.expected_end
     flat = case.path_m.reshape(-1, 2)
     values, gradients = zip(*(case.reward.weighing(s).value_and_gradient(flat) for s in (1.0, 0.5, 0.0)), strict=True)
     assert values[1] == pytest.approx(0.5 * (values[0] + values[2]), rel=1e-12)
@@ -187,20 +186,21 @@ def test_of_a_share_of_the_weight_it_is_the_same_with_that_weight():
 def test_of_the_end_it_is_the_same_with_weight_0():
     case = Case(mates=[(12, 20.0)])
     of_the_end = case.reward.weighing(0.0)
-    assert of_the_end.value(case.path_m).weighted == pytest.approx(case.reward.value(case.path_m).end, rel=1e-12)
+    end = case.reward.value(case.path_m).expected_end
+    assert of_the_end.value(case.path_m).weighted == pytest.approx(end, rel=1e-12)
     assert of_the_end.risk_before == case.reward.risk_before
 
 
 def test_at_the_last_step_every_weight_is_1():
     case = Case(legs=1, step=49)
     value = case.reward.value(case.path_m)
-    assert value.weighted == pytest.approx(value.end, rel=1e-12)
+    assert value.weighted == pytest.approx(value.expected_end, rel=1e-12)
 
 
 def test_it_telescopes_in_expectation():
     """E over the first leg's measurement of (drop so far + end of the rest) is the end of the whole beforehand."""
     case = Case(data=25, legs=5, mates=((4, 5.0),), weight=0.0)
-    whole = case.reward.value(case.path_m).end
+    whole = case.reward.value(case.path_m).expected_end
     first = case.path_m[0]
     at = case.posterior.at(first)
     spread = np.sqrt(at.data_var_m2[0] + case.config.noise_std_m**2)
@@ -215,7 +215,7 @@ def test_it_telescopes_in_expectation():
         )
         case.posterior.follow(measured)
         later = AnytimeReward(case.kept, case.level, mates, 4, 31, 50, 0.0)
-        total += weight * (case.reward.risk_before - later.risk_before + later.value(case.path_m[1:]).end)
+        total += weight * (case.reward.risk_before - later.risk_before + later.value(case.path_m[1:]).expected_end)
     # 60 Gauss-Hermite nodes on integrands with kinks (the call about a place changes): 0.5 %
     assert total == pytest.approx(whole, rel=5e-3)
 
@@ -226,7 +226,7 @@ def test_what_comes_early_counts_more():
     late = np.concatenate([np.repeat(there[:1], 10, axis=0), there[::2]])
     early = np.concatenate([there[::2], np.repeat(there[:1], 10, axis=0)])
     one, two = case.reward.value(early), case.reward.value(late)
-    assert one.end == pytest.approx(two.end, rel=1e-9)
+    assert one.expected_end == pytest.approx(two.expected_end, rel=1e-9)
     assert one.weighted > 1.1 * two.weighted
 
 
@@ -235,7 +235,7 @@ def test_a_mate_that_comes_first_leaves_less_to_gain_early():
     soon = AnytimeReward(case.kept, case.level, [(np.full(8, 1.0), case.path_m[:, 0])], *case.time)
     late = AnytimeReward(case.kept, case.level, [(np.full(8, 99.0), case.path_m[:, 0])], *case.time)
     one, two = soon.value(case.path_m), late.value(case.path_m)
-    assert one.end == pytest.approx(two.end, rel=1e-9)
+    assert one.expected_end == pytest.approx(two.expected_end, rel=1e-9)
     assert one.weighted > two.weighted
 
 
@@ -251,8 +251,8 @@ def test_nothing_measured_is_worth_nothing():
 def test_mates_alone_are_worth_what_they_bring():
     case = Case(mates=((6, 12.0),))
     alone = case.reward.value(np.empty((0, 1, 2)))
-    assert alone.end == pytest.approx(case.drop(case.mates[0][1]), rel=1e-8)
-    assert case.reward.value(case.path_m).end > alone.end
+    assert alone.expected_end == pytest.approx(case.drop(case.mates[0][1]), rel=1e-8)
+    assert case.reward.value(case.path_m).expected_end > alone.expected_end
 
 
 def test_where_no_risk_is_left_the_gradient_is_zero():

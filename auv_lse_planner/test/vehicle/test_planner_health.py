@@ -41,7 +41,7 @@ def test_health_tells_the_last_decision_and_the_problems():
     health = planner_health(own, {}, 0.25)
     assert (health.level, health.text) == (Level.OK, "ok")
     assert health.values["planning_ms"] == "250.0"
-    assert health.values["jbar"] == pytest.approx(decision.bound.jbar)
+    assert health.values["jbar"] == pytest.approx(decision.bound.expected_end)
     assert warnings_of(decision, 2.0) == []
     late = dataclasses.replace(decision, bound=dataclasses.replace(decision.bound, deadline_hit=True))
     (warning,) = warnings_of(late, 2.0)

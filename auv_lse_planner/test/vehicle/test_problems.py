@@ -11,7 +11,7 @@ from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.vehicle import problems
 from auv_lse_planner.vehicle.travel import EstimatedState, Travel
 
-PLANNER = PlannerConfig(odometry_timeout_s=10.0, map_timeout_s=60.0, plan_expiry_s=600.0)
+PLANNER = PlannerConfig(method="augmented", odometry_timeout_s=10.0, map_timeout_s=60.0, plan_expiry_s=600.0)
 
 
 def _travel(odometry_s=None):
@@ -48,9 +48,9 @@ def test_team_mates_that_come_before_and_are_missing_or_expired():
     team = Team(3, 4, "id", 20.0, 600.0, follow)
     team.hear(100.0, 2, Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(), naive_path=NONE))
     missing = {"plan of 1 missing": "team: no plan of vehicle 1 heard yet; planning goes on without"}
-    assert problems.of_team(249.0, 0, team, PLANNER) == missing  # vehicle 4 comes after this one
-    assert "nothing heard of vehicle 2 for 150 s" in problems.of_team(250.0, 0, team, PLANNER)["2 silent"]
-    assert problems.of_team(700.0, 0, team, PLANNER) == {
+    assert problems.of_team(249.0, team, PLANNER) == missing  # vehicle 4 comes after this one
+    assert "nothing heard of vehicle 2 for 150 s" in problems.of_team(250.0, team, PLANNER)["2 silent"]
+    assert problems.of_team(700.0, team, PLANNER) == {
         **missing,
         "plan of 2 expired": "team: plan of vehicle 2 expired, heard 600 s ago",
     }

@@ -23,9 +23,17 @@ def path(places_m: NDArray[np.float64], step: int) -> PlannedPath:
     return PlannedPath(step, states, np.zeros(legs, dtype=np.int64), legs, np.zeros((legs, 1, 2)))
 
 
-def decided(surfacings: Surfacings, places_m: NDArray[np.float64], pays: bool = True) -> list[int]:
+def decided(surfacings: Surfacings, places_m: NDArray[np.float64]) -> list[int]:
     """Steps at whose legs' ends a vehicle surfaces that travels through these places."""
-    return [step + 1 for step in range(len(places_m) - 1) if surfacings.due(path(places_m, step), lambda: pays)]
+    return [step + 1 for step in range(len(places_m) - 1) if considers(surfacings, path(places_m, step))]
+
+
+def considers(surfacings: Surfacings, ahead: PlannedPath) -> bool:
+    """Whether a surfacing is considered, which is then recorded."""
+    considered = surfacings.considered(ahead)
+    if considered:
+        surfacings.record(ahead.step + 1)
+    return considered
 
 
 def out_and_back(steps: int, turn: int) -> NDArray[np.float64]:
@@ -50,10 +58,12 @@ def test_it_surfaces_where_the_way_turns_back_to_the_start_once_it_is_its_turn(
     own = surfacings(vehicle)
     assert decided(own, out_and_back(100, turn))[:1] == [expected]
     assert own.done == 1
+    before = own.snapshot()
+    own.considered(path(out_and_back(100, turn), 99))
+    assert own.snapshot() == before, "to consider one changes nothing"
 
 
-def test_it_does_not_surface_where_that_does_not_pay_nor_where_it_has_nothing_left_to_do() -> None:
-    assert decided(surfacings(), out_and_back(100, 45), pays=False) == []
+def test_it_does_not_surface_where_it_has_nothing_left_to_do() -> None:
     assert decided(surfacings(), out_and_back(100, 98)) == [], "the 4 legs that it takes are not left"
     assert decided(surfacings(most=0), out_and_back(100, 45)) == []
 

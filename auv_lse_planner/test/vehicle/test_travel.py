@@ -86,9 +86,9 @@ def test_a_leg_whose_end_is_never_passed_holds_the_mission_up_for_a_while_and_no
 
 def test_a_hold_takes_no_time_of_a_leg_that_is_given_up():
     travel = _on_the_first_leg(steps=1)
-    travel.run(10.0, False)
+    travel.set_running(10.0, False)
     travel.move(_at(500.0, 10.0))
-    travel.run(500.0, True)
+    travel.set_running(500.0, True)
     travel.move(_at(501.0, 10.0))
     assert not travel.finished
 
@@ -161,18 +161,18 @@ def test_a_vehicle_that_comes_to_the_legs_end_from_aside_plans_from_where_it_rea
 
 def test_while_the_mission_holds_no_step_is_counted_and_the_legs_time_stands_still():
     waiting = _travel()
-    waiting.run(0.0, False)
+    waiting.set_running(0.0, False)
     waiting.move(_at(0.0, 0.0))
     assert not waiting.due(500.0, PLANNER), "on deck, with odometry"
     travel = _on_the_first_leg()
     travel.take(_leg(1), 16.0, at_once=False)
-    travel.run(17.0, False)
+    travel.set_running(17.0, False)
     for now_s in range(17, 1017, 5):
         travel.move(_at(float(now_s), 45.0, 20.0))  # it circles, past the end of its leg
         assert not travel.due(float(now_s), PLANNER)
         assert not travel.overdue(float(now_s))
     assert travel.leg == _leg(0)
-    travel.run(1017.0, True)
+    travel.set_running(1017.0, True)
     assert travel.leg_started_s == 1000.0
     assert not travel.overdue(1017.0)
     travel.move(_at(1018.0, 30.5, 1.0))

@@ -62,7 +62,7 @@ def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
             int(np.argmin(np.abs(planner.motion.turns_rad - d.leg.action_rad))),
         )
         assert d.bound.lower_bound_max >= d.bound.lower_bound
-        assert math.isfinite(d.bound.jbar)
+        assert math.isfinite(d.bound.expected_end)
     assert not planner.due(1e6)
     with pytest.raises(ValueError, match="all 12 steps are decided"):
         planner.decide(1e6)
@@ -70,8 +70,8 @@ def test_every_method_flies_a_whole_mission_on_connected_feasible_legs(method):
 
 def surfacing_pays(planner):
     """The planner, to which a fix brings more than any legs that it costs."""
-    weigh = planner._horizon.weigh_surfacing
-    planner._horizon.weigh_surfacing = lambda now_s, legs: dataclasses.replace(weigh(now_s, legs), brings=math.inf)
+    weigh = planner._method.weigh_surfacing
+    planner._method.weigh_surfacing = lambda *where: dataclasses.replace(weigh(*where), gain=math.inf)
     return planner
 
 
@@ -117,15 +117,15 @@ def test_team_mates_are_told_when_a_plan_goes_on_after_a_surfacing(surfaced):
     assert ahead[0] == pytest.approx(told.places_m[0], abs=1e-3)
 
 
-def test_the_account_of_a_tour_pays_for_a_surfacing(surfaced):
-    """What its legs would have brought is missing from what is promised, and from the account as far as it holds it."""
+def test_the_budget_of_a_tour_pays_for_a_surfacing(surfaced):
+    """What its legs would have brought is missing from what is expected, and from the budget as far as it goes."""
     _, _, decisions = surfaced
     at = next(i for i, decision in enumerate(decisions) if decision.leg.surface)
     before, now, after = (decisions[i].bound for i in (at - 1, at, at + 1))
-    assert now.promised < before.promised
-    assert 0.0 <= now.account < before.account or now.account == 0.0
-    assert now.lower_bound == pytest.approx(now.promised - now.account)
-    assert after.promised == pytest.approx(now.promised, rel=0.02), "the plan promises as much with fewer legs"
+    assert now.expected_total < before.expected_total
+    assert 0.0 <= now.budget < before.budget or now.budget == 0.0
+    assert now.lower_bound == pytest.approx(now.expected_total - now.budget)
+    assert after.expected_total == pytest.approx(now.expected_total, rel=0.02), "as much is expected with fewer legs"
 
 
 def test_a_replay_surfaces_where_the_recorded_vehicle_did(surfaced):
@@ -209,13 +209,13 @@ def test_every_team_mate_has_a_problem_of_its_own():
     assert set(planner.problems(4.0 + expiry_s)) == set(planner.problems(3.0 + expiry_s))  # keys last, texts change
 
 
-def test_the_incumbent_never_lets_jbar_fall_on_unchanged_data():
+def test_the_incumbent_never_lets_the_expected_end_fall_on_unchanged_data():
     for method in ("augmented", "plain"):
         s = settings({"method": method, "iterations": 40, "incumbent": True}, steps=15)
         planner = VehiclePlanner(1, s, np.random.default_rng(2))
         decisions = _fly(planner)  # no data ever arrives
         for d in decisions[1:]:
-            assert d.bound.jbar >= d.bound.incumbent_value - 1e-9
+            assert d.bound.expected_end >= d.bound.incumbent_value - 1e-9
             assert d.bound.incumbent_kept == (d.bound.incumbent_value >= d.statistics.best_new_value)
 
 
@@ -223,7 +223,7 @@ def test_without_the_incumbent_the_search_decides():
     s = settings({"method": "augmented", "iterations": 10, "incumbent": False}, steps=10)
     decisions = _fly(VehiclePlanner(1, s, np.random.default_rng(2)))
     assert not any(d.bound.incumbent_kept for d in decisions)
-    assert any(d.bound.incumbent_value > d.bound.jbar for d in decisions[1:])
+    assert any(d.bound.incumbent_value > d.bound.expected_end for d in decisions[1:])
 
 
 def test_a_kept_plan_is_travelled_exactly_as_it_was_announced():
@@ -416,7 +416,7 @@ def test_samples_per_leg_count_in_the_reward():
     for samples in (1, 3):
         planner = VehiclePlanner(1, settings({"method": "plain", "samples_per_leg": samples}), np.random.default_rng(1))
         planner.odometry(0.0, 0.0, 0.0, 0.0)
-        values.append(planner.decide(0.0).bound.jbar)
+        values.append(planner.decide(0.0).bound.expected_end)
     assert values[1] > 2.0 * values[0]
 
 
@@ -439,10 +439,10 @@ def test_dec_mcts_plans_against_what_team_mates_may_do():
             other.hear(20.0 * now, planner.vehicle, decision.plan)
             told.append(decision)
             assert len(planner.rollout.follow(decision.plan)) == 8 - decision.plan.step
-            assert math.isfinite(decision.bound.jbar)
+            assert math.isfinite(decision.bound.expected_end)
     assert told[-1].statistics.team_places > 0
     # what is told is drawn from a distribution: not always the path that is travelled
-    draws = [one.team.draw(60.0, np.random.default_rng(i)) for i in range(12)]
+    draws = [places for mate in one.team.recent_places(60.0) for places in mate]
     assert len({places.tobytes() for places in draws}) > 1
 
 

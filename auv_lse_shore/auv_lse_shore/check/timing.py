@@ -10,7 +10,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.packet.fields import are_paired, capacity
 from auv_lse_comms.packet.navigation import MOST_BYTES
 from auv_lse_comms.tdma import Tdma
-from auv_lse_planner.methods.touring import MOST_EXPLICIT
+from auv_lse_planner.methods.tour_candidates import MAX_EXPLICIT_ACTIONS
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.check.findings import Findings
 
@@ -94,7 +94,7 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     reserve, told = settings.packet.reserve, MOST_BYTES if settings.packet.navigation else 0
     least = capacity(actions, reserve, min(tour, 64), told)
     if tour:  # a bent path is told by its actions
-        bent = min(settings.mission.steps, MOST_EXPLICIT)
+        bent = min(settings.mission.steps, MAX_EXPLICIT_ACTIONS)
         paired = are_paired([MotionTable(settings.motion).actions - 1] * bent)
         least = min(least, capacity(bent, reserve, 0, told, paired))
     most = capacity(actions, reserve, 0, told)

@@ -187,7 +187,7 @@ class _Again:
             note = "the deadline ended the recorded search"
         if not same_plan:
             planner.adopt(recorded.plan, leg)
-        values = (recorded.jbar, decision.bound.jbar)
+        values = (recorded.jbar, decision.bound.expected_end)
         close = math.isnan(values[0]) or math.isclose(*values, rel_tol=self._tolerance, abs_tol=self._tolerance)
         return DecisionStep(
             vehicle=self._inputs.vehicle,

@@ -304,7 +304,7 @@ class Fleet:
                     now_s=now_s,
                     step=bound.step,
                     plan=decision.plan,
-                    jbar=bound.jbar,
+                    jbar=bound.expected_end,
                     reward_so_far=bound.reward_so_far,
                     lower_bound=bound.lower_bound,
                     lower_bound_max=bound.lower_bound_max,

@@ -1,5 +1,4 @@
 import itertools
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,9 @@ from planner_helpers import centers, settings
 
 from auv_lse_common.vocabulary.naive_ids import FITTED
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_planner.methods.touring import DETOUR_LEGS, EARLINESS, TRIES, Touring
+from auv_lse_planner.methods.method import Followed, Situation
+from auv_lse_planner.methods.tour_candidates import EARLINESS, NO_FLOOR, TRIES, Candidates, TourCandidates, TourProblem
+from auv_lse_planner.paths.steering import DETOUR_LEGS
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
 STEPS = 12
@@ -42,25 +43,25 @@ def _growing(seed=3):
     return lambda i: centers(np.random.default_rng(seed), 1 + 20 * i)
 
 
-def test_a_mission_is_planned_to_its_end_and_the_account_is_never_negative():
+def test_a_mission_is_planned_to_its_end_and_the_budget_is_never_negative():
     planner = _planner()
     for decision in _travel(planner, STEPS, _growing()):
         path = planner.rollout.follow(decision.plan).from_step(decision.leg.step)
         assert path.step + len(path) == STEPS
-        assert decision.bound.account >= 0.0
+        assert decision.bound.budget >= 0.0
     with pytest.raises(ValueError, match="all 12 steps are decided"):
         planner.decide(999.0)
 
 
-def test_the_account_keeps_what_each_choice_brought_and_the_bound_starts_from_mowing():
+def test_the_budget_grows_by_what_each_choice_gains_and_the_bound_starts_from_mowing():
     planner = _planner()
     records = [d.bound for d in _travel(planner, STEPS, _growing())]
     for before, after in itertools.pairwise(records):
-        change = after.jbar - after.incumbent_value
-        assert after.account == pytest.approx(max(0.0, before.account + change), abs=1e-9)
-        assert change >= -before.account - 1e-9
-        assert after.lower_bound == pytest.approx(after.promised - after.account)
-    assert records[0].lower_bound <= records[0].promised
+        change = after.expected_end - after.incumbent_value
+        assert after.budget == pytest.approx(max(0.0, before.budget + change), abs=1e-9)
+        assert change >= -before.budget - 1e-9
+        assert after.lower_bound == pytest.approx(after.expected_total - after.budget)
+    assert records[0].lower_bound <= records[0].expected_total
     assert any(not r.incumbent_kept for r in records[1:])
 
 
@@ -87,18 +88,20 @@ def test_shallow_ground_voids_the_tour_without_a_charge():
     planner = _planner(gp={"length_scale_m": 20.0})
     straight = Plan.at(0, np.zeros(3), (), 0xF8)
     _travel(planner, 1, ground)
-    planner._horizon._plan, planner._horizon.path = straight, planner.rollout.follow(straight)
-    before = planner.records[-1].account
+    planner._followed = Followed(straight, planner.rollout.follow(straight))
+    before = planner.records[-1].budget
     planner.set_centers(ground(2), 10.0)
     planner.decide(15.7)
     record = planner.records[-1]
     assert record.void == "shallow ground"
-    assert record.account == before
+    assert record.budget == before
     assert np.isnan(record.incumbent_value)
 
 
 def test_team_mates_never_heard_are_taken_to_mow_until_they_count_as_silent():
     planner = _planner(2, 3, planner={"plan_expiry_s": 100.0})
+    assert planner.team.in_time_order(0.0) == []
+    planner.team.assume_plans(0.0)
     ahead = planner.team.in_time_order(0.0)
     assert len(ahead) == 2
     legs, places = ahead[0]
@@ -113,6 +116,7 @@ def test_team_mates_never_heard_are_taken_to_mow_until_they_count_as_silent():
 
 def test_a_plan_heard_takes_the_place_of_mowing_and_a_silent_mate_is_dropped():
     planner = _planner(1, 2, planner={"plan_expiry_s": 100.0})
+    planner.team.assume_plans(0.0)
     planner.hear(5.0, 2, Plan.at(0, np.array([0.0, 100.0, 100.0]), (5, 5, 5), 0xFF))
     ((legs, places),) = planner.team.in_time_order(5.0)
     assert places[:, 1] == pytest.approx([100.0] * 3)
@@ -125,11 +129,11 @@ def test_with_no_time_the_start_is_the_fitted_lanes_or_what_passes_more_risk():
     planner.odometry(0.0, 0.0, 0.0, 0.0)
     decision = planner.decide(0.0, deadline=lambda: True)
     assert decision.bound.deadline_hit
-    assert decision.bound.account >= 0.0
+    assert decision.bound.budget >= 0.0
     assert decision.statistics.evaluations == 2
     rested = _planner(steps=40)
     rested.odometry(0.0, 0.0, 0.0, 0.0)
-    assert decision.bound.jbar >= 0.9 * rested.decide(0.0).bound.jbar
+    assert decision.bound.expected_end >= 0.9 * rested.decide(0.0).bound.expected_end
 
 
 def test_between_optimizations_the_incumbent_is_followed_without_a_search():
@@ -139,16 +143,26 @@ def test_between_optimizations_the_incumbent_is_followed_without_a_search():
     assert all(d.bound.incumbent_kept for d in decisions if d.leg.step not in searched)
 
 
+def _candidates(planner):
+    return planner._method_of("tour")._candidates
+
+
+def _problem(planner, floor):
+    """The problem of the second decision."""
+    s = Situation(planner=planner.planner, now_s=1.0, step=1, state=planner.path.states[0])
+    return TourProblem(s, planner._context.map_reward(s), floor)
+
+
 def test_a_path_is_bent_for_what_comes_early_as_far_as_the_expected_end_allows(monkeypatch):
     tried: dict[int, list[tuple[float, float]]] = {}
-    bent = Touring._bent
+    bent = TourCandidates._bent
 
-    def spy(self, step, state, path, reward, share, *rest):
-        found = bent(self, step, state, path, reward, share, *rest)
-        tried.setdefault(step, []).append((share, found[0].value.end))
+    def spy(self, problem, path, share, iterations):
+        found = bent(self, problem, path, share, iterations)
+        tried.setdefault(problem.situation.step, []).append((share, found[0].value.expected_end))
         return found
 
-    monkeypatch.setattr(Touring, "_bent", spy)
+    monkeypatch.setattr(TourCandidates, "_bent", spy)
     planner = _planner()
     _travel(planner, STEPS, _growing())
     records = {r.step: r for r in planner.records}
@@ -158,60 +172,60 @@ def test_a_path_is_bent_for_what_comes_early_as_far_as_the_expected_end_allows(m
         assert shares == list(EARLINESS[first : first + len(shares)])
         last = first + len(shares) - 1
         if step:
-            floor = records[step].incumbent_value - records[step - 1].account
+            floor = records[step].incumbent_value - records[step - 1].budget
             assert all(end < floor for _, end in tried[step][:-1])
             allowed = tried[step][-1][1] >= floor
             assert allowed or len(shares) == TRIES or last == len(EARLINESS) - 1
         else:
-            allowed = last < len(EARLINESS) - 1 or records[0].account > 0.0
+            allowed = last < len(EARLINESS) - 1 or records[0].budget > 0.0
         first = max(last - 1, 0) if allowed else min(last + 1, len(EARLINESS) - 1)
 
 
-def test_a_path_is_bent_by_the_share_before_the_one_allowed_last_or_behind_those_that_were_not(monkeypatch):
+def test_a_path_is_bent_by_the_share_before_the_one_allowed_last_or_after_those_that_were_not(monkeypatch):
     tried: list[float] = []
-    allowed, bent = 1.0, Touring._bent
+    allowed, bent = 1.0, TourCandidates._bent
 
-    def spy(self, step, state, path, reward, share, *rest):
+    def spy(self, problem, path, share, iterations):
         tried.append(share)
-        found = bent(self, step, state, path, reward, share, *rest)
+        candidate, found = bent(self, problem, path, share, iterations)
         end = 1e9 if share == allowed else -1e9
-        return replace(found[0], value=replace(found[0].value, end=end)), *found[1:]
+        return replace(candidate, value=replace(candidate.value, expected_end=end)), found
 
     planner = _planner()
     _travel(planner, 1, _growing())
-    touring = planner._horizon._touring
-    touring.restore({**touring.snapshot(), "earliness": 0})
-    monkeypatch.setattr(Touring, "_bent", spy)
+    candidates = _candidates(planner)
+    candidates.restore({**candidates.snapshot(), "earliness": 0})
+    monkeypatch.setattr(TourCandidates, "_bent", spy)
     began = []
     for share in (0.25, 0.25, 0.25, 0.5, 0.0, 0.0, 1.0):
         allowed = share
         tried.clear()
-        path, reward = planner.path, planner._horizon._anytime(1.0, 1)
-        touring._earlier(1, path.states[0], path, reward, 0.0, 1, TRIES, None)
+        candidates._bend_early(_problem(planner, 0.0), planner.path, 1, TRIES, Candidates())
         began.append(list(tried))
     assert began == [[1.0, 0.5], [0.25], [0.5, 0.25], [0.5], [1.0, 0.5], [0.25, 0.0], [0.25, 0.0]]
 
 
-def test_a_void_plan_is_bent_by_the_whole_share_and_a_bend_cut_short_says_nothing():
+def test_a_void_plan_is_bent_by_the_whole_share_and_a_bend_cut_short_leaves_the_share():
     planner = _planner()
     _travel(planner, 1, _growing())
-    touring = planner._horizon._touring
-    touring.restore({**touring.snapshot(), "earliness": 2})
-    assert touring.snapshot()["earliness"] == 2
-    path, reward = planner.path, planner._horizon._anytime(1.0, 1)
-    arguments = (1, path.states[0], path, reward)
-    (bent,), _, _ = touring._earlier(*arguments, -math.inf, 5, TRIES, None)
-    (whole, _, _) = touring._bent(*arguments, EARLINESS[0], 5, None)
-    assert bent.plan == whole.plan
-    assert touring.snapshot()["earliness"] == 2, "nothing limited it"
-    candidates, _, hit = touring._earlier(*arguments, 1e9, 5, TRIES, lambda: True)
-    assert hit
-    assert len(candidates) == 1
-    assert touring.snapshot()["earliness"] == 2
+    candidates = _candidates(planner)
+    candidates.restore({**candidates.snapshot(), "earliness": 2})
+    result, problem = Candidates(), _problem(planner, NO_FLOOR)
+    candidates._bend_early(problem, planner.path, 5, TRIES, result)
+    whole, _ = candidates._bent(problem, planner.path, EARLINESS[0], 5)
+    assert [c.plan for c in result.plans] == [whole.plan]
+    assert candidates.snapshot()["earliness"] == 2, "nothing limited it"
+    limited = _problem(planner, 1e9)
+    hurried = replace(limited, situation=replace(limited.situation, deadline=lambda: True))
+    result = Candidates()
+    candidates._bend_early(hurried, planner.path, 5, TRIES, result)
+    assert result.deadline_hit
+    assert len(result.plans) == 1
+    assert candidates.snapshot()["earliness"] == 2
 
 
 def test_a_path_too_long_to_be_told_by_its_actions_stays_a_tour(monkeypatch):
-    monkeypatch.setattr("auv_lse_planner.methods.touring.MOST_EXPLICIT", 5)
+    monkeypatch.setattr("auv_lse_planner.methods.tour_candidates.MAX_EXPLICIT_ACTIONS", 5)
     decisions = _travel(_planner(), STEPS, _growing())
     assert all(len(d.plan.actions) <= DETOUR_LEGS for d in decisions if d.leg.step < STEPS - 5)
     assert any(d.plan.tour is not None for d in decisions)

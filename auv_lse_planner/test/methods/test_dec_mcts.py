@@ -2,18 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planner_helpers import centers, rollout, situation
+from planner_helpers import centers, context, rollout, search_problem
 
 from auv_lse_common.mission_file.sections.area import Grid
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS
-from auv_lse_common.vocabulary.plan import NONE
+from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
+from auv_lse_planner.methods.dec_mcts import DecMcts, JointDraws, distribution
 from auv_lse_planner.reward.anytime import AnytimeReward
-from auv_lse_planner.search.dec_mcts import JointDraws, distribution, search_dec_mcts
+from auv_lse_planner.reward.path import PathReward
 
 STATE = np.array([0.3, 150.0, 150.0])
 SEQUENCE = (5, 5, 6)
@@ -50,7 +51,7 @@ def _joint(roll, posterior, draws, ids, legs):
         against = posterior.copy()
         against.plan(places)
         rewards.append(AnytimeReward(CachedPoints(against, GRID.places_m), LevelSet(), (), legs, 0, 20, 0.0))
-    return JointDraws(rewards, roll, 0, STATE, ids)
+    return JointDraws(rewards, roll, search_problem(STATE, np.random.default_rng(1), naive_paths=ids))
 
 
 def test_a_sequence_is_worth_what_it_brings_to_the_map_beyond_the_mates_in_the_mean_over_the_draws():
@@ -77,32 +78,47 @@ def test_the_naive_path_is_the_best_in_the_mean_over_the_draws():
     assert alone.naive_path[SEQUENCE] == ids[1]  # what the first draw alone would choose
 
 
+def _search(scene, problem):
+    roll, space, posterior, draws = scene
+    method = DecMcts(context(roll, space, posterior, problem.rng, GRID))
+    return method.search(problem, PathReward(posterior, LevelSet()), draws)
+
+
 def test_team_mates_get_a_plan_drawn_from_the_best():
-    roll, space, posterior, draws = _scene()
-    there = situation(STATE, np.random.default_rng(1), naive_paths=LAWNMOWERS[:2], iterations=60)
-    there = replace(there, grid=GRID)
-    found = search_dec_mcts(there, space, roll, posterior, LevelSet(), draws)
-    assert found.iterations == 20  # shared among the draws
-    assert found.for_team is not None
-    actions, naive_path = found.for_team
-    assert actions in [a for a, _ in found.ranking[:10]]
+    problem = search_problem(STATE, np.random.default_rng(1), naive_paths=LAWNMOWERS[:2], iterations=60)
+    proposal = _search(_scene(), problem)
+    assert proposal.found.iterations == 20  # shared among the draws
+    assert proposal.told is not None
+    actions, naive_path = proposal.told
+    assert actions in [a for a, _ in proposal.found.ranking[:10]]
     assert naive_path in LAWNMOWERS[:2]
-    assert found.value == max(v for _, v in found.ranking)
+    assert proposal.found.value == max(v for _, v in proposal.found.ranking)
 
 
 def test_without_naive_paths_it_looks_as_far_as_the_horizon_and_the_mission_last():
-    roll, space, posterior, draws = _scene()
-    there = situation(STATE, np.random.default_rng(1), method="plain", horizon=5, iterations=48)
+    scene = _scene()
+    roll, _, posterior, draws = scene
+    problem = search_problem(STATE, np.random.default_rng(1), method="plain", horizon=5, iterations=48)
     for step, horizon in ((0, 5), (18, 2)):
-        now = replace(there, grid=GRID, step=step, horizon=horizon)
-        found = search_dec_mcts(now, space, roll, posterior, LevelSet(), draws)
-        assert len(found.actions) == horizon
-        assert found.naive_path == NONE
-        places = roll.path(step, STATE, found.actions, NONE).places_m
+        proposal = _search(scene, replace(problem, step=step, horizon=horizon))
+        assert len(proposal.found.actions) == horizon
+        assert proposal.naive_path == NONE
+        places = roll.path(step, STATE, proposal.found.actions, NONE).places_m
         exact = np.mean([_drop(posterior, planned, places) for planned in draws])
-        assert found.value == pytest.approx(exact, rel=0.03)
-    with pytest.raises(ValueError, match=r"situation\.grid: got None"):
-        search_dec_mcts(there, space, roll, posterior, LevelSet(), draws)
+        assert proposal.found.value == pytest.approx(exact, rel=0.03)
+
+
+def test_plans_are_drawn_newer_ones_more_often():
+    roll, space, posterior, _ = _scene()
+    first, second = (Plan.at(0, np.array([0.0, north, 100.0]), (5,), NONE) for north in (0.0, 200.0))
+    draws = []
+    for seed in range(60):
+        method = DecMcts(context(roll, space, posterior, np.random.default_rng(seed), GRID))
+        assert method.draw(0.0).shape == (0, 2)
+        method.context.team.hear(0.0, 2, first)
+        method.context.team.hear(0.0, 2, second)
+        draws.append(method.draw(0.0)[0, 0] > 150.0)
+    assert 30 < sum(draws) < 60
 
 
 def test_it_prefers_better_sequences_and_cools():

@@ -1,0 +1,60 @@
+"""Baselines: a naive path alone (the lawnmower), and the next leg by a score."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from auv_lse_common.vocabulary.plan import NONE
+from auv_lse_planner.methods.method import Situation
+from auv_lse_planner.methods.path_method import PathMethod
+from auv_lse_planner.paths.steering import DETOUR_LEGS
+from auv_lse_planner.reward.anytime import Value
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.search.path_search import Proposal
+from auv_lse_planner.search.uct import Actions, SearchResult
+
+
+class NaivePath(PathMethod):
+    """A naive path alone to the mission's end; each vehicle takes its turn of `planner.naive_paths`."""
+
+    def keeps(self, incumbent: Value, new: Value) -> bool:
+        """A naive path is never exchanged."""
+        return True
+
+    def propose(self, situation: Situation, reward: PathReward) -> Proposal:
+        """The naive path from here.
+
+        Where it would cross ground that the map shows to be too shallow, its first legs lead around, as explicit
+        actions, since other vehicles do not know of that ground.
+        """
+        s, rollout, ids = situation, self.context.rollout, situation.planner.naive_paths
+        naive_path, left = ids[(self.context.vehicle - 1) % len(ids)], rollout.steps - s.step
+        actions: Actions = ()
+        if not self.context.space.path_feasible(s.state, rollout.naive.actions(s.state, naive_path, left), DETOUR_LEGS):
+            around = rollout.naive.actions(s.state, naive_path, left, around_shallows=True)
+            actions = tuple(int(a) for a in around[:DETOUR_LEGS])
+        places = rollout.path(s.step, s.state, actions, naive_path).places_m
+        return Proposal(SearchResult(actions, reward.value(reward.posterior.at(places))), naive_path)
+
+
+class OneLeg(PathMethod):
+    """The next leg with the best score at its end, which `planner.proposals` names."""
+
+    def propose(self, situation: Situation, reward: PathReward) -> Proposal:
+        """The best leg."""
+        s, space, level = situation, self.context.space, reward.level_set
+        choices = space.choices(s.state)
+        ends = space.motion.end_states(np.broadcast_to(s.state, (len(choices), 3)), choices)
+        points = reward.posterior.at(ends[:, 1:])
+        std = np.sqrt(points.planned_var_m2)
+        if s.planner.proposals == "variance":
+            scores = std
+        elif s.planner.proposals == "straddle":  # Bryan et al. 2006
+            scores = 1.96 * std - np.abs(points.mean_m - level.level_m)
+        elif s.planner.proposals == "benefit":
+            scores = PathReward(reward.posterior, level).values_of_equal(points, 1)
+        else:
+            scores = self.context.rng.random(len(choices))
+        action = int(choices[int(np.argmax(scores))])
+        places = self.context.rollout.path(s.step, s.state, (action,), NONE).places_m
+        return Proposal(SearchResult((action,), reward.value(reward.posterior.at(places))), NONE)

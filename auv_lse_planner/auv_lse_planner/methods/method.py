@@ -1,0 +1,268 @@
+"""What a planning method is, and what it gets and gives.
+
+A method decides one leg after another (the receding horizon of the paper, section 6). `VehiclePlanner` calls it when a
+decision is due, travels the leg, and writes the bound record. The method owns what it optimizes with, what it may
+spend, and its view of the posterior; it leaves the vehicle's own posterior unchanged.
+
+The incumbent is the last plan, continued. It stays anchored at the state it was made from, and so does its packet, so
+that every receiver builds the same path.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
+from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_gp.inference.cached_points import CachedPoints
+from auv_lse_gp.inference.posterior import Posterior
+from auv_lse_planner.methods.team import Team
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.rollout import PlannedPath, Rollout
+from auv_lse_planner.reward.anytime import AnytimeReward, Value
+from auv_lse_planner.reward.doubt import doubt
+from auv_lse_planner.reward.fix import worth_of_fix
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.search.path_search import SearchProblem
+from auv_lse_planner.search.uct import Actions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanningContext:
+    """What all methods of one vehicle share.
+
+    Attributes:
+        vehicle: Number of the vehicle, from 1.
+        settings: All parameters, as they were at the start.
+        space: Where it may go.
+        rollout: Follows plans to the mission's end.
+        posterior: Its map. A method that needs planned places makes a posterior of its own (`with_planned`).
+        team: Its team mates.
+        map_grid: Places over which the map's risk is summed.
+        coarse_grid: Places over which it is summed where only its gradient counts.
+        rng: Random stream; every choice by chance is drawn from it.
+    """
+
+    vehicle: int
+    settings: PlannerSettings
+    space: FreeSpace
+    rollout: Rollout
+    posterior: Posterior
+    team: Team
+    map_grid: Grid
+    coarse_grid: Grid
+    rng: np.random.Generator
+
+    @cached_property
+    def map_points(self) -> CachedPoints:
+        """The posterior at `map_grid`."""
+        return CachedPoints(self.posterior, self.map_grid.places_m)
+
+    @cached_property
+    def coarse_points(self) -> CachedPoints:
+        """The posterior at `coarse_grid`."""
+        return CachedPoints(self.posterior, self.coarse_grid.places_m)
+
+    def assume_plans(self, situation: Situation) -> None:
+        """From the first call on, team mates that were never heard are assumed to mow their strips."""
+        self.team.assume_plans(situation.now_s + situation.planner.replan_lead_s)
+
+    def map_reward(self, situation: Situation) -> AnytimeReward:
+        """Reward of paths by the drop of the map's risk, beside the team mates' plans in time order."""
+        planner, steps = situation.planner, self.settings.mission.steps
+        return AnytimeReward(
+            self.map_points,
+            self.settings.level_set,
+            self.team.in_time_order(situation.now_s + planner.replan_lead_s),
+            steps - situation.step,
+            situation.step,
+            steps,
+            planner.anytime_weight,
+            self.coarse_points,
+            doubt(self.posterior),
+        )
+
+    def path_reward(self, situation: Situation, planned_m: Array) -> PathReward:
+        """Reward at the own path's places, with measurements planned at places (O, 2)."""
+        level_set, integral = self.settings.level_set, situation.planner.entry.risk_integral
+        if integral:
+            level_set = dataclasses.replace(level_set, method=integral)
+        return PathReward(self.posterior.with_planned(planned_m), level_set, situation.planner.credit)
+
+    def search_problem(self, situation: Situation, seeds: list[Actions]) -> SearchProblem:
+        """The problem of a tree search, which tries `seeds` first."""
+        planner, left = situation.planner, self.settings.mission.steps - situation.step
+        continued = planner.augmented and left > planner.horizon
+        return SearchProblem(
+            planner=planner,
+            step=situation.step,
+            state=situation.state,
+            horizon=min(planner.horizon, left),
+            naive_paths=self.rollout.naive.different(planner.naive_paths) if continued else (),
+            rng=self.rng,
+            deadline=situation.deadline,
+            seeds=seeds,
+            grid=self.map_grid,
+        )
+
+    def map_places(self, path: PlannedPath) -> Array:
+        """Places (L, n, 2) at which the map's reward evaluates a path: `MAP_PLACES_PER_LEG`, or more."""
+        each = max(MAP_PLACES_PER_LEG, self.rollout.samples_per_leg)
+        return self.rollout.leg_places(path.states[:-1], path.actions, each)
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """A plan, and its path from a mission step on."""
+
+    plan: Plan
+    path: PlannedPath
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """What a decision starts from.
+
+    Attributes:
+        planner: The planner's parameters, complete.
+        now_s: Mission time.
+        step: Mission step planned from.
+        state: Heading (rad), north, east (m), shape (3,).
+        last: The last plan, its path from this step on; None before the first.
+        off_plan: Whether `state` comes from odometry, so that the last plan leads on from elsewhere.
+        deadline: Tells when to stop searching; None: never.
+    """
+
+    planner: PlannerConfig
+    now_s: float
+    step: int
+    state: Array
+    last: Followed | None = None
+    off_plan: bool = False
+    deadline: Callable[[], bool] | None = None
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the deadline has passed."""
+        return self.deadline is not None and self.deadline()
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A plan that may be followed, with its path from the present step on and its value.
+
+    Attributes:
+        plan: The plan.
+        path: Its path.
+        value: Its value on today's data.
+        waypoints_m: The waypoints that its tour was made from, shape (n + 1, 2); None without a tour.
+    """
+
+    plan: Plan
+    path: PlannedPath
+    value: Value
+    waypoints_m: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """The decision of a method.
+
+    Attributes:
+        chosen: The plan that is followed: the incumbent, or a new one.
+        incumbent: The last plan, continued; None where there was none, or it is void.
+        told: The plan for the team.
+        assured: The part of the chosen plan's expected end that no later decision can lose.
+        leg_reward: Reward expected of the next leg, where rewards are added up leg by leg.
+        map_risk: Risk of the map, where the reward so far is measured by its drop instead; else NaN.
+        budget: See `BoundRecord`.
+        void: See `BoundRecord`.
+        infeasible: Whether the map forbids the next legs of the last plan.
+        team_places: Places that team mates' plans still hold.
+        iterations: Search iterations.
+        evaluations: Different paths evaluated.
+        best_new_value: Expected end of the best new plan, by the search's own reward.
+        deadline_hit: Whether the deadline ended the search.
+    """
+
+    chosen: Candidate
+    incumbent: Candidate | None
+    told: Plan
+    assured: float
+    leg_reward: float = 0.0
+    map_risk: float = math.nan
+    budget: float = math.nan
+    void: str = ""
+    infeasible: bool = False
+    team_places: int = 0
+    iterations: int = 0
+    evaluations: int = 0
+    best_new_value: float = math.nan
+    deadline_hit: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SurfacingValue:
+    """What a surfacing gains and costs, both in the unit of the map's risk.
+
+    Attributes:
+        gain: Drop of the loss from uncertain places.
+        cost: Drop of the map's expected risk by the legs that are then missing.
+    """
+
+    gain: float
+    cost: float
+
+    @property
+    def pays(self) -> bool:
+        """Whether it gains more than it costs."""
+        return self.gain > self.cost
+
+
+class Method(Protocol):
+    """A planning method of one vehicle. Only `decide` has no default; subclasses override what they keep."""
+
+    context: PlanningContext
+
+    def decide(self, situation: Situation) -> Choice:
+        """Chooses the plan whose first leg is travelled next."""
+        ...
+
+    def weigh_surfacing(self, situation: Situation, path: PlannedPath, legs: int) -> SurfacingValue:
+        """Compares a fix at the end of the leg just decided with the last `legs` of the path that would be missing."""
+        self.context.assume_plans(situation)
+        gain = worth_of_fix(self.context.map_points, self.context.settings.level_set)
+        reward = self.context.map_reward(situation)
+        places = self.context.map_places(path)
+        kept = places[: max(len(places) - legs, 0)]
+        return SurfacingValue(gain, reward.value(places).expected_end - reward.value(kept).expected_end)
+
+    def spend(self, cost: float) -> float | None:
+        """Takes the cost of a surfacing from the budget, as far as it goes.
+
+        Returns:
+            The budget afterwards; None for a method whose expected end does not count the map.
+        """
+        return None
+
+    def shift(self, legs: int) -> None:
+        """The plan goes on this many legs later than decided; negative means earlier."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """The method's own state, for a journal: JSON values."""
+        return {}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continues from a `snapshot`."""

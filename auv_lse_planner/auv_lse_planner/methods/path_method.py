@@ -1,0 +1,100 @@
+"""What all methods share that maximize the paper's reward, at the places of the own path (paper, section 6).
+
+With S the data, O the places that team mates before this vehicle will visit, V a path:
+
+1. Incumbent: the last plan, with its J(V | S u O) on today's data. It is void when the map forbids its next legs.
+2. Proposal: the method's new plan (`propose`).
+3. Choice: the incumbent is exchanged only for a plan worth more (`planner.incumbent`).
+4. Bound: the reward so far plus what the chosen plan's naive path brings (paper: the time-varying lower bound).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_planner.methods.method import Candidate, Choice, Method, PlanningContext, Situation
+from auv_lse_planner.paths.steering import LOOK_AHEAD
+from auv_lse_planner.reward.anytime import Value
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.search.path_search import Proposal
+
+
+class PathMethod(Method):
+    """A method on the reward of the own path. Subclasses propose plans."""
+
+    def __init__(self, context: PlanningContext) -> None:
+        """Starts before the first decision."""
+        self.context = context
+
+    def propose(self, situation: Situation, reward: PathReward) -> Proposal:
+        """A new plan, evaluated by `reward`, whose posterior holds the team mates' places."""
+        raise NotImplementedError
+
+    def keeps(self, incumbent: Value, new: Value) -> bool:
+        """Whether the incumbent is kept where it may be."""
+        return incumbent.expected_end >= new.expected_end
+
+    def remember(self, situation: Situation, proposal: Proposal, choice: Choice) -> None:
+        """Called with every choice, for what the next search starts from."""
+
+    def decide(self, situation: Situation) -> Choice:
+        """See `Method`."""
+        s, context = situation, self.context
+        mates_m = self._places_of_mates(s)
+        reward = context.path_reward(s, mates_m)
+        incumbent = self._incumbent(s, reward)
+        infeasible = incumbent is not None and not self._is_feasible(s, incumbent)
+        proposal = self.propose(s, reward)
+        found = proposal.found
+        new = self._evaluated(Plan.at(s.step, s.state, found.actions, proposal.naive_path), reward, found.value)
+        if proposal.told is not None:  # its value was against draws; from here on against the last plans heard
+            new = self._evaluated(new.plan, reward)
+        chosen, may_stay = new, s.planner.incumbent and not infeasible
+        if incumbent is not None and may_stay and self.keeps(incumbent.value, new.value):
+            chosen = incumbent
+        told = chosen.plan
+        if proposal.told is not None and chosen is new:
+            told = Plan.at(s.step, s.state, *proposal.told)
+        gains = reward.contributions(reward.posterior.at(chosen.path.places_m))
+        per_leg = context.rollout.samples_per_leg
+        choice = Choice(
+            chosen=chosen,
+            incumbent=incumbent,
+            told=told,
+            assured=float(gains[chosen.path.own * per_leg :].sum()),
+            leg_reward=float(gains[:per_leg].sum()),
+            infeasible=infeasible,
+            team_places=len(mates_m),
+            iterations=found.iterations,
+            evaluations=found.evaluations,
+            best_new_value=found.value,
+            deadline_hit=found.deadline_hit,
+        )
+        self.remember(s, proposal, choice)
+        return choice
+
+    def _places_of_mates(self, s: Situation) -> np.ndarray:
+        """Places (O, 2) ahead of the team mates whose plans count."""
+        team = self.context.team
+        mates = team.others if s.planner.family.all_mates else team.before
+        return np.concatenate([np.empty((0, 2)), *(team.places_ahead(s.now_s, mate) for mate in mates)])
+
+    def _incumbent(self, s: Situation, reward: PathReward) -> Candidate | None:
+        """The last plan with its value on today's data."""
+        if s.off_plan or s.last is None or not len(s.last.path):
+            return None
+        value = reward.value(reward.posterior.at(s.last.path.places_m))
+        return Candidate(s.last.plan, s.last.path, Value(value, value))
+
+    def _is_feasible(self, s: Situation, incumbent: Candidate) -> bool:
+        path, left = incumbent.path, self.context.rollout.steps - s.step
+        legs = max(LOOK_AHEAD, min(s.planner.horizon, left))
+        return self.context.space.path_feasible(path.states[0], path.actions, legs)
+
+    def _evaluated(self, plan: Plan, reward: PathReward, value: float | None = None) -> Candidate:
+        """A new plan with its path, and its value if that is not known."""
+        path = self.context.rollout.follow(plan)
+        if value is None:
+            value = reward.value(reward.posterior.at(path.places_m))
+        return Candidate(plan, path, Value(value, value))

@@ -1,0 +1,166 @@
+"""The method `tour`: one tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
+
+A decision evaluates everything by the same reward (`reward/anytime.py`), with the team mates' places in time order. The
+incumbent is the last plan, continued; it stays unless another is worth more. Every `planner.tour_interval` legs, and
+where the incumbent is void, `tour_candidates.py` makes new plans.
+
+The budget keeps the bound. Let E be the drop of the map's risk that is expected for the mission's end
+(`Value.expected_end`):
+
+    required   E(chosen) >= E(reference) - budget
+    then       budget += E(chosen) - E(reference)
+
+The reference is the best naive path at the start, with a budget of 0, and the incumbent from then on. E
+telescopes, so that the mission's expected end is never below that of mowing from the start. An incumbent that the map
+or a current makes void is discarded without a charge; the bound record names the reason.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_planner.methods.method import Candidate, Choice, Followed, Method, PlanningContext, Situation
+from auv_lse_planner.methods.tour_candidates import NO_FLOOR, Candidates, TourCandidates, TourProblem
+from auv_lse_planner.paths.steering import LOOK_AHEAD
+from auv_lse_planner.search.path_search import search_path
+from auv_lse_planner.search.uct import Actions
+
+Array = NDArray[np.float64]
+
+#: Best sequences of a tree search that begin a candidate, and from which share of the mission on: before it none was
+#: ever chosen. Sequences that the next such search tries first.
+HEADS = 3
+HEADS_FROM = 0.4
+SEEDS = 4
+
+
+class Tour(Method):
+    """Chooses the tour of one vehicle, decision by decision.
+
+    Attributes:
+        budget: By how much later decisions may lower the expected end; 0 for a plan of another method.
+    """
+
+    def __init__(self, context: PlanningContext) -> None:
+        """Starts before the first decision."""
+        self.context = context
+        self.budget = 0.0
+        self._candidates = TourCandidates(context)
+        self._optimized_at = -1
+        self._seeds: list[Actions] = []
+
+    def decide(self, situation: Situation) -> Choice:
+        """See `Method`."""
+        s, context, last = situation, self.context, situation.last
+        void = self._void(s)
+        context.assume_plans(s)
+        reward = context.map_reward(s)
+        mates_m = np.concatenate([np.empty((0, 2)), *(places for _, places in reward.mates)])
+        due = last is None or bool(void) or self._interval_is_over(s)
+        heads = self._heads(s, mates_m) if due and last is not None else []
+        incumbent = reference = None  # `reference` is the expected end that the budget is counted from
+        if last is not None and not void:
+            incumbent = self._candidates.evaluated(last.plan, last.path, reward)
+            reference = incumbent.value.expected_end
+        found = Candidates()
+        if due:
+            floor = NO_FLOOR if reference is None else reference - self.budget
+            found = self._search(TourProblem(s, reward, floor), last, heads)
+            self._optimized_at = s.step
+        if last is None:
+            reference = found.floor
+        every = found.plans if incumbent is None else [incumbent, *found.plans]
+        floor = NO_FLOOR if reference is None else reference - self.budget
+        sound = [c for c in every if c.value.expected_end >= floor]
+        chosen = self._best(s, sound or every, mates_m)
+        if reference is not None:
+            self.budget = max(0.0, self.budget + (chosen.value.expected_end - reference))
+        if chosen is not incumbent:
+            self._candidates.follow(chosen, s.step)
+        return Choice(
+            chosen=chosen,
+            incumbent=incumbent,
+            told=chosen.plan,
+            assured=chosen.value.expected_end - self.budget,
+            map_risk=reward.risk_before,
+            budget=self.budget,
+            void=void,
+            infeasible=void == "shallow ground",
+            team_places=len(mates_m),
+            iterations=found.gradients,
+            evaluations=len(every),
+            best_new_value=max((c.value.expected_end for c in found.plans), default=math.nan),
+            deadline_hit=found.deadline_hit,
+        )
+
+    def spend(self, cost: float) -> float:
+        """See `Method`."""
+        self.budget = max(0.0, self.budget - cost)
+        return self.budget
+
+    def shift(self, legs: int) -> None:
+        """See `Method`."""
+        self._optimized_at += legs
+        self._candidates.shift(legs)
+
+    def snapshot(self) -> dict[str, Any]:
+        """See `Method`."""
+        return {
+            "budget": self.budget,
+            "optimized_at": self._optimized_at,
+            "seeds": [[int(a) for a in actions] for actions in self._seeds],
+            "candidates": self._candidates.snapshot(),
+        }
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """See `Method`."""
+        self.budget, self._optimized_at = values["budget"], values["optimized_at"]
+        self._seeds = [tuple(actions) for actions in values["seeds"]]
+        self._candidates.restore(values["candidates"])
+
+    def _void(self, s: Situation) -> str:
+        """Why the last plan cannot be followed from here, "" if it can."""
+        if s.last is None:
+            return ""
+        if s.off_plan:
+            return "off the plan"
+        feasible = self.context.space.path_feasible(s.state, s.last.path.actions, LOOK_AHEAD)
+        return "" if feasible else "shallow ground"
+
+    def _interval_is_over(self, s: Situation) -> bool:
+        every = s.planner.tour_interval
+        return bool(every and s.step - self._optimized_at >= every)
+
+    def _search(self, problem: TourProblem, last: Followed | None, heads: list[Actions]) -> Candidates:
+        if last is None:
+            return self._candidates.at_start(problem)
+        return self._candidates.under_way(problem, last.path, heads)
+
+    def _heads(self, s: Situation, mates_m: Array) -> list[Actions]:
+        """Next legs: the best sequences of a tree search on the own places' reward, beyond the mates' places."""
+        early = s.step < HEADS_FROM * self.context.settings.mission.steps
+        if early or not s.planner.tour_interval or s.out_of_time:
+            return []
+        problem = self.context.search_problem(s, self._seeds)
+        found = search_path(problem, self.context.space, self.context.rollout, self.context.path_reward(s, mates_m))
+        ranking = found.found.ranking
+        self._seeds = [a[1:] for a, _ in ranking if len(a) > 1][:SEEDS]
+        return [a for a, _ in ranking[:HEADS]]
+
+    def _best(self, s: Situation, candidates: list[Candidate], mates_m: Array) -> Candidate:
+        """The candidate with the largest anytime value; the first of equals.
+
+        Beside it counts `planner.own_share` of what the next legs bring at their own places, beyond the mates' places.
+        """
+        score = np.array([c.value.weighted for c in candidates])
+        if s.planner.own_share and len(candidates) > 1:
+            reward, legs = self.context.path_reward(s, mates_m), s.planner.horizon
+            places = [c.path.leg_places_m[:legs].reshape(-1, 2) for c in candidates]
+            own = [reward.value(reward.posterior.at(m)) for m in places]
+            score = score + s.planner.own_share * np.array(own)
+        return candidates[int(np.argmax(score))]

@@ -1,0 +1,319 @@
+"""New plans of the method `tour`.
+
+At the mission's start waypoints are optimized from several boustrophedons for the mission's end alone, which is what
+the budget is about, and the best path of all is bent. The naive paths are candidates.
+
+Later the last path is bent to where it brings more (`search/tour.py`), by explicit actions: a tour's equal segments do
+not hold its narrow turns. It is bent for what comes early as far as the budget allows and a few tries find. Beside that
+a tree search proposes heads: next legs, which rejoin the tour's waypoints. The rest of a path that is too long to be
+told by its actions stays a tour, and its waypoints are optimized.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
+from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
+from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
+from auv_lse_planner.methods.method import Candidate, PlanningContext, Situation
+from auv_lse_planner.paths.rollout import PlannedPath
+from auv_lse_planner.paths.steering import DETOUR_LEGS, Steering
+from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.search.tour import Found, TourSearch, arc_m
+from auv_lse_planner.search.uct import Actions
+
+Array = NDArray[np.float64]
+
+#: The floor of an expected end where none is required.
+NO_FLOOR = -math.inf
+#: Iterations that bend the last path, and the best path at the mission's start.
+ITERATIONS = 14
+FIRST_BEND_ITERATIONS = 20
+#: Boustrophedons that are optimized at the start for the mission's end, iterations of each, and of the best of them
+#: after that.
+STARTS = 2
+START_ITERATIONS = 20
+FIRST_ITERATIONS = 100
+#: Shares of the anytime weight that paths are bent by, one after the other until the expected end allows it: at the
+#: start all of them; then `TRIES`, from the one before the last that was allowed, for the budget changes little from
+#: one time to the next, or from the one after those that were not.
+EARLINESS = (1.0, 0.5, 0.25, 0.0)
+TRIES = 2
+#: A tour is rejoined at a waypoint at least so far (m) away.
+REJOIN_M = 20.0
+#: Explicit actions of a plan at most: told two to a byte they leave a packet room for ten samples.
+MAX_EXPLICIT_ACTIONS = 200
+#: Places of a leg by which a path is a fine polyline.
+LINE_PLACES = 4
+#: A path's risk is guessed by one in so many of its places.
+SPARSE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class TourProblem:
+    """What candidates are made for.
+
+    Attributes:
+        situation: The situation.
+        reward: What paths are worth.
+        floor: Least expected end that is allowed.
+    """
+
+    situation: Situation
+    reward: AnytimeReward
+    floor: float
+
+    @property
+    def start(self) -> Array:
+        """The state as a packet will have it, shape (3,)."""
+        return Plan.at(self.situation.step, self.situation.state, (), NONE).state
+
+    @property
+    def place_m(self) -> Array:
+        """North and east of the state, shape (1, 2)."""
+        return np.asarray(self.situation.state, dtype=float)[None, 1:]
+
+    def plan(self, actions: Actions | NDArray[np.int64], naive_path: int = NONE, tour: Tour | None = None) -> Plan:
+        """A plan from the state."""
+        return Plan.at(self.situation.step, self.situation.state, tuple(int(a) for a in actions), naive_path, tour)
+
+
+@dataclass(slots=True)
+class Candidates:
+    """New plans, and how they were found.
+
+    Attributes:
+        plans: The plans.
+        floor: Least expected end that is allowed.
+        gradients: Gradients computed.
+        deadline_hit: Whether the deadline ended the search.
+    """
+
+    plans: list[Candidate] = field(default_factory=list)
+    floor: float = NO_FLOOR
+    gradients: int = 0
+    deadline_hit: bool = False
+
+    def add(self, plan: Candidate, found: Found) -> None:
+        """Takes a plan that an optimization has found."""
+        self.plans.append(plan)
+        self.gradients += found.evaluations
+        self.deadline_hit = found.deadline_hit
+
+
+class TourCandidates:
+    """Makes tours of one vehicle, and remembers the waypoints of the one that is followed."""
+
+    def __init__(self, context: PlanningContext) -> None:
+        """Starts before the first decision."""
+        self._context = context
+        self._space, self._rollout = context.space, context.rollout
+        self._steering = Steering(context.space)
+        self._search = TourSearch(context.space, context.rollout.samples_per_leg)
+        self._finer = TourSearch(context.space, max(MAP_PLACES_PER_LEG, context.rollout.samples_per_leg))
+        self._earliness = 0  # which of `EARLINESS` is tried first
+        self._waypoints: Array | None = None  # of the tour that is followed, if it was optimized ...
+        self._waypoints_step = 0  # ... at this step
+
+    def follow(self, chosen: Candidate, step: int) -> None:
+        """A new candidate was chosen at mission step `step`."""
+        self._waypoints, self._waypoints_step = chosen.waypoints_m, step
+
+    def shift(self, legs: int) -> None:
+        """The plan that is followed goes on this many legs later."""
+        self._waypoints_step += legs
+
+    def snapshot(self) -> dict[str, Any]:
+        """What is remembered, for a journal."""
+        waypoints = None if self._waypoints is None else np.asarray(self._waypoints).tolist()
+        return {"earliness": self._earliness, "waypoints": waypoints, "waypoints_step": self._waypoints_step}
+
+    def restore(self, values: Mapping[str, Any]) -> None:
+        """Continues from a `snapshot`."""
+        self._earliness, self._waypoints_step = values["earliness"], values["waypoints_step"]
+        self._waypoints = None if values["waypoints"] is None else np.array(values["waypoints"])
+
+    # ------------------------------------------------------------------ at the mission's start
+
+    def at_start(self, problem: TourProblem) -> Candidates:
+        """Candidates for the mission's start; the floor is the best expected end of the naive paths among them."""
+        s, reward = problem.situation, problem.reward
+        naive = self._naive(problem)
+        result = Candidates(naive, max(c.value.expected_end for c in naive), 0, s.out_of_time)
+        if result.deadline_hit:
+            return result
+        starts = self._finer.starts(s.state[1:], reward.legs, self._context.vehicle, self._vehicles)
+        starts.insert(0, self._finer.resampled(self._polyline(problem, naive[0].path), reward.legs))
+        for found in self._optimized(starts, reward.weighing(0.0), s):
+            result.add(self._through(problem, found.waypoints_m), found)
+        if reward.legs <= MAX_EXPLICIT_ACTIONS and not result.deadline_hit:
+            path = max(result.plans, key=lambda c: c.value.expected_end).path
+            limited = replace(problem, floor=result.floor)
+            self._bend_early(limited, path, FIRST_BEND_ITERATIONS, len(EARLINESS), result)
+        return result
+
+    @property
+    def _vehicles(self) -> int:
+        return self._context.settings.mission.vehicles
+
+    def _naive(self, problem: TourProblem) -> list[Candidate]:
+        """The naive paths.
+
+        This vehicle's fitted lanes come first, then naive paths in the order of the risk that they pass: with a short
+        deadline some of them are all that there is.
+        """
+        number, reward = self._context.vehicle - 1, problem.reward
+        plans = [problem.plan((), i) for i in (STRIPS[number % len(STRIPS)], *COVERING, *LAWNMOWERS)]
+        paths = [(plan, self._rollout.follow(plan)) for plan in plans]
+        paths.sort(key=lambda item: -reward.risk_near(item[1].places_m[::SPARSE]))
+        fitted = problem.plan((), FITTED[number % len(FITTED)])
+        naive = [self.evaluated(fitted, self._rollout.follow(fitted), reward)]
+        for plan, path in paths:
+            naive.append(self.evaluated(plan, path, reward))
+            if problem.situation.out_of_time:
+                break
+        return naive
+
+    def _optimized(self, starts: Sequence[Array], aim: AnytimeReward, s: Situation) -> list[Found]:
+        """Tours optimized from the best of several starts, and behind them what the best becomes with more iterations.
+
+        Which of them is best shows with fewer places on each leg as well.
+        """
+        worth = []
+        for waypoints in starts:
+            worth.append(aim.coarse_value(self._search.places(waypoints, aim.legs)))
+            if s.out_of_time:
+                break
+        found: list[Found] = []
+        for i in sorted(range(len(worth)), key=lambda i: -worth[i])[:STARTS]:
+            found.append(self._search.improve(starts[i], aim.legs, aim, START_ITERATIONS, s.deadline))
+            if found[-1].deadline_hit:
+                return [max(found, key=lambda f: f.value)]
+        best = max(found, key=lambda f: f.value)
+        return [*found, self._finer.improve(best.waypoints_m, aim.legs, aim, FIRST_ITERATIONS, s.deadline)]
+
+    # ------------------------------------------------------------------ later
+
+    def under_way(self, problem: TourProblem, path: PlannedPath, heads: Sequence[Actions]) -> Candidates:
+        """Candidates after the start: the last path bent, and behind each of the heads the rest of the last tour.
+
+        A path that is too long to be told by its actions is told as a tour, and its waypoints are moved instead.
+        """
+        s, legs, result = problem.situation, problem.reward.legs, Candidates()
+        waypoints = self._waypoints_ahead(problem, path)
+        if s.planner.tour_interval and legs <= MAX_EXPLICIT_ACTIONS:
+            self._bend_early(problem, path, ITERATIONS, TRIES, result)
+        else:
+            found = Found(waypoints, 0.0, 0, False)
+            if s.planner.tour_interval:
+                found = self._search.improve(waypoints, legs, problem.reward, ITERATIONS, s.deadline)
+                waypoints = found.waypoints_m
+            result.add(self._through(problem, waypoints), found)
+        for actions in heads:
+            if result.deadline_hit or s.out_of_time:
+                result.deadline_hit = True
+                break
+            result.plans.append(self._headed(problem, actions, waypoints))
+        return result
+
+    def _waypoints_ahead(self, problem: TourProblem, path: PlannedPath) -> Array:
+        """Waypoints to optimize from: those of the last optimization that are still ahead, else the last path's."""
+        gone, aside = divmod(problem.situation.step - self._waypoints_step, self._search.segment_legs(len(path)))
+        if self._waypoints is not None and not aside and len(self._waypoints) > gone + 1:
+            return np.concatenate([problem.place_m, self._waypoints[gone + 1 :]])
+        return self._search.resampled(self._polyline(problem, path), len(path))
+
+    def _polyline(self, problem: TourProblem, path: PlannedPath) -> Array:
+        """A path as a polyline from the state: the ends of its legs."""
+        return np.concatenate([problem.place_m, path.states[1:, 1:]])
+
+    def _bend_early(
+        self, problem: TourProblem, path: PlannedPath, iterations: int, tries: int, result: Candidates
+    ) -> None:
+        """Bends a path for what comes early: by the first of a few shares that keeps the expected end above its floor.
+
+        The next time begins with the share before that one, or after the last one tried if none did. Without a floor
+        the path is bent by the whole share.
+
+        Args:
+            problem: What the path is bent for.
+            path: The path.
+            iterations: Of each bend, at most.
+            tries: Shares tried, at most.
+            result: Receives the candidates.
+        """
+        limited = problem.floor > NO_FLOOR
+        first = self._earliness if limited else 0
+        for i in range(first, min(first + tries, len(EARLINESS))):
+            bent, found = self._bent(problem, path, EARLINESS[i], iterations)
+            result.add(bent, found)
+            if found.deadline_hit or not limited:  # a bend cut short tells nothing about its share
+                break
+            allowed = bent.value.expected_end >= problem.floor
+            self._earliness = max(i - 1, 0) if allowed else min(i + 1, len(EARLINESS) - 1)
+            if allowed:
+                break
+
+    # ------------------------------------------------------------------ single candidates
+
+    def _bent(
+        self, problem: TourProblem, path: PlannedPath, share: float, iterations: int
+    ) -> tuple[Candidate, Found]:
+        """A path, displaced to where it brings more: by explicit actions, which keep its narrow turns."""
+        reward, legs = problem.reward, problem.reward.legs
+        fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]
+        line = np.concatenate([problem.place_m, fine.reshape(-1, 2)])
+        spacing = arc_m(line) / legs
+        found = self._search.bend(line, legs, reward.weighing(share), iterations, problem.situation.deadline)
+        actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs)
+        if not self._space.path_feasible(problem.situation.state, actions, DETOUR_LEGS):
+            actions = self._steering.along(problem.start, found.waypoints_m, spacing, legs, around_shallows=True)
+        return self._candidate(problem.plan(actions), reward), found
+
+    def _through(self, problem: TourProblem, waypoints_m: Array) -> Candidate:
+        """The tour through waypoints; around shallow ground by explicit actions, which no receiver could know."""
+        reward, legs = problem.reward, problem.reward.legs
+        candidate = self._candidate(problem.plan((), tour=self._search.tour(waypoints_m, legs)), reward)
+        if self._space.path_feasible(problem.situation.state, candidate.path.actions, DETOUR_LEGS):
+            return replace(candidate, waypoints_m=waypoints_m)
+        every = self._search.segment_legs(legs)
+        corners = self._search.resampled(waypoints_m, legs)
+        around = self._steering.actions(problem.start, corners, every, min(DETOUR_LEGS, legs), around_shallows=True)
+        tour = None
+        if len(around) < legs:
+            end = self._space.motion.roll(problem.start, around)[-1]
+            rest = np.concatenate([end[None, 1:], corners[1 + len(around) // every :]])
+            tour = self._search.tour(rest, legs - len(around)) if len(rest) > 1 else None
+        return self._candidate(problem.plan(around, tour=tour), reward)
+
+    def _headed(self, problem: TourProblem, actions: Actions, base_m: Array) -> Candidate:
+        """Actions, and the rest of a tour's waypoints after them, from the one that is nearest to where they end."""
+        reward, legs = problem.reward, problem.reward.legs
+        head = actions[:legs]
+        if len(head) == legs:
+            return self._candidate(problem.plan(head), reward)
+        states = self._space.motion.roll(problem.situation.state, head)
+        end, every, left = states[-1, 1:], self._search.segment_legs(legs), legs - len(head)
+        near = base_m[1 : 2 + 2 * (len(head) // every)]
+        skip = 1 + int(np.argmin(np.hypot(*(near - end).T)))
+        rest = base_m[skip:] if np.hypot(*(base_m[skip] - end)) > REJOIN_M else base_m[skip + 1 :]
+        if not len(rest):
+            ahead = np.array([math.cos(states[-1, 0]), math.sin(states[-1, 0])])
+            rest = (end + left * self._space.motion.leg_length_m * ahead)[None]
+        corners = np.concatenate([end[None], rest])
+        candidate = self._candidate(problem.plan(head, tour=self._search.tour(corners, left)), reward)
+        return replace(candidate, waypoints_m=np.concatenate([states[:-every:every, 1:], corners]))
+
+    def _candidate(self, plan: Plan, reward: AnytimeReward) -> Candidate:
+        return self.evaluated(plan, self._rollout.follow(plan), reward)
+
+    def evaluated(self, plan: Plan, path: PlannedPath, reward: AnytimeReward) -> Candidate:
+        """A plan and its path with their value."""
+        return Candidate(plan, path, reward.value(self._context.map_places(path)))

@@ -1,0 +1,73 @@
+"""Tree search on the paper's reward: sequences of actions, each continued by a naive path."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.sections.planner import PlannerConfig
+from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.rollout import Rollout
+from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.search.sequences import PathSequences
+from auv_lse_planner.search.tree import ActionTree
+from auv_lse_planner.search.uct import Actions, SearchResult, run_search
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchProblem:
+    """What a tree search starts from.
+
+    Attributes:
+        planner: The planner's parameters, complete.
+        step: Mission step planned from.
+        state: Heading (rad), north, east (m), shape (3,).
+        horizon: Legs to search: those of the horizon that the mission still has.
+        naive_paths: Ids of naive paths that may continue the plan; empty for none.
+        rng: Random stream.
+        deadline: Tells when to stop searching; None: never.
+        seeds: Action sequences to try first.
+        grid: Grid of the map's places, to guess what naive paths bring; None: not guessed.
+    """
+
+    planner: PlannerConfig
+    step: int
+    state: Array
+    horizon: int
+    naive_paths: tuple[int, ...]
+    rng: np.random.Generator
+    deadline: Callable[[], bool] | None = None
+    seeds: list[Actions] = field(default_factory=list)
+    grid: Grid | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A new plan.
+
+    Attributes:
+        found: Its actions with their value, and how they were found.
+        naive_path: Id of the naive path that continues it, `NONE` for none.
+        told: Actions and naive path of the plan that team mates get instead of this one; None: they get this one.
+    """
+
+    found: SearchResult
+    naive_path: int
+    told: tuple[Actions, int] | None = None
+
+
+def search_path(problem: SearchProblem, space: FreeSpace, rollout: Rollout, reward: PathReward) -> Proposal:
+    """Searches for the sequence of the largest reward; every path is evaluated exactly."""
+    p, planner = problem, problem.planner
+    sequences = PathSequences(reward, rollout, p.step, p.state, p.naive_paths, p.grid)
+    # a good part of the growing phase goes to the most promising sequences
+    seeds = [*p.seeds, *sequences.promising(space, p.horizon, planner.iterations // 4, 2, p.deadline)]
+    tree = ActionTree(space, p.state, p.horizon, planner.exploration)
+    found = run_search(tree, sequences, p.horizon, planner.iterations, planner.batch, p.rng, p.deadline, seeds)
+    return Proposal(found, sequences.naive_path[found.actions])

@@ -1,0 +1,47 @@
+"""The reward of a vehicle's mission so far, and its lower bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+
+class RewardSoFar:
+    """Reward of the legs already decided.
+
+    Attributes:
+        value: The reward.
+    """
+
+    def __init__(self) -> None:
+        """Starts with no reward."""
+        self.value = 0.0
+        self._risk_at_start = math.nan
+        self._bound_max = -math.inf
+
+    def measure(self, risk: float) -> None:
+        """The reward is the drop of the map's risk since the first call; NaN: it is added up leg by leg instead."""
+        if math.isnan(risk):
+            return
+        if math.isnan(self._risk_at_start):
+            self._risk_at_start = risk
+        self.value = self._risk_at_start - risk
+
+    def add(self, reward: float) -> None:
+        """Adds the reward expected of a leg."""
+        self.value += reward
+
+    def bound(self, assured: float) -> tuple[float, float]:
+        """The lower bound with this part of the plan's reward that nothing can lose, and the largest bound so far."""
+        lower = self.value + assured
+        self._bound_max = max(self._bound_max, lower)
+        return lower, self._bound_max
+
+    def snapshot(self) -> dict[str, float]:
+        """The reward, for a journal."""
+        return {"reward": self.value, "risk_at_start": self._risk_at_start, "bound_max": self._bound_max}
+
+    def restore(self, values: Mapping[str, float]) -> None:
+        """Continues from a `snapshot`."""
+        self.value = values["reward"]
+        self._risk_at_start, self._bound_max = values["risk_at_start"], values["bound_max"]

@@ -1,0 +1,37 @@
+import math
+
+import pytest
+
+from auv_lse_planner.vehicle.reward_so_far import RewardSoFar
+
+
+def test_the_paths_reward_is_added_up_leg_by_leg():
+    reward = RewardSoFar()
+    assert reward.value == 0.0
+    assert reward.bound(30.0) == (30.0, 30.0)
+    reward.add(5.0)
+    reward.add(2.5)
+    assert reward.value == 7.5
+    assert reward.bound(10.0) == (17.5, 30.0), "the bound may fall, its maximum stays"
+    reward.measure(math.nan)
+    assert reward.bound(40.0) == (47.5, 47.5), "without a risk nothing is measured"
+
+
+def test_the_maps_reward_is_the_drop_of_risk_since_the_first_decision():
+    reward = RewardSoFar()
+    reward.measure(100.0)
+    assert reward.value == 0.0
+    reward.measure(80.0)
+    assert reward.value == 20.0
+    reward.measure(90.0)  # new data may show that more is at risk
+    assert reward.value == 10.0
+    assert reward.bound(5.0) == (15.0, 15.0)
+
+
+def test_a_bound_that_is_below_zero_is_still_the_largest_so_far():
+    reward = RewardSoFar()
+    reward.measure(10.0)
+    reward.measure(14.0)
+    lower, largest = reward.bound(1.0)
+    assert lower == largest == pytest.approx(-3.0)
+    assert math.isfinite(largest)
