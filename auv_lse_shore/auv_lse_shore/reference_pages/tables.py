@@ -77,7 +77,7 @@ def rooms() -> str:
         rows.append((f"**`{package.parent.name}`**", _summary_of(package)))
         for room in sorted(package.parent.glob("*/__init__.py")):
             if text := _summary_of(room):
-                rows.append((f"`{package.parent.name}/{room.parent.name}`", text))
+                rows.append((code(room.parent.name), text))
     return table(("package, room", "what it holds"), rows)
 
 
