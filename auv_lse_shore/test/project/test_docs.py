@@ -157,7 +157,6 @@ def words(*patterns):
     ("most", "patterns"),
     [
         (1_200, ["README.md"]),
-        (11_000, ["docs/reference/**/*.md"]),
         (22_000, ["docs/guide/**/*.md", "docs/reference/**/*.md"]),
         *((2_000, [f"docs/design/{page.name}"]) for page in sorted((ROOT / "docs" / "design").glob("*.md"))),
     ],
