@@ -1,68 +1,70 @@
-"""What a vehicle's map does in a tick: takes what has come in."""
+"""Inputs of a vehicle's map, which it takes once per tick."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.position_corrector import PositionCorrector
 
 
 class MapIntake:
-    """Soundings, samples and navigation that wait for the map, and the order in which it takes them.
+    """Queues soundings, samples and navigation for the map, and takes them in a fixed order.
 
     Attributes:
         map: The map.
-        corrector: What corrects the soundings' places; None: they are taken where they were told.
-        gate: What own soundings pass before the map takes them.
-        sounded_s: Time of the step that last had an own sounding (s); at first of the first step.
+        corrector: Corrects the positions of soundings; None: they stay at their estimated positions.
+        gate: The gate for own soundings.
+        sounded_s: Time of the last step with an own sounding (s), at first of the first step.
     """
 
     def __init__(self, depth_map: DepthMap, corrector: PositionCorrector | None = None) -> None:
-        """Nothing waits yet."""
+        """Starts without inputs."""
         self.map = depth_map
         self.corrector = corrector
         self.gate = SoundingGate()
         self.sounded_s = math.inf
-        self._soundings: list[Sequence[float]] = []
+        self._soundings: list[Sounding] = []
         self._samples: list[tuple[float, int, ArrayLike]] = []
         self._tracks: list[DeadReckoning] = []
         self._fixes: list[Fix] = []
         self._mates: list[MateNavigation] = []
 
     def add_soundings(self, rows: Iterable[Sequence[float]]) -> None:
-        """Own soundings: stamp (s), north, east, depth (m) of each, then raw north, east (m) where known."""
-        self._soundings.extend(rows)
+        """Queues own soundings, each with the fields of `Sounding` in order; the raw position may be left out."""
+        self._soundings.extend(Sounding(*row) for row in rows)  # type: ignore[arg-type]  # vehicle: a whole number
 
     def add_samples(self, stamp_s: float, source: int, samples: ArrayLike) -> None:
-        """A mate's samples: end of reception (s), number of the sender; north, east, depth (m) of each, (n, 3)."""
+        """Queues a mate's samples: end of reception (s), number of the sender, and north, east, depth (m), (n, 3)."""
         self._samples.append((stamp_s, source, samples))
 
     def add_dead_reckoning(self, place: DeadReckoning) -> None:
-        """The vehicle's raw place; without a corrector nothing is made of navigation."""
+        """Queues the vehicle's raw position; without a corrector, navigation is ignored."""
         if self.corrector is not None:
             self._tracks.append(place)
 
     def add_fix(self, fix: Fix) -> None:
-        """A fix of the vehicle's own."""
+        """Queues a position fix of the vehicle."""
         if self.corrector is not None:
             self._fixes.append(fix)
 
     def add_navigation(self, mate: MateNavigation) -> None:
-        """What a packet told of its sender's navigation."""
+        """Queues the navigation data of a packet."""
         if self.corrector is not None:
             self._mates.append(mate)
 
     def waiting(self) -> dict[str, Any]:
-        """What the next step will take, as values that JSON holds: for a journal; empty if nothing waits."""
+        """The queued inputs as JSON values, for a journal; empty if there are none."""
         found: dict[str, list[Any]] = {
             "soundings": [[float(v) for v in row] for row in self._soundings],
             "samples": [[stamp_s, source, np.asarray(rows).tolist()] for stamp_s, source, rows in self._samples],
@@ -73,7 +75,7 @@ class MapIntake:
         return {name: values for name, values in found.items() if values}
 
     def put_back(self, waiting: Mapping[str, Any]) -> None:
-        """Takes what `waiting` gave, read from a journal."""
+        """Queues inputs that `waiting` returned, read from a journal."""
         self.add_soundings(waiting.get("soundings", ()))
         for stamp_s, source, rows in waiting.get("samples", ()):
             self.add_samples(stamp_s, source, rows)
@@ -82,15 +84,15 @@ class MapIntake:
         self._mates += [MateNavigation(**values) for values in waiting.get("mates", ())]
 
     def step(self, now_s: float) -> bool:
-        """The map takes what waits: own soundings by stamp, then samples by stamp and source.
+        """Updates the map: own soundings by stamp, then samples by stamp and source.
 
-        With a corrector, navigation comes before the soundings that it places, and places are corrected last.
+        With a corrector, navigation comes before the soundings that it positions, and the correction comes last.
 
         Returns:
-            False if nothing waited for the map, and no place was corrected.
+            False if there were no soundings or samples, and no position was corrected.
         """
         waited = bool(self._soundings or self._samples)
-        has_sounding = any(math.isfinite(row[3]) for row in self._soundings)
+        has_sounding = any(math.isfinite(sounding.depth_m) for sounding in self._soundings)
         self.sounded_s = now_s if has_sounding else min(self.sounded_s, now_s)
         if self.corrector is None:
             self._take()
@@ -106,20 +108,13 @@ class MapIntake:
         return self.corrector.step(now_s) or waited
 
     def _take(self) -> None:
-        passed, self._soundings = self.gate.passed(sorted(self._soundings, key=lambda row: row[0])), []
+        passed = self.gate.passed(sorted(self._soundings, key=itemgetter(0)))
+        self._soundings = []
         if passed:
-            if self.corrector is None:
-                self.map.add_soundings([row[:4] for row in passed])
-            else:
-                self.corrector.add_soundings(np.array([_with_raw(row) for row in passed], dtype=float))
+            (self.map if self.corrector is None else self.corrector).add_soundings(Soundings.from_rows(passed))
         for _, source, samples in sorted(self._samples, key=lambda entry: entry[:2]):
             if self.corrector is None:
                 self.map.add_samples(samples, source)
             else:
                 self.corrector.add_samples(np.asarray(samples, dtype=float).reshape(-1, 3), source)
         self._samples = []
-
-
-def _with_raw(row: Sequence[float]) -> tuple[float, ...]:
-    """A sounding's row with its raw place, NaN where it has none."""
-    return (*row, float("nan"), float("nan")) if len(row) == 4 else tuple(row)

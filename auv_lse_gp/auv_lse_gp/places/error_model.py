@@ -1,7 +1,7 @@
-"""What may be wrong with the places of a team: the unknowns, what is known of them before, and how places follow.
+"""Error model of a team's positions: the unknowns, their prior, and the positions as a function of them.
 
-A vehicle's error is nearly a static similarity transform about its start. With u = raw - p0 its way by dead reckoning
-from the first raw place p0, R(a) the rotation from north towards east and the sums of `track.py`,
+A vehicle's error is nearly a static similarity transform about its start. With u = raw - p0 the displacement by dead
+reckoning from the first raw position p0, R(a) the rotation from north towards east, and the sums of `track.py`,
 
     p = p0 - d + R(-b0) (u - b1 S1 - b2 S2 - sum_k a_k S_k) / (1 + s) + sum_k e_k r_k
 
@@ -10,8 +10,8 @@ from the first raw place p0, R(a) the rotation from north towards east and the s
     b1, b2   its harmonics: b1 sin psi + b2 cos psi  r_k      ramp from 0 to 1 between knots k and k + 1
     s        scale of the DVL                        a_k, e_k random walks of heading and place (increments)
 
-The rotation is exact in b0; the harmonics and the walk enter to first order, which is off by their square: 0.15 mm a
-metre for one degree. Clocks enter ranges alone: an offset and a rate against the reference's clock, and the speed of
+The rotation is exact in b0; the harmonics and the walk enter to first order, with an error of their square: 0.15 mm
+per metre for one degree. Clocks enter only ranges: an offset and a rate against the reference clock, and the speed of
 sound, in metres.
 """
 
@@ -29,55 +29,51 @@ Array = NDArray[np.float64]
 
 #: Unknowns of a vehicle without its knots: offset north and east, heading bias, its two harmonics, scale.
 STATIC = 6
-#: Knots of a vehicle at most; a longer mission has them farther apart.
-MOST_KNOTS = 24
+#: Maximum number of knots per vehicle; in a longer mission they are farther apart.
+MAX_KNOTS = 24
 _J = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
 class VehicleErrorModel:
-    """How one vehicle's places depend on its unknowns.
+    """One vehicle's positions as a function of its unknowns.
 
     Attributes:
         track: Its raw track, which may grow.
-        block: Its unknowns among those of the team.
+        block: Slice of its unknowns among those of the team.
+        knots: Number of its knots.
     """
 
     def __init__(self, track: Track, begin: int, config: PlacesConfig, earlier_distance_m: float = 0.0) -> None:
-        """Lays out the unknowns of a vehicle from number `begin` on.
+        """Lays out the vehicle's unknowns.
 
         Args:
             track: Its raw track.
             begin: Number of its first unknown.
-            config: What is known before.
-            earlier_distance_m: How far it had gone before the first raw place that is known of it.
+            config: The prior.
+            earlier_distance_m: Distance travelled before its first known raw position.
         """
         self.track = track
         self._start_m = track.start_m
         lasted = max(track.end_s - track.start_s, 0.0)
         walks = config.heading_walk_deg_rth > 0.0 or config.place_walk_m_rts > 0.0
-        self._knots = min(math.ceil(lasted / config.knot_s), MOST_KNOTS) if walks else 0
-        self._span_s = max(config.knot_s, lasted / self._knots) if self._knots else config.knot_s
-        self._knots_s = track.start_s + self._span_s * np.arange(self._knots)
-        self.block = slice(begin, begin + STATIC + 3 * self._knots)
+        self.knots = min(math.ceil(lasted / config.knot_s), MAX_KNOTS) if walks else 0
+        self._span_s = max(config.knot_s, lasted / self.knots) if self.knots else config.knot_s
+        self._knots_s = track.start_s + self._span_s * np.arange(self.knots)
+        self.block = slice(begin, begin + STATIC + 3 * self.knots)
         self._earlier_distance_m = earlier_distance_m
         self._config = config
         nodes = track.nodes
-        if self._knots and len(nodes) > 1:
+        if self.knots and len(nodes) > 1:
             way = np.diff(nodes[:, 1:3], axis=0) @ _J.T
             ramps = self._ramps(0.5 * (nodes[1:, 0] + nodes[:-1, 0]))
             self._walk_s = nodes[:, 0]
             sums = np.cumsum(way[:, None, :] * ramps[:, :, None], axis=0)
-            self._walk_m = np.concatenate([np.zeros((1, self._knots, 2)), sums])
+            self._walk_m = np.concatenate([np.zeros((1, self.knots, 2)), sums])
         else:
-            self._walk_s, self._walk_m = np.zeros(1), np.zeros((1, self._knots, 2))
-
-    @property
-    def knots(self) -> int:
-        """Number of its knots."""
-        return self._knots
+            self._walk_s, self._walk_m = np.zeros(1), np.zeros((1, self.knots, 2))
 
     def prior_std(self) -> Array:
-        """Standard deviations of its unknowns before any measurement, (block,)."""
+        """Prior standard deviations of its unknowns, (block,)."""
         c = self._config
         turn = math.radians(math.hypot(c.heading_std_deg, c.harmonic_std_deg))
         start = math.hypot(c.start_std_m, self._earlier_distance_m * math.hypot(turn, c.scale_std))
@@ -85,8 +81,8 @@ class VehicleErrorModel:
         turning = math.radians(c.heading_walk_deg_rth) * math.sqrt(self._span_s / 3600.0)
         walk = c.place_walk_m_rts * math.sqrt(self._span_s)
         static = [start, start, heading, harmonic, harmonic, c.scale_std]
-        # A walk of 0 is an unknown that hardly may be anything else.
-        knots = [max(turning, 1e-9)] * self._knots + [max(walk, 1e-9)] * (2 * self._knots)
+        # A walk of 0 keeps its unknowns, with a tiny variance.
+        knots = [max(turning, 1e-9)] * self.knots + [max(walk, 1e-9)] * (2 * self.knots)
         return np.array(static + knots)
 
     def _ramps(self, stamps_s: Array) -> Array:
@@ -102,11 +98,11 @@ class VehicleErrorModel:
         return np.asarray(sums[right - 1] + share[:, None, None] * (sums[right] - sums[right - 1]))
 
     def positions(self, along: TrackPoints) -> TrackPositions:
-        """What places along the track need of it, once for many values of the unknowns."""
+        """Positions of points on the track, prepared for many values of the unknowns."""
         return TrackPositions(self, along, self._walk_at(along.stamps_s), self._ramps(along.stamps_s), self._start_m)
 
     def warm_start(self, theta: Array, older: VehicleErrorModel) -> Array:
-        """Its unknowns (block,) where an earlier model of the same vehicle, with fewer knots, had `theta` (all)."""
+        """Its initial unknowns (block,), from an earlier model of the same vehicle with unknowns `theta` (all)."""
         own = np.zeros(self.block.stop - self.block.start)
         old = theta[older.block]
         own[:STATIC] = old[:STATIC]
@@ -119,22 +115,22 @@ class VehicleErrorModel:
 
 
 class TrackPositions:
-    """Places of one vehicle (n), whose dependence on the unknowns is ready.
+    """Positions of points (n) on one vehicle's track, as a function of the unknowns.
 
-    What was worked out for the last values of the unknowns is kept: a search asks for places and derivatives in turn.
+    The last result is cached, because a search evaluates positions and derivatives in turn.
     """
 
     def __init__(
         self, model: VehicleErrorModel, along: TrackPoints, walk_m: Array, ramps: Array, start_m: Array
     ) -> None:
-        """Takes what `VehicleErrorModel.positions` has looked up."""
+        """Use `VehicleErrorModel.positions`."""
         self._model, self._along, self._walk_m, self._ramps, self._start_m = model, along, walk_m, ramps, start_m
         self._raw_way_m = along.raw_m - start_m
-        self._asked = b""
+        self._cached_for = b""
         self._turn, self._way, self._places = np.zeros((2, 2)), np.zeros((0, 2)), np.zeros((0, 2))
 
     def __len__(self) -> int:
-        """Number of places."""
+        """Number of points."""
         return len(self._along.stamps_s)
 
     @property
@@ -142,14 +138,14 @@ class TrackPositions:
         """Times (n,)."""
         return self._along.stamps_s
 
-    def _find(self, theta: Array) -> Array:
-        """Finds the places for `theta`, if they are not those at hand; returns the vehicle's unknowns.
+    def _evaluate(self, theta: Array) -> Array:
+        """Computes the positions for `theta` unless cached; returns the vehicle's unknowns.
 
-        With them comes R(-b0) / (1 + s), and the way from the start after it, (2, 2) and (n, 2).
+        It also computes R(-b0) / (1 + s) and the displacement transformed by it, (2, 2) and (n, 2).
         """
         own = theta[self._model.block]
-        asked = own.tobytes()
-        if asked != self._asked:
+        key = own.tobytes()
+        if key != self._cached_for:
             n, a = self._model.knots, self._along
             static, headings, walk = own[:STATIC], own[STATIC : STATIC + n], own[STATIC + n :].reshape(n, 2)
             c, s = math.cos(static[2]), math.sin(static[2])
@@ -159,17 +155,17 @@ class TrackPositions:
             self._turn = np.array([[c, s], [-s, c]]) / (1.0 + static[5])  # R(-b0)
             self._way = way @ self._turn.T
             self._places = self._start_m - static[:2] + self._way + self._ramps @ walk
-            self._asked = asked
+            self._cached_for = key
         return own
 
     def places(self, theta: Array) -> Array:
-        """Places (n, 2) where the unknowns of the team are `theta`; not to be written to."""
-        self._find(theta)
+        """Positions (n, 2) for the team's unknowns `theta`; read-only."""
+        self._evaluate(theta)
         return self._places
 
     def jacobian(self, theta: Array) -> Array:
-        """Derivatives (n, 2, block) of the places with respect to the vehicle's own unknowns."""
-        scale = 1.0 + self._find(theta)[5]
+        """Derivatives (n, 2, block) of the positions with respect to the vehicle's unknowns."""
+        scale = 1.0 + self._evaluate(theta)[5]
         turn, way = self._turn, self._way
         n, knots = len(self), self._model.knots
         out = np.zeros((n, 2, STATIC + 3 * knots))
@@ -189,8 +185,10 @@ class TeamErrorModel:
     """All unknowns of a team: a block for each vehicle, then clocks, then the speed of sound.
 
     Attributes:
+        config: The prior.
         vehicles: The vehicles' models by number.
         size: Number of unknowns.
+        sound: Number of the unknown that is the relative error of the speed of sound.
     """
 
     def __init__(
@@ -203,10 +201,10 @@ class TeamErrorModel:
         """Lays out the unknowns.
 
         Args:
-            config: What is known before.
+            config: The prior.
             tracks: Raw tracks by number of the vehicle.
-            references: The vehicles whose clocks are references: one for each team.
-            earlier_distance_m: How far a vehicle had gone before its first raw place that is known, if not 0.
+            references: The vehicles whose clocks are references: one per team.
+            earlier_distance_m: Distance travelled before the first known raw position, by vehicle, where not 0.
         """
         self.config = config
         self.vehicles: dict[int, VehicleErrorModel] = {}
@@ -218,20 +216,15 @@ class TeamErrorModel:
             begin = self.vehicles[number].block.stop
         others = [number for number in sorted(tracks) if number not in references]
         self._clocks = {number: begin + 2 * i for i, number in enumerate(others)}
-        self._sound = begin + 2 * len(others)
-        self.size = self._sound + 1
-
-    @property
-    def sound(self) -> int:
-        """Number of the unknown that is the relative error of the speed of sound."""
-        return self._sound
+        self.sound = begin + 2 * len(others)
+        self.size = self.sound + 1
 
     def clock(self, number: int) -> int | None:
-        """First of a vehicle's two clock unknowns: offset (m), and rate (m a thousand seconds); None: the reference."""
+        """Number of a vehicle's first clock unknown: offset (m), then rate (m per 1000 s); None for a reference."""
         return self._clocks.get(number)
 
     def prior_std(self) -> Array:
-        """Standard deviation of each unknown before any measurement, (size,); their means are 0."""
+        """Prior standard deviation of each unknown, (size,); their means are 0."""
         c = self.config
         both = math.sqrt(2.0) * c.sound_speed_mps  # of a difference of two clocks
         std = [model.prior_std() for model in self.vehicles.values()]
@@ -239,7 +232,7 @@ class TeamErrorModel:
         return np.concatenate([*std, np.tile(clock, len(self._clocks)), [c.sound_speed_std]])
 
     def warm_start(self, theta: Array, older: TeamErrorModel) -> Array:
-        """Unknowns (size,) to begin with, where an earlier model of the team had `theta`."""
+        """Initial unknowns (size,), from an earlier model of the team with unknowns `theta`."""
         start = np.zeros(self.size)
         for number, model in self.vehicles.items():
             if number in older.vehicles:
@@ -251,7 +244,7 @@ class TeamErrorModel:
         return start
 
     def common_modes(self, theta: Array) -> Array:
-        """Directions (size, 4) of a translation, rotation and change of scale that all places have in common."""
+        """Directions (size, 4) of a translation, rotation and scaling of all positions together."""
         directions = np.zeros((self.size, 4))
         for model in self.vehicles.values():
             at = model.block.start

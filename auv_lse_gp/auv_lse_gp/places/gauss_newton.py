@@ -1,6 +1,6 @@
-"""The unknowns given all measurements: Gauss-Newton with damping, fixes and ranges first, terrain last.
+"""Estimates the unknowns from all measurements: damped Gauss-Newton, fixes and ranges first, terrain last.
 
-Where errors are beyond some ten metres the terrain has many local minima, so it is asked last, near its own minimum.
+With errors above some ten metres the terrain likelihood has many local minima, so it is added last, near its minimum.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from auv_lse_gp.places.terrain_matching import TerrainLikelihood
 
 Array = NDArray[np.float64]
 
-#: Steps of Gauss-Newton at most: with fixes and ranges, and with the terrain, whose steps cost thirty times as much.
+#: Maximum number of steps: with fixes and ranges, and with the terrain, whose steps cost thirty times as much.
 STEPS, TERRAIN_STEPS = 15, 3
-#: A step of less than this many prior standard deviations, in all unknowns, ends the search; so with the terrain.
-_SETTLED, _TERRAIN_SETTLED = 1e-3, 1e-2
+#: The search ends at a step below this many prior standard deviations in all unknowns; the second with the terrain.
+_CONVERGED, _TERRAIN_CONVERGED = 1e-3, 1e-2
 _HALVINGS = 4
-#: Whitened residuals up to which the robust pass takes squares; beyond, it takes their size (Huber 1964).
+#: Whitened residual at which the Huber loss changes from quadratic to linear (Huber 1964).
 _BEND = 1.5
-#: A fix is refused that is farther than so many standard deviations, and metres, from where all else says that the
-#: vehicle was, if all else knows that place at least so much better (variance) than dead reckoning alone.
+#: A fix is rejected if it is this many standard deviations, and metres, from the position that all other measurements
+#: give, and these reduce the variance of that position to this share of dead reckoning's.
 FIX_GATE, LEAST_FIX_GATE_M, CROSS_CHECKED = 6.0, 10.0, 0.3
 
 
 class Loss(Protocol):
-    """What a whitened residual of a range costs."""
+    """Loss of the whitened residuals of ranges."""
 
     def costs(self, residuals: Array) -> float:
-        """Their costs together."""
+        """Total loss."""
 
     def weights(self, residuals: Array) -> Array:
-        """Weight (m,) with which each square counts in a step of Gauss-Newton."""
+        """Weight (m,) of each squared residual in a Gauss-Newton step."""
 
 
 class Huber:
-    """Squares for small residuals, sizes for large ones: no outlier pulls more than one at the bend."""
+    """Quadratic for small residuals and linear for large ones."""
 
     def costs(self, residuals: Array) -> float:
         """As `Loss.costs`."""
@@ -54,10 +54,10 @@ class Huber:
 
 
 class Gated:
-    """Squares of those that passed the gate."""
+    """Quadratic for the residuals that passed the gate, zero for the others."""
 
     def __init__(self, kept: NDArray[np.bool_]) -> None:
-        """Takes which residuals (m,) count."""
+        """Takes the mask (m,) of the residuals that passed."""
         self._kept = kept.astype(float)
 
     def costs(self, residuals: Array) -> float:
@@ -71,12 +71,12 @@ class Gated:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The unknowns given the measurements.
+    """The estimated unknowns.
 
     Attributes:
         theta: The unknowns (u,).
         covariance: Their covariance (u, u).
-        refused: How many ranges and fixes the gates refused.
+        refused: Number of ranges and fixes that the gates rejected.
     """
 
     theta: Array
@@ -92,25 +92,21 @@ def solve(
     start: Array,
     terrain_steps: int = TERRAIN_STEPS,
 ) -> Solution:
-    """Solves for the unknowns.
+    """Estimates the unknowns.
 
     Args:
-        model: The unknowns and what is known of them before.
+        model: The error model with its prior.
         fixes: The fixes.
         ranges: The ranges.
-        terrain: Depths along the tracks, if they count.
-        start: Where to begin (u,); the result does not depend on it as long as the search finds the same minimum.
-        terrain_steps: Steps with the terrain at most.
+        terrain: Likelihood of the depths; None to ignore them.
+        start: Initial unknowns (u,).
+        terrain_steps: Maximum number of steps with the terrain.
     """
     precision = model.prior_std() ** -2.0
     search = _Search(precision, fixes, ranges)
     theta = search.run(start, Huber(), STEPS)
     given = len(fixes)
-    while (
-        wrong := find_contradicted(
-            model, fixes, search.normal(theta, Huber())[1], theta, search.cost(theta, Huber()), len(ranges)
-        )
-    ) is not None:
+    while (wrong := _find_contradicted(model, fixes, search, theta, len(ranges))) is not None:
         fixes = fixes.without(wrong)
         search = _Search(precision, fixes, ranges)
         theta = search.run(np.zeros_like(theta), Huber(), STEPS)
@@ -124,23 +120,21 @@ def solve(
     return Solution(theta, 0.5 * (covariance + covariance.T), int((~kept).sum()) + given - len(fixes))
 
 
-def find_contradicted(
-    model: TeamErrorModel, fixes: Fixes, information: Array, theta: Array, cost: float, ranges: int
-) -> int | None:
-    """The fix that is farthest from where all other measurements place its vehicle; None if none is too far.
+def _find_contradicted(model: TeamErrorModel, fixes: Fixes, search: _Search, theta: Array, ranges: int) -> int | None:
+    """Number of the fix farthest from the position that all other measurements give; None if none is too far.
 
-    With P the covariance of what a fix should have measured, given all measurements, in variances of the fix, and e
-    what it is off, the others alone expect it (I - P)^-1 e away, with the covariance P (I - P)^-1. Where these others,
-    too, cost more than they should, the instruments are worse than supposed, and it may be farther away by as much.
+    With P the covariance of a fix's prediction from all measurements, in variances of the fix, and e its residual, the
+    residual by the others alone is (I - P)^-1 e, with covariance P (I - P)^-1. If the others cost more than expected,
+    the instruments are worse than assumed, and the gate widens by as much.
 
     Args:
-        model: The unknowns.
+        model: The error model.
         fixes: The fixes.
-        information: Information about the unknowns with all measurements (u, u).
-        theta: The unknowns given all of them.
-        cost: What they cost.
+        search: The search with these fixes.
+        theta: The unknowns given all measurements.
         ranges: Number of ranges.
     """
+    information, cost = search.normal(theta, Huber())[1], search.cost(theta, Huber())
     rows, off = fixes.derivatives(theta).reshape(-1, 2, model.size), fixes.residuals(theta).reshape(-1, 2)
     factor, before = cho_factor(information, lower=True), model.prior_std() ** 2
     worst, found = 1.0, None
@@ -158,14 +152,14 @@ def find_contradicted(
 
 
 class _Search:
-    """The part of the problem that is cheap: what is known before, fixes and ranges."""
+    """The cheap part of the problem: prior, fixes and ranges."""
 
     def __init__(self, precision: Array, fixes: Fixes, ranges: Ranges) -> None:
         self.precision, self._fixes, self._ranges = precision, fixes, ranges
         self._scale = precision**-0.5
 
     def cost(self, theta: Array, loss: Loss) -> float:
-        """What the unknowns cost at `theta`."""
+        """Cost at `theta`: minus the log posterior, up to a constant."""
         fixed, ranged = self._fixes.residuals(theta), self._ranges.residuals(theta)
         return 0.5 * float(self.precision @ theta**2 + fixed @ fixed) + loss.costs(ranged)
 
@@ -179,12 +173,12 @@ class _Search:
         information[np.diag_indices(len(theta))] += self.precision
         return gradient, information
 
-    def settled(self, step: Array, share: float) -> bool:
-        """Whether a step is less than a share of what was known before of each unknown."""
+    def converged(self, step: Array, share: float) -> bool:
+        """Whether a step is below a share of each unknown's prior standard deviation."""
         return bool(np.all(np.abs(step) < share * self._scale))
 
     def run(self, start: Array, loss: Loss, steps: int) -> Array:
-        """Descends from `start`."""
+        """Minimizes the cost from `start`."""
         theta, cost = start, self.cost(start, loss)
         for _ in range(steps):
             gradient, information = self.normal(theta, loss)
@@ -197,7 +191,7 @@ class _Search:
             else:
                 return theta
             theta, cost = theta + step, moved
-            if self.settled(step, _SETTLED):
+            if self.converged(step, _CONVERGED):
                 break
         return theta
 
@@ -205,7 +199,7 @@ class _Search:
 def _with_terrain(
     search: _Search, terrain: TerrainLikelihood, theta: Array, loss: Loss, information: Array, steps: int
 ) -> tuple[Array, Array]:
-    """Goes on with the terrain; returns the unknowns and their information with it (without it, if it fails)."""
+    """Continues with the terrain; returns the unknowns and their information (without the terrain, if that fails)."""
     try:
         now = search.cost(theta, loss) + terrain.cost(theta)
         for _ in range(steps):
@@ -213,7 +207,7 @@ def _with_terrain(
             gradient, known = search.normal(theta, loss)
             information = known + seen
             step = cho_solve(cho_factor(information, lower=True), gradient + slope)
-            if search.settled(step, _TERRAIN_SETTLED):
+            if search.converged(step, _TERRAIN_CONVERGED):
                 break
             for _ in range(_HALVINGS):
                 moved = search.cost(theta + step, loss) + terrain.cost(theta + step)

@@ -1,4 +1,4 @@
-"""What a team measures of its places: fixes, and ranges between vehicles. Terrain: see `terrain.py`."""
+"""Measurements of a team's positions: fixes, and ranges between vehicles. For depths see `terrain_matching.py`."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from auv_lse_gp.places.error_model import TeamErrorModel, TrackPositions
 
 Array = NDArray[np.float64]
 
-#: Ranges are refused beyond this many median absolute deviations, made comparable with standard deviations, ...
+#: Ranges beyond this many median absolute deviations, scaled to standard deviations, are rejected, ...
 GATE = 4.0
 _MAD_TO_STD = 1.4826
-#: ... but never where they are off by less than this many of their standard deviations.
+#: ... but never within this many of their own standard deviations.
 _LEAST_GATE = 2.0
-#: With one range or two that says nothing. So what is farther off than so many standard deviations of what is known
-#: before is refused as well: ranges, which echoes make longer, and fixes, which are off by this for a broken receiver.
+#: That test needs several ranges. So measurements beyond this many prior standard deviations are rejected first:
+#: ranges, which echoes lengthen, and fixes of a broken receiver.
 RANGE_SIGMAS, FIX_SIGMAS = 8.0, 30.0
-#: A shorter range (m) is not used: its direction is that of the error, and how much deeper one vehicle is matters.
+#: Shorter ranges (m) are not used: position errors dominate their direction, and the depth difference matters.
 NEAREST_M = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixMeasurement:
-    """One surfacing: where the vehicle was by GPS, and by dead reckoning.
+    """One surfacing: positions by GPS and by dead reckoning, each north, east (m).
 
     Attributes:
         vehicle: Number of the vehicle.
-        stamp_s: When.
-        place_m: Place by GPS (north, east).
-        raw_m: Raw place.
-        std_m: Standard deviation of the place by GPS, each axis.
+        stamp_s: Time.
+        place_m: Position by GPS.
+        raw_m: Raw position.
+        std_m: Standard deviation of the GPS position, each axis.
     """
 
     vehicle: int
@@ -50,13 +50,13 @@ class RangeMeasurement:
     """One range, from the travel time of a packet.
 
     Attributes:
-        sender: Number of the vehicle that sent.
-        receiver: Number of the vehicle that received.
+        sender: Number of the sending vehicle.
+        receiver: Number of the receiving vehicle.
         sent_s: Start of the transmission.
         arrived_s: Start of the reception.
         range_m: Travel time by the two clocks, times the speed of sound.
-        deeper_m: How much deeper one of the two is than the other; 0 if not known.
-        by_ping: Measured there and back by the receiver's clock alone.
+        deeper_m: Depth difference of the two vehicles; 0 if unknown.
+        by_ping: Two-way travel time, measured with the receiver's clock alone.
     """
 
     sender: int
@@ -69,10 +69,10 @@ class RangeMeasurement:
 
 
 class Fixes:
-    """Fixes, ready for the solution."""
+    """Fixes, prepared for the estimation."""
 
     def __init__(self, model: TeamErrorModel, rows: Sequence[FixMeasurement]) -> None:
-        """Looks up what each fix needs of its vehicle's track."""
+        """Finds each fix on its vehicle's track."""
         self._model = model
         self._rows = sorted(rows, key=lambda row: row.vehicle)
         self._groups: list[tuple[slice, TrackPositions, Array, Array]] = []
@@ -97,19 +97,19 @@ class Fixes:
         return Fixes(self._model, self._rows[:number] + self._rows[number + 1 :])
 
     def plausible(self) -> Fixes:
-        """Those that the errors that are known before can explain."""
+        """The fixes that the prior can explain."""
         zero = np.zeros(self._model.size)
         sigmas = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)).reshape(-1, 2)
         kept = np.asarray(sigmas.max(axis=1) <= FIX_SIGMAS)
         return self if kept.all() else Fixes(self._model, list(compress(self._rows, kept.tolist())))
 
     def residuals(self, theta: Array) -> Array:
-        """What was measured less what is expected, over its standard deviation (m,)."""
+        """Measured minus predicted, divided by the standard deviation, (m,)."""
         parts = [(places - sums.places(theta)).ravel() / std for _, sums, places, std in self._groups]
         return np.concatenate([np.zeros(0), *parts])
 
     def derivatives(self, theta: Array) -> Array:
-        """Derivatives (m, unknowns) of what is expected, over the standard deviations."""
+        """Derivatives (m, unknowns) of the predictions, divided by the standard deviations."""
         rows = [np.zeros((0, self._model.size))]
         for block, sums, _, std in self._groups:
             jacobian = np.zeros((2 * len(sums), self._model.size))
@@ -119,10 +119,10 @@ class Fixes:
 
 
 class Ranges:
-    """Ranges, ready for the solution."""
+    """Ranges, prepared for the estimation."""
 
     def __init__(self, model: TeamErrorModel, rows: Sequence[RangeMeasurement]) -> None:
-        """Looks up where each range begins and ends on the vehicles' tracks."""
+        """Finds both ends of each range on the vehicles' tracks."""
         self._model = model
         self._rows = sorted(rows, key=_group)
         self._std_m = model.config.range_std_m
@@ -140,18 +140,18 @@ class Ranges:
         return len(self._rows)
 
     def plausible(self) -> Ranges:
-        """Those that the errors that are known before can explain."""
+        """The ranges that the prior can explain."""
         zero = np.zeros(self._model.size)
         kept = _sigmas(self._model, self.residuals(zero), self.derivatives(zero)) <= RANGE_SIGMAS
         return self if kept.all() else Ranges(self._model, list(compress(self._rows, kept.tolist())))
 
     def residuals(self, theta: Array) -> Array:
-        """As `Fixes.residuals`, in the order of pairs."""
+        """As `Fixes.residuals`, ordered by pairs."""
         parts = [np.zeros(0)]
         for pair, sent, arrived, measured, deeper in self._groups:
             distance = _distance(sent.places(theta) - arrived.places(theta), deeper)
             predicted = (1.0 + theta[self._model.sound]) * distance
-            for _, sign, clock, late in self._clocks(pair, sent, arrived):
+            for sign, clock, late in self._clocks(pair, sent, arrived):
                 predicted = predicted + sign * (theta[clock] + theta[clock + 1] * late)
             parts.append((measured - predicted) / self._std_m)
         return np.concatenate(parts)
@@ -170,7 +170,7 @@ class Ranges:
             jacobian[:, model.vehicles[sender].block] += _along(toward, sent.jacobian(theta))
             jacobian[:, model.vehicles[receiver].block] -= _along(toward, arrived.jacobian(theta))
             jacobian[:, model.sound] = distance
-            for _, sign, clock, late in self._clocks(pair, sent, arrived):
+            for sign, clock, late in self._clocks(pair, sent, arrived):
                 jacobian[:, clock] += sign
                 jacobian[:, clock + 1] += sign * late
             rows.append(jacobian / self._std_m)
@@ -178,18 +178,17 @@ class Ranges:
 
     def _clocks(
         self, pair: tuple[int, int, bool], sent: TrackPositions, arrived: TrackPositions
-    ) -> list[tuple[int, float, int, Array]]:
-        """The two clocks of a pair but the reference: vehicle, sign, first unknown, thousands of s since its start."""
+    ) -> list[tuple[float, int, Array]]:
+        """The pair's clocks that are no reference: sign, first unknown, thousands of seconds since the start (n,)."""
         sender, receiver, by_ping = pair
         if by_ping:
             return []
-        ends = ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s))
-        vehicles = self._model.vehicles
-        clocks = [
-            (number, sign, self._model.clock(number), (at - vehicles[number].track.start_s) * 1e-3)
-            for number, sign, at in ends
-        ]
-        return [(number, sign, clock, late) for number, sign, clock, late in clocks if clock is not None]
+        found = []
+        for number, sign, stamps_s in ((receiver, 1.0, arrived.stamps_s), (sender, -1.0, sent.stamps_s)):
+            clock = self._model.clock(number)
+            if clock is not None:
+                found.append((sign, clock, (stamps_s - self._model.vehicles[number].track.start_s) * 1e-3))
+        return found
 
 
 def _group(row: RangeMeasurement) -> tuple[int, int, bool]:
@@ -197,9 +196,9 @@ def _group(row: RangeMeasurement) -> tuple[int, int, bool]:
 
 
 def _sigmas(model: TeamErrorModel, residuals: Array, derivatives: Array) -> Array:
-    """How far whitened residuals (m,) are from 0 before any measurement, in their standard deviations then, (m,)."""
-    known = derivatives * model.prior_std()
-    return np.asarray(np.abs(residuals) / np.sqrt(1.0 + np.einsum("mu,mu->m", known, known)))
+    """Absolute whitened residuals (m,) at the prior mean, in their prior standard deviations, (m,)."""
+    prior = derivatives * model.prior_std()
+    return np.asarray(np.abs(residuals) / np.sqrt(1.0 + np.einsum("mu,mu->m", prior, prior)))
 
 
 def _distance(apart: Array, deeper: Array) -> Array:
@@ -211,7 +210,7 @@ def _along(toward: Array, jacobian: Array) -> Array:
 
 
 def within_gate(residuals: Array) -> NDArray[np.bool_]:
-    """Which whitened residuals (m,) are within `GATE` median absolute deviations of their median."""
+    """Mask of the whitened residuals (m,) within `GATE` median absolute deviations of their median."""
     if not len(residuals):
         return np.zeros(0, dtype=bool)
     middle = float(np.median(residuals))
@@ -220,6 +219,6 @@ def within_gate(residuals: Array) -> NDArray[np.bool_]:
 
 
 def usable(row: RangeMeasurement) -> bool:
-    """Whether a range can be used at all: finite, and neither too short nor absurd."""
+    """Whether a range is finite, and neither too short nor implausibly long."""
     numbers = (row.sent_s, row.arrived_s, row.range_m, row.deeper_m)
     return all(math.isfinite(n) for n in numbers) and NEAREST_M <= row.range_m <= 1e5

@@ -1,33 +1,33 @@
-"""A vehicle's own clock, made to run forward: a track by time has no place for a second that comes twice."""
+"""A vehicle's clock, kept monotonic when it is set back: a track ordered by time needs that."""
 
 from __future__ import annotations
 
 import math
 
-#: A stamp this much before the last one (s), and the next one after it, are those of a clock that was set back.
+#: A stamp this much (s) before the last one, confirmed by the next stamp, means that the clock was set back.
 SET_BACK_S = 1.0
 
 
 class MonotonicClock:
-    """Times of a vehicle's raw places, soundings, fixes and receptions.
+    """Times of a vehicle's raw positions, soundings, fixes and receptions.
 
     Attributes:
-        set_back_s: By how much the clock was set back since the start (s).
+        set_back_s: Total time by which the clock was set back (s).
     """
 
     def __init__(self) -> None:
-        """The clock is right."""
+        """Assumes that the clock was never set back."""
         self.set_back_s = 0.0
-        self._last_s = -math.inf  # time of the last raw place
-        self._step_s = 0.0  # from the one before
-        self._early_s = math.nan  # stamp of a raw place that came too early
+        self._last_s = -math.inf  # time of the last raw position
+        self._step_s = 0.0  # between the last two
+        self._early_s = math.nan  # stamp of a raw position that came too early
 
     def monotonic_s(self, stamp_s: float) -> float:
-        """The time (s) of a stamp, which goes on where the clock was set back."""
+        """The monotonic time (s) of a stamp."""
         return stamp_s + self.set_back_s
 
     def advance(self, stamp_s: float) -> float:
-        """The time (s) of the next raw place; notices that the clock was set back when the second such place comes."""
+        """The monotonic time (s) of the next raw position; the second early stamp shows that the clock was set back."""
         time_s = self.monotonic_s(stamp_s)
         if time_s < self._last_s - SET_BACK_S:
             if self._early_s < stamp_s:

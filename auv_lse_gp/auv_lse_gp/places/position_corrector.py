@@ -1,8 +1,7 @@
-"""Puts a vehicle's soundings into its map where they were taken, as far as that is known by now.
+"""Puts a vehicle's soundings into its map at corrected positions.
 
-What comes in is booked at the place by the last correction. Every `places.interval_s` the smoother finds the places
-anew. Where one has moved by more than `places.moved_m`, the map is made again with all of them; in any case it is told
-how uncertain they still are.
+New soundings are placed by the latest correction. Every `places.interval_s` the smoother estimates all positions. If
+one has moved by more than `places.moved_m`, the map is rebuilt; in any case it receives their uncertainty.
 """
 
 from __future__ import annotations
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.corrected_map import CorrectedMap
 from auv_lse_gp.places.correction import Correction
@@ -26,22 +26,22 @@ Array = NDArray[np.float64]
 
 
 def corrector_for(vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> PositionCorrector | None:
-    """What places a vehicle's soundings by a configuration in force; None where they stay where they are told."""
+    """The corrector of a vehicle's map; None if `places.correct` is off."""
     return PositionCorrector(vehicle, config, depth_map) if config.correct else None
 
 
 class PositionCorrector:
-    """The places of one vehicle's map.
+    """Corrects the positions of the soundings in one vehicle's map.
 
     Attributes:
         corrected_map: The map and its soundings.
-        smoother: What finds the places.
-        correction: The places by the last call of the smoother; None before the first.
+        smoother: Estimates the positions.
+        correction: The latest correction; None before the first.
         rebuilds: How often the map was rebuilt.
     """
 
     def __init__(self, vehicle: int, config: PlacesConfig, depth_map: DepthMap) -> None:
-        """Nothing is known yet; the map is empty."""
+        """Takes an empty map."""
         self.vehicle = vehicle
         self.config = config
         self.corrected_map = CorrectedMap(depth_map, {vehicle})
@@ -58,44 +58,45 @@ class PositionCorrector:
 
     @property
     def place(self) -> DeadReckoning | None:
-        """Where the vehicle is by the last correction, at the time of its last raw place; None before the first.
-
-        The heading is the raw one.
-        """
+        """The vehicle's corrected position at its last raw position, with the raw heading; None before a correction."""
         if self._raw is None or self.correction is None:
             return None
-        stamp_s = self._raw.stamp_s + self.smoother.clock.set_back_s
+        stamp_s = self.smoother.clock.monotonic_s(self._raw.stamp_s)
         raw_m = np.array([[self._raw.north_m, self._raw.east_m]])
         north_m, east_m = self.correction.places(self.vehicle, np.array([stamp_s]), raw_m)[0].tolist()
         return dataclasses.replace(self._raw, north_m=north_m, east_m=east_m)
 
     def add_dead_reckoning(self, place: DeadReckoning) -> None:
-        """Takes the vehicle's raw place."""
+        """Takes the vehicle's raw position."""
         self.smoother.add_dead_reckoning(place)
         if math.isfinite(place.stamp_s + place.north_m + place.east_m):
             self._raw = place
 
     def add_fix(self, fix: Fix) -> None:
-        """Takes a fix."""
+        """Takes a position fix of the vehicle."""
         self.smoother.add_fix(fix)
 
     def add_navigation(self, mate: MateNavigation) -> None:
-        """Takes what a packet told of its sender's navigation; its samples come after it."""
+        """Takes the navigation data of a mate's packet, before its samples."""
         self.smoother.add_navigation(mate)
 
-    def add_soundings(self, rows: Array) -> None:
-        """Takes own soundings: stamp (s), north, east, depth, raw north, raw east (m) of each, (n, 6)."""
-        rows = np.column_stack([rows[:, 0] + self.smoother.clock.set_back_s, rows[:, 1:]])
-        self.corrected_map.add_soundings(self.vehicle, rows, self.correction)
+    def add_soundings(self, soundings: Soundings) -> None:
+        """Takes the vehicle's soundings."""
+        timed = dataclasses.replace(soundings, stamp_s=soundings.stamp_s + self.smoother.clock.set_back_s)
+        self.corrected_map.add_soundings(self.vehicle, timed, self.correction)
 
     def add_samples(self, samples: Array, source: int) -> None:
-        """Takes a mate's samples: raw north and east, depth (m) of each, (n, 3), in order of time."""
-        self.corrected_map.add_samples(
-            source, self.smoother.add_sample_positions(source, samples[:, :2]), samples, self.correction
+        """Takes a mate's samples: raw north and east, depth (m), (n, 3), in order of time."""
+        stamps_s = self.smoother.add_sample_positions(source, samples[:, :2])
+        raw = np.where(np.isfinite(stamps_s), samples[:, :2].T, np.nan)
+        north, east, depth = samples.T
+        timed = Soundings(
+            stamp_s=stamps_s, north_m=north, east_m=east, depth_m=depth, raw_north_m=raw[0], raw_east_m=raw[1]
         )
+        self.corrected_map.add_samples(source, timed, self.correction)
 
     def step(self, now_s: float) -> bool:
-        """Corrects places if it is time to; returns whether it did."""
+        """Corrects positions if a new interval has begun; returns whether it did."""
         period = math.floor(now_s / self.config.interval_s + 1e-9)
         if period == self._period:
             return False
@@ -104,7 +105,7 @@ class PositionCorrector:
         return True
 
     def correct(self) -> None:
-        """Finds the places anew, by everything known, and brings the map up to date."""
+        """Estimates all positions and updates the map."""
         gp = self.corrected_map.map.gp
         terrain = Terrain(self.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)
         self.correction = self.smoother.smooth(terrain)

@@ -1,8 +1,7 @@
-"""What one vehicle can find out about the places of its team, from what it measures and hears itself.
+"""Estimates the positions of a team on board one vehicle, from what it measures and receives.
 
-Theory of operation. Raw tracks and measurements are kept; every answer is computed anew from all of them. Only
-measurements are shared among the vehicles, never estimates: a filter that took a mate's estimate as independent would
-count the same fix again and again.
+Theory of operation. Raw tracks and measurements are stored, and each estimate uses all of them. Vehicles share only
+measurements, never estimates: a filter that took a mate's estimate as independent would count the same fix many times.
 """
 
 from __future__ import annotations
@@ -26,31 +25,32 @@ from auv_lse_gp.places.track import MateTrack, OwnTrack, Track
 
 Array = NDArray[np.float64]
 
-#: Fixes within this time (s) are of one surfacing, and count as one: the errors of GPS go on for minutes.
+#: Fixes within this time (s) belong to one surfacing and count as one: GPS errors are correlated over minutes.
 SURFACING_S = 120.0
-#: A mate that seems to move faster than this (m/s) has not: its packet is wrong, or it started anew.
+#: A mate cannot be faster than this (m/s); otherwise its packet is wrong, or it restarted.
 FASTEST_MPS = 6.0
-#: A team starts within so far (m): a mate is not farther from the own start than this and what it can have gone since.
+#: A team starts within this distance (m): a mate is no farther from this vehicle's start than this plus the distance
+#: that it could have covered since.
 STARTS_APART_M = 1000.0
-#: Ranges that are used at most; of more, an even choice.
-MOST_RANGES = 300
+#: Maximum number of ranges used; of more, an even selection.
+MAX_RANGES = 300
 
 
 class SurfacingFixes:
-    """The fixes of one vehicle, gathered by surfacing."""
+    """The fixes of one vehicle, grouped by surfacing."""
 
     def __init__(self, vehicle: int) -> None:
-        """There is no fix yet."""
+        """Starts without fixes."""
         self._vehicle = vehicle
         self._groups: list[list[tuple[float, ...]]] = []  # stamp, north, east, raw north, raw east, std
 
     def add(self, fix: Fix) -> bool:
-        """Takes a fix; returns False if it cannot be one."""
+        """Takes a fix; returns False if it is not finite."""
         row = (fix.stamp_s, fix.north_m, fix.east_m, fix.raw_north_m, fix.raw_east_m, fix.std_m)
         if not all(math.isfinite(value) for value in row):
             return False
         if self._groups and row[1:5] == self._groups[-1][-1][1:5]:
-            return True  # told again
+            return True  # a repetition
         if self._groups and 0.0 <= fix.stamp_s - self._groups[-1][0][0] < SURFACING_S:
             self._groups[-1].append(row)
         else:
@@ -58,34 +58,32 @@ class SurfacingFixes:
         return True
 
     def rows(self, least_std_m: float) -> list[FixMeasurement]:
-        """One row for each surfacing: the mean of its fixes, no better than one of them."""
-        rows = []
-        for group in self._groups:
-            mean = np.mean(group, axis=0)
-            rows.append(
-                FixMeasurement(
-                    vehicle=self._vehicle,
-                    stamp_s=float(mean[0]),
-                    place_m=(float(mean[1]), float(mean[2])),
-                    raw_m=(float(mean[3]), float(mean[4])),
-                    std_m=max(float(mean[5]), least_std_m),
-                )
+        """One measurement per surfacing: the mean of its fixes, with the accuracy of one of them."""
+        means = [np.mean(group, axis=0).tolist() for group in self._groups]
+        return [
+            FixMeasurement(
+                vehicle=self._vehicle,
+                stamp_s=stamp_s,
+                place_m=(north_m, east_m),
+                raw_m=(raw_north_m, raw_east_m),
+                std_m=max(std_m, least_std_m),
             )
-        return rows
+            for stamp_s, north_m, east_m, raw_north_m, raw_east_m, std_m in means
+        ]
 
 
 class PositionSmoother:
-    """Corrects the places of a team, as one of its vehicles.
+    """Estimates the positions of a team on board one of its vehicles.
 
     Attributes:
         vehicle: Number of the vehicle.
         config: The configuration.
-        clock: The vehicle's own clock.
-        refused: Messages that cannot be right, and were not taken.
+        clock: The vehicle's clock.
+        refused: Number of messages rejected as implausible.
     """
 
     def __init__(self, vehicle: int, config: PlacesConfig) -> None:
-        """Nothing is known yet."""
+        """Starts without data."""
         self.vehicle = vehicle
         self.config = config
         self.refused = 0
@@ -95,32 +93,32 @@ class PositionSmoother:
         self._surfacings = {vehicle: SurfacingFixes(vehicle)}
         self._ranges: list[RangeMeasurement] = []
         self._earlier_distance_m: dict[int, float] = {}
-        self._doubtful: set[int] = set()  # mates heard once: nothing has confirmed where they are
+        self._doubtful: set[int] = set()  # mates heard once: no second packet has confirmed their position
         self._last: tuple[TeamErrorModel, Array] | None = None
         self._now_s = 0.0
 
     @property
     def tracks(self) -> dict[int, Track]:
-        """Raw tracks by number: its own, and those of the mates that it has heard."""
+        """Raw tracks by number of the vehicle: its own, and those of the mates heard."""
         return {self.vehicle: self._own, **self._mates}
 
     @property
     def ranges(self) -> list[RangeMeasurement]:
-        """All ranges measured; those by pings only from the mate's next packet on, which tells where it was then."""
+        """All ranges; one by ping counts once the mate's next packet gives its position at that time."""
         return [row for row in self._ranges if not row.by_ping or row.sent_s <= self._mates[row.sender].end_s]
 
     def fixes(self, vehicle: int) -> list[FixMeasurement]:
-        """The surfacings of a vehicle that are known of."""
+        """The known surfacings of a vehicle."""
         found = self._surfacings.get(vehicle)
         return found.rows(self.config.fix_std_m) if found is not None else []
 
     @property
     def earlier_distance_m(self) -> dict[int, float]:
-        """How far mates had gone before their first raw place that is known, where that is not 0."""
+        """Distance that mates had travelled before their first known raw position, where not 0."""
         return dict(self._earlier_distance_m)
 
     def add_dead_reckoning(self, place: DeadReckoning) -> None:
-        """Takes the vehicle's own raw place; when its clock was set back, the track goes on where it was."""
+        """Takes the vehicle's raw position; the track continues if its clock is set back."""
         if not math.isfinite(place.stamp_s):
             self.refused += 1
             return
@@ -131,14 +129,15 @@ class PositionSmoother:
             self.refused += 1
 
     def add_fix(self, fix: Fix) -> None:
-        """Takes one of the vehicle's own fixes."""
+        """Takes a fix of the vehicle."""
         timed = dataclasses.replace(fix, stamp_s=self.clock.monotonic_s(fix.stamp_s))
         self.refused += not self._surfacings[self.vehicle].add(timed)
 
     def add_navigation(self, mate: MateNavigation) -> None:
-        """Takes what a mate's packet told, and when it came; or a range by a ping."""
+        """Takes the navigation data of a mate's packet with its travel time, or a range by ping."""
         if mate.by_ping:
-            self._pinged(mate)
+            if mate.source in self._mates:
+                self._add_range(mate, mate.stamp_s)
             return
         sent_s = mate.sent_s if math.isfinite(mate.sent_s) else mate.stamp_s
         if mate.source == self.vehicle or not self._possible(mate, sent_s):
@@ -150,7 +149,7 @@ class PositionSmoother:
             self.refused += 1
             if mate.source not in self._doubtful:
                 return
-            self._forget(mate.source)  # one of the two is wrong; the next packet tells
+            self._drop(mate.source)  # one of the two packets is wrong; the next one decides
             track, before = MateTrack(), None
         self._doubtful = (self._doubtful | {mate.source}) if before is None else (self._doubtful - {mate.source})
         track.add(sent_s, mate.raw_north_m, mate.raw_east_m)
@@ -158,19 +157,11 @@ class PositionSmoother:
         if before is None:
             self._earlier_distance_m[mate.source] = self._own.distance_m(sent_s)
         if mate.has_fix:
-            self._mate_fixed(mate, float(before[0]) if before is not None else track.start_s, sent_s)
-        row = RangeMeasurement(
-            sender=mate.source,
-            receiver=self.vehicle,
-            sent_s=sent_s,
-            arrived_s=self.clock.monotonic_s(mate.stamp_s),
-            range_m=mate.travel_s * self.config.sound_speed_mps,
-        )
-        if usable(row) and len(self._own):
-            self._ranges.append(row)
+            self._add_mate_fix(mate, float(before[0]) if before is not None else track.start_s, sent_s)
+        self._add_range(mate, sent_s)
 
     def _possible(self, mate: MateNavigation, sent_s: float) -> bool:
-        """Whether a mate can be where it says that it is, whatever it said before."""
+        """Whether a mate's reported position is plausible, regardless of its earlier packets."""
         if not (math.isfinite(sent_s) and math.isfinite(mate.raw_north_m) and math.isfinite(mate.raw_east_m)):
             return False
         if not len(self._own):
@@ -179,31 +170,31 @@ class PositionSmoother:
         off_m = math.hypot(mate.raw_north_m - north_m, mate.raw_east_m - east_m)
         return bool(off_m <= STARTS_APART_M + FASTEST_MPS * (self._own.end_s - self._own.start_s))
 
-    def _forget(self, source: int) -> None:
-        """Drops what a mate's first packet told: the place, its fix and its range."""
+    def _drop(self, source: int) -> None:
+        """Drops the data of a mate's first packet: position, fix and range."""
         del self._mates[source]
         self._surfacings.pop(source, None)
         self._earlier_distance_m.pop(source, None)
         self._ranges = [row for row in self._ranges if row.sender != source]
 
-    def _pinged(self, mate: MateNavigation) -> None:
-        """Takes a range by a ping, which says nothing of where the mate says that it is."""
+    def _add_range(self, mate: MateNavigation, sent_s: float) -> None:
+        """Stores the range to a mate if it is usable."""
         row = RangeMeasurement(
             sender=mate.source,
             receiver=self.vehicle,
-            sent_s=mate.stamp_s,
+            sent_s=sent_s,
             arrived_s=self.clock.monotonic_s(mate.stamp_s),
             range_m=mate.travel_s * self.config.sound_speed_mps,
-            by_ping=True,
+            by_ping=mate.by_ping,
         )
-        if mate.source in self._mates and usable(row) and len(self._own):
+        if usable(row) and len(self._own):
             self._ranges.append(row)
 
     def add_sample_positions(self, source: int, raw_m: Array) -> Array:
-        """Takes the raw places (n, 2) of the samples of a packet, in order of time, after what it told of navigation.
+        """Takes the raw positions (n, 2) of a packet's samples, in order of time, after its navigation data.
 
         Returns:
-            When they were measured (n,), as far as the mate's track tells; NaN if nothing is known of it.
+            Their times (n,), estimated from the mate's track; NaN if it has none.
         """
         times = np.full(len(raw_m), math.nan)
         track = self._mates.get(source)
@@ -211,22 +202,22 @@ class PositionSmoother:
         if track is None or not finite.any():
             return times
         if len(track) == 1 and self._own.start_s < track.start_s:
-            # All start at about the same time, and sound from there on.
+            # All vehicles start at about the same time, and measure from then on.
             track.begin(self._own.start_s, raw_m[finite][0])
             self._earlier_distance_m.pop(source)
         times[finite] = track.times_of(raw_m[finite])
         track.refine(times[finite], raw_m[finite])
         return times
 
-    def _mate_fixed(self, mate: MateNavigation, since_s: float, sent_s: float) -> None:
-        """Takes a mate's last fix, which it took since its packet before this one if that did not tell of it."""
+    def _add_mate_fix(self, mate: MateNavigation, since_s: float, sent_s: float) -> None:
+        """Stores a mate's last fix, at the time when its track since the previous packet was nearest to it."""
         surfacings = self._surfacings.setdefault(mate.source, SurfacingFixes(mate.source))
         raw = np.array([mate.fix_raw_north_m, mate.fix_raw_east_m])
         nodes = self._mates[mate.source].nodes
         nodes = nodes[(nodes[:, 0] >= since_s) & (nodes[:, 0] <= sent_s)]
-        gone = np.sqrt(((nodes[:, 1:3] - raw) ** 2).sum(axis=1))
+        apart = np.sqrt(((nodes[:, 1:3] - raw) ** 2).sum(axis=1))
         fix = Fix(
-            stamp_s=float(nodes[np.argmin(gone), 0]) if np.isfinite(gone).all() else math.nan,
+            stamp_s=float(nodes[np.argmin(apart), 0]) if np.isfinite(apart).all() else math.nan,
             north_m=mate.fix_north_m,
             east_m=mate.fix_east_m,
             raw_north_m=mate.fix_raw_north_m,
@@ -236,65 +227,57 @@ class PositionSmoother:
         self.refused += not surfacings.add(fix)
 
     def smooth(self, terrain: Terrain | None = None) -> Correction:
-        """Finds the places by everything known so far.
+        """Estimates all positions from all data.
 
         Args:
-            terrain: Depths along the tracks; None, or `places.terrain: false`: they do not count.
+            terrain: Depths along the tracks; ignored if None or with `places.terrain: false`.
         """
         fixes = [row for number in self._surfacings for row in self.fixes(number)]
+        model = TeamErrorModel(self.config, self.tracks, {self.vehicle}, self._earlier_distance_m)
         correction = smooth_team(
-            self.config, self.tracks, fixes, _even(self.ranges, MOST_RANGES),
-            terrain=terrain, earlier_distance_m=self._earlier_distance_m, last=self._last,
-            references={self.vehicle}, stamp_s=self._now_s,
-        )  # fmt: skip
+            model, fixes, _even(self.ranges, MAX_RANGES), stamp_s=self._now_s, terrain=terrain, last=self._last
+        )
         self._last = correction.model, correction.theta
         return correction
 
 
 def smooth_team(
-    config: PlacesConfig,
-    tracks: dict[int, Track],
+    model: TeamErrorModel,
     fixes: Sequence[FixMeasurement],
     ranges: Sequence[RangeMeasurement],
     *,
-    references: set[int],
     stamp_s: float,
     terrain: Terrain | None = None,
-    earlier_distance_m: dict[int, float] | None = None,
     last: tuple[TeamErrorModel, Array] | None = None,
     terrain_steps: int = TERRAIN_STEPS,
 ) -> Correction:
-    """Finds the places of a team.
+    """Estimates the positions of a team.
 
     Args:
-        config: What is known before.
-        tracks: Raw tracks by number of the vehicle.
-        fixes: The fixes, one for each surfacing.
+        model: The error model.
+        fixes: The fixes, one per surfacing.
         ranges: The ranges.
-        references: Vehicles whose clocks are references: one for each team.
         stamp_s: Time of the last measurement.
-        terrain: Depths along the tracks.
-        earlier_distance_m: How far a vehicle had gone before its first raw place that is known, if not 0.
-        last: The unknowns before, and their values: where the search begins.
-        terrain_steps: Steps with the terrain at most.
+        terrain: Depths along the tracks; ignored with `places.terrain: false`.
+        last: The previous model and its unknowns, for a warm start.
+        terrain_steps: Maximum number of steps with the terrain.
     """
-    model = TeamErrorModel(config, tracks, references, earlier_distance_m)
     start = model.warm_start(last[1], last[0]) if last is not None else np.zeros(model.size)
-    term = TerrainLikelihood(model, terrain) if terrain is not None and config.terrain else None
-    believed_fixes, believed = Fixes(model, fixes).plausible(), Ranges(model, ranges).plausible()
-    solution = solve(model, believed_fixes, believed, term, start, terrain_steps)
-    refused = len(fixes) - len(believed_fixes) + len(ranges) - len(believed) + solution.refused
+    likelihood = TerrainLikelihood(model, terrain) if terrain is not None and model.config.terrain else None
+    used_fixes, used_ranges = Fixes(model, fixes).plausible(), Ranges(model, ranges).plausible()
+    solution = solve(model, used_fixes, used_ranges, likelihood, start, terrain_steps)
+    refused = len(fixes) - len(used_fixes) + len(ranges) - len(used_ranges) + solution.refused
     return Correction(model, solution.theta, solution.covariance, stamp_s, refused)
 
 
 def _reachable(mate: MateNavigation, sent_s: float, before: Array) -> bool:
-    """Whether a mate can have come where it says that it is from where it was: time, raw north and east (3,)."""
+    """Whether a mate can have reached its position from its last one: time, raw north and east (3,)."""
     gone = math.hypot(mate.raw_north_m - before[1], mate.raw_east_m - before[2])
     return bool(sent_s > before[0] and gone <= FASTEST_MPS * (sent_s - before[0]))
 
 
 def _even(rows: Sequence[RangeMeasurement], most: int) -> list[RangeMeasurement]:
-    """At most so many of the rows, evenly chosen."""
+    """An even selection of at most `most` rows."""
     if len(rows) <= most:
         return list(rows)
     return [rows[i] for i in np.linspace(0, len(rows) - 1, most).astype(int)]

@@ -1,10 +1,12 @@
-"""Every sounding that a vehicle knows, where it was booked, and how to book it anew."""
+"""All soundings that a vehicle has, with the positions where its map has them."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.growing_rows import GrowingRows
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.track_segments import MAX_SEGMENTS, TrackSegments, segment_track
 
@@ -13,103 +15,93 @@ Numbers = NDArray[np.int64]
 
 
 class SoundingLog:
-    """Soundings and samples, in the order in which they came.
+    """Soundings and samples, in order of arrival.
 
-    A sounding whose raw place or time is not known (NaN) stays where it was told.
+    A sounding whose raw position or time is unknown (NaN) stays at its estimated position.
     """
 
     def __init__(self) -> None:
-        """Nothing is booked yet."""
-        self._rows = np.zeros((256, 7))  # vehicle, stamp, raw north and east, booked north and east, depth
-        self._size = 0
+        """Starts empty."""
+        self._table = GrowingRows(7, 256)  # vehicle, stamp, raw north and east, mapped north and east, depth
 
     def __len__(self) -> int:
         """Number of soundings."""
-        return self._size
+        return len(self._table)
 
     @property
     def vehicles(self) -> Numbers:
-        """Number of the vehicle that took each (n,)."""
-        return np.asarray(self._rows[: self._size, 0].astype(np.int64))
+        """Number of the vehicle that measured each (n,)."""
+        return np.asarray(self._table.rows[:, 0].astype(np.int64))
 
     @property
     def stamps_s(self) -> Array:
-        """When (n,); NaN if unknown."""
-        return self._rows[: self._size, 1]
+        """Times (n,); NaN if unknown."""
+        return self._table.rows[:, 1]
 
     @property
     def raw_m(self) -> Array:
-        """Raw places (n, 2); NaN if unknown."""
-        return self._rows[: self._size, 2:4]
+        """Raw positions (n, 2); NaN if unknown."""
+        return self._table.rows[:, 2:4]
 
     @property
     def mapped_m(self) -> Array:
-        """Places (n, 2) where they are booked."""
-        return self._rows[: self._size, 4:6]
+        """Positions (n, 2) in the map."""
+        return self._table.rows[:, 4:6]
 
     @property
     def depths_m(self) -> Array:
         """Depths (n,)."""
-        return self._rows[: self._size, 6]
+        return self._table.rows[:, 6]
 
-    def add(
-        self, vehicle: int, stamps_s: Array, raw_m: Array, told_m: Array, depths_m: Array, correction: Correction | None
-    ) -> Array:
-        """Books soundings (n) of a vehicle; returns where (n, 2).
+    def add(self, vehicle: int, soundings: Soundings, correction: Correction | None) -> Array:
+        """Adds soundings (n) of one vehicle; returns their positions in the map (n, 2).
 
         Args:
             vehicle: Number of the vehicle.
-            stamps_s: When (n,).
-            raw_m: Raw places (n, 2).
-            told_m: Places (n, 2) to book them at where the raw ones are not known.
-            depths_m: Depths (n,).
-            correction: What is known of places; None: nothing yet.
+            soundings: Its soundings; the estimated position counts where the raw one is unknown.
+            correction: The current correction; None if there is none yet.
         """
-        end = self._size + len(depths_m)
-        while end > len(self._rows):
-            self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
-        rows = self._rows[self._size : end]
-        rows[:, 0], rows[:, 1], rows[:, 2:4], rows[:, 6] = vehicle, stamps_s, raw_m, depths_m
-        rows[:, 4:6] = np.where(np.isfinite(raw_m), raw_m, told_m)
-        known = np.isfinite(rows[:, 1:4]).all(axis=1)
+        raw = soundings.raw_places_m
+        mapped = np.where(np.isfinite(raw), raw, soundings.places_m)
+        known = np.isfinite(soundings.stamp_s) & np.isfinite(raw).all(axis=1)
         if correction is not None and known.any():
-            rows[known, 4:6] = correction.places(vehicle, rows[known, 1], rows[known, 2:4])
-        self._size = end
-        return rows[:, 4:6].copy()
+            mapped[known] = correction.places(vehicle, soundings.stamp_s[known], raw[known])
+        numbers = np.full(len(soundings), vehicle)
+        self._table.append(np.column_stack([numbers, soundings.stamp_s, raw, mapped, soundings.depth_m]))
+        return mapped
 
     def corrected_m(self, correction: Correction) -> Array:
-        """Where the soundings belong (n, 2) by a correction."""
-        places = self.mapped_m.copy()
-        for number, rows in self._by_vehicle():
+        """Positions (n, 2) of the soundings by a correction."""
+        places, known, numbers = self.mapped_m.copy(), self._correctable, self.vehicles
+        for number in np.unique(numbers[known]).tolist():
+            rows = np.flatnonzero(known & (numbers == number))
             places[rows] = correction.places(number, self.stamps_s[rows], self.raw_m[rows])
         return places
 
     def set_mapped(self, places_m: Array) -> None:
-        """Books all soundings at other places (n, 2)."""
-        self._rows[: self._size, 4:6] = places_m
+        """Moves all soundings to positions (n, 2)."""
+        self.mapped_m[:] = places_m
 
     def derivatives(self, correction: Correction, slopes: Array, index: Numbers) -> Array:
-        """What each unknown changes of the depth that soundings (m,) should have measured, (m, unknowns).
+        """Derivatives (m, unknowns) of the depths that soundings should have measured, with respect to the unknowns.
 
         Args:
-            correction: The places.
+            correction: The correction.
             slopes: Slope of the ground at these soundings (m, 2).
-            index: Which soundings (m,).
+            index: Numbers of the soundings (m,).
         """
-        rows = np.zeros((len(index), len(correction.theta)))
-        known = np.isfinite(self._rows[index, 1:4]).all(axis=1)
-        for number in np.unique(self._rows[index, 0]).astype(int):
-            own = np.flatnonzero(known & (self._rows[index, 0] == number))
-            jacobian = correction.jacobian(int(number), self.stamps_s[index[own]], self.raw_m[index[own]])
+        rows, numbers, known = np.zeros((len(index), len(correction.theta))), self.vehicles[index], self._correctable
+        for number in np.unique(numbers).tolist():
+            own = np.flatnonzero(known[index] & (numbers == number))
+            jacobian = correction.jacobian(number, self.stamps_s[index[own]], self.raw_m[index[own]])
             rows[own] = np.einsum("nd,ndu->nu", slopes[own], jacobian)
         return rows
 
     def segments(self, most: int = MAX_SEGMENTS) -> TrackSegments:
-        """The soundings whose places can be corrected, in pieces of track: `most` at most, or little more."""
+        """The correctable soundings averaged along segments of track: about `most` segments at most."""
         return segment_track(self.vehicles, self.stamps_s, self.raw_m, self.depths_m, most)
 
-    def _by_vehicle(self) -> list[tuple[int, Numbers]]:
-        """The soundings of each vehicle that can be corrected."""
-        known = np.isfinite(self._rows[: self._size, 1:4]).all(axis=1)
-        numbers = self.vehicles
-        return [(int(k), np.flatnonzero(known & (numbers == k))) for k in np.unique(numbers[known])]
+    @property
+    def _correctable(self) -> NDArray[np.bool_]:
+        """Mask (n,) of the soundings whose time and raw position are known."""
+        return np.asarray(np.isfinite(self._table.rows[:, 1:4]).all(axis=1))

@@ -1,13 +1,13 @@
-"""The terrain's say: where tracks cross, both must have found the same depth.
+"""Terrain matching: where tracks cross, they must have measured the same depth.
 
-Depths z at places p(theta) are those of the Gaussian process, whose covariance S follows the places. A small shift of
-place i changes what it should have measured by the slope there: z = f(p^) + H (theta - theta^) + e, H_i = g_i' A_i with
-A_i the place's derivatives, g = sum_j alpha_j grad k(p_i, p_j) and alpha = S^-1 (z - m).
+Depths z at positions p(theta) follow the Gaussian process, whose covariance S depends on the positions. A small shift
+of position i changes the depth that it should have measured by the slope there: z = f(p^) + H (theta - theta^) + e,
+H_i = g_i' A_i with A_i the position's derivatives, g = sum_j alpha_j grad k(p_i, p_j) and alpha = S^-1 (z - m).
 
 - Gradient H' alpha, information H' S^-1 H; no log-determinant, which with a too wide prior squeezes tracks together.
-- Depths do not see a translation, rotation or change of scale of all tracks together. The first two are exact, but
-  slopes that are held invent information in all three. So gradient and information are projected,
-  P = I - N (N' W N)^-1 N' W, with N these directions and W what is known of the unknowns before.
+- Depths do not determine a translation, rotation or scaling of all tracks together. Fixed slopes would add false
+  information in these directions N. So gradient and information are projected with P = I - N (N' W N)^-1 N' W, W the
+  prior precision of the unknowns.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """Depths along the tracks, and the prior that compares them.
+    """Depths along the tracks, and the prior that relates them.
 
     Attributes:
         segments: The soundings, averaged along segments of track.
         kernel: Covariance of the depth.
         prior_mean: Mean of the depth, places (P, 2) -> (P,).
-        noise_std_m: Standard deviation of a piece's depth.
+        noise_std_m: Standard deviation of a segment's depth.
     """
 
     segments: TrackSegments
@@ -45,10 +45,10 @@ class Terrain:
 
 
 class TerrainLikelihood:
-    """The terrain's part of the solution."""
+    """Log likelihood of the segments' depths as a function of the unknowns."""
 
     def __init__(self, model: TeamErrorModel, terrain: Terrain) -> None:
-        """Looks up where the pieces are on their vehicles' tracks; pieces of unknown vehicles are left out."""
+        """Finds the segments on their vehicles' tracks; drops those of unknown vehicles."""
         self._model, self._terrain = model, terrain
         self._last: tuple[Array, tuple[Array, Array, Array]] | None = None
         segments = terrain.segments
@@ -77,7 +77,7 @@ class TerrainLikelihood:
         return 0.5 * float(white @ white)
 
     def _factorized(self, theta: Array) -> tuple[Array, Array, Array]:
-        """Places (n, 2), factor L (n, n) and L^-1 (z - m) at `theta`; the last answer is kept."""
+        """Positions (n, 2), factor L (n, n) and L^-1 (z - m) at `theta`; the last result is cached."""
         if self._last is None or not np.array_equal(self._last[0], theta):
             self._last = (theta.copy(), self._factorize(theta))
         return self._last[1]
@@ -100,7 +100,7 @@ class TerrainLikelihood:
 
         Args:
             theta: The unknowns (u,).
-            prior_precision: Precision of each unknown before any measurement (u,).
+            prior_precision: Prior precision of each unknown (u,).
 
         Raises:
             LinAlgError: if the covariance cannot be factorized.

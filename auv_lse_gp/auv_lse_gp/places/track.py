@@ -1,8 +1,8 @@
-"""A vehicle's raw track, and the sums along it by which its place depends on what is wrong with its instruments.
+"""A vehicle's raw (dead-reckoned) track, with the sums along it that give its sensitivity to heading errors.
 
-With psi the heading by dead reckoning and d_i its displacements, an error of the heading a sin psi + b cos psi turns
-each d_i by itself. To first order the place then moves by a J sum(d_i sin psi_i) + b J sum(d_i cos psi_i), with
-J = [[0, -1], [1, 0]]. Both sums are kept along the track, so that a place costs an interpolation.
+With psi the heading and d_i the displacements of dead reckoning, a heading error a sin psi + b cos psi turns each d_i.
+To first order, the position then moves by a J sum(d_i sin psi_i) + b J sum(d_i cos psi_i), with J = [[0, -1], [1, 0]].
+Both sums are stored along the track, so that evaluating a position costs one interpolation.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.support.growing_rows import GrowingRows
+
 Array = NDArray[np.float64]
 
-#: A node is kept where the vehicle has gone this far (m) since the last one, or this long (s).
+#: Distance (m) and time (s) after which the track gets another node.
 NODE_M, NODE_S = 5.0, 10.0
-#: A sample belongs between two transmissions if by way of it the mate had gone at most this much farther (share, m).
+#: A sample lies between two transmissions if the detour over it is at most this factor, plus this distance (m).
 DETOUR, DETOUR_M = 1.1, 2.0
 #: PointPosteriors of a node: time, raw north and east, sums with sin and cos (north, east each), distance gone.
 _TIME, _RAW, _SIN, _COS, _GONE = 0, slice(1, 3), slice(3, 5), slice(5, 7), 7
@@ -26,11 +28,11 @@ _TIME, _RAW, _SIN, _COS, _GONE = 0, slice(1, 3), slice(3, 5), slice(5, 7), 7
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class TrackPoints:
-    """Places along a track, ready for the model.
+    """Points on a track, as the error model needs them.
 
     Attributes:
         stamps_s: Times (n,).
-        raw_m: Raw places (n, 2).
+        raw_m: Raw positions (n, 2).
         sin_m: J sum(d sin psi) from the start (n, 2).
         cos_m: J sum(d cos psi) from the start (n, 2).
     """
@@ -42,15 +44,12 @@ class TrackPoints:
 
 
 class Track(abc.ABC):
-    """Raw places of one vehicle by time, and the sums along its way.
-
-    A track has nodes: time, raw north and east, both sums (north, east each), distance gone; shape (n, 8).
-    """
+    """Raw positions of one vehicle by time, and the sums along them."""
 
     @property
     @abc.abstractmethod
     def nodes(self) -> Array:
-        """Its nodes (n, 8); to be read only."""
+        """Time, raw north and east, both sums (north, east each), and distance travelled: (n, 8), read-only."""
 
     def __len__(self) -> int:
         """Number of nodes."""
@@ -58,26 +57,26 @@ class Track(abc.ABC):
 
     @property
     def start_m(self) -> Array:
-        """First raw place (2,); the origin without any."""
+        """First raw position (2,); the origin without any."""
         return self.nodes[0, _RAW].copy() if len(self) else np.zeros(2)
 
     @property
     def start_s(self) -> float:
-        """Time of the first raw place; 0 without any."""
+        """Time of the first raw position (s); 0 without any."""
         return float(self.nodes[0, _TIME]) if len(self) else 0.0
 
     @property
     def end_s(self) -> float:
-        """Time of the last raw place; 0 without any."""
+        """Time of the last raw position (s); 0 without any."""
         return float(self.nodes[-1, _TIME]) if len(self) else 0.0
 
     def distance_m(self, stamp_s: float) -> float:
-        """Distance gone by dead reckoning until a time (m)."""
+        """Distance travelled by dead reckoning until a time (m)."""
         nodes = self.nodes
         return float(np.interp(stamp_s, nodes[:, _TIME], nodes[:, _GONE])) if len(nodes) else 0.0
 
     def at(self, stamps_s: Array, raw_m: Array | None = None) -> TrackPoints:
-        """Places at times (n,); with `raw_m` (n, 2), at these raw places, which are known better than the track."""
+        """Points at times (n,); `raw_m` (n, 2) replaces the interpolated raw positions, since it is more accurate."""
         nodes = self.nodes
         times = np.asarray(stamps_s, dtype=float)
         if not len(nodes):
@@ -96,30 +95,29 @@ class Track(abc.ABC):
 
 
 class OwnTrack(Track):
-    """The track of the vehicle itself: a raw place every second or so, with the heading."""
+    """The vehicle's own track: a raw position about every second, with the heading."""
 
     def __init__(self) -> None:
-        """No place is known yet."""
-        self._nodes = np.zeros((64, 8))
-        self._size = 0
-        self._tip: Array | None = None  # the last place, if it is not a node
-        self._with_tip = self._nodes[:0]  # nodes and tip, once they were asked for
+        """Starts empty."""
+        self._nodes = GrowingRows(8)
+        self._tip: Array | None = None  # the last position, if it is not a node
+        self._with_tip = self._nodes.rows  # nodes and tip, cached; empty if outdated
 
     @property
     def nodes(self) -> Array:
         """As `Track.nodes`."""
         if self._tip is None:
-            return self._nodes[: self._size]
+            return self._nodes.rows
         if not len(self._with_tip):
-            self._with_tip = np.concatenate([self._nodes[: self._size], self._tip[None]])
+            self._with_tip = np.concatenate([self._nodes.rows, self._tip[None]])
         return self._with_tip
 
     def __len__(self) -> int:
         """As `Track.__len__`."""
-        return self._size + (self._tip is not None)
+        return len(self._nodes) + (self._tip is not None)
 
     def add(self, stamp_s: float, north_m: float, east_m: float, heading_rad: float = math.nan) -> bool:
-        """Takes the next raw place.
+        """Adds the next raw position.
 
         Args:
             stamp_s: Its time (s).
@@ -128,14 +126,15 @@ class OwnTrack(Track):
             heading_rad: Heading (rad) on the way there; NaN: the course.
 
         Returns:
-            False if it is not finite, or not later than the last: it is not taken.
+            False if it was rejected: not finite, or not later than the last.
         """
         if not (math.isfinite(stamp_s) and math.isfinite(north_m) and math.isfinite(east_m)):
             return False
-        if not self._size:
-            self._keep(np.array([stamp_s, north_m, east_m, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        if not len(self._nodes):
+            self._nodes.append([stamp_s, north_m, east_m, 0.0, 0.0, 0.0, 0.0, 0.0])
             return True
-        last = self._tip if self._tip is not None else self._nodes[self._size - 1]
+        node = self._nodes.rows[-1]
+        last = self._tip if self._tip is not None else node
         if not stamp_s > last[_TIME]:
             return False
         north, east = north_m - float(last[1]), east_m - float(last[2])
@@ -145,29 +144,22 @@ class OwnTrack(Track):
         s, c = math.sin(heading_rad), math.cos(heading_rad)
         tip = np.array([stamp_s, north_m, east_m, -east * s, north * s, -east * c, north * c, gone])
         tip[3:] += last[3:]
-        node = self._nodes[self._size - 1]
-        self._tip, self._with_tip = tip, self._nodes[:0]
+        self._tip, self._with_tip = tip, self._nodes.rows[:0]
         if tip[_GONE] - node[_GONE] >= NODE_M or stamp_s - node[_TIME] >= NODE_S:
-            self._keep(tip)
+            self._nodes.append(tip)
+            self._tip = None
         return True
-
-    def _keep(self, node: Array) -> None:
-        if self._size == len(self._nodes):
-            self._nodes = np.concatenate([self._nodes, np.zeros_like(self._nodes)])
-        self._nodes[self._size] = node
-        self._size += 1
-        self._tip = None
 
 
 class MateTrack(Track):
-    """The track of a mate: its raw places at its transmissions, and between them the places of its samples.
+    """A mate's track: its raw positions at its transmissions and, in between, those of its samples.
 
-    A mate's harmonics depend on the way that it went, which is more than where it was every half minute. The samples of
-    a packet are in order of time, though of any age. So each is put where the track is nearest to it, in that order.
+    The effect of heading errors depends on the path between transmissions, which samples refine. The samples of a
+    packet are in order of time but have no stamps: each is placed where the track is nearest to it, in that order.
     """
 
     def __init__(self) -> None:
-        """Nothing was heard yet."""
+        """Starts empty."""
         self._places = np.zeros((0, 3))  # time, raw north, east of the transmissions
         self._samples = np.zeros((0, 3))  # the same of the samples
         self._nodes: Array | None = np.zeros((0, 8))
@@ -196,7 +188,7 @@ class MateTrack(Track):
         return self._places[-1] if len(self._places) else None
 
     def add(self, stamp_s: float, north_m: float, east_m: float) -> bool:
-        """Takes the raw place at a transmission; returns False if it is not finite, or not later than the last."""
+        """Adds the raw position at a transmission; returns False if it is not finite, or not later than the last."""
         row = np.array([stamp_s, north_m, east_m])
         if not np.isfinite(row).all() or (len(self._places) and not stamp_s > self._places[-1, 0]):
             return False
@@ -205,14 +197,14 @@ class MateTrack(Track):
         return True
 
     def begin(self, stamp_s: float, place_m: Array) -> None:
-        """Takes an earlier raw place (2,) than the first transmission's: where the mate began."""
+        """Adds the raw position (2,) at the start, before the first transmission."""
         self._places = np.concatenate([[[stamp_s, *place_m]], self._places])
         self._nodes = None
 
     def times_of(self, raw_m: Array) -> Array:
-        """Times (n,) at which the track is nearest to raw places (n, 2), which are in order of time.
+        """Times (n,) at which the track is nearest to raw positions (n, 2), which are in order of time.
 
-        Of all ways to put them on the track in that order, the one of the least squared distance.
+        Of all assignments in that order, it takes the one with the least sum of squared distances.
         """
         nodes = self.nodes
         if len(nodes) < 2 or not len(raw_m):
@@ -223,7 +215,7 @@ class MateTrack(Track):
         share = np.clip(np.einsum("nsd,sd->ns", apart, way) / length2, 0.0, 1.0)
         off = apart - share[..., None] * way[None]
         distance2 = np.einsum("nsd,nsd->ns", off, off)
-        # total[s]: least sum with the last place on segment s; the one before it is on s or on an earlier one
+        # total[s]: least sum with the last position on segment s; the one before is on s or an earlier one
         total, origins = distance2[0].copy(), []
         for row in distance2[1:]:
             best = np.minimum.accumulate(total)
@@ -239,7 +231,7 @@ class MateTrack(Track):
         return np.asarray(np.maximum.accumulate(found))
 
     def refine(self, stamps_s: Array, raw_m: Array) -> None:
-        """Takes samples' raw places (n, 2) at times (n,) into the track, where the mate can have been there then."""
+        """Adds samples' raw positions (n, 2) at times (n,), if the mate can have been there then."""
         places = self._places
         if len(places) < 2:
             return

@@ -1,6 +1,6 @@
-"""Soundings along tracks, gathered into pieces: what the terrain compares, wherever the map keeps its centers.
+"""Soundings averaged along segments of track, which terrain matching compares.
 
-The map's own spacing rule drops a sounding that is near another one, and so drops exactly the crossings of tracks.
+The kernel centers would not do: their minimum spacing drops soundings exactly where tracks cross.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: Length of a piece of track (m).
+#: Length of a segment (m).
 SEGMENT_M = 10.0
-#: TrackSegments that the terrain compares, at most, or little more; with more track they are longer.
+#: Approximate maximum number of segments; longer tracks get longer segments.
 MAX_SEGMENTS = 400
 
 
 @dataclass(frozen=True, slots=True)
 class TrackSegments:
-    """TrackSegments of all tracks.
+    """Segments of all tracks.
 
     Attributes:
-        vehicles: Number of the vehicle that sounded (n,).
+        vehicles: Number of the vehicle (n,).
         stamps_s: Mean times (n,).
-        raw_m: Mean raw places (n, 2).
+        raw_m: Mean raw positions (n, 2).
         depths_m: Mean depths (n,).
     """
 
@@ -35,21 +35,21 @@ class TrackSegments:
     depths_m: Array
 
     def __len__(self) -> int:
-        """Number of pieces."""
+        """Number of segments."""
         return len(self.depths_m)
 
 
 def segment_track(
     vehicles: NDArray[np.int64], stamps_s: Array, raw_m: Array, depths_m: Array, most: int = MAX_SEGMENTS
 ) -> TrackSegments:
-    """Gathers soundings (n) of several vehicles, in any order; one with a number that is not finite is left out.
+    """Averages soundings (n) of several vehicles, in any order; rows that are not finite are dropped.
 
     Args:
-        vehicles: Number of the vehicle that took each (n,).
-        stamps_s: When (n,).
-        raw_m: Raw places (n, 2).
+        vehicles: Number of the vehicle (n,).
+        stamps_s: Times (n,).
+        raw_m: Raw positions (n, 2).
         depths_m: Depths (n,).
-        most: So many pieces at most, or little more.
+        most: Approximate maximum number of segments.
     """
     rows = np.column_stack([vehicles, stamps_s, raw_m, depths_m])
     rows = rows[np.isfinite(rows).all(axis=1)]
@@ -59,12 +59,12 @@ def segment_track(
     way = np.diff(rows[:, 2:4], axis=0)
     step = np.sqrt(np.einsum("nd,nd->n", way, way))
     other = np.diff(rows[:, 0]) != 0.0
-    gone = np.concatenate([[0.0], np.cumsum(np.where(other, 0.0, step))])
-    length = max(SEGMENT_M, float(gone[-1]) / most)
-    begins = np.concatenate([[0.0], np.where(other, gone[1:], 0.0)])
-    piece = np.floor((gone - np.maximum.accumulate(begins)) / length)
-    # A piece ends where the next begins, where another vehicle's soundings begin, and at a gap longer than it.
-    ends = other | (np.diff(piece) != 0.0) | (step > length)
+    distance = np.concatenate([[0.0], np.cumsum(np.where(other, 0.0, step))])
+    length = max(SEGMENT_M, float(distance[-1]) / most)
+    begins = np.concatenate([[0.0], np.where(other, distance[1:], 0.0)])
+    segment = np.floor((distance - np.maximum.accumulate(begins)) / length)
+    # A segment ends where the next begins, where another vehicle's soundings begin, and at a gap longer than it.
+    ends = other | (np.diff(segment) != 0.0) | (step > length)
     number = np.concatenate([[0], np.cumsum(ends)])
     count = np.bincount(number)
     means = [np.bincount(number, rows[:, c]) / count for c in range(5)]

@@ -10,6 +10,7 @@ from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig, places_of
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.inference.cached_points import CachedMoments, CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
@@ -118,23 +119,18 @@ def test_centers_join_with_and_without_place_effects():
     assert np.array_equal(joined.slice(25, 50).place_effect_m, some.place_effect_m)
 
 
-# ---------------------------------------------------------------- booking
+# ---------------------------------------------------------------- the log
 
 
-def test_the_book_keeps_what_cannot_be_corrected_where_it_was_told():
-    book = SoundingLog()
-    nan = float("nan")
-    told = np.array([[1.0, 2.0], [3.0, 4.0]])
-    raw = np.array([[nan, nan], [30.0, 40.0]])
-    assert book.add(2, np.array([1.0, nan]), raw, told, np.array([9.0, 8.0]), None).tolist() == [
-        [1.0, 2.0],
-        [30.0, 40.0],
-    ]
-    assert len(book.segments()) == 0
+def test_the_log_keeps_estimated_positions_that_cannot_be_corrected():
+    log, nan = SoundingLog(), float("nan")
+    first = Soundings.from_rows([[1.0, 1.0, 2.0, 9.0, nan, nan], [nan, 3.0, 4.0, 8.0, 30.0, 40.0]])
+    assert log.add(2, first, None).tolist() == [[1.0, 2.0], [30.0, 40.0]]
+    assert len(log.segments()) == 0
     for _ in range(200):
-        book.add(1, np.zeros(3), np.ones((3, 2)), np.ones((3, 2)), np.ones(3), None)
-    assert len(book) == 602
-    assert book.depths_m[:2].tolist() == [9.0, 8.0]
+        log.add(1, Soundings.from_rows(np.ones((3, 6))), None)
+    assert len(log) == 602
+    assert log.depths_m[:2].tolist() == [9.0, 8.0]
 
 
 def played(team: list[Sailed], ground: Ground, config: PlacesConfig = CONFIG) -> MapIntake:
@@ -210,15 +206,16 @@ def test_the_centers_are_those_of_a_map_made_of_the_corrected_soundings():
     assert np.array_equal(effect, effect.astype(np.float32))
 
 
-def test_a_sounding_that_was_refused_counts_once_however_often_the_map_is_made_again():
+def test_a_refused_sounding_counts_once_however_often_the_map_is_rebuilt():
     corrector = PositionCorrector(1, CONFIG, DepthMap(GP, LevelSet(), AREA))
-    corrector.add_soundings(np.array([[1.0, 0.0, 0.0, 15.0, 0.0, 0.0], [2.0, 9.0, 0.0, np.nan, 9.0, 0.0]]))
+    rows = [[1.0, 0.0, 0.0, 15.0, 0.0, 0.0], [2.0, 9.0, 0.0, np.nan, 9.0, 0.0]]
+    corrector.add_soundings(Soundings.from_rows(rows))
     for _ in range(2):
         corrector.corrected_map.rebuild(corrector.log.mapped_m.copy())
     assert (corrector.corrected_map.map.counts.kept, corrector.corrected_map.map.counts.refused) == (1, 1)
 
 
-def test_without_raw_places_the_map_is_as_without_a_placer():
+def test_without_raw_positions_the_map_is_as_without_a_corrector():
     depth_map, plain = DepthMap(GP, LevelSet(), AREA), DepthMap(GP, LevelSet(), AREA)
     placed, other = MapIntake(depth_map, PositionCorrector(1, CONFIG, depth_map)), MapIntake(plain)
     for t in range(1, 100):

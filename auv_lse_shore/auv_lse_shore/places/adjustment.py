@@ -21,6 +21,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.corrected_map import CorrectedMap
 from auv_lse_gp.places.correction import Correction
+from auv_lse_gp.places.error_model import TeamErrorModel
 from auv_lse_gp.places.smoother import smooth_team
 from auv_lse_gp.places.terrain_matching import Terrain
 from auv_lse_record.run_data import RunData, VehicleRun
@@ -99,8 +100,9 @@ class Adjustment:
         corrected = CorrectedMap(depth_map, {m.key for m in self.vehicles})
         recorded = [v for run in self.runs for v in run.vehicles]
         for vehicle, adjusted in zip(recorded, self.vehicles, strict=True):
-            own = vehicle.soundings
-            corrected.log.add(adjusted.key, own.stamp_s, raw_places(vehicle), own.places_m, own.depth_m, None)
+            raw = raw_places(vehicle)
+            soundings = dataclasses.replace(vehicle.soundings, raw_north_m=raw[:, 0], raw_east_m=raw[:, 1])
+            corrected.log.add(adjusted.key, soundings, None)
         corrected.rebuild(np.concatenate([v.soundings.places_m for v in recorded]))
         return corrected
 
@@ -129,15 +131,13 @@ def adjust(runs: Sequence[RunData]) -> Adjustment:
     settings = PlannerSettings.from_parameters(nested, "mission file", first.data.vehicle)
     team = TeamMeasurements.of(usable, config)
     gp = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area)).gp
+    references = {min(r.key for r in usable if r.dive == dive) for dive in {r.dive for r in usable}}
     correction = smooth_team(
-        config,
-        team.tracks,
+        TeamErrorModel(config, team.tracks, references, team.earlier_distance_m),
         team.fixes,
         team.ranges,
-        references={min(r.key for r in usable if r.dive == dive) for dive in {r.dive for r in usable}},
         stamp_s=max(run.sim_s for run in runs),
         terrain=Terrain(segments_of(usable), gp.kernel, gp.prior_mean, settings.gp.noise_std_m),
-        earlier_distance_m=team.earlier_distance_m,
         terrain_steps=TERRAIN_STEPS,
     )
     adjusted = {r.key: _adjusted(r.data, correction, r.key) for r in usable}
