@@ -1,4 +1,4 @@
-"""Keeps a vehicle's map: soundings and team samples in, kernel centers, field, risk and isobath out."""
+"""gp_node keeps a vehicle's map: soundings and team samples in; kernel centers, field, risk and isobath out."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class GpNode(VehicleNode):
         self._intake = MapIntake(self._map, corrector_for(self.vehicle, places, self._map))
         self._period_s = config.publish_period_s
         self.show_parameters({"gp": config, "level_set": level_set, "area": area, "places": places})
-        self._revisions = 0  # published: revisions count from 0
-        self._places = 0  # corrected places published
+        self._revisions = 0  # number of revisions published, which count from 0
+        self._places = 0  # number of corrected positions published
         self._placed_s = -float("inf")
         self._published_s = -float("inf")
         self._update_s = 0.0
@@ -91,11 +91,11 @@ class GpNode(VehicleNode):
             self.get_logger().warning(str(error))
 
     def step(self, now_s: float) -> None:
-        """Takes what has come in, own soundings first, and publishes what it changed."""
+        """Takes new inputs and publishes what changed."""
         began = time.perf_counter()
         waiting = self._intake.waiting() if self.journal.kept else {}
         taken = self._intake.step(now_s)
-        if waiting:  # only now: what the map cannot take must not come back at every start
+        if waiting:  # only now: inputs that crash the map must not come back at every start
             self.journal.write("step", waiting, now_s)
         if self._map.revision + 1 != self._revisions:
             self._revisions = self._map.revision + 1
@@ -125,7 +125,7 @@ class GpNode(VehicleNode):
 
 
 def prepare() -> None:
-    """Loads the compiled code: a process forked later has it."""
+    """Loads the compiled code, so that processes forked later have it."""
     if compiled.USE_NUMBA:
         compiled_gp()
         compiled_risk()

@@ -1,4 +1,4 @@
-"""What gp_node's diagnostics say about a map."""
+"""Diagnostics of gp_node."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.position_corrector import PositionCorrector
 
-#: After this time (s) without an own sounding it is told.
+#: Warn after this time (s) without an own sounding.
 QUIET_S = 60.0
 
 
 def map_totals(depth_map: DepthMap, gated: Mapping[str, int]) -> dict[str, int]:
-    """What counts against a map so far: soundings refused and given up, samples that do not fit, by name.
+    """Total numbers of problems by name: soundings refused or discarded, samples that do not fit.
 
     Args:
         depth_map: The map.
-        gated: Own soundings that the gate has refused, by kind.
+        gated: Own soundings that the gate has rejected, by kind.
     """
     counts = depth_map.counts
     return {
@@ -37,15 +37,15 @@ def map_health(
     corrector: PositionCorrector | None = None,
     quiet_s: float = 0.0,
 ) -> Health:
-    """The state of a map: it warns of what was counted lately, and tells what was counted in all.
+    """Health of a map: warns of recent problems, and lists total numbers.
 
     Args:
         depth_map: The map.
-        update_s: Wall clock that its last update took (s).
-        field_s: Wall clock that field and isobath took (s).
-        gated: Own soundings that the gate has refused, by kind.
-        recent: By how much `map_totals` have grown lately (`Recent`).
-        corrector: What corrects the places of its soundings, if anything does.
+        update_s: Wall-clock time of its last update (s).
+        field_s: Wall-clock time of the last field and isobath (s).
+        gated: Own soundings that the gate has rejected, by kind.
+        recent: Recent increase of the `map_totals` (`Recent`).
+        corrector: The corrector of its soundings' positions, if any.
         quiet_s: Time without an own sounding (s).
     """
     counts = depth_map.counts
@@ -63,8 +63,8 @@ def map_health(
     }
     if corrector is not None and corrector.correction is not None:
         values |= {
-            "places corrected at": f"{corrector.correction.stamp_s:.0f} s",
-            "map made again": corrector.rebuilds,
+            "positions corrected at": f"{corrector.correction.stamp_s:.0f} s",
+            "map rebuilds": corrector.rebuilds,
             "ranges": len(corrector.smoother.ranges),
             "ranges and fixes refused": corrector.correction.refused,
             "navigation refused": corrector.smoother.refused,
@@ -82,19 +82,19 @@ def _verdict(
     suspicious = [f"auv{k}" for k, mate in team if mate.suspicious and recent.get(f"outliers of auv{k}")]
     if suspicious:
         who = ", ".join(suspicious)
-        return Level.WARN, f"samples of {who} do not fit the own map: its place, its sensor, or a forger?"
+        return Level.WARN, f"samples of {who} do not fit this vehicle's map: wrong position, bad sensor, or forged?"
     counts, most = depth_map.counts, depth_map.gp.config.max_centers
     if recent.get("full"):
-        return Level.WARN, f"{counts.full} soundings given up: the map has gp.max_centers = {most}"
+        return Level.WARN, f"{counts.full} soundings discarded: the map is full (gp.max_centers = {most})"
     if new := recent.get("refused"):
-        return Level.WARN, f"{new} soundings refused lately, {counts.refused} in all: {depth_map.last_problem}"
+        return Level.WARN, f"{new} soundings refused recently, {counts.refused} in total: {depth_map.last_problem}"
     kinds = [
-        f"{new} {kind} ({total} in all)"
+        f"{new} {kind} ({total} in total)"
         for kind, total in sorted(gated.items())
         if (new := recent.get(f"soundings {kind}"))
     ]
     if kinds:
-        return Level.WARN, f"own soundings refused lately: {', '.join(kinds)}"
+        return Level.WARN, f"own soundings rejected recently: {', '.join(kinds)}"
     if quiet_s > QUIET_S:
-        return Level.WARN, f"no own sounding for {quiet_s:.0f} s: no echo, or a sounder that is silent?"
+        return Level.WARN, f"no own sounding for {quiet_s:.0f} s: no echo, or a silent sounder?"
     return Level.OK, "ok"

@@ -66,7 +66,7 @@ class MapIntake:
     def waiting(self) -> dict[str, Any]:
         """The queued inputs as JSON values, for a journal; empty if there are none."""
         found: dict[str, list[Any]] = {
-            "soundings": [[float(v) for v in row] for row in self._soundings],
+            "soundings": [[float(v) for v in (s if math.isfinite(s.raw_north_m) else s[:4])] for s in self._soundings],
             "samples": [[stamp_s, source, np.asarray(rows).tolist()] for stamp_s, source, rows in self._samples],
             "tracks": [dataclasses.asdict(place) for place in self._tracks],
             "fixes": [dataclasses.asdict(fix) for fix in self._fixes],

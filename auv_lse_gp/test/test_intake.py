@@ -46,12 +46,12 @@ def test_diagnostics_warn_of_soundings_that_were_refused() -> None:
     own.step(1.0)
     found = health(1.0)
     assert found.level is Level.WARN
-    assert found.text.startswith("1 soundings refused lately, 1 in all: sounding north_m=0.0")
+    assert found.text.startswith("1 soundings refused recently, 1 in total: sounding: got north_m=0.0")
     assert found.values["update_ms"] == "1.50"
     assert found.values["last_refused"]
     own.add_soundings([(100.0, 0.0, 0.0, 10.0), (101.0, 1.0, 0.0, 30.0)])
     own.step(101.0)
-    assert health(200.0).text == "own soundings refused lately: 1 jump (1 in all)"
+    assert health(200.0).text == "own soundings rejected recently: 1 jump (1 in total)"
     assert health(400.0).text == "ok", "one spike is not told for the whole dive"
     assert health(401.0).values["soundings jump"] == 1
 
@@ -71,7 +71,7 @@ def test_diagnostics_warn_when_own_soundings_stop() -> None:
     found = health(71.0)
     assert (found.level, found.text) == (
         Level.WARN,
-        "no own sounding for 61 s: no echo, or a sounder that is silent?",
+        "no own sounding for 61 s: no echo, or a silent sounder?",
     )
     assert health(40.0).text == "ok", "a clock that is set back"
     own.add_soundings([(200.0, 0.0, 0.0, 10.0)])

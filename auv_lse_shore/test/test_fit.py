@@ -94,16 +94,16 @@ def test_warns_of_what_the_data_do_not_determine():
     trend = fit(places, 15.0 + places[:, 0] / 10.0 + rng.normal(0, 0.1, 40), kernel="squared_exponential")
     assert any("try --mean plane" in warning for warning in trend.warnings)
     same = fit(*drawn(GpConfig(signal_std_m=3.0, length_scale_m=50.0), n=200), two_axes=True, restarts=2)
-    assert any("one will do" in w or w.startswith("rotation_deg") for w in same.warnings)
+    assert any("one length scale is enough" in w or w.startswith("rotation_deg") for w in same.warnings)
 
 
 @pytest.mark.parametrize(
     ("places", "depths", "options", "message"),
     [
-        (np.zeros((5, 2)), np.zeros(5), {}, "got 5 soundings; expected at least 10"),
-        (np.zeros((20, 2)), np.arange(20.0), {}, "lie at one place"),
-        (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"have the depth 1\.0 m"),
-        (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "lie on one plane; expected depths that vary"),
+        (np.zeros((5, 2)), np.zeros(5), {}, "soundings: got 5; expected at least 10"),
+        (np.zeros((20, 2)), np.arange(20.0), {}, "all at one place"),
+        (np.arange(40.0).reshape(20, 2), np.ones(20), {}, r"got the depth 1\.0 m for all"),
+        (SCATTERED, 3.0 + SCATTERED @ [0.1, -0.02], {"mean": "plane"}, "all on one plane; expected depths that vary"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "survey"}, "expected constant or plane"),
         (np.zeros((20, 2)), np.zeros(20), {"mean": "plane", "mean_depth_m": 1.0}, "with a constant mean only"),
     ],
@@ -154,7 +154,7 @@ def test_command_takes_lat_and_lon_and_says_where_the_origin_is(tmp_path, capsys
         (["absent.csv"], "absent.csv"),
         (["empty.npz"], "fit: empty.npz: not a readable npz file"),
         (["."], "holds no recording; expected a run folder"),
-        (["few.csv"], "fit: few.csv: got 3 soundings; expected at least 10"),
+        (["few.csv"], "fit: few.csv: soundings: got 3; expected at least 10"),
     ],
 )
 def test_command_errors(tmp_path, capsys, monkeypatch, arguments, message):

@@ -39,7 +39,7 @@ def _double(typingctx, value):  # type: ignore[no-untyped-def]  # numba's interf
 
 @intrinsic
 def _wide_vectors(typingctx):  # type: ignore[no-untyped-def]  # numba's interface
-    """Lets the function it is called in use 512-bit vectors where the processor has them: a quarter faster."""
+    """Lets the calling function use 512-bit vectors if the processor has them: 25 % faster."""
 
     def codegen(context, builder, signature, args):  # type: ignore[no-untyped-def]
         # llvmlite checks the names of attributes against a list without this one; the set itself takes it.
@@ -143,7 +143,7 @@ def covariance(index, variance, a, b, out):  # type: ignore[no-untyped-def]  # n
 
 @njit("void(i8, f8, f8[:, :], f8[:, ::1])", cache=True)
 def upper_covariance(index, variance, a, out):  # type: ignore[no-untyped-def]  # numba's types
-    """Covariance (A, A) among scaled places (A, 2): the upper triangle of `out`, which is untouched below it."""
+    """Covariance (A, A) among scaled places (A, 2), into the upper triangle of `out`; below, `out` is unchanged."""
     ax, ay = a[:, 0].copy(), a[:, 1].copy()
     for i in range(len(a)):
         covariance_row(index, variance, ax[i:], ay[i:], ax[i], ay[i], out[i, i:])
@@ -151,7 +151,7 @@ def upper_covariance(index, variance, a, out):  # type: ignore[no-untyped-def]  
 
 @njit("void(i8, f8, f8[:, :], f8[:, ::1], f8[:, :], f8[:, ::1])", cache=True, fastmath={"contract"})
 def subtract_weighted(index, variance, a, weights, b, out):  # type: ignore[no-untyped-def]  # numba's types
-    """out (m, B) -= weights (A, m)^T k(a, b), without making k(a, b): a few hundred columns at a time, in cache."""
+    """out (m, B) -= weights (A, m)^T k(a, b), a few hundred columns of k(a, b) at a time, to stay in cache."""
     size = 512
     values = np.empty(size)
     bx, by = b[:, 0].copy(), b[:, 1].copy()
@@ -182,7 +182,7 @@ def add_whitened(whitened, residuals, mean, variance):  # type: ignore[no-untype
 def forward(lower, begin, size, right):  # type: ignore[no-untyped-def]  # numba's types
     """Solves L x = right for rows begin..size, row by row: one pass over L, no copy of it.
 
-    `right[:begin]` holds the part of x that is solved for already.
+    `right[:begin]` already holds that part of x.
     """
     x = right.copy()
     for i in range(begin, size):
@@ -194,7 +194,7 @@ def forward(lower, begin, size, right):  # type: ignore[no-untyped-def]  # numba
     return x
 
 
-# rho'(r) / r at the places (bx, by), into `out`: see `kernels.SLOPES`.
+# variance * rho'(r) / r at the places (bx, by), into `out`: see `kernels.SLOPES`.
 
 
 @njit("void(f8, f8[::1], f8[::1], f8, f8, f8[::1])", cache=True, fastmath={"contract"})
@@ -271,7 +271,7 @@ def gradient_sums(index, variance, a, weights, b, out):  # type: ignore[no-untyp
 
 @njit("void(f8[:, ::1], i8, f8, f8[:, :], i8, i8[::1])", cache=True)
 def take_spaced(kept, size, spacing, places, most_new, near):  # type: ignore[no-untyped-def]  # numba's types
-    """`spacing.take_spaced_numpy`, whose arguments it takes."""
+    """`spacing.take_spaced_numpy` compiled; same arguments."""
     full = size + most_new
     for i in range(len(places)):
         x, y = places[i, 0], places[i, 1]

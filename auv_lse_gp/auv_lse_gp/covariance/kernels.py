@@ -1,7 +1,7 @@
 """Covariance functions of the depth: stationary, in the plane, isotropic or with two axes.
 
-Every kernel is signal_std^2 rho(r), with r the distance in units of the kernel's own length (along each axis).
-Distances are scaled once per place (`Kernel.scale`), so that anisotropy costs nothing more.
+Every kernel is signal_std^2 rho(r), with r the distance in units of the kernel's own length along each axis. Places are
+scaled once (`Kernel.scale`), so anisotropy costs nothing extra.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from auv_lse_gp.compiled.modules import compiled_gp
 
 Array = NDArray[np.float64]
 
-#: Support of a Wendland kernel / its length scale: at one length scale, it then has the correlation of a
-#: Matern 5/2 kernel at one of its own (0.524), so that `length_scale_m` means the same for every kernel.
+#: Support of a Wendland kernel / its length scale: with it, the correlation at one length scale is that of a Matern 5/2
+#: kernel (0.524), so that `length_scale_m` means the same for every kernel.
 SUPPORT_RATIO = {"wendland_c2": 3.3107, "wendland_c4": 3.6969}
 
-#: Default radius of the local subset (d_eps) / length scale, for the kernels without compact support. With it, the
-#: mean is off the full posterior's by at most 0.02 of its standard deviation with the Matern kernels and 0.2 with the
-#: squared exponential, on a real lake and on made-up ones: docs/design/gp.md.
+#: Default radius of the local subset (d_eps) / length scale, for kernels without compact support. The mean then differs
+#: from the full posterior's by at most 0.02 of its standard deviation (Matern) or 0.2 (squared exponential), see
+#: docs/design/gp.md.
 LOCAL_RATIO = {"matern32": 4.0, "matern52": 4.0, "squared_exponential": 6.0}
 
 
@@ -99,10 +99,10 @@ class Kernel:
 
     Attributes:
         name: One of `KERNELS`.
-        index: Its number, for the compiled code.
+        index: Its number in `KERNELS`, for the compiled code.
         signal_variance_m2: k(p, p).
         length_m: The kernel's own length along the first axis: length scale, or support of a Wendland kernel.
-        length_2_m: The same across.
+        length_2_m: The same along the second axis.
         support_m: Distance along the first axis beyond which k is zero; infinite without compact support.
         local_m: Radius of the local subset (d_eps) along the first axis.
     """
@@ -141,11 +141,11 @@ class Kernel:
         return self.local_m / self.length_m
 
     def scale(self, places_m: Array) -> Array:
-        """Places (P, 2) in the kernel's own axes and lengths, so that r is a plain distance."""
+        """Places (P, 2) in the kernel's axes and lengths, so that r is the Euclidean distance."""
         return np.ascontiguousarray(places_m @ self._to_scaled)
 
     def variance(self, places_m: Array | None = None) -> Array:
-        """k(p, p) of each place (P,), or of one place if none is given."""
+        """k(p, p) of each place (P,), or a scalar if none is given."""
         return np.full(() if places_m is None else len(places_m), self.signal_variance_m2)
 
     def __call__(self, a_m: Array, b_m: Array) -> Array:
@@ -153,7 +153,7 @@ class Kernel:
         return self.of_scaled(self.scale(np.asarray(a_m, float)), self.scale(np.asarray(b_m, float)))
 
     def of_scaled(self, a: Array, b: Array, out: Array | None = None) -> Array:
-        """`__call__` of places already scaled, into `out` (A, B) if given."""
+        """`__call__` for scaled places, into `out` (A, B) if given."""
         if compiled.USE_NUMBA:
             out = np.empty((len(a), len(b))) if out is None else out
             compiled_gp().covariance(self.index, self.signal_variance_m2, a, b, out)
@@ -164,14 +164,14 @@ class Kernel:
         return self.of_scaled_numpy(a, b)
 
     def among_scaled(self, a: Array, out: Array) -> None:
-        """Covariance (A, A) among places already scaled, into the upper triangle of `out`: half the work."""
+        """Covariance (A, A) among scaled places, into the upper triangle of `out`: half the work."""
         if compiled.USE_NUMBA:
             compiled_gp().upper_covariance(self.index, self.signal_variance_m2, a, out)
             return
         out[...] = self.of_scaled_numpy(a, a)
 
     def subtract_weighted(self, a: Array, weights: Array, b: Array, out: Array) -> None:
-        """out (m, B) -= weights (A, m)^T k(a, b), for places already scaled, of which b may be very many."""
+        """out (m, B) -= weights (A, m)^T k(a, b), for scaled places; B may be very large."""
         if compiled.USE_NUMBA and weights.shape[1] <= 16:
             compiled_gp().subtract_weighted(
                 self.index, self.signal_variance_m2, a, np.ascontiguousarray(weights), b, out
@@ -182,18 +182,18 @@ class Kernel:
             out[:, part] -= weights.T @ self.of_scaled(a, b[part])
 
     def of_scaled_numpy(self, a: Array, b: Array) -> Array:
-        """`of_scaled` with NumPy alone: the reference of the compiled one."""
+        """`of_scaled` in NumPy: the reference for the compiled version."""
         dx = a[:, None, 0] - b[None, :, 0]
         dy = a[:, None, 1] - b[None, :, 1]
         return np.asarray(self.signal_variance_m2 * self._correlation(np.sqrt(dx * dx + dy * dy)))
 
     def gradient_sums(self, a: Array, weights: Array, b: Array) -> Array:
-        """Gradient (A, 2) in m^2 / m of sum over j of weights[i, j] k(a_i, b_j) with respect to place a_i in metres.
+        """Gradient (A, 2), m^2 / m, of sum over j of weights[i, j] k(a_i, b_j) with respect to place a_i in metres.
 
         Args:
-            a: Places (A, 2), already scaled.
+            a: Scaled places (A, 2).
             weights: Weights (A, B).
-            b: Places (B, 2), already scaled; they stay where they are, even where a place is the same as one of `a`.
+            b: Scaled places (B, 2), held fixed even where they coincide with `a`.
         """
         if compiled.USE_NUMBA:
             sums = np.empty((len(a), 2))
@@ -203,7 +203,7 @@ class Kernel:
         return np.asarray(sums @ self._to_scaled.T)
 
     def gradient_sums_numpy(self, a: Array, weights: Array, b: Array) -> Array:
-        """`gradient_sums` with respect to the scaled places, with NumPy alone: the reference of the compiled one."""
+        """`gradient_sums` with respect to scaled places, in NumPy: the reference for the compiled version."""
         apart = a[:, None, :] - b[None, :, :]
         slopes = self.signal_variance_m2 * self._slope(np.sqrt(np.einsum("abd,abd->ab", apart, apart)))
         return np.asarray(np.einsum("ab,abd->ad", weights * slopes, apart))

@@ -1,8 +1,8 @@
-"""Maximum marginal likelihood: the Gaussian process' parameters from soundings.
+"""Fits the Gaussian process' parameters to soundings by maximum marginal likelihood.
 
-With K = s^2 (R + g I), s the signal's and sqrt(g) s the noise's standard deviation, and a mean H b linear in its
-parameters, the best b and s for given correlations have closed forms (Rasmussen and Williams 2006, sections 2.7 and
-5.4.1). What is left to search is small: the logarithms of the length scales and of g, and a rotation; its gradient is
+With K = s^2 (R + g I), s the standard deviation of the signal and sqrt(g) s that of the noise, and a mean H b linear in
+its parameters, the best b and s for given correlations have closed forms (Rasmussen and Williams 2006, sections 2.7 and
+5.4.1). The search is over the logarithms of the length scales and of g, and a rotation; its gradient is
 
     d log p / d x = 1/2 [ a^T dA a / s^2 - tr(A^-1 dA) ],   A = R + g I,  a = A^-1 (z - H b).
 """
@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,24 +18,15 @@ from scipy.linalg import LinAlgError, cho_solve, cholesky, lapack
 from scipy.optimize import minimize
 
 from auv_lse_common.mission_file.sections.gp import GpConfig
-from auv_lse_gp.covariance.kernels import CORRELATIONS, SUPPORT_RATIO
+from auv_lse_gp.covariance.kernels import CORRELATIONS, SLOPES, SUPPORT_RATIO
 
 Array = NDArray[np.float64]
 
-#: Smallest and largest noise variance / signal variance searched.
+#: Search range of noise variance / signal variance.
 LOWEST_RATIO, HIGHEST_RATIO = 1e-6, 1e2
 
-#: The data determine a parameter if its standard error is less than this factor (e^0.5 = 1.65 either way).
+#: The data determine a parameter if the standard error of its logarithm is less than this (a factor 1.65).
 DETERMINED = 0.5
-
-# -rho'(r) / r, from which follow all derivatives: d rho / d log length = that times the axis' part of r^2.
-_SLOPES: dict[str, Callable[[Array], Array]] = {
-    "matern32": lambda r: np.asarray(3.0 * np.exp(-math.sqrt(3.0) * r)),
-    "matern52": lambda r: np.asarray(5.0 / 3.0 * (1.0 + math.sqrt(5.0) * r) * np.exp(-math.sqrt(5.0) * r)),
-    "squared_exponential": lambda r: np.asarray(np.exp(-0.5 * r * r)),
-    "wendland_c2": lambda r: np.asarray(20.0 * np.maximum(1.0 - r, 0.0) ** 3),
-    "wendland_c4": lambda r: np.asarray(56.0 / 3.0 * (5.0 * r + 1.0) * np.maximum(1.0 - r, 0.0) ** 5),
-}
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,13 +34,13 @@ class Fit:
     """The best parameters found.
 
     Attributes:
-        config: They, as a configuration of the Gaussian process.
+        config: The parameters.
         log_likelihood: Log marginal likelihood of the soundings.
-        standard_errors: By field of `config`: of the logarithm for signal, lengths and noise; plain for the others.
-        warnings: What the data cannot tell.
+        standard_errors: By field of `config`; of the logarithm for signal, lengths and noise.
+        warnings: Parameters that the data do not determine, and other doubts.
         soundings: Number of soundings used.
-        evaluations: Evaluations of the likelihood and its gradient.
-        restarts: Log marginal likelihood that each start led to.
+        evaluations: Number of evaluations of the likelihood and its gradient.
+        restarts: Log marginal likelihood found from each start.
     """
 
     config: GpConfig
@@ -77,26 +67,25 @@ class MarginalLikelihood:
         two_axes: bool = False,
         mean_depth_m: float | None = None,
     ) -> None:
-        """Takes soundings at `places_m` (n, 2) with `depths_m` (n,).
+        """Takes soundings.
 
         Args:
-            places_m: North, east (m).
-            depths_m: Depth (m).
-            kernel: One of `config.KERNELS`.
+            places_m: North, east (m), (n, 2).
+            depths_m: Depth (m), (n,).
+            kernel: One of `KERNELS`.
             mean: "constant" or "plane".
             two_axes: Whether to search two length scales and a rotation.
-            mean_depth_m: A constant mean that is known; by default it is learned.
+            mean_depth_m: A known constant mean; by default it is fitted.
 
         Raises:
-            ValueError: for fewer than 10 soundings, soundings that lie at one place, or depths that the mean explains
-                exactly.
+            ValueError: for fewer than 10 soundings, soundings at one place, or depths that the mean explains exactly.
         """
         if mean not in ("constant", "plane"):
-            raise ValueError(f"mean: got {mean!r}; expected constant or plane (a survey has nothing to learn)")
+            raise ValueError(f"mean: got {mean!r}; expected constant or plane (a survey has no parameters to fit)")
         if mean_depth_m is not None and mean != "constant":
             raise ValueError(f"mean_depth_m: got {mean_depth_m!r}; expected it with a constant mean only")
         if len(places_m) < 10:
-            raise ValueError(f"got {len(places_m)} soundings; expected at least 10 to learn from")
+            raise ValueError(f"soundings: got {len(places_m)}; expected at least 10")
         self.kernel = kernel
         self.two_axes = two_axes
         self.evaluations = 0
@@ -105,7 +94,7 @@ class MarginalLikelihood:
         offset = places_m - self._center
         self.extent_m = float(np.ptp(places_m, axis=0).max())
         if not self.extent_m > 0.0:
-            raise ValueError("all soundings lie at one place; expected soundings over an area")
+            raise ValueError("soundings: got all at one place; expected soundings over an area")
         self._north = offset[:, None, 0] - offset[None, :, 0]
         self._east = offset[:, None, 1] - offset[None, :, 1]
         distance = np.hypot(self._north, self._east)
@@ -118,12 +107,12 @@ class MarginalLikelihood:
             self._basis, self._fixed = (ones if mean == "constant" else np.hstack([ones, offset])), 0.0
         self._depths = depths_m - self._fixed
         if not np.ptp(depths_m) > 0.0:
-            raise ValueError(f"all soundings have the depth {float(depths_m[0])!r} m; expected depths that vary")
+            raise ValueError(f"soundings: got the depth {float(depths_m[0])!r} m for all; expected depths that vary")
         if mean == "plane":
             off = self._depths - self._basis @ np.linalg.lstsq(self._basis, self._depths, rcond=None)[0]
             if float(np.abs(off).max()) <= 1e-9 * float(np.ptp(depths_m)):  # what rounding leaves
                 raise ValueError(
-                    "all soundings lie on one plane; expected depths that vary about it (or mean constant)"
+                    "soundings: got all on one plane; expected depths that vary about it. Use mean constant"
                 )
 
     @property
@@ -135,22 +124,22 @@ class MarginalLikelihood:
         return [length, length, rotation, ratio] if self.two_axes else [length, ratio]
 
     def _correlation(self, x: Array) -> tuple[Array, list[Array]]:
-        """R and its derivatives by all of x but the last."""
+        """R, and its derivatives with respect to all of x but the last."""
         if not self.two_axes:
             length = math.exp(x[0]) * self._ratio
             square = self._square / length**2
             r = np.sqrt(square)
-            return CORRELATIONS[self.kernel](r), [_SLOPES[self.kernel](r) * square]
+            return CORRELATIONS[self.kernel](r), [-SLOPES[self.kernel](r) * square]
         one, two = math.exp(x[0]) * self._ratio, math.exp(x[1]) * self._ratio
         cos, sin = math.cos(x[2]), math.sin(x[2])
         u = (cos * self._north + sin * self._east) / one
         v = (cos * self._east - sin * self._north) / two
         r = np.sqrt(u * u + v * v)
-        slope = _SLOPES[self.kernel](r)
+        slope = -SLOPES[self.kernel](r)  # d rho / d log length is this times the axis' part of r^2
         return CORRELATIONS[self.kernel](r), [slope * u * u, slope * v * v, slope * u * v * (one / two - two / one)]
 
     def _solve(self, matrix: Array) -> tuple[Array, Array, Array, Array]:
-        """Cholesky factor, mean parameters b, residuals e and matrix^-1 e for a covariance (or a multiple of it)."""
+        """Cholesky factor, mean parameters b, residuals e and matrix^-1 e of a covariance or a multiple of it."""
         lower = cholesky(matrix, lower=True, check_finite=False)
         solved_depths = cho_solve((lower, True), self._depths, check_finite=False)
         if not self._basis.shape[1]:
@@ -181,14 +170,14 @@ class MarginalLikelihood:
         return -value, -np.array(gradient)
 
     def best_signal(self, x: Array) -> tuple[float, Array]:
-        """Standard deviation of the signal (m) and parameters of the mean that are best at x."""
+        """Best standard deviation of the signal (m) and best parameters of the mean at x."""
         matrix, _ = self._correlation(x)
         matrix[np.diag_indices(len(matrix))] += math.exp(x[-1])
         _, mean, residuals, weights = self._solve(matrix)
         return math.sqrt(float(residuals @ weights) / len(residuals)), mean
 
     def full_gradient(self, y: Array) -> Array:
-        """Gradient of the log likelihood by y: log signal, then the search variables, log noise in place of log g."""
+        """Gradient of the log likelihood in y: log signal, then the search variables with log noise for log g."""
         signal2, noise2 = math.exp(2.0 * y[0]), math.exp(2.0 * y[-1])
         correlation, derivatives = self._correlation(np.append(y[1:-1], 0.0))
         matrix = signal2 * correlation
@@ -201,7 +190,7 @@ class MarginalLikelihood:
         return np.array(gradient)
 
     def mean_parameters(self, y: Array) -> tuple[float, Array, Array]:
-        """Depth of the mean at north = east = 0, its slopes (2,), and the standard errors of these three (3,)."""
+        """Mean depth at north = east = 0, its slopes (2,), and the standard errors of these three (3,)."""
         matrix = math.exp(2.0 * y[0]) * self._correlation(np.append(y[1:-1], 0.0))[0]
         matrix[np.diag_indices(len(matrix))] += math.exp(2.0 * y[-1])
         lower, mean, _, _ = self._solve(matrix)
@@ -219,7 +208,7 @@ class MarginalLikelihood:
 
 
 def _inverse(lower: Array) -> Array:
-    """(L L^T)^-1, for traces of its product with a symmetric matrix: by LAPACK, then mirrored."""
+    """(L L^T)^-1."""
     inverse, _ = lapack.dpotri(lower, lower=1)
     return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
 
@@ -235,20 +224,20 @@ def fit(
     restarts: int = 5,
     rng: np.random.Generator | None = None,
 ) -> Fit:
-    """Learns the parameters by maximum marginal likelihood.
+    """Fits the parameters by maximum marginal likelihood.
 
     Args:
-        places_m: North, east (m) of the soundings (n, 2); the work grows with n^3, a thousand take seconds.
+        places_m: North, east (m) of the soundings (n, 2); the time grows with n^3, seconds for a thousand.
         depths_m: Their depths (n,).
-        kernel: One of `config.KERNELS`.
+        kernel: One of `KERNELS`.
         mean: "constant" or "plane".
-        two_axes: Whether to learn two length scales and a rotation.
-        mean_depth_m: A constant mean that is known; by default it is learned.
+        two_axes: Whether to fit two length scales and a rotation.
+        mean_depth_m: A known constant mean; by default it is fitted.
         restarts: Number of starts: length scales from the soundings' spacing to their extent.
-        rng: Draws the starts after the sixth; without it, they are spread over length scales like the first six.
+        rng: Draws the starts after the sixth; without it, they are spread like the first six.
 
     Raises:
-        ValueError: if the soundings cannot be learned from, or no start leads to a likelihood.
+        ValueError: if the soundings cannot be used, or no start leads to a likelihood.
     """
     target = MarginalLikelihood(places_m, depths_m, kernel, mean, two_axes, mean_depth_m)
     bounds = target.bounds
@@ -260,7 +249,7 @@ def fit(
         if result.fun < best:
             best_x, best = np.array(result.x), float(result.fun)
     if best_x is None:
-        raise ValueError("no start led to a covariance that can be factorized; expected soundings less alike in place")
+        raise ValueError("soundings: got a singular covariance from every start; expected places farther apart")
     signal, _ = target.best_signal(best_x)
     y = np.concatenate([[math.log(signal)], best_x[:-1], [math.log(signal) + 0.5 * best_x[-1]]])
     names = ["signal_std_m", "length_scale_m", *(["length_scale_2_m", "rotation_deg"] if two_axes else [])]
@@ -283,19 +272,7 @@ def fit(
         mean_slope_east=float(slopes[1]),
         **{name: float(value) for name, value in values.items()},  # type: ignore[arg-type]  # all are floats
     )
-    warnings += _bounds_hit(best_x, bounds, two_axes)
-    if config.length_scale_m < 1.5 * target.spacing_m:
-        warnings.append(
-            f"length_scale_m: {config.length_scale_m:.3g} m is under 1.5 times the spacing of the soundings "
-            f"({target.spacing_m:.3g} m): expected soundings closer together to tell it from noise"
-        )
-    if config.length_scale_m > 0.5 * target.extent_m:
-        warnings.append(
-            f"length_scale_m: {config.length_scale_m:.3g} m is over half of the surveyed extent "
-            f"({target.extent_m:.3g} m): a trend rather than a correlation; try --mean plane"
-        )
-    if two_axes and abs(y[1] - y[2]) < 2.0 * math.hypot(errors["length_scale_m"], errors["length_scale_2_m"]):
-        warnings.append("length_scale_2_m: no different from length_scale_m within its error: one will do")
+    warnings += _bounds_hit(best_x, bounds, two_axes) + _length_warnings(target, config, errors, y)
     return Fit(
         config=config,
         log_likelihood=-best,
@@ -305,6 +282,24 @@ def fit(
         evaluations=target.evaluations,
         restarts=found,
     )
+
+
+def _length_warnings(target: MarginalLikelihood, config: GpConfig, errors: dict[str, float], y: Array) -> list[str]:
+    """Warnings about length scales that the spacing and extent of the soundings cannot support."""
+    warnings, length_m = [], config.length_scale_m
+    if length_m < 1.5 * target.spacing_m:
+        warnings.append(
+            f"length_scale_m: {length_m:.3g} m is under 1.5 times the spacing of the soundings "
+            f"({target.spacing_m:.3g} m): measure closer together to distinguish it from noise"
+        )
+    if length_m > 0.5 * target.extent_m:
+        warnings.append(
+            f"length_scale_m: {length_m:.3g} m is over half of the surveyed extent "
+            f"({target.extent_m:.3g} m): a trend rather than a correlation; try --mean plane"
+        )
+    if target.two_axes and abs(y[1] - y[2]) < 2.0 * math.hypot(errors["length_scale_m"], errors["length_scale_2_m"]):
+        warnings.append("length_scale_2_m: equal to length_scale_m within its error; one length scale is enough")
+    return warnings
 
 
 def _starts(target: MarginalLikelihood, count: int, rng: np.random.Generator | None) -> list[Array]:
@@ -325,7 +320,7 @@ def _starts(target: MarginalLikelihood, count: int, rng: np.random.Generator | N
 
 
 def _uncertainty(target: MarginalLikelihood, y: Array, names: list[str]) -> tuple[dict[str, float], list[str]]:
-    """Standard errors from the curvature of the likelihood at its maximum, and what they say about the data."""
+    """Standard errors from the curvature of the likelihood at its maximum, and warnings about large ones."""
     step = 1e-4
     hessian = np.array(
         [

@@ -19,7 +19,7 @@ PriorMean = Callable[[Array], Array]
 
 
 def prior_mean(config: GpConfig) -> PriorMean:
-    """The prior mean that `config` describes; reads the survey's file if it names one.
+    """The prior mean of a configuration; reads the survey's file if it names one.
 
     Raises:
         ParameterError: if the survey cannot be used.
@@ -37,7 +37,7 @@ def prior_mean(config: GpConfig) -> PriorMean:
 
 
 class SurveyMean:
-    """Prior mean by linear interpolation between a survey's soundings, and the nearest one outside of their hull."""
+    """Linear interpolation between a survey's soundings; outside their hull, the depth of the nearest one."""
 
     def __init__(self, places_m: Array, depths_m: Array) -> None:
         """Takes soundings at `places_m` (P, 2) with `depths_m` (P,).
@@ -45,15 +45,15 @@ class SurveyMean:
         Raises:
             ParameterError: if there are fewer than three soundings or they lie on one line.
         """
-        # Imported here: they load much of SciPy, and few missions have a prior survey.
+        # Imported here because they load much of SciPy, and few missions have a prior survey.
         from scipy.interpolate import LinearNDInterpolator
         from scipy.spatial import cKDTree
 
         if len(places_m) < 3:
-            raise ParameterError(f"gp.survey_file: has {len(places_m)} soundings; expected at least 3")
+            raise ParameterError(f"gp.survey_file: got {len(places_m)} soundings; expected at least 3")
         spread = np.linalg.svd(places_m - places_m.mean(axis=0), compute_uv=False)
         if spread[1] <= 1e-9 * max(spread[0], 1e-300):
-            raise ParameterError("gp.survey_file: its soundings lie on one line; expected soundings over an area")
+            raise ParameterError("gp.survey_file: got soundings on one line; expected soundings over an area")
         self._linear = LinearNDInterpolator(places_m, depths_m)
         self._tree = cKDTree(places_m)
         self._depths_m = depths_m

@@ -1,4 +1,4 @@
-"""The local subset: predicting from the centers within d_eps only (paper, section "Online GP")."""
+"""Prediction from the centers within d_eps only, the local subset (paper, section "Online GP")."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Array = NDArray[np.float64]
 
 
 def predict_locally(prior: Posterior, centers: Centers, places_m: ArrayLike) -> tuple[Array, Array]:
-    """Mean and variance (P,), (P,) at places (P, 2), each from the centers near it.
+    """Mean and variance, (P,) each, at places (P, 2) from the centers near each.
 
-    Centers are taken within d_eps of each tile of d_eps / 4 in the kernel's axes, not of each place. So the subset is a
-    superset of each place's own, and depends on the place alone, not on the others asked for.
+    The subset of a place is that of its tile, of side d_eps / 4 in the kernel's axes: all centers within d_eps of the
+    tile. It contains the place's own subset, and does not depend on the other places.
 
     Args:
         prior: A posterior without data.

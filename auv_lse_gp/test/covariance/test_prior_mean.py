@@ -31,7 +31,7 @@ def test_survey_is_linear_inside_and_nearest_outside(tmp_path):
 def test_surveys_that_do_not_span_an_area(tmp_path):
     path = tmp_path / "line.csv"
     path.write_text("north_m,east_m,depth_m\n" + "".join(f"{i},{2 * i},5\n" for i in range(9)))
-    with pytest.raises(ParameterError, match="lie on one line"):
+    with pytest.raises(ParameterError, match="soundings on one line"):
         OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
     with pytest.raises(ParameterError, match=r"absent\.csv"):
         OnlineGp(GpConfig(mean="survey", survey_file=str(tmp_path / "absent.csv")))

@@ -122,7 +122,7 @@ def test_forged_samples_do_not_turn_the_map_over():
     assert (((depth_map.field().p_safe > 0.5) != (before > 0.5))[inside]).mean() < 0.03
     health = told_of(depth_map)
     assert health.level is Level.WARN
-    assert "samples of auv3 do not fit the own map" in health.text
+    assert "samples of auv3 do not fit this vehicle's map" in health.text
     assert health.values["samples of auv3 that do not fit"] == f"{forged.sum()} of 200"
 
 
@@ -141,7 +141,7 @@ def test_the_map_has_at_most_so_many_centers_half_of_them_from_others_samples():
     told = [depth_map.add_samples([[*place, depth(*place)]], 2)[0] for place in places]
     assert len(depth_map.centers) == min(150, own + 75)
     assert told[-1] is Outcome.FULL
-    assert "soundings given up: the map has gp.max_centers = 150" in told_of(depth_map).text
+    assert "soundings discarded: the map is full (gp.max_centers = 150)" in told_of(depth_map).text
 
 
 def test_beyond_that_half_samples_are_still_merged_into_the_centers_there_are():
