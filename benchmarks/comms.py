@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
-from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.world import ChannelConfig
 from auv_lse_common.vocabulary.plan import Plan

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet

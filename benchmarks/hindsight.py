@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.methods import METHODS
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.centers import Centers

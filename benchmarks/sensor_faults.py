@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_gp.intake import MapIntake

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.cached_points import CachedPoints

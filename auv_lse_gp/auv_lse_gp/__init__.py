@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 from auv_lse_common.support.lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from auv_lse_common.mission_file.sections.area import AreaConfig, Grid, OperatingArea
+    from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
+    from auv_lse_common.mission_file.sections.area import AreaConfig
     from auv_lse_common.mission_file.sections.gp import GpConfig
     from auv_lse_gp.covariance.kernels import Kernel
     from auv_lse_gp.inference.cached_points import CachedPoints
@@ -57,7 +58,8 @@ __all__ = [
 __getattr__ = lazy_exports(
     __name__,
     {
-        "auv_lse_common.mission_file.sections.area": ("AreaConfig", "Grid", "OperatingArea"),
+        "auv_lse_common.mission_file.sections.area": ("AreaConfig",),
+        "auv_lse_common.mission_file.operating_area": ("Grid", "OperatingArea"),
         "inference.centers": ("Centers",),
         "inference.point_posteriors": ("PointPosteriors",),
         "auv_lse_common.mission_file.sections.gp": ("GpConfig",),

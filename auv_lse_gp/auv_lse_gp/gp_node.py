@@ -8,8 +8,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import OccupancyGrid, Odometry
 from visualization_msgs.msg import Marker
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameters import section
-from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import places_of
 from auv_lse_common.node.entry_point import Main

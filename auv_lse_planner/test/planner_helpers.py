@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings

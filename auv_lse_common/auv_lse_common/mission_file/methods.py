@@ -77,9 +77,7 @@ _TOUR: dict[str, Any] = {"proposals": "tour", "augmented": False, "naive_paths":
 
 METHODS: dict[str, MethodEntry] = {
     # One tour over the rest of the mission, re-optimized within a budget, so that it meets the bound.
-    "tour": MethodEntry(
-        parameters={**_TOUR, "credit": "beyond", "horizon": 8, "exploration": 0.5, "tour_interval": 4}
-    ),
+    "tour": MethodEntry(parameters={**_TOUR, "credit": "beyond", "horizon": 8, "exploration": 0.5, "tour_interval": 4}),
     # The paper's methods; the third uses the paper's approximate risk integral.
     "augmented": MethodEntry(of_paper=True),
     "plain": MethodEntry(of_paper=True, parameters={**_PLAIN, "horizon": 10, "iterations": 300, "exploration": 0.5}),

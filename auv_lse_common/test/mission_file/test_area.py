@@ -96,7 +96,7 @@ def test_other_refusals():
         AreaConfig(origin_lat_deg=17.0)
     with pytest.raises(ParameterError, match=r"area\.raster_m: got 0\.1; .*choose a larger raster_m"):
         OperatingArea(AreaConfig(polygon_m=(0.0, 0.0, 5000.0, 0.0, 5000.0, 5000.0), raster_m=0.1))
-    with pytest.raises(ParameterError, match="area: no place is left"):
+    with pytest.raises(ParameterError, match="no_go: got areas that cover the whole polygon"):
         OperatingArea(
             AreaConfig(polygon_m=(0.0, 0.0, 9.0, 0.0, 9.0, 9.0), no_go={"all": (-9.0, -9.0, 50.0, -9.0, 9.0, 50.0)})
         )
@@ -123,7 +123,7 @@ def test_random_simple_polygons_are_accepted():
 @pytest.mark.parametrize("seed", range(8))
 def test_raster_of_borders_is_that_of_every_edge_at_every_node(seed):
     """The blocks that look at a few edges only, and the rows that an edge spans, against all edges at all nodes."""
-    from auv_lse_common.mission_file.sections.area import (
+    from auv_lse_common.mission_file.operating_area import (
         _border_distance_2,
         _edge_distance_2,
         _in_polygon,

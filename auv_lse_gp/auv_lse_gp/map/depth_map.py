@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
+from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_common.vocabulary.sounding import Soundings

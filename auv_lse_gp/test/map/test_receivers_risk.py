@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.level_set.bayes_risk import LevelSet

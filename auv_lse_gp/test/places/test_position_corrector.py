@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from places_helpers import Ground, Sailed, messages, sail, surface
 
-from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.places import PlacesConfig, places_of
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
-from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_gp.inference.cached_points import CachedPoints

@@ -37,7 +37,7 @@ HOLD_BEYOND_M = 5000.0
 
 
 class Area(Protocol):
-    """The part of `auv_lse_common.mission_file.sections.area.OperatingArea` that planning needs."""
+    """The part of `auv_lse_common.mission_file.operating_area.OperatingArea` that planning needs."""
 
     @property
     def polygon(self) -> Any:

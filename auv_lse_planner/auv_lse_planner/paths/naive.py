@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.frames import wrap_pi

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import Rollout

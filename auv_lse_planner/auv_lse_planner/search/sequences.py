@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.inference.point_posteriors import PointPool, PointPosteriors, join_by_path
 from auv_lse_planner.paths.free_space import FreeSpace

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.mission_file.sections.vehicle import MOST_SURFACINGS
 from auv_lse_common.vocabulary.health import Recent

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from planner_helpers import centers, context, rollout, search_problem
 
-from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.vocabulary.naive_ids import LAWNMOWERS

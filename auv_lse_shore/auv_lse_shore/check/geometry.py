@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError
-from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.safety import Safety

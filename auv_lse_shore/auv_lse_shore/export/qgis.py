@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_shore.export.reference import Reference
 from auv_lse_shore.judge.team_map import TeamMap
 

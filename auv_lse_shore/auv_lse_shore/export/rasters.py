@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import Grid
+from auv_lse_common.mission_file.operating_area import Grid
 from auv_lse_shore.export.errors import ExportError
 from auv_lse_shore.export.reference import Reference
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
-from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_gp.level_set.bayes_risk import LevelSet

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Soundings

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
-from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.sections.places import places_of
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.map.depth_map import DepthMap

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_gp.covariance.kernels import Kernel
 from auv_lse_gp.level_set.bayes_risk import LevelSet

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 from auv_lse_record.run_data import GroundGrid
 from auv_lse_shore.judge.team_map import mission_settings

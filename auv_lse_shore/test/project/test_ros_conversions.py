@@ -12,7 +12,8 @@ import pytest
 if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_lse_msgs") is None:
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
-from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.topics.ros_conversions import (
     dead_reckoning_from_message,

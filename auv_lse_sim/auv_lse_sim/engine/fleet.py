@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.parameter_file import parameters_for
-from auv_lse_common.mission_file.sections.area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading

@@ -16,7 +16,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from auv_lse_common.mission_file.sections.area import AreaConfig, OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
+from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_sim.ground.ground import Ground, GroundError

@@ -5,7 +5,7 @@ import pytest
 from ground_helpers import SURVEY_FILES, SURVEY_ORIGIN, write_survey
 from sim_helpers import FunctionGround
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_sim.ground.grid_ground import GridGround

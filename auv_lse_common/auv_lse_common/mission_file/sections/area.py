@@ -1,26 +1,20 @@
-"""The operating area: a polygon, less the polygons that must not be entered."""
+"""The operating area as the section `area` of a mission file gives it."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
 
 Array = NDArray[np.float64]
 
-#: Largest number of raster nodes: a finer raster over a larger area is a mistake in the configuration.
-MAX_NODES = 20_000_000
-#: Largest number of cells of a grid, for the same reason.
-MAX_CELLS = 2_000_000
-
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class AreaConfig:
-    """Where the vehicles may be: the section `area` of a mission file."""
+    """The area where the vehicles may be."""
 
     polygon_m: tuple[float, ...] = parameter(
         (-50.0, -50.0, 550.0, -50.0, 550.0, 650.0, -50.0, 650.0),
@@ -28,7 +22,7 @@ class AreaConfig:
         help="Corners of the operating area in order, either way round: north, east, north, east, ...",
     )
     no_go: dict[str, tuple[float, ...]] = parameter(
-        {}, unit="m", help="Areas not to be entered, by name: corners as in polygon_m."
+        {}, unit="m", help="Areas that vehicles must not enter, by name: corners as in polygon_m."
     )
     origin_lat_deg: float | None = parameter(
         None, low=-90.0, high=90.0, unit="deg", help="WGS84 latitude of north = east = 0, where known."
@@ -40,7 +34,10 @@ class AreaConfig:
         10.0, low=0.0, unit="m", help="Distance that vehicles keep from the area's border and from no-go areas."
     )
     raster_m: float = parameter(
-        2.0, above=0.0, unit="m", help="Spacing of the raster behind clearance_m, which errs by less, to the safe side."
+        2.0,
+        above=0.0,
+        unit="m",
+        help="Spacing of the raster of distances to the border, which err by at most twice this, on the safe side.",
     )
 
     def __post_init__(self) -> None:
@@ -56,137 +53,6 @@ class AreaConfig:
             raise ParameterError(
                 f"area.origin_lat_deg, origin_lon_deg: got {self.origin_lat_deg!r}, {self.origin_lon_deg!r}; "
                 "expected both or none"
-            )
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Grid:
-    """Cells over the operating area, by their centers.
-
-    Attributes:
-        north_m: North of the rows (ny,), ascending.
-        east_m: East of the columns (nx,), ascending.
-        inside: Whether a cell's center is in the area (ny, nx).
-        resolution_m: Cell size.
-    """
-
-    north_m: Array
-    east_m: Array
-    inside: NDArray[np.bool_]
-    resolution_m: float
-
-    @property
-    def places_m(self) -> Array:
-        """Centers (P, 2) of the cells inside, row by row."""
-        rows, columns = np.nonzero(self.inside)
-        return np.column_stack([self.north_m[rows], self.east_m[columns]])
-
-    def fill(self, values: Array, outside: float = math.nan) -> Array:
-        """Values (P,) of the cells inside as an array (ny, nx), `outside` elsewhere."""
-        full = np.full(self.inside.shape, outside)
-        full[self.inside] = values
-        return full
-
-
-class OperatingArea:
-    """The operating area, with fast and safe-sided lookups of the distance to its border.
-
-    Attributes:
-        config: The configuration.
-        polygon: Corners (n, 2): north, east (m).
-        no_go: Corners (n, 2) of each no-go area by name.
-        margin_m: Distance that vehicles keep from the border.
-    """
-
-    def __init__(self, config: AreaConfig) -> None:
-        """Rasters the distance to the border.
-
-        Raises:
-            ParameterError: if the raster would be too large, or no place of the area is left.
-        """
-        self.config = config
-        self.polygon = corners("area.polygon_m", config.polygon_m)
-        self.no_go = {name: corners(f"area.no_go.{name}", flat) for name, flat in config.no_go.items()}
-        self.margin_m = config.margin_m
-        self._raster()
-
-    @property
-    def extent_m(self) -> tuple[float, float, float, float]:
-        """Smallest north, largest north, smallest east, largest east of the polygon."""
-        low, high = self.polygon.min(axis=0), self.polygon.max(axis=0)
-        return float(low[0]), float(high[0]), float(low[1]), float(high[1])
-
-    def contains(self, places_m: ArrayLike) -> NDArray[np.bool_]:
-        """Whether places (P, 2) are in the polygon and in no no-go area, exactly (P,)."""
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        inside = _in_polygon(self.polygon, places)
-        for polygon in self.no_go.values():
-            inside &= ~_in_polygon(polygon, places)
-        return inside
-
-    def clearance_m(self, places_m: ArrayLike) -> Array:
-        """Distance (P,) in metres of places (P, 2) to the nearest border; negative where they must not be.
-
-        From a raster, rounded down: the true clearance is never less, and at most 2 raster_m more (within the
-        polygon's extent). So `clearance_m(p) >= margin_m` never lets a place pass that is too close.
-        """
-        places = np.asarray(places_m, dtype=float).reshape(-1, 2)
-        step = self.config.raster_m
-        row = np.clip(np.rint((places[:, 0] - self._north0_m) / step), 0, self._nodes.shape[0] - 1)
-        column = np.clip(np.rint((places[:, 1] - self._east0_m) / step), 0, self._nodes.shape[1] - 1)
-        off = np.hypot(places[:, 0] - (self._north0_m + row * step), places[:, 1] - (self._east0_m + column * step))
-        # The signed distance changes by no more than the distance between the two places.
-        return np.asarray(self._nodes[row.astype(np.intp), column.astype(np.intp)] - off)
-
-    def grid(self, resolution_m: float) -> Grid:
-        """Cells of `resolution_m` that cover the polygon's extent, aligned to multiples of the resolution.
-
-        Raises:
-            ValueError: if the resolution is not positive or no cell center is in the area.
-        """
-        if not (math.isfinite(resolution_m) and resolution_m > 0.0):
-            raise ValueError(f"resolution_m: got {resolution_m!r}; expected a finite number > 0")
-        low_n, high_n, low_e, high_e = self.extent_m
-        cells = (high_n - low_n) * (high_e - low_e) / resolution_m**2
-        if cells > MAX_CELLS:
-            raise ValueError(
-                f"resolution_m: got {resolution_m!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m "
-                f"would have {cells:.3g} cells; expected at most {MAX_CELLS}: choose a larger resolution"
-            )
-        axes: list[Array] = []
-        for low, high in ((low_n, high_n), (low_e, high_e)):
-            first, last = math.floor(low / resolution_m), math.ceil(high / resolution_m)
-            axes.append((np.arange(first, max(last, first + 1), dtype=np.float64) + 0.5) * resolution_m)
-        north, east = axes
-        mesh = np.column_stack([x.ravel() for x in np.meshgrid(north, east, indexing="ij")])
-        inside = self.contains(mesh).reshape(len(north), len(east))
-        if not np.any(inside):
-            raise ValueError(f"resolution_m: got {resolution_m!r}; no cell center of that size is in the area")
-        return Grid(north, east, inside, resolution_m)
-
-    def _raster(self) -> None:
-        step = self.config.raster_m
-        low_n, high_n, low_e, high_e = self.extent_m
-        self._north0_m, self._east0_m = low_n - step, low_e - step
-        rows = math.ceil((high_n - low_n) / step) + 3
-        columns = math.ceil((high_e - low_e) / step) + 3
-        if rows * columns > MAX_NODES:
-            raise ParameterError(
-                f"area.raster_m: got {step!r}; the area of {high_n - low_n:.0f} m x {high_e - low_e:.0f} m would need "
-                f"{rows * columns} raster nodes; expected at most {MAX_NODES}: choose a larger raster_m"
-            )
-        north: Array = self._north0_m + step * np.arange(rows, dtype=np.float64)
-        east: Array = self._east0_m + step * np.arange(columns, dtype=np.float64)
-        polygons = (self.polygon, *self.no_go.values())
-        distance = np.sqrt(_border_distance_2(polygons, north, east))
-        inside = _raster_in_polygon(self.polygon, north, east)
-        for polygon in self.no_go.values():
-            inside &= ~_raster_in_polygon(polygon, north, east)
-        self._nodes = np.where(inside, distance, -distance)
-        if not np.any(self._nodes > 0.0):
-            raise ParameterError(
-                "area: no place is left in the polygon outside of the no-go areas (or raster_m is too coarse: "
-                f"{step!r} m)"
             )
 
 
@@ -252,65 +118,3 @@ def _crossing_edges(a: Array, b: Array) -> tuple[int, int] | None:
         if len(hit):
             return i, int(others[hit[0]])
     return None
-
-
-def _in_polygon(polygon: Array, places: Array) -> NDArray[np.bool_]:
-    """Even-odd rule, exact up to rounding, (P,)."""
-    inside = np.zeros(len(places), dtype=bool)
-    north, east = places[:, 0], places[:, 1]
-    for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        if n0 == n1:
-            continue
-        spans = (n0 > north) != (n1 > north)
-        inside ^= spans & (east < e0 + (north - n0) * ((e1 - e0) / (n1 - n0)))
-    return inside
-
-
-def _raster_in_polygon(polygon: Array, north: Array, east: Array) -> NDArray[np.bool_]:
-    """`_in_polygon` of the nodes of a raster (R, C): each edge concerns only the rows that it spans."""
-    inside = np.zeros((len(north), len(east)), dtype=bool)
-    for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        if n0 == n1:
-            continue
-        rows = slice(*np.searchsorted(north, sorted((n0, n1))))  # (n0 > north) != (n1 > north)
-        crossing = e0 + (north[rows] - n0) * ((e1 - e0) / (n1 - n0))
-        inside[rows] ^= east < crossing[:, None]
-    return inside
-
-
-def _edge_distance_2(n: Array, e: Array, dn: float, de: float) -> Array:
-    """Squared distance of places, given from an edge's first corner, to the edge that leads by (dn, de) from there."""
-    along = np.clip((n * dn + e * de) / (dn * dn + de * de), 0.0, 1.0)
-    squared: Array = (n - along * dn) ** 2 + (e - along * de) ** 2
-    return squared
-
-
-def _border_distance_2(polygons: tuple[Array, ...], north: Array, east: Array) -> Array:
-    """Squared distance (R, C) of a raster's nodes to the nearest border, exactly.
-
-    The nodes are taken in blocks. An edge farther from a block's middle than the nearest edge by more than the block
-    is wide cannot be the nearest of any of its nodes, so each block looks at a few edges only.
-    """
-    width = 8
-    rows, columns = (math.ceil(len(axis) / width) for axis in (north, east))
-    # Beyond the raster's end the blocks are filled up with its last nodes.
-    n = np.pad(north, (0, rows * width - len(north)), mode="edge").reshape(rows, width)
-    e = np.pad(east, (0, columns * width - len(east)), mode="edge").reshape(columns, width)
-    middle_n, middle_e = (axis[:, [0, -1]].mean(axis=1) for axis in (n, e))
-    reach = math.hypot(float(np.ptp(n, axis=1).max()), float(np.ptp(e, axis=1).max())) / 2.0
-    edges = [
-        (n0, e0, n1 - n0, e1 - e0)
-        for polygon in polygons
-        for (n0, e0), (n1, e1) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
-    ]
-    nearest = np.full((rows, columns), np.inf)
-    for n0, e0, dn, de in edges:
-        np.minimum(nearest, _edge_distance_2(middle_n[:, None] - n0, middle_e - e0, dn, de), out=nearest)
-    limit = (np.sqrt(nearest) + 2.0 * reach) ** 2 * (1.0 + 1e-9)
-    result = np.full((rows, columns, width, width), np.inf)
-    for n0, e0, dn, de in edges:
-        i, j = np.nonzero(_edge_distance_2(middle_n[:, None] - n0, middle_e - e0, dn, de) <= limit)
-        squared = _edge_distance_2(n[i][:, :, None] - n0, e[j][:, None, :] - e0, dn, de)
-        result[i, j] = np.minimum(result[i, j], squared)
-    whole = result.swapaxes(1, 2).reshape(rows * width, columns * width)
-    return np.ascontiguousarray(whole[: len(north), : len(east)])

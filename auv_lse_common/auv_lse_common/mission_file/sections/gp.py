@@ -23,40 +23,36 @@ class GpConfig:
     std_soundings: float = parameter(
         100.0,
         low=0.0,
-        help="The map that is told scales its standard deviation by what the soundings show of it, and signal_std_m "
-        "is worth so many soundings in that; 0: told by signal_std_m alone. Planners always use signal_std_m.",
+        help="The published map rescales its standard deviation to fit the soundings; signal_std_m counts as this many "
+        "soundings in that. 0: no rescaling. Planners always use signal_std_m.",
     )
     length_scale_m: float = parameter(
         85.0,
         above=0.0,
         unit="m",
-        help="Length scale (of the first axis). A Wendland kernel's support is a fixed multiple of it, "
-        "chosen so that one length means about the same correlation for every kernel.",
+        help="Length scale (of the first axis). A Wendland kernel's support is a fixed multiple of it, so that one "
+        "length scale means about the same correlation for every kernel.",
     )
     length_scale_2_m: float = parameter(
-        0.0, low=0.0, unit="m", help="Length scale across the first axis; 0 for isotropic."
+        0.0, low=0.0, unit="m", help="Length scale of the second axis; 0: the same (isotropic)."
     )
     rotation_deg: float = parameter(
         0.0, low=-180.0, high=180.0, unit="deg", help="Direction of the first axis, clockwise from north."
     )
-    noise_std_m: float = parameter(
-        0.3, above=0.0, unit="m", help="Standard deviation of one sounding about the depth (sigma_n)."
-    )
+    noise_std_m: float = parameter(0.3, above=0.0, unit="m", help="Standard deviation of a sounding's error (sigma_n).")
     mean: str = parameter("constant", choices=MEANS, help="Prior mean m(p).")
     mean_depth_m: float = parameter(15.0, unit="m", help="Constant mean, or the plane's depth at the origin.")
     mean_slope_north: float = parameter(0.0, help="Plane: metres deeper per metre north.")
     mean_slope_east: float = parameter(0.0, help="Plane: metres deeper per metre east.")
     survey_file: str = parameter(
-        "", help="Survey: CSV of north_m, east_m, depth_m, or an npz grid; linear in between, nearest outside."
+        "", help="Survey: CSV of north_m, east_m, depth_m, or an npz grid; linear interpolation, nearest outside."
     )
     min_spacing_m: float = parameter(
-        10.0, low=0.0, unit="m", help="A sounding is kept as a center if at least this far from every kept one."
+        10.0, low=0.0, unit="m", help="A sounding becomes a center if it is at least this far from every center."
     )
-    merge: bool = parameter(
-        True, help="A sounding too close to a kept center is averaged into it instead of being dropped."
-    )
+    merge: bool = parameter(True, help="A sounding too close to a center is averaged into it instead of being dropped.")
     local: bool = parameter(
-        False, help="Predict from the centers within support_m only (the paper); false: from all of them, exactly."
+        False, help="Predict only from the centers within support_m (the paper); false: exactly, from all."
     )
     support_m: float = parameter(
         0.0,
@@ -66,27 +62,27 @@ class GpConfig:
         "0: a default multiple of the length scale.",
     )
     outlier_sigmas: float = parameter(
-        0.0, low=0.0, help="A sounding more than this many sigmas off its prediction is flagged, not kept; 0: no gate."
+        0.0, low=0.0, help="A sounding more than this many sigmas from its prediction is flagged, not used; 0: no gate."
     )
     team_outlier_sigmas: float = parameter(
         5.0,
         low=0.0,
-        help="The same for samples heard from team mates, against the vehicle's own map; 0: no gate.",
+        help="The same for team mates' samples, against this vehicle's map; 0: no gate.",
     )
     max_centers: int = parameter(
         3000,
         low=1,
-        help="Kernel centers at most; half of them from samples heard. What would be one more is given up, and said.",
+        help="Maximum number of kernel centers; at most half from samples. Further centers are discarded and reported.",
     )
-    min_depth_m: float = parameter(0.0, unit="m", help="A sounding shallower than this is refused as absurd.")
-    max_depth_m: float = parameter(1000.0, unit="m", help="A sounding deeper than this is refused as absurd.")
+    min_depth_m: float = parameter(0.0, unit="m", help="A shallower sounding is refused as implausible.")
+    max_depth_m: float = parameter(1000.0, unit="m", help="A deeper sounding is refused as implausible.")
     map_resolution_m: float = parameter(5.0, above=0.0, unit="m", help="Cell size of the map.")
     publish_period_s: float = parameter(
         30.0, above=0.0, unit="s", help="Node: time between field, risk map, isobath and diagnostics."
     )
 
     def __post_init__(self) -> None:
-        """Checks what no single field can know.
+        """Checks values and combinations.
 
         Raises:
             ParameterError: naming the fields that contradict each other.
@@ -108,5 +104,5 @@ class GpConfig:
         if self.noise_std_m < 1e-4 * self.signal_std_m:
             raise ParameterError(
                 f"gp.noise_std_m: got {self.noise_std_m!r}; expected at least 1e-4 of gp.signal_std_m "
-                f"({self.signal_std_m!r}): below, rounding errors in the posterior would show"
+                f"({self.signal_std_m!r}), so that rounding errors in the posterior stay small"
             )

@@ -1,4 +1,4 @@
-"""Parameters of the correction of places: the section `places` of a mission file."""
+"""Parameters of the position correction: the section `places` of a mission file."""
 
 from __future__ import annotations
 
@@ -12,56 +12,59 @@ from auv_lse_common.mission_file.parameters import parameter, section
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class PlacesConfig:
-    """What is corrected, and how well dead reckoning, clocks and instruments are known before a mission."""
+    """Position correction, and the prior accuracy of dead reckoning, clocks and instruments."""
 
     correct: bool | None = parameter(
         None,
-        help="Whether soundings are booked anew where fixes, ranges and the terrain say that they were taken. Left "
-        "out: yes, but not with the paper's methods (planner.method augmented, exponential_quadratic, plain).",
+        help="Whether soundings move to positions corrected with fixes, ranges and terrain matching. Left out: yes, "
+        "but not with the paper's methods (planner.method augmented, exponential_quadratic, plain).",
     )
-    terrain: bool = parameter(True, help="Whether crossings of tracks count: the same ground has the same depth.")
+    terrain: bool = parameter(True, help="Whether to use terrain matching: tracks that cross measured the same depth.")
     interval_s: float = parameter(30.0, above=0.0, unit="s", help="Time between corrections.")
     moved_m: float = parameter(
-        1.0, low=0.0, unit="m", help="Soundings are booked anew when a correction moves one of them by more than this."
+        1.0, low=0.0, unit="m", help="The map is rebuilt when a correction moves a sounding by more than this."
     )
     start_std_m: float = parameter(
-        1.0, above=0.0, unit="m", help="Standard deviation of the raw place at the start, each axis (GPS before it)."
+        1.0, above=0.0, unit="m", help="Standard deviation of the raw position at the start, each axis (GPS)."
     )
     heading_std_deg: float = parameter(
         0.71,
         above=0.0,
         unit="deg",
-        help="The same of the heading's bias under way: 0.71 of the compass's, whose start is fixed by it.",
+        help="Standard deviation of the heading bias: 0.71 times the compass's.",
     )
     harmonic_std_deg: float = parameter(
         1.0,
         above=0.0,
         unit="deg",
-        help="The same of the heading's errors that go with its sine and cosine (iron aboard).",
+        help="Standard deviation of the heading errors proportional to its sine and cosine (iron aboard).",
     )
-    scale_std: float = parameter(0.003, above=0.0, high=0.5, help="The same of the DVL's scale.")
+    scale_std: float = parameter(0.003, above=0.0, high=0.5, help="Standard deviation of the DVL's scale error.")
     heading_walk_deg_rth: float = parameter(
-        0.5, low=0.0, unit="deg/sqrt(h)", help="Random walk of the heading's error; 0: none."
+        0.5, low=0.0, unit="deg/sqrt(h)", help="Random walk of the heading error; 0: none."
     )
     place_walk_m_rts: float = parameter(
-        0.02, low=0.0, unit="m/sqrt(s)", help="Random walk of the raw place beyond all of this; 0: none."
+        0.02, low=0.0, unit="m/sqrt(s)", help="Random walk of the raw position in addition; 0: none."
     )
     knot_s: float = parameter(200.0, above=0.0, unit="s", help="Time between the knots of these two walks.")
     fix_std_m: float = parameter(
-        1.0, above=0.0, unit="m", help="Standard deviation of a fix, each axis; one surfacing counts as one fix."
+        1.0,
+        above=0.0,
+        unit="m",
+        help="Standard deviation of a position fix, each axis; a surfacing counts as one.",
     )
-    range_std_m: float = parameter(1.0, above=0.0, unit="m", help="Standard deviation of one range between vehicles.")
+    range_std_m: float = parameter(1.0, above=0.0, unit="m", help="Standard deviation of a range between vehicles.")
     clock_std_s: float = parameter(
-        1e-3, above=0.0, high=10.0, unit="s", help="Standard deviation of one vehicle's clock at the start."
+        1e-3, above=0.0, high=10.0, unit="s", help="Standard deviation of a vehicle's clock error at the start."
     )
     clock_drift_std_ppm: float = parameter(
-        1.0, above=0.0, high=1000.0, unit="ppm", help="Standard deviation of one clock's rate."
+        1.0, above=0.0, high=1000.0, unit="ppm", help="Standard deviation of a clock's rate error."
     )
     sound_speed_mps: float = parameter(
-        1500.0, low=1300.0, high=1700.0, unit="m/s", help="Speed of sound that travel times are made ranges with."
+        1500.0, low=1300.0, high=1700.0, unit="m/s", help="Speed of sound that converts travel times to ranges."
     )
     sound_speed_std: float = parameter(
-        0.003, above=0.0, high=0.1, help="Standard deviation of its error, as a share of it."
+        0.003, above=0.0, high=0.1, help="Standard deviation of the relative error of the speed of sound."
     )
 
 

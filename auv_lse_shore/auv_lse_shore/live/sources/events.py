@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import Grid, OperatingArea
+from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary import stamps
 from auv_lse_common.vocabulary.frames import heading_from_quaternion

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.judge.isobath import trace
 from auv_lse_shore.live.sources.map_layers import scales_of

@@ -6,7 +6,7 @@ import math
 
 from numpy.typing import ArrayLike
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auv_lse_common.mission_file.sections.area import OperatingArea
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_common.vocabulary.naive_ids import HOLD, STRAIGHT_ON
 from auv_lse_common.vocabulary.plan import NONE, Plan
