@@ -52,3 +52,9 @@ use_environment() {
     # One thread per process: a mission is many processes on few cores.
     export OMP_NUM_THREADS="${OMP_NUM_THREADS:-1}" OPENBLAS_NUM_THREADS="${OPENBLAS_NUM_THREADS:-1}"
 }
+
+# Runs a Python module in the environment, in place of this script: run_module MODULE ARGUMENTS...
+run_module() {
+    use_environment || exit $?
+    AUV_LSE_SCRIPT="scripts/$(basename "$0")" exec python -m auv_lse_common.support.command "$@"
+}

@@ -42,5 +42,4 @@ def test_exit_code_and_arguments_are_the_modules_own(tmp_path: Path, end: str, c
 
 def test_every_script_that_is_python_is_run_so() -> None:
     for script in sorted((ROOT / "scripts").iterdir()):
-        lines = [line for line in script.read_text().splitlines() if "exec python -m" in line]
-        assert all("exec python -m auv_lse_common.support.command " in line for line in lines), script.name
+        assert "exec python -m" not in script.read_text() or script.name == "environment.sh", script.name

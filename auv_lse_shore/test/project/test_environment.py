@@ -44,12 +44,8 @@ def test_the_shells_flag_stays_as_it_was(tmp_path: Path, flag: str) -> None:
 def test_a_failed_set_up_leaves_a_persons_shell_open_and_stops_a_script(tmp_path: Path) -> None:
     process = shell(tmp_path / "p", ". scripts/environment.sh && use_environment; echo still here $?", set_up=3)
     assert (process.stdout, process.returncode) == ("still here 3\n", 0)
-    calls = {
-        path.name: [line for line in path.read_text().splitlines() if line.startswith("use_environment")]
-        for path in SCRIPTS.iterdir()
-        if path.is_file() and path.name not in ("environment.sh", "setup")
-    }
-    assert set(map(tuple, calls.values())) == {("use_environment || exit $?",)}, calls
+    process = shell(tmp_path / "q", ". scripts/environment.sh && run_module x; echo still here", set_up=3)
+    assert (process.stdout, process.returncode) == ("", 3)
 
 
 def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: Path) -> None:
@@ -60,9 +56,12 @@ def test_where_ros_is_sourced_its_own_python_finds_our_packages_last(tmp_path: P
     assert shell(tmp_path / "q", script).stdout.strip() == "", "without ROS our own Python has them anyway"
 
 
-def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Path) -> None:
-    """As after a pull: else every node of the next mission would compile them, and be late."""
+@pytest.mark.parametrize("of_vehicle", [False, True])
+def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Path, of_vehicle: bool) -> None:
+    """As after a pull: otherwise every node of the next mission would compile them, and be late."""
     project = tmp_path / "p"
+    if not of_vehicle:
+        (project / "ros_ws" / "src" / "auv_lse_shore").mkdir(parents=True)
     for folder in ("scripts", ".venv/bin", "ros_ws/install", "auv_lse_a/auv_lse_a"):
         (project / folder).mkdir(parents=True)
     for name in ("environment.sh", "setup"):
@@ -89,7 +88,8 @@ def test_inner_loops_are_compiled_again_when_their_code_has_changed(tmp_path: Pa
     loops.write_text("@compiled\ndef another(): ...\n")
     assert "the code of the inner loops has changed" in words()
     assert words() == ""
-    assert (tmp_path / "calls").read_text().splitlines() == ["-m auv_lse_shore.mission.warm_up"] * 2
+    module = "auv_lse_common.commands.warm_up" if of_vehicle else "auv_lse_shore.mission.warm_up"
+    assert (tmp_path / "calls").read_text().splitlines() == [f"-m {module}"] * 2
 
 
 def test_a_machine_that_the_wheels_are_not_for_is_named(tmp_path: Path) -> None:
