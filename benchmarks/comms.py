@@ -99,7 +99,7 @@ def codec(sizes: Sizes = FULL) -> list[Row]:
 
     def tagged() -> None:
         slot_s = 10.0 * next(slots)
-        tagger.check(tagger.seal(data, 1, slot_s), 1, (slot_s,))
+        tagger.accept(tagger.seal(data, 1, slot_s), 1, (slot_s,))
 
     tag = best_of(tagged, sizes.calls, sizes.repeats)
     return [

@@ -1,4 +1,4 @@
-"""What the nodes that drive hardware do alike: they carry bytes between the topics and a port."""
+"""Base of the nodes that drive hardware: they connect topics with a port."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ class Port(Protocol):
 
     @property
     def transport(self) -> Transport | None:
-        """The open port, to wait on for bytes; None if it is closed."""
+        """The open port, for waiting on bytes; None if it is closed."""
         ...
 
     @property
     def quiet(self) -> bool:
-        """True if the device is there and owes no answer that would come at once."""
+        """Whether the device is ready and no immediate answer is pending."""
         ...
 
     def step(self, now_s: float, steady_s: float, poll: bool) -> list[Any]:
-        """Carries bytes both ways and, if `poll`, lets time pass; returns the events."""
+        """Transfers bytes both ways and, if `poll`, lets time pass; returns the events."""
         ...
 
     def health(self) -> Health:
@@ -44,9 +44,9 @@ class Port(Protocol):
 
 
 class DriverNode(VehicleNode):
-    """A node between the topics and a device: woken by bytes, by messages, and by a timer.
+    """A node between topics and a device, woken by bytes, messages and a timer.
 
-    In lockstep the mission's time passes by ticks alone, and a tick is answered once the device is quiet.
+    In lockstep, time passes with ticks only, and a tick is answered once the device is quiet.
     """
 
     def __init__(self, name: str, status_name: str) -> None:
@@ -56,7 +56,7 @@ class DriverNode(VehicleNode):
         self._watched: tuple[Transport, PortWatcher] | None = None
 
     def drive(self, port: Port) -> None:
-        """Begins to open the port; to be called when every topic is wired."""
+        """Begins to open the port; call it after wiring every topic."""
         self._port = port
         self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
         self._bytes = self.create_guard_condition(self._on_bytes)
@@ -71,24 +71,24 @@ class DriverNode(VehicleNode):
 
     @abstractmethod
     def totals(self) -> tuple[int, ...]:
-        """What the node's lockstep phase counts."""
+        """The totals that the node's lockstep phase reports."""
 
     def begin(self) -> None:
-        """In lockstep starts handling ticks; otherwise the node's own timer is enough."""
+        """In lockstep, starts handling ticks; otherwise the node's own timer suffices."""
         if self.lockstep:
             super().begin()
 
     def settled(self) -> bool:
-        """The device owes no answer."""
+        """Whether no answer of the device is pending."""
         return self._port.quiet
 
     def wake(self) -> None:
-        """Carries bytes and, in lockstep, handles the tick that is complete then."""
+        """Transfers bytes and, in lockstep, handles the tick if it is complete."""
         self._exchange(poll=False)
         super().wake()
 
     def polls(self) -> bool:
-        """Whether time passes by the timer: not in lockstep."""
+        """Whether time passes with the timer: not in lockstep."""
         return not self.lockstep
 
     def diagnose(self) -> None:

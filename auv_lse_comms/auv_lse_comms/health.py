@@ -1,4 +1,4 @@
-"""What modem_node's diagnostics say about the acoustic link."""
+"""The diagnostics that modem_node publishes about the acoustic link."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from auv_lse_comms.bridge import ModemBridge
 
 
 def bridge_problems(bridge: ModemBridge, now_s: float) -> dict[str, str]:
-    """What an operator should know, a text for each problem, by its key."""
+    """Problems that an operator should know of: texts by key."""
     found = bridge.quality.problems(now_s)
     if bridge.unconfirmed:
         found["unconfirmed"] = (
-            f"modem: it has not confirmed the last {bridge.unconfirmed} packets, whose samples wait again: is "
-            "micromodem_node running?"
+            f"modem: the last {bridge.unconfirmed} packets were not confirmed and their samples requeued; check that "
+            "micromodem_node is running"
         )
-    if bridge.abort and not bridge.abort_counts:
+    if bridge.abort_calls.own and not bridge.abort_calls.allowed:
         found["abort"] = (
-            "team: mates do not obey its call to abort, which has no tag; fix: packet.tag, or "
+            "team: mates ignore this vehicle's call to abort, because it has no tag; set packet.tag, or "
             "packet.abort_without_tag, for the whole team"
         )
     return found
@@ -29,7 +29,7 @@ def bridge_health(bridge: ModemBridge, problems: Mapping[str, str]) -> Health:
 
     Args:
         bridge: The bridge.
-        problems: What `bridge_problems` says now.
+        problems: The result of `bridge_problems`.
     """
     values = {**bridge.counts, **bridge.quality.counts, "samples.unsent": bridge.unsent, "loss": f"{bridge.loss:.2f}"}
     level = Level.WARN if problems else Level.OK

@@ -1,11 +1,12 @@
-"""What a vehicle's acoustic bridge does in a tick: it takes what has come in, then composes what goes out."""
+"""What a vehicle's acoustic bridge does in a tick: it processes its inputs, then composes its packet."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_common.vocabulary.sounding_gate import SoundingGate
 from auv_lse_comms.bridge import ModemBridge, Received
 from auv_lse_comms.packet.codec import PacketError
@@ -13,87 +14,80 @@ from auv_lse_comms.ranging import UNTIMED, Timing
 
 
 class BridgeIntake:
-    """Soundings, packets and plans that wait for the bridge, and the order in which it takes them.
+    """Queues the bridge's inputs and passes them on in a fixed order.
 
     Attributes:
         bridge: The bridge.
-        gate: What own soundings pass before the bridge takes them.
-        ranges: Ranges by pings, taken by the last `hear`.
-        problems: What could not be used in the last `hear` or `say`, for the log.
+        gate: Filter for own soundings.
+        ranges: Ranges from pings, found by the last `process`.
+        problems: Inputs that were unusable in the last `process` or `poll`, for the log.
     """
 
     def __init__(self, bridge: ModemBridge) -> None:
-        """Nothing waits yet."""
+        """Starts without inputs."""
         self.bridge = bridge
         self.gate = SoundingGate()
         self.ranges: list[MateNavigation] = []
         self.problems: list[str] = []
-        self._soundings: list[Sequence[float]] = []
+        self._soundings: list[Sounding] = []
         self._packets: list[tuple[float, int, bytes, Timing]] = []
         self._answers: list[tuple[float, int, Timing]] = []
         self._raw: DeadReckoning | None = None
         self._fixes: list[Fix] = []
         self._plan: Plan | None = None
 
-    def add_soundings(self, rows: Iterable[Sequence[float]]) -> None:
-        """Own soundings: stamp (s), north, east, depth (m) of each, then raw north, east (m) where known."""
-        self._soundings.extend(rows)
+    def add_soundings(self, soundings: Iterable[Sounding]) -> None:
+        """Queues own soundings."""
+        self._soundings.extend(soundings)
 
     def set_dead_reckoning(self, raw: DeadReckoning) -> None:
-        """The vehicle's raw place; it replaces one that still waits."""
+        """Sets the vehicle's raw place, replacing a waiting one."""
         self._raw = raw
 
     def add_fix(self, fix: Fix) -> None:
-        """A fix of the vehicle's own."""
+        """Queues an own fix."""
         self._fixes.append(fix)
 
     def add_packet(self, stamp_s: float, source: int, payload: bytes, timing: Timing = UNTIMED) -> None:
-        """What the modem received: end of reception (s), number of the sender, the bytes, and when it was sent."""
+        """Queues a received packet: end of reception (s), the sender's number, its bytes and its timing."""
         self._packets.append((stamp_s, source, payload, timing))
 
     def add_answer(self, stamp_s: float, source: int, timing: Timing) -> None:
-        """The answer to a ping: the time for which it holds (s), the mate that answered, and how long sound took."""
+        """Queues the answer to a ping: the time at which its range applies (s), the mate's number and the timing."""
         self._answers.append((stamp_s, source, timing))
 
     def set_plan(self, plan: Plan) -> None:
-        """The vehicle's own plan; it replaces one that still waits."""
+        """Sets the vehicle's own plan, replacing a waiting one."""
         self._plan = plan
 
-    def hear(self) -> list[Received]:
-        """The bridge takes own navigation and soundings, then packets by stamp and source; returns those it accepts."""
+    def process(self) -> list[Received]:
+        """Passes own navigation and soundings to the bridge, then packets by stamp and source; returns the accepted."""
         self.problems = []
-        bad, unplaced = self.bridge.counts["samples.bad"], self.bridge.counts["samples.unplaced"]
+        bridge, counts = self.bridge, self.bridge.counts
+        bad, unplaced = counts["samples.bad"], counts["samples.unplaced"]
         if self._raw is not None:
-            self.bridge.moved(self._raw)
+            bridge.set_dead_reckoning(self._raw)
             self._raw = None
         for fix in sorted(self._fixes, key=lambda fix: fix.stamp_s):
-            self.bridge.fixed(fix)
+            bridge.set_fix(fix)
         self._fixes = []
         if self._soundings:
-            self.bridge.add_soundings(self.gate.passed(sorted(self._soundings, key=lambda row: row[0])))
+            bridge.add_soundings(self.gate.passed(sorted(self._soundings, key=lambda sounding: sounding[0])))
             self._soundings = []
-        if self.bridge.counts["samples.bad"] > bad:
+        if counts["samples.bad"] > bad:
+            self.problems.append(f"soundings that are not finite are not sent: {counts['samples.bad']} so far")
+        if counts["samples.unplaced"] > unplaced:
             self.problems.append(
-                f"soundings that are not finite: {self.bridge.counts['samples.bad']} so far, none is sent"
-            )
-        if self.bridge.counts["samples.unplaced"] > unplaced:
-            self.problems.append(
-                f"soundings without a raw place: {self.bridge.counts['samples.unplaced']} so far, none is sent; fix: a "
-                "driver that gives raw_north_m and raw_east_m, or packet.navigation: false for the whole team"
+                f"soundings without a raw place are not sent: {counts['samples.unplaced']} so far; use a driver that "
+                "sets raw_north_m and raw_east_m, or set packet.navigation: false for the whole team"
             )
         packets, self._packets = sorted(self._packets, key=lambda packet: packet[:2]), []
         answers, self._answers = sorted(self._answers, key=lambda answer: answer[:2]), []
-        ranges = (self.bridge.ranged(*answer) for answer in answers)
-        self.ranges = [found for found in ranges if found is not None]
-        heard = (self.bridge.receive(*packet) for packet in packets)
-        return [received for received in heard if received is not None]
+        self.ranges = [found for answer in answers if (found := bridge.ranged(*answer)) is not None]
+        return [received for packet in packets if (received := bridge.receive(*packet)) is not None]
 
-    def ping(self, now_s: float) -> int | None:
-        """The mate to ping now, if it is time to."""
-        return self.bridge.ping(now_s)
-
-    def say(self, now_s: float) -> bytes | None:
-        """The bridge takes the plan; returns the packet to send now, if it is the vehicle's slot."""
+    def poll(self, now_s: float) -> bytes | None:
+        """Passes the plan to the bridge; returns the packet to send now, if it is the vehicle's slot."""
         self.problems = []
         plan, self._plan = self._plan, None
         if plan is not None:
@@ -101,5 +95,5 @@ class BridgeIntake:
                 self.bridge.set_plan(plan)
             except PacketError as error:
                 self.bridge.counts["plans.unsendable"] += 1
-                self.problems.append(f"plan of step {plan.step} cannot be sent: {error}")
+                self.problems.append(f"plan of step {plan.step} does not fit a packet: {error}")
         return self.bridge.poll(now_s)

@@ -1,11 +1,11 @@
-"""What arrivals tell of the team's clocks, and of who uses which number and which slots.
+"""Checks the arrival times of packets: reveals clock offsets, duplicate vehicle numbers and wrong slots.
 
 A packet sent at the beginning of its sender's slot arrives, by a clock that agrees with the sender's, between
-`guard_s` after the slot's start and `guard_s + send_duration_s + travel_s` after it, or little more: hosts look for
-their slots once a second. Packets that keep coming earlier or later show that clocks are apart; so do packets that
-arrive in slots of others. A sender that is heard more often than it has slots is two vehicles with one number, or a
-babbling transmitter: what is too much is refused, so that it cannot fill the map. What comes outside of a sender's
-slots is counted apart: without a tag anybody can send in a mate's name, and must not use up its slots.
+`guard_s` and `guard_s + send_duration_s + travel_s` after the slot's start, or slightly later, because hosts check for
+their slots once a second. Packets that keep arriving earlier or later, or in slots of others, reveal a clock offset. A
+sender that is heard more often than it has slots is two vehicles with one number, or a transmitter that sends too much:
+its excess packets are refused, so that it cannot fill the map. Packets outside their sender's slots are counted
+separately: without a tag anyone can send under a mate's number, and must not use up that mate's slots.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from collections import Counter, deque
 
 from auv_lse_comms.tdma import Tdma
 
-#: A host may look for its slot this late (s).
+#: A host may notice its slot this late (s).
 LATE_HOST_S = 1.0
-#: Arrivals that are looked at together: one that is off may be an echo, or a late host.
+#: Number of arrivals that are judged together: a single late one may be an echo, or a late host.
 RECENT = 5
-#: Refusals that an operator should know of, with what they mean.
+#: Reasons of refusals that are reported, with their possible causes.
 _REFUSALS = {
-    "tag": "their tag does not fit: another key or another session there, or a forger",
-    "stale": "they are of other slots: clocks more than a cycle apart, or somebody replays old packets",
-    "replay": "they were received before: an echo, or somebody replays packets",
+    "tag": "their tag does not match: another key or session on that vehicle, or forged packets",
+    "stale": "they belong to other slots: clocks differ by more than a cycle, or old packets are replayed",
+    "replay": "they were received before: an echo, or packets are replayed",
 }
-_MOST_REFUSALS = 1000
-#: What was found is told for so many cycles after it was seen last.
-TOLD_CYCLES = 10.0
-#: Packets that a sender may be ahead of its slots: some wait in a receiver and come together.
+_MAX_REFUSALS = 1000
+#: A problem is reported for this many cycles after it was last seen.
+REPORTED_CYCLES = 10.0
+#: Packets by which a sender may exceed its slots: a receiver may deliver several at once.
 AHEAD = 3.0
 
 
@@ -37,90 +37,89 @@ class LinkQuality:
     """Watches the arrivals at one vehicle.
 
     Attributes:
-        counts: Arrivals outside of their sender's slot ("out_of_slot.2"), in whose slot ("in_slot_of.3.from.2"), and
-            beyond a sender's slots ("excess.2").
+        counts: Arrivals outside their sender's slots ("out_of_slot.2"), in another's slot ("in_slot_of.3.from.2"), and
+            beyond the number of a sender's slots ("excess.2").
     """
 
     def __init__(self, tdma: Tdma, address: int) -> None:
-        """Watches for vehicle `address` with these slots."""
+        """Starts without arrivals, for vehicle `address`."""
         self.counts: Counter[str] = Counter()
         self._tdma = tdma
         self._address = address
         self._own_number_s = -math.inf
         self._late_s: dict[int, deque[float]] = {}
-        # by sender, and whether in its slots or in all: packets it may send, as of when (s)
+        # by sender, and whether in its slots or overall: packets that it may still send, and when (s) that applied
         self._allowed: dict[tuple[int, bool], tuple[float, float]] = {}
         self._heard_s: dict[int, float] = {}  # when a sender was last heard
         self._excess_s: dict[int, float] = {}  # when a sender last sent too many
         self._refused_s: dict[tuple[str, int], float] = {}  # when a packet was last refused for a reason, by sender
-        self._foreign_s: dict[int, deque[float]] = {}  # by sender: when its last packets came that were far off
+        self._foreign_s: dict[int, deque[float]] = {}  # by sender: when its last packets outside its slots arrived
 
-    def own_number(self, now_s: float) -> None:
-        """Another modem was heard that has this vehicle's number."""
+    def note_own_number(self, now_s: float) -> None:
+        """Another modem with this vehicle's number was heard."""
         self._own_number_s = now_s
 
-    def refused(self, now_s: float, reason: str, source: int) -> None:
+    def note_refusal(self, now_s: float, reason: str, source: int) -> None:
         """A packet was refused for a reason of `packet.codec.REASONS`."""
-        if reason in _REFUSALS and len(self._refused_s) < _MOST_REFUSALS:
+        if reason in _REFUSALS and len(self._refused_s) < _MAX_REFUSALS:
             self._refused_s[reason, source] = now_s
 
-    def arrival(self, stamp_s: float, source: int) -> bool:
-        """Takes note of a packet of `source` whose reception ended at `stamp_s`; False if it has sent too many."""
+    def accept_arrival(self, stamp_s: float, source: int) -> bool:
+        """Records a packet of `source` whose reception ended at `stamp_s` (s); False if it has sent too many."""
         self._heard_s[source] = stamp_s
-        late_s = self._off_s(stamp_s, source)
+        late_s = self._lateness_s(stamp_s, source)
         self._late_s.setdefault(source, deque(maxlen=RECENT)).append(late_s)
         if (owner := self._tdma.slot(stamp_s).owner) != source:
             self.counts[f"out_of_slot.{source}"] += 1
             if owner:
                 self.counts[f"in_slot_of.{owner}.from.{source}"] += 1
             self._foreign_s.setdefault(source, deque(maxlen=RECENT)).append(stamp_s)
-        if self._may_send(stamp_s, source, late_s == 0.0):
+        if self._use_allowance(stamp_s, source, late_s == 0.0):
             return True
         self.counts[f"excess.{source}"] += 1
         self._excess_s[source] = stamp_s
         return False
 
     def problems(self, now_s: float) -> dict[str, str]:
-        """What an operator should know, a text for each problem, by its key."""
+        """Problems that an operator should know of: texts by key."""
         found = {}
         tdma = self._tdma.settings(now_s)
-        told_s = TOLD_CYCLES * tdma.slot_s * len(tdma.order)
-        if now_s - self._own_number_s < told_s:
-            text = f"team: another modem has this vehicle's number, {self._address}: each needs its own"
-            found["own number"] = text
+        reported_s = REPORTED_CYCLES * tdma.slot_s * len(tdma.order)
+        if now_s - self._own_number_s < reported_s:
+            found["own number"] = f"team: another modem has this vehicle's number, {self._address}; numbers must differ"
         for (reason, source), then_s in sorted(self._refused_s.items()):
-            if now_s - then_s < told_s:
+            if now_s - then_s < reported_s:
                 found[f"{reason} of {source}"] = f"team: packets of vehicle {source} are refused: {_REFUSALS[reason]}"
         for source, recent in sorted(self._late_s.items()):
-            if now_s - self._heard_s[source] >= told_s:
+            if now_s - self._heard_s[source] >= reported_s:
                 continue
             late_s = statistics.median(recent)
             if len(recent) == RECENT and recent.count(0.0) <= 1 and late_s != 0.0:
                 when = "later" if late_s > 0.0 else "earlier"
                 found[f"clock of {source}"] = (
-                    f"team: packets of vehicle {source} come {abs(late_s):.1f} s {when} than its slots allow: their "
-                    "clocks are apart by as much at least, or two vehicles have that number"
+                    f"team: packets of vehicle {source} arrive {abs(late_s):.1f} s {when} than its slots allow: the "
+                    "clocks differ by at least as much, or two vehicles have that number"
                 )
-            elif self._comes_in_others_slots(source, now_s - told_s):
+            elif self._uses_others_slots(source, now_s - reported_s):
                 found[f"slots of {source}"] = (
-                    f"team: vehicle {source} sends in slots of others: they may drown each other; its tdma settings "
-                    "are others, or two vehicles have that number"
+                    f"team: vehicle {source} sends in slots of others, which causes collisions: its tdma settings "
+                    "differ, or two vehicles have that number"
                 )
-            if now_s - self._excess_s.get(source, -math.inf) < told_s:
+            if now_s - self._excess_s.get(source, -math.inf) < reported_s:
                 count = self.counts[f"excess.{source}"]
                 found[f"excess of {source}"] = (
-                    f"team: {count} packets of vehicle {source} beyond its slots are refused: "
-                    "two vehicles with that number, or a transmitter that babbles"
+                    f"team: {count} packets of vehicle {source} beyond its slots were refused: "
+                    "two vehicles have that number, or a transmitter sends too much"
                 )
         return found
 
-    def _comes_in_others_slots(self, source: int, since_s: float) -> bool:
-        """Whether packets keep coming in slots of others, though their middle one is in its own slots' time."""
+    def _uses_others_slots(self, source: int, since_s: float) -> bool:
+        """Whether packets keep arriving in slots of others, although the median one is on time."""
         recent = self._foreign_s.get(source, deque())
         return len(recent) == RECENT and recent[0] > since_s
 
-    def _off_s(self, stamp_s: float, source: int) -> float:
-        """How much later (s) than a slot of its sender allows a packet has come; negative: earlier; 0: as it should."""
+    def _lateness_s(self, stamp_s: float, source: int) -> float:
+        """How much later (s) than its sender's nearest slot allows a packet arrived; negative: earlier; 0: in time."""
         tdma = self._tdma.settings(stamp_s)
         latest_s = tdma.guard_s + tdma.send_duration_s + tdma.travel_s + LATE_HOST_S
         cycle_s = tdma.slot_s * len(tdma.order)
@@ -128,13 +127,17 @@ class LinkQuality:
         for turn, owner in enumerate(tdma.order):
             if owner == source:
                 phase_s = math.remainder(stamp_s - tdma.epoch_s - turn * tdma.slot_s - 0.5 * latest_s, cycle_s)
-                after_s = phase_s + 0.5 * latest_s  # after the start of that slot, the nearest one
+                after_s = phase_s + 0.5 * latest_s  # time after the start of the nearest such slot
                 off_s = max(after_s - latest_s, 0.0) + min(after_s - tdma.guard_s, 0.0)
                 best = min(best, off_s, key=abs)
         return 0.0 if math.isinf(best) else best
 
-    def _may_send(self, stamp_s: float, source: int, in_time: bool) -> bool:
-        """Takes one from what a sender may send: in its slots, and in all, which alone holds for what comes outside."""
+    def _use_allowance(self, stamp_s: float, source: int, in_time: bool) -> bool:
+        """Uses one packet of a sender's two allowances: of the one in its slots if `in_time`, and of the overall one.
+
+        Returns:
+            Whether the packet may be accepted; if not `in_time`, the overall allowance decides.
+        """
         in_slots, in_all = (self._allowance(stamp_s, source, kind) for kind in (True, False))
         take = (in_slots if in_time else in_all) >= 1.0
         self._allowed[source, True] = (in_slots - (take and in_time), stamp_s)

@@ -1,4 +1,4 @@
-"""The acoustic bridge of a vehicle: plan, soundings, navigation out in its own slots; those of the team in."""
+"""The acoustic bridge of a vehicle: sends plan, samples and navigation in its own slots; publishes the team's."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ _TUNABLE = ("order", "slot_s", "guard_s", "epoch_s", "send_duration_s")
 
 
 def _make_receivers(parameters: Mapping[str, Any], where: str, address: int) -> Receivers:
-    """What the receivers know, by the map's own reckoning: the one place where this package uses auv_lse_gp.
+    """The receivers' knowledge, estimated by the map: the only use of auv_lse_gp in this package.
 
-    Imported only if `packet.selection: useful` asks for it: without it the node needs neither that package nor SciPy.
+    It is imported only for `packet.selection: useful`; otherwise the node needs neither that package nor SciPy.
     """
     from auv_lse_gp.map.receivers_risk import ReceiversRisk
 
@@ -102,10 +102,10 @@ class ModemNode(VehicleNode):
         self.listen(ModemTx, "modem/failed", self._on_failed)
         self.phase(
             "modem",
-            self.hear,
+            self.publish_received,
             lambda: tuple(self._published[name] for name in ("plans", "samples", "navigation", "commands")),
         )
-        self.phase("modem_sent", self.say, lambda: (self._published["packets"],))
+        self.phase("modem_sent", self.send, lambda: (self._published["packets"],))
         self.begin()
 
     def _change_tdma(self, parameters: dict[str, Any]) -> None:
@@ -114,7 +114,7 @@ class ModemNode(VehicleNode):
             effective_s = self._bridge.tdma.change(config, self.now_s())
         except ValueError as error:
             raise ParameterError(f"{self.where}: {error}") from error
-        self.get_logger().info(f"TDMA settings change at {effective_s:.1f} s, the start of a cycle")
+        self.get_logger().info(f"TDMA settings change at {effective_s:.1f} s, at the start of a cycle")
 
     def _on_arrival(self, message: ModemRx) -> None:
         timing = Timing(sent_s=message.sent_s, arrival_s=message.arrival_s, travel_s=message.travel_s)
@@ -125,20 +125,20 @@ class ModemNode(VehicleNode):
             self._intake.add_packet(stamp_s, message.source, bytes(message.payload), timing)
 
     def _on_failed(self, message: ModemTx) -> None:
-        """The modem could not send the packet with this stamp: its samples are unsent again."""
+        """The modem could not send the packet with this stamp: its samples are requeued."""
         sent_s = seconds(message.header.stamp)
         self._bridge.not_sent(sent_s)
-        self.get_logger().warning(f"the packet of {sent_s:.1f} s was not sent; its samples wait")
+        self.get_logger().warning(f"packet of {sent_s:.1f} s not sent: samples requeued")
 
     def _on_state(self, message: MissionState) -> None:
-        self._bridge.abort = message.team_abort
+        self._bridge.abort_calls.own = message.team_abort
 
-    def _heed(self, received: Received) -> None:
-        """Passes on a team mate's call to abort the mission."""
-        if not self._bridge.obeys(received):
-            if received.packet.abort and not self._bridge.abort_counts:
+    def _pass_on_abort(self, received: Received) -> None:
+        """Publishes a teammate's call to abort the mission, if it must be obeyed."""
+        if not self._bridge.must_abort(received):
+            if received.packet.abort and not self._bridge.abort_calls.allowed:
                 self.get_logger().warning(
-                    f"vehicle {received.source} calls to abort: not obeyed without packet.tag (or "
+                    f"vehicle {received.source} calls to abort: ignored without packet.tag (or "
                     "packet.abort_without_tag)"
                 )
             return
@@ -147,13 +147,13 @@ class ModemNode(VehicleNode):
         self._team_command.publish(command)
         self._published["commands"] += 1
 
-    def hear(self, now_s: float) -> None:
-        """Takes own soundings and what the modem has received; gives the team's plans and samples."""
-        for received in self._intake.hear():
+    def publish_received(self, now_s: float) -> None:
+        """Processes own soundings and received packets; publishes the team's plans and samples."""
+        for received in self._intake.process():
             self._team_plans.publish(plan_message(received.stamp_s, received.source, received.packet.plan))
             self._published["plans"] += 1
-            self._heed(received)
-            if received.navigation is not None:  # before the samples, which are placed by it
+            self._pass_on_abort(received)
+            if received.navigation is not None:  # before the samples, whose places depend on it
                 self._team_navigation.publish(mate_navigation_message(received.navigation))
                 self._published["navigation"] += 1
             if len(received.packet.samples):
@@ -173,15 +173,15 @@ class ModemNode(VehicleNode):
             health = self.with_journal(bridge_health(self._bridge, problems))
             self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), health))
 
-    def say(self, now_s: float) -> None:
-        """Takes the vehicle's plan; in its own slot gives the modem a packet, and then a mate to ping."""
-        payload = self._intake.say(now_s)
+    def send(self, now_s: float) -> None:
+        """Takes the vehicle's plan; in an own slot publishes a packet for the modem, and then a ping."""
+        payload = self._intake.poll(now_s)
         for problem in self._intake.problems:
             self.get_logger().error(problem)
         if payload is not None:
             self._tx.publish(transmission(now_s, self.vehicle, payload))
             self._published["packets"] += 1
-        elif (mate := self._intake.ping(now_s)) is not None:
+        elif (mate := self._bridge.ping(now_s)) is not None:
             self._tx.publish(ping(now_s, self.vehicle, mate))
             self._published["packets"] += 1
 

@@ -1,8 +1,8 @@
-"""What a vehicle's packets tell of ranges: when they were sent and arrived, and which mates are pinged.
+"""Ranges to teammates: from the times at which their packets were sent and arrived, and from pings.
 
-Modems measure travel times in two ways (docs/reference/hardware.md). One-way: transmissions start on a second of
-everybody's PPS, and the modem knows what is beyond whole seconds. Two-way: a ping, which a mate's modem answers by
-itself.
+Modems measure travel times in two ways (docs/reference/hardware.md). One-way: transmissions start on a full second of
+a PPS that all vehicles share, and the modem reports the travel time without its whole seconds. Two-way: a ping, which
+the mate's modem answers without its host.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from dataclasses import dataclass
 
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, MateNavigation
 from auv_lse_comms.packet.navigation import Navigation
-from auv_lse_comms.tdma import Tdma
+from auv_lse_comms.tdma import SlotKey, Tdma
 
-#: A raw place older than this is not that of the transmission (s).
+#: A raw place older than this is too old for a transmission (s).
 FRESH_S = 2.0
-#: Two times nearer than this are one: a message's stamp keeps nanoseconds, UTC in a float fewer.
+#: Times closer than this (s) are equal: a message's stamp has nanoseconds, UTC as a float has less resolution.
 SAME_TIME_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """When a packet was sent and arrived, as far as the modem knows; NaN where it does not.
+    """When a packet was sent and arrived, according to the modem; NaN where unknown.
 
     Attributes:
         sent_s: Start of transmission, by the sender's clock (s).
@@ -36,34 +36,34 @@ class Timing:
     travel_s: float = math.nan
 
 
-#: Nothing is known.
+#: All times unknown.
 UNTIMED = Timing()
 
 
 class Ranging:
-    """The ranges of one vehicle, and its own raw place, by which they are understood."""
+    """The ranges of one vehicle, and its own raw place, which is needed to resolve them."""
 
     def __init__(self, tdma: Tdma, second_lead_s: float | None = None, pings: bool = False) -> None:
-        """Knows no raw place yet.
+        """Starts without a raw place.
 
         Args:
             tdma: The slots of the vehicle.
-            second_lead_s: Transmissions of the whole team start on a second, this long (s) or more after their packets
-                are given out, and of travel times modems know only what is beyond whole seconds. None: neither is so.
+            second_lead_s: If given, all transmissions of the team start on a full second, at least this long (s) after
+                their packets are given out, and modems report travel times without their whole seconds.
             pings: Whether mates are to be pinged.
         """
         self._tdma, self._second_lead_s, self._pings = tdma, second_lead_s, pings
         self._raw: DeadReckoning | None = None
         self._before: DeadReckoning | None = None  # the raw place before that
         self._pinged = 0  # the mate pinged last
-        self._slot: tuple[int, float] | None = None  # index and since_s of the slot in which it was
+        self._slot: SlotKey | None = None  # the slot of that ping
 
-    def moved(self, raw: DeadReckoning) -> None:
-        """The vehicle's raw place."""
+    def set_dead_reckoning(self, raw: DeadReckoning) -> None:
+        """Sets the vehicle's raw place."""
         self._before, self._raw = self._raw, raw
 
     def raw_at_start(self, now_s: float) -> DeadReckoning | None:
-        """The raw place where the transmission of a packet that is made now will start; None if it is not known."""
+        """The raw place at the transmission's start of a packet that is given out now; None if it is not known."""
         raw, before = self._raw, self._before
         if raw is None or now_s - raw.stamp_s > FRESH_S:
             return None
@@ -75,11 +75,13 @@ class Ranging:
         east_m = raw.east_m + share * (raw.east_m - before.east_m)
         return dataclasses.replace(raw, stamp_s=start_s, north_m=north_m, east_m=east_m)
 
-    def told(self, stamp_s: float, source: int, navigation: Navigation | None, timing: Timing) -> MateNavigation | None:
-        """What a packet that was received at `stamp_s` (s) tells of its sender's navigation."""
+    def mate_navigation(
+        self, stamp_s: float, source: int, navigation: Navigation | None, timing: Timing
+    ) -> MateNavigation | None:
+        """The sender's navigation and range, from a packet that was received at `stamp_s` (s); None if it has none."""
         if navigation is None:
             return None
-        timing = self._whole(timing, navigation)
+        timing = self._with_whole_seconds(timing, navigation)
         (raw_north_m, raw_east_m), (fix_raw_north_m, fix_raw_east_m) = navigation.raw_m, navigation.fix_raw_m
         fix_north_m, fix_east_m = navigation.fix_m
         return MateNavigation(
@@ -95,10 +97,10 @@ class Ranging:
             travel_s=timing.travel_s,
         )
 
-    def _whole(self, timing: Timing, navigation: Navigation) -> Timing:
-        """When a packet was sent, with the whole seconds that its modem cannot tell.
+    def _with_whole_seconds(self, timing: Timing, navigation: Navigation) -> Timing:
+        """The timing with the whole seconds of travel time that the modem cannot measure.
 
-        They follow from the raw places of both, which are wrong by far less than what sound travels in a second.
+        They follow from the raw places of both vehicles, whose error is far below the 1.5 km of a second.
         """
         if self._second_lead_s is None or self._raw is None or not math.isfinite(timing.travel_s):
             return timing
@@ -106,29 +108,28 @@ class Ranging:
         more_s = round(apart_m / self._tdma.settings(timing.arrival_s).sound_speed_mps - timing.travel_s)
         return dataclasses.replace(timing, sent_s=timing.sent_s - more_s, travel_s=timing.travel_s + more_s)
 
-    def ping(self, now_s: float, sent_s: float, sent_in: tuple[int, float] | None) -> int | None:
-        """The mate to ping now: one in turn in what is left of each own slot when its packet is out; mostly None.
+    def ping(self, now_s: float, sent_s: float, sent_in: SlotKey | None) -> int | None:
+        """The mate to ping now: in each own slot one mate in turn, after the slot's packet; mostly None.
 
         Args:
             now_s: Time (s).
             sent_s: When the last packet was given out (s).
-            sent_in: Index and since_s of the slot of that; None if there was none.
+            sent_in: That packet's slot; None if there was none.
         """
         slot, vehicles = self._tdma.slot(now_s), self._tdma.vehicles
-        key = (slot.index, slot.since_s)
-        if not self._pings or vehicles == 1 or key == self._slot or key != sent_in:
+        if not self._pings or vehicles == 1 or slot.key == self._slot or slot.key != sent_in:
             return None
         tdma = self._tdma.settings(now_s)
         if not sent_s + tdma.send_duration_s <= now_s <= slot.end_s - tdma.guard_s - tdma.ping_s:
             return None
-        self._slot = key
+        self._slot = slot.key
         self._pinged = self._pinged % vehicles + 1
         if self._pinged == self._tdma.address:
             self._pinged = self._pinged % vehicles + 1
         return self._pinged
 
-    def pinged(self, now_s: float, source: int, timing: Timing) -> MateNavigation | None:
-        """The range to a mate by a ping that it has answered, which holds for `now_s` (s); None if it is no mate."""
+    def ping_range(self, now_s: float, source: int, timing: Timing) -> MateNavigation | None:
+        """The range at `now_s` (s) to a mate that answered a ping; None if `source` is not a mate."""
         mate = 1 <= source <= self._tdma.vehicles and source != self._tdma.address
         if not mate or not math.isfinite(timing.travel_s):
             return None

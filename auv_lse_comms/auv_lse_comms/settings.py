@@ -1,4 +1,4 @@
-"""Makes a vehicle's acoustic bridge from the sections of a mission file."""
+"""Creates a vehicle's acoustic bridge from the sections of a mission file."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from auv_lse_common.mission_file.sections.acoustics import WINDOW_S, PacketConfi
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MissionConfig, MotionConfig
 from auv_lse_common.mission_file.sections.modem import ModemConfig
-from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.bridge import ModemBridge, ModemFeatures
 from auv_lse_comms.packet.codec import Limits
 from auv_lse_comms.packet.key import KeyFileError, read_key
 from auv_lse_comms.packet.selection import Receivers
 
-#: Makes the receivers of `packet.selection` "useful" from the mission's parameters, where they came from (for
-#: messages), and the sender's number.
+#: Creates the receivers of `packet.selection` "useful" from the mission's parameters, their origin (for messages), and
+#: the sender's number.
 MakeReceivers = Callable[[Mapping[str, Any], str, int], Receivers]
 
-#: What the missing number means, by its key in the section `mission`.
+#: Meaning of a missing number, by its key in the section `mission`.
 _SHARED = {"vehicles": "the number of vehicles", "steps": "the number of steps of each vehicle"}
 
 
 def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
-    """`mission.vehicles` or `mission.steps`, which have no default here, because all vehicles must have the same.
+    """`mission.vehicles` or `mission.steps`, which are required here, because all vehicles must have the same values.
 
     Raises:
-        ParameterError: if it is missing or no whole number of at least 1.
+        ParameterError: if it is missing or not a whole number of at least 1.
     """
     mission = section(MissionConfig, parameters, "mission", where)
     if not is_given(parameters, f"mission.{key}"):
         raise ParameterError(
-            f"{where}: mission.{key}: missing; expected {_SHARED[key]}, which all vehicles must share: write it in the "
+            f"{where}: mission.{key}: missing; expected {_SHARED[key]}, which all vehicles must share: add it to the "
             f"mission file, section mission, under '/**:'"
         )
     value: int = getattr(mission, key)
@@ -81,7 +81,7 @@ def check_send_duration(tdma: TdmaConfig, modem: ModemConfig, where: str) -> Non
         raise ParameterError(
             f"{where}: tdma.send_duration_s: got {tdma.send_duration_s:g} s; expected at least "
             f"{modem.send_duration_s:.2f} s: modem.start_timeout_s ({modem.start_timeout_s:g} s), and what a packet "
-            f"takes at rate {modem.rate}; a late start could run into the next slot"
+            f"takes at rate {modem.rate}; otherwise a late transmission could overlap the next slot"
         )
 
 
@@ -96,15 +96,15 @@ def bridge_of(
     """The bridge of vehicle `address`.
 
     Args:
-        parameters: Nested parameters of its modem_node; `mission.vehicles` and `mission.steps` must be among them.
+        parameters: Nested parameters of its modem_node; `mission.vehicles` and `mission.steps` are required.
         where: Where they came from, for messages.
         address: Number of the vehicle.
         make_receivers: Called if `packet.selection` is "useful", which needs it.
-        confirmed: Whether a Micromodem (`modem.kind`) has to say of each packet that it was sent.
-        handshake_s: What it needs before it can begin (s): nothing in simulated time.
+        confirmed: Whether a Micromodem (`modem.kind`) must confirm each packet.
+        handshake_s: Time (s) from handing over a packet to the earliest transmission; 0 in simulated time.
 
     Raises:
-        ParameterError: naming what cannot be used, the key file's faults among them.
+        ParameterError: naming what cannot be used, problems of the key file included.
     """
     tdma = section(TdmaConfig, parameters, "tdma", where)
     packet = section(PacketConfig, parameters, "packet", where)
@@ -114,24 +114,24 @@ def bridge_of(
     modem = section(ModemConfig, parameters, "modem", where)
     if confirmed:
         check_send_duration(tdma, modem, where)
-    pings = modem.kind == "micromodem" and modem.ping
+    is_micromodem = modem.kind == "micromodem"
+    features = ModemFeatures(
+        confirm_s=modem.confirm_s if confirmed and is_micromodem else math.inf,
+        second_lead_s=handshake_s if is_micromodem and modem.synchronous else None,
+        pings=is_micromodem and modem.ping,
+    )
     ping_slot_s = tdma.needed_s + tdma.ping_s - tdma.travel_s + WINDOW_S
-    if pings and tdma.slot_s < ping_slot_s - 1e-9:
+    if features.pings and tdma.slot_s < ping_slot_s - 1e-9:
         raise ParameterError(
             f"{where}: tdma.slot_s: got {tdma.slot_s:g} s; expected at least {ping_slot_s:.2f} s with modem.ping: a "
             f"packet, a ping and its answer, and {WINDOW_S:g} s to begin in"
         )
-    confirm_s = modem.confirm_s if confirmed and modem.kind == "micromodem" else math.inf
-    second_lead_s = handshake_s if modem.kind == "micromodem" and modem.synchronous else None
     receivers = None
     if packet.selection == "useful" and make_receivers is not None:
         receivers = make_receivers(parameters, where, address)
     try:
         key = read_key(packet.key_file) if packet.tag else None
-        return ModemBridge(
-            tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, confirm_s=confirm_s,
-            second_lead_s=second_lead_s, pings=pings,
-        )  # fmt: skip
+        return ModemBridge(tdma, packet, address, vehicles, limits=limits, key=key, receivers=receivers, modem=features)
     except KeyFileError as error:
         raise ParameterError(f"{where}: packet.key_file: {error}") from error
     except ValueError as error:

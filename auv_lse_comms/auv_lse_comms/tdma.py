@@ -5,13 +5,13 @@ start at time t of its owner's clock when
 
     start + guard <= t    and    t + duration + max_range / c + guard <= end
 
-so it has reached the farthest member a guard before the slot ends. If every clock is within one guard of the true
-time, everything sent in a slot is sent and has died away within that slot's true bounds: two slots never overlap, and
-nobody sends while something is still coming in.
+so it reaches the farthest member at least one guard before the slot ends. If every clock is within one guard of the
+true time, everything sent in a slot is sent and received within that slot's true bounds. Slots never overlap, and no
+vehicle sends while a packet is still arriving.
 
-A change of settings is scheduled for the start of a cycle of the old settings. From then on slots count from the new
-epoch, so that a vehicle that knows only the new settings finds the same slots. A slot that would have begun before the
-change belongs to nobody.
+A change of settings takes effect at the start of a cycle of the old settings. From then on slots count from the new
+epoch, so that a vehicle that has only the new settings finds the same slots. A slot that would have begun before the
+change belongs to no vehicle.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ from dataclasses import dataclass
 
 from auv_lse_common.mission_file.sections.acoustics import TdmaConfig
 
+#: Identifies a slot: its index and since_s.
+SlotKey = tuple[int, float]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slot:
@@ -30,10 +33,10 @@ class Slot:
 
     Attributes:
         index: Number of the slot, counted from the epoch; unique together with `since_s`.
-        owner: Number of the vehicle that may send, 0 for nobody.
+        owner: Number of the vehicle that may send, 0 for none.
         start_s: Its first instant (s).
         end_s: The first instant after it (s).
-        since_s: When the settings it belongs to took effect (s), -inf for the first ones.
+        since_s: When its settings took effect (s), -inf for the first ones.
     """
 
     index: int
@@ -42,12 +45,17 @@ class Slot:
     end_s: float
     since_s: float = -math.inf
 
+    @property
+    def key(self) -> SlotKey:
+        """Index and since_s."""
+        return self.index, self.since_s
+
 
 class Tdma:
     """The slots of a team, for one of its vehicles."""
 
     def __init__(self, config: TdmaConfig, address: int, vehicles: int) -> None:
-        """Starts with these settings, in force at all times.
+        """Starts with these settings, at all times.
 
         Args:
             config: The settings. An empty order becomes 1, 2, ..., `vehicles`.
@@ -58,7 +66,7 @@ class Tdma:
             ValueError: if the address or an owner in the order is not a vehicle of the mission.
         """
         if not 1 <= address <= vehicles:
-            raise ValueError(f"address {address}: expected a vehicle of the mission, 1..{vehicles}")
+            raise ValueError(f"address: got {address}; expected a vehicle of the mission, 1..{vehicles}")
         self.address = address
         self.vehicles = vehicles
         self._settings: list[tuple[float, TdmaConfig]] = [(-math.inf, self._complete(config))]
@@ -66,31 +74,31 @@ class Tdma:
     def _complete(self, config: TdmaConfig) -> TdmaConfig:
         if not config.order:
             return dataclasses.replace(config, order=tuple(range(1, self.vehicles + 1)))
-        strangers = sorted({owner for owner in config.order if not 0 <= owner <= self.vehicles})
-        if strangers:
-            raise ValueError(f"tdma order {config.order}: {strangers} are not among the vehicles 1..{self.vehicles}")
+        unknown = sorted({owner for owner in config.order if not 0 <= owner <= self.vehicles})
+        if unknown:
+            raise ValueError(f"tdma.order: got {config.order}; {unknown} are not among the vehicles 1..{self.vehicles}")
         return config
 
     def settings(self, now_s: float) -> TdmaConfig:
-        """The settings in force, with the order written out."""
+        """The settings at a time, with the order written out."""
         return self._at(now_s)[1]
 
     def change(self, config: TdmaConfig, now_s: float) -> float:
-        """Schedules new settings; they replace a change that was scheduled earlier and is not yet in force.
+        """Schedules new settings; they replace an earlier change that has not taken effect yet.
 
         Args:
             config: The new settings.
             now_s: Time now (s).
 
         Returns:
-            When they take effect (s): the first start of a cycle, of the settings in force, after `now_s`.
+            When they take effect (s): at the first start of a cycle, by the present settings, after `now_s`.
 
         Raises:
-            ValueError: if the order names a vehicle that is not of the mission, or the time is not finite.
+            ValueError: if the order contains an unknown vehicle, or the time is not finite.
         """
         config = self._complete(config)
         if not math.isfinite(now_s):
-            raise ValueError(f"change of the tdma settings at {now_s} s: expected a finite time")
+            raise ValueError(f"change of the tdma settings: got time {now_s} s; expected a finite one")
         since, old = self._at(now_s)
         self._settings = [(since, old)]
         slots = len(old.order)
@@ -104,13 +112,13 @@ class Tdma:
         for since, config in reversed(self._settings):
             if now_s >= since:
                 return since, config
-        return self._settings[0]  # a time before a change whose earlier settings are forgotten
+        return self._settings[0]  # a time before a change whose earlier settings are not kept
 
     def slot(self, now_s: float) -> Slot:
-        """The slot that the time falls in."""
+        """The slot at a time."""
         since, config = self._at(now_s)
         index = math.floor((now_s - config.epoch_s) / config.slot_s)
-        # the product, not the quotient, decides where a slot starts: all vehicles agree on it to the last bit
+        # a slot's start is defined by the product, not the quotient: all vehicles agree on it to the last bit
         if now_s < config.epoch_s + index * config.slot_s:
             index -= 1
         elif now_s >= config.epoch_s + (index + 1) * config.slot_s:
@@ -132,11 +140,11 @@ class Tdma:
         return slot.owner == self.address and first <= now_s <= last
 
     def next_slot(self, now_s: float) -> Slot | None:
-        """This vehicle's next slot that has not begun yet, None if it has none in the next two cycles."""
+        """This vehicle's next slot that has not begun yet; None if it has none in the next two cycles."""
         return next((slot for slot in self.following(now_s) if slot.owner == self.address), None)
 
     def around(self, now_s: float, owner: int, cycles: int = 1) -> list[float]:
-        """Starts (s) of the slots of `owner` in so many cycles before `now_s` and after it, as they are set now."""
+        """Starts (s) of the slots of `owner` within `cycles` before and after `now_s`, by the present settings."""
         since, config = self._at(now_s)
         slots = len(config.order)
         first = self.slot(now_s).index - cycles * slots + 1
@@ -147,7 +155,7 @@ class Tdma:
         ]
 
     def following(self, now_s: float) -> Iterator[Slot]:
-        """The slots after the one `now_s` falls in, through two cycles beyond the last change of settings."""
+        """The slots after the present one, until two cycles after the last change of settings."""
         slot = self.slot(now_s)
         last_since, last = self._settings[-1]
         end = max(now_s, last_since) + 2.0 * last.slot_s * len(last.order) + last.slot_s

@@ -254,7 +254,7 @@ def test_what_a_mate_tells_of_its_navigation_is_published_before_its_samples(tmp
     parameters = "mission: {vehicles: 2, steps: 50}"
     mate = ModemBridge(TdmaConfig(), PacketConfig(navigation=True), 1, 2)
     mate.set_plan(PlanOfMate(step=1, heading_rad=0.0, north_m=5.0, east_m=0.0, actions=(5,), naive_path=0xFF))
-    mate.moved(DeadReckoning(stamp_s=0.5, heading_rad=0.0, north_m=1.0, east_m=2.0, depth_m=3.0))
+    mate.set_dead_reckoning(DeadReckoning(stamp_s=0.5, heading_rad=0.0, north_m=1.0, east_m=2.0, depth_m=3.0))
     mate.add_soundings([[float(k), 3.0 * k, 0.0, 14.0, 3.0 * k, 0.0] for k in range(10)])
     payload = mate.poll(0.5)
     assert payload is not None
@@ -264,5 +264,5 @@ def test_what_a_mate_tells_of_its_navigation_is_published_before_its_samples(tmp
             spy = types.SimpleNamespace(publish=lambda message, name=name: published.append(name))
             setattr(s.node, name, spy)
         s.node._intake.add_packet(2.5, 1, payload)
-        s.node.hear(3.0)
+        s.node.publish_received(3.0)
     assert published == ["_team_navigation", "_team_samples"]

@@ -30,36 +30,36 @@ def test_packets_are_taken_by_stamp_and_source_however_they_came_in() -> None:
     for stamp_s, source, step in ((2.0, 3, 5), (2.0, 2, 4), (1.0, 3, 3)):
         own.add_packet(stamp_s, source, payload(step))
     own.add_packet(0.5, 2, b"noise")
-    heard = own.hear()
+    heard = own.process()
     assert [(r.stamp_s, r.source, r.packet.plan.step) for r in heard] == [(1.0, 3, 3), (2.0, 2, 4), (2.0, 3, 5)]
-    assert own.hear() == [], "each is taken once"
+    assert own.process() == [], "each is taken once"
 
 
 def test_a_sounding_that_is_not_finite_is_reported_once() -> None:
     own = intake()
     own.add_soundings([(1.0, 0.0, 0.0, 12.0), (2.0, 0.0, 0.0, math.nan)])
-    own.hear()
-    assert own.problems == ["soundings that are not finite: 1 so far, none is sent"]
+    own.process()
+    assert own.problems == ["soundings that are not finite are not sent: 1 so far"]
     assert own.bridge.unsent == 1
-    own.hear()
+    own.process()
     assert own.problems == []
 
 
 def test_a_sounding_without_a_raw_place_is_reported_where_packets_need_one() -> None:
     own = BridgeIntake(ModemBridge(TdmaConfig(), PacketConfig(navigation=True), 1, 3))
     own.add_soundings([(1.0, 0.0, 0.0, 12.0, 0.5, 0.5), (2.0, 0.0, 0.0, 12.0, math.nan, math.nan)])
-    own.hear()
+    own.process()
     (problem,) = own.problems
-    assert problem.startswith("soundings without a raw place: 1 so far, none is sent; fix: ")
+    assert problem.startswith("soundings without a raw place are not sent: 1 so far; ")
     assert own.bridge.unsent == 1
 
 
 def test_a_plan_that_no_packet_can_hold_is_reported_and_the_one_before_it_stays() -> None:
     own = intake()
     own.set_plan(plan(1))
-    own.say(0.0)
+    own.poll(0.0)
     own.set_plan(plan(2, actions=(1,) * 300))
-    own.say(0.1)
+    own.poll(0.1)
     (problem,) = own.problems
-    assert problem.startswith("plan of step 2 cannot be sent: ")
+    assert problem.startswith("plan of step 2 does not fit a packet: ")
     assert own.bridge.counts["plans.unsendable"] == 1

@@ -38,7 +38,7 @@ def test_clocks_apart_are_named(ahead_s: float, words: str) -> None:
     now_s = hear(bridge, 3, 4, ahead_s)
     assert bridge.quality.problems(now_s) == {}  # not by a few packets
     now_s = hear(bridge, 3, 6, ahead_s)
-    assert f"packets of vehicle 3 come {words} than its slots allow" in bridge.quality.problems(now_s)["clock of 3"]
+    assert f"packets of vehicle 3 arrive {words} than its slots allow" in bridge.quality.problems(now_s)["clock of 3"]
     assert (bridge.quality.counts["out_of_slot.3"] > 0) == (ahead_s in (-7.0, 4.0))
 
 
@@ -58,7 +58,7 @@ def test_a_babbling_transmitter_is_cut_to_its_slots_and_named() -> None:
     assert bridge.counts["received.2"] <= 300 / 30 + 2 * 3, "and some ahead, in its slots and outside"
     assert bridge.counts["received.3"] == 10
     assert bridge.counts["rejected.excess"] == 300 - bridge.counts["received.2"]
-    assert "packets of vehicle 2 beyond its slots are refused" in bridge.quality.problems(300.0)["excess of 2"]
+    assert "packets of vehicle 2 beyond its slots were refused" in bridge.quality.problems(300.0)["excess of 2"]
 
 
 def test_what_is_over_is_no_longer_told() -> None:

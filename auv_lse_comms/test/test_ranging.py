@@ -13,10 +13,10 @@ from auv_lse_comms.tdma import Tdma
 
 def test_a_travel_time_that_is_not_finite_stays_as_it_is() -> None:
     ranging = Ranging(Tdma(TdmaConfig(), 1, 2), second_lead_s=0.4)
-    ranging.moved(DeadReckoning(stamp_s=100.0, heading_rad=0.0, north_m=0.0, east_m=0.0, depth_m=3.0))
+    ranging.set_dead_reckoning(DeadReckoning(stamp_s=100.0, heading_rad=0.0, north_m=0.0, east_m=0.0, depth_m=3.0))
     for travel_s in (math.inf, math.nan):
         timing = Timing(sent_s=100.0, arrival_s=100.3, travel_s=travel_s)
-        told = ranging.told(101.5, 2, Navigation(raw_cm=(100, 0)), timing)
+        told = ranging.mate_navigation(101.5, 2, Navigation(raw_cm=(100, 0)), timing)
         assert told is not None
         assert not math.isfinite(told.travel_s), "and modem_node lives on"
 
@@ -29,8 +29,8 @@ def test_a_packet_tells_the_place_where_its_transmission_starts() -> None:
     """It starts on the next second that is at least .4 s away; the vehicle goes on as in the last second."""
     ranging = Ranging(Tdma(TdmaConfig(), 1, 2), second_lead_s=0.4)
     assert ranging.raw_at_start(100.0) is None
-    ranging.moved(_raw(99.0, 10.0, 20.0))
-    ranging.moved(_raw(100.0, 11.5, 19.0))
+    ranging.set_dead_reckoning(_raw(99.0, 10.0, 20.0))
+    ranging.set_dead_reckoning(_raw(100.0, 11.5, 19.0))
     for now_s, stamp_s in ((100.3, 101.0), (100.7, 102.0)):
         told = ranging.raw_at_start(now_s)
         assert told is not None

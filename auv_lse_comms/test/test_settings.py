@@ -39,7 +39,7 @@ def test_limits_come_from_the_mission() -> None:
 
 def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
     for parameters, message in (
-        ({"tdma": {"order": [1, 4]}}, r"m.yaml: tdma order \(1, 4\): \[4\] are not among the vehicles 1..3"),
+        ({"tdma": {"order": [1, 4]}}, r"m.yaml: tdma.order: got \(1, 4\); \[4\] are not among the vehicles 1..3"),
         ({"tdma": {"slot_s": 1.0}}, r"m.yaml: tdma: slot_s = 1 s: expected at least 4.400 s"),
         ({"packet": {"tag": True}}, r"m.yaml: packet: tag = true: expected key_file"),
         ({"packet": {"tag": True, "key_file": "key"}}, r"m.yaml: packet: tag = true, session = '': expected the name"),
@@ -60,7 +60,7 @@ def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
 def test_what_all_vehicles_must_share_has_no_default(key: str, order: list[int]) -> None:
     shared = {k: v for k, v in MISSION["mission"].items() if k != key}
     message = (
-        rf"m.yaml: mission\.{key}: missing; expected the number .*, which all vehicles must share: write it in the "
+        rf"m.yaml: mission\.{key}: missing; expected the number .*, which all vehicles must share: add it to the "
         "mission file, section mission"
     )
     with pytest.raises(ParameterError, match=message):

@@ -1,1 +1,1 @@
-"""The 252-byte packet: its fields, its bytes, which samples it carries, its authentication tag."""
+"""The 252-byte packet: its fields, codec, selection of samples, and authentication tag."""

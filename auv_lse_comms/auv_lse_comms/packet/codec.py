@@ -1,6 +1,6 @@
-"""Codec of the 252-byte packet: where a vehicle is, the path it will take, and what it measured (section 5).
+"""Codec of the 252-byte packet: a vehicle's position, its planned path, and its samples (section 5).
 
-The bytes are those of `fields.py`. The sender's number is not among them: it is the modem header's source.
+`fields.py` defines the bytes. The sender's number is not among them: it is the source in the modem's header.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class PacketError(ValueError):
         self.reason = reason
 
 
-#: Codes of `PacketError.reason`, with what each means. The last ones come from the bridge and the tag.
+#: Codes of `PacketError.reason` and their meanings. The last five come from the bridge and the tag.
 REASONS = {
     "length": "not 252 bytes",
     "step": "step beyond the mission",
@@ -70,7 +70,7 @@ REASONS = {
     "position": "the path's start lies outside the area",
     "action": "an action that is not in the action set",
     "terminal": "no terminal byte ends the path, or too many actions",
-    "pairs": "actions in pairs that are too few, or cut off, or actions a byte each that would have been told in pairs",
+    "pairs": "too few actions in pairs, or cut off; or one byte per action where the encoding in pairs is required",
     "tour": "a tour without segments, with more than 64, or longer than the mission",
     "naive_path": "a terminal byte that is reserved (0xE5 to 0xEA), a second tour or navigation, or one below 0xE0",
     "sample": "a sample outside the area or the range of depths",
@@ -78,9 +78,9 @@ REASONS = {
     "spare": "spare bytes that are not 0xFF",
     "source": "not from a member of the team, or from the receiver itself",
     "excess": "more packets than their sender has slots",
-    "tag": "the tag does not fit: forged, altered, another key or another dive",
-    "stale": "its tag is of another slot of its sender: an old packet, or clocks that are apart",
-    "replay": "received before, or of an earlier slot than the last packet of this sender",
+    "tag": "the tag does not match: forged, altered, another key or another dive",
+    "stale": "the tag belongs to another slot of its sender: an old packet, or clocks that differ",
+    "replay": "received before, or sent in an earlier slot than the last packet of this sender",
 }
 
 
@@ -105,7 +105,7 @@ class Limits:
     _high: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Checks that the limits are not wider than the field table.
+        """Checks that the limits are within the field table's ranges.
 
         Raises:
             ValueError: naming the limit, its value and the table's.
@@ -118,38 +118,35 @@ class Limits:
             ("depth_m", self.depth_m, SAMPLE[2]),
         ):
             if not table.low <= value[0] <= value[1] <= table.high:
-                raise ValueError(f"limits {name} = {value}: expected low <= high within {table.low:g}..{table.high:g}")
+                raise ValueError(
+                    f"limits: {name} got {value}; expected low <= high within {table.low:g}..{table.high:g}"
+                )
         object.__setattr__(self, "_low", np.array([self.north_m[0], self.east_m[0], self.depth_m[0]]))
         object.__setattr__(self, "_high", np.array([self.north_m[1], self.east_m[1], self.depth_m[1]]))
 
-    def hold(self, samples_m: Array) -> NDArray[np.bool_]:
-        """Which samples a packet can hold, shape (n,); samples are north, east, depth (m), shape (n, 3)."""
+    def fits(self, samples_m: Array) -> NDArray[np.bool_]:
+        """Which samples fit into a packet, shape (n,); samples are north, east, depth (m), shape (n, 3)."""
         with np.errstate(over="ignore"):
             small = np.asarray(samples_m).astype("<f4")
         return np.asarray(((small >= self._low) & (small <= self._high)).all(axis=1))
 
     @staticmethod
     def box(polygon_m: Array, margin_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """`north_m` and `east_m` of the box around an operating area, widened on every side.
-
-        Args:
-            polygon_m: Corners, north and east (m), shape (P, 2).
-            margin_m: How far the box is widened (m).
-        """
+        """`north_m` and `east_m` of the box around the corners (P, 2) of an operating area, plus `margin_m` (m)."""
         low, high = np.min(polygon_m, axis=0) - margin_m, np.max(polygon_m, axis=0) + margin_m
         return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Packet:
-    """What one packet says: its sender's plan, and some of what the sender measured.
+    """The content of one packet: its sender's plan, and some of its samples.
 
     Attributes:
-        plan: Where the sender's path begins, its actions, its tour, and the naive path that continues it.
+        plan: Start of the sender's path, its actions, its tour, and the naive path that continues it.
         samples: North (m), east (m), water depth (m, positive down), shape (n, 3).
-        abort: Whether the sender calls the team to abort the mission; no naive path continues its plan then.
-        navigation: The sender's raw place and last fix, and its samples are in its raw frame; None: it tells neither,
-            and its samples are where its own navigation saw them.
+        abort: Whether the sender calls the team to abort the mission; its plan then has no naive path.
+        navigation: The sender's raw place and last fix; the samples are then in its raw frame. None: the packet has
+            neither, and the samples are at the places that the sender's navigation estimated.
     """
 
     plan: Plan
@@ -158,7 +155,7 @@ class Packet:
     navigation: Navigation | None = None
 
     def __eq__(self, other: object) -> bool:
-        """Equal in plan, samples, navigation, and whether it calls to abort."""
+        """Whether all fields are equal."""
         if not isinstance(other, Packet):
             return NotImplemented
         same = self.plan == other.plan and self.abort == other.abort and self.navigation == other.navigation
@@ -168,24 +165,63 @@ class Packet:
 
 
 def room_for_samples(plan: Plan, reserve: int = 0, navigation: Navigation | None = None) -> int:
-    """Samples that fit a packet with this plan and navigation; `reserve` bytes at the end are kept for a tag.
+    """Number of samples that fit a packet with this plan and navigation; `reserve` bytes at the end are for a tag.
 
     Raises:
         ValueError: if the plan does not fit a packet.
     """
-    segments = 0 if plan.tour is None else len(plan.tour.bearings)
-    return capacity(len(plan.actions), reserve, segments, _size(navigation), are_paired(plan.actions))
+    return capacity(len(plan.actions), reserve, _segments(plan.tour), _size(navigation), are_paired(plan.actions))
+
+
+def _segments(tour: Tour | None) -> int:
+    return 0 if tour is None else len(tour.bearings)
 
 
 def _size(navigation: Navigation | None) -> int:
     return 0 if navigation is None else navigation.size
 
 
+def check_plan(
+    plan: Plan, limits: Limits | None = None, reserve: int = 0, navigation_bytes: int = 0, abort: bool = False
+) -> None:
+    """Checks that a packet can hold a plan.
+
+    Args:
+        plan: The plan.
+        limits: Narrower ranges than those of the field table.
+        reserve: Bytes at the end that stay free for a tag.
+        navigation_bytes: Bytes of navigation in the packet.
+        abort: Whether the packet calls the team to abort the mission.
+
+    Raises:
+        PacketError: (a ValueError) naming the field, its value and what was expected.
+        TypeError: if the step or the naive path is not an integer.
+    """
+    step, naive_path, actions = operator.index(plan.step), operator.index(plan.naive_path), plan.actions
+    _check("step", step, HEADER[0])
+    _check_terminal(naive_path)
+    if abort and naive_path != NONE:
+        raise PacketError("naive_path", f"naive_path = {naive_path}: expected {NONE} (none) in a call to abort")
+    if any(not ACTION.low <= action <= ACTION.high for action in actions):
+        raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
+    _check_tour(plan.tour, limits)
+    segments = _segments(plan.tour)
+    if samples_start(len(actions), segments, navigation_bytes, are_paired(actions)) > PACKET_BYTES - reserve:
+        left = PACKET_BYTES - reserve - samples_start(0, segments, navigation_bytes)
+        in_pairs = min(2 * (left - len(PAIRS_HEADER)), PAIRED[-1])
+        most = in_pairs if max(actions) < PAIRED_SET and in_pairs in PAIRED else left
+        beside = f" with a tour of {segments} segments" if segments else ""
+        beside += f" and {navigation_bytes} bytes of navigation" if navigation_bytes else ""
+        raise PacketError("terminal", f"{len(actions)} actions: expected at most {most}{beside}")
+    _check_start(step, plan.heading_rad, plan.north_m, plan.east_m, limits)
+    _check_actions(actions, limits)
+
+
 def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> bytes:
     """The packet's 252 bytes.
 
     Args:
-        packet: The packet. Samples are rounded to float32 (as the plan is already); nothing else is changed.
+        packet: The packet. Samples are rounded to float32, as the plan already is; nothing else is changed.
         limits: Narrower ranges than those of the field table.
         reserve: Bytes at the end that stay free (0xFF) for a tag.
 
@@ -194,40 +230,23 @@ def encode(packet: Packet, limits: Limits | None = None, reserve: int = 0) -> by
             or left out.
         TypeError: if the step or the naive path is not an integer.
     """
-    plan = packet.plan
-    step, naive_path, actions = operator.index(plan.step), operator.index(plan.naive_path), plan.actions
-    _check("step", step, HEADER[0])
-    _check_terminal(naive_path)
-    if packet.abort and naive_path != NONE:
-        raise PacketError("naive_path", f"naive_path = {naive_path}: expected {NONE} (none) beside a call to abort")
-    if any(not ACTION.low <= action <= ACTION.high for action in actions):
-        raise PacketError("action", f"actions {list(actions)}: expected indices 0..{ACTION.high:g}")
-    _check_tour(plan.tour, limits)
-    segments = 0 if plan.tour is None else len(plan.tour.bearings)
-    size, pairs = _size(packet.navigation), are_paired(actions)
-    if samples_start(len(actions), segments, size, pairs) > PACKET_BYTES - reserve:
-        left = PACKET_BYTES - reserve - samples_start(0, segments, size)
-        in_pairs = min(2 * (left - len(PAIRS_HEADER)), PAIRED[-1])
-        most = in_pairs if max(actions) < PAIRED_SET and in_pairs in PAIRED else left
-        beside = f" beside a tour of {segments} segments" if segments else ""
-        beside += f" and {_size(packet.navigation)} bytes of navigation" if packet.navigation else ""
-        raise PacketError("terminal", f"{len(actions)} actions: expected at most {most}{beside}")
+    plan, navigation = packet.plan, packet.navigation
+    check_plan(plan, limits, reserve, _size(navigation), packet.abort)
     samples = np.asarray(packet.samples, dtype=float)
     if samples.ndim != 2 or samples.shape[1] != len(SAMPLE):
         raise PacketError("sample", f"samples of shape {samples.shape}: expected (n, {len(SAMPLE)})")
-    if len(samples) > (room := room_for_samples(plan, reserve, packet.navigation)):
-        what = f"{len(actions)} actions" + (f" and a tour of {segments} segments" if segments else "")
+    if len(samples) > (room := room_for_samples(plan, reserve, navigation)):
+        what = f"{len(plan.actions)} actions"
+        what += f" and a tour of {_segments(plan.tour)} segments" if plan.tour else ""
         raise PacketError("sample", f"{len(samples)} samples: expected at most {room} with {what}")
     with np.errstate(over="ignore"):
         small_samples = samples.astype("<f4")
-    start = (plan.heading_rad, plan.north_m, plan.east_m)
-    _check_start(step, *start, limits)
-    _check_actions(actions, limits)
     _check_samples(small_samples, limits)
-    told = b"" if packet.navigation is None else packet.navigation.to_bytes()
-    told_actions = _pairs_bytes(actions) if pairs else bytes(actions)
-    path = told_actions + _tour_bytes(plan.tour) + told + bytes([ABORT if packet.abort else naive_path])
-    used = HEADER_STRUCT.pack(step, *start) + path + small_samples.tobytes()
+    header = HEADER_STRUCT.pack(plan.step, plan.heading_rad, plan.north_m, plan.east_m)
+    actions = _pairs_bytes(plan.actions) if are_paired(plan.actions) else bytes(plan.actions)
+    navigation_bytes = b"" if navigation is None else navigation.to_bytes()
+    terminal = bytes([ABORT if packet.abort else plan.naive_path])
+    used = header + actions + _tour_bytes(plan.tour) + navigation_bytes + terminal + small_samples.tobytes()
     return used.ljust(PACKET_BYTES, bytes([FILL]))
 
 
@@ -253,13 +272,13 @@ def decode(data: bytes | bytearray | memoryview, limits: Limits | None = None, r
     _check_actions(actions, limits)
     tour = _read_tour(data[end:last])
     _check_tour(tour, limits)
-    segments = 0 if tour is None else len(tour.bearings)
-    told = samples_start(len(actions), segments, paired=paired) - 1  # where the terminal byte is, or navigation begins
-    size = nav.SIZES.get(data[told], 0)
-    start = told + size + 1
+    segments = _segments(tour)
+    after_path = samples_start(len(actions), segments, paired=paired) - 1  # the terminal byte, or the navigation
+    size = nav.SIZES.get(data[after_path], 0)
+    start = after_path + size + 1
     if start > last:
         raise PacketError("terminal", "no byte ends the path after the navigation")
-    navigation = Navigation.from_bytes(data[told : told + size]) if size else None
+    navigation = Navigation.from_bytes(data[after_path : after_path + size]) if size else None
     abort = data[start - 1] == ABORT
     naive_path = NONE if abort else data[start - 1]
     _check_terminal(naive_path)
@@ -316,7 +335,7 @@ def _check_actions(actions: Sequence[int], limits: Limits | None) -> None:
 
 
 def _check_tour(tour: Tour | None, limits: Limits | None) -> None:
-    """Checks what holds for a tour whoever it comes from: the one place for sender and receivers."""
+    """Checks a tour, for senders and receivers alike."""
     if tour is None:
         return
     for value, table in ((tour.segment_legs, TOUR_HEADER[1]), (len(tour.bearings), TOUR_HEADER[2])):
@@ -324,20 +343,20 @@ def _check_tour(tour: Tour | None, limits: Limits | None) -> None:
     for bearing in tour.bearings:
         _check("tour", bearing, BEARING)
     if limits is not None and tour.legs - tour.segment_legs >= limits.steps:
-        raise PacketError("tour", f"a tour of {tour.legs} legs: expected none longer than {limits.steps} steps")
+        raise PacketError("tour", f"a tour of {tour.legs} legs: expected at most {limits.steps} steps")
 
 
 def _pairs_bytes(actions: Sequence[int]) -> bytes:
-    """Actions two to a byte, the earlier one in the low bits, 0xF beside a last one without another."""
+    """Two actions per byte, the earlier one in the low bits; 0xF fills the last byte of an odd number."""
     low, high = actions[::2], (*actions[1::2], FILL & 0xF)
     return bytes([PAIRS, len(actions), *(a | b << 4 for a, b in zip(low, high, strict=False))])
 
 
 def _read_actions(data: bytes) -> tuple[tuple[int, ...], int]:
-    """The actions of a packet's bytes up to the tag, and the byte after them, which is not below `FIRST_TERMINAL`.
+    """The actions in a packet's bytes up to the tag, and the index of the byte after them (>= `FIRST_TERMINAL`).
 
     Raises:
-        PacketError: if no such byte follows, or the actions do not stand as `encode` writes them.
+        PacketError: if no such byte follows, or `encode` would have written the actions differently.
     """
     start = end = HEADER_STRUCT.size
     pairs = data[start] == PAIRS
@@ -345,18 +364,18 @@ def _read_actions(data: bytes) -> tuple[tuple[int, ...], int]:
         n = data[start + 1]
         start += len(PAIRS_HEADER)
         end = start + (n + 1) // 2
-        told = [half for byte in data[start:end] for half in (byte & 0xF, byte >> 4)]
-        if n not in PAIRED or end >= len(data) or told[n:] not in ([], [FILL & 0xF]):
-            expected = f"{PAIRED[0]}..{PAIRED[-1]} of them, and 0xF beside a last one without another"
+        halves = [half for byte in data[start:end] for half in (byte & 0xF, byte >> 4)]
+        if n not in PAIRED or end >= len(data) or halves[n:] not in ([], [FILL & 0xF]):
+            expected = f"{PAIRED[0]}..{PAIRED[-1]} of them, and 0xF after the last of an odd number"
             raise PacketError("pairs", f"{n} actions in pairs: expected {expected}")
-        return tuple(told[:n]), end
+        return tuple(halves[:n]), end
     while end < len(data) and data[end] < FIRST_TERMINAL:
         end += 1
     if end == len(data):
         raise PacketError("terminal", f"no byte >= 0x{FIRST_TERMINAL:02X} ends the actions")
     actions = tuple(data[start:end])
     if are_paired(actions):
-        raise PacketError("pairs", f"{len(actions)} actions below 16 a byte each: expected them in pairs")
+        raise PacketError("pairs", f"{len(actions)} actions below 16 with one byte each: expected them in pairs")
     return actions, end
 
 
@@ -365,10 +384,10 @@ def _tour_bytes(tour: Tour | None) -> bytes:
 
 
 def _read_tour(rest: bytes) -> Tour | None:
-    """The tour that `rest`, the bytes after the actions, begins with, unchecked; None if they are no tour.
+    """The tour at the beginning of `rest`, the bytes after the actions, unchecked; None if there is none.
 
     Raises:
-        PacketError: if the bytes end before the tour and a terminal byte.
+        PacketError: if the bytes end before the tour and a terminal byte do.
     """
     if rest[0] != TOUR:
         return None

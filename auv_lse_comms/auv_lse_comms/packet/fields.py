@@ -1,4 +1,4 @@
-"""The packet's bytes as one table: sizes, ranges, the codec and the documentation all derive from it."""
+"""The packet's layout as one table, from which sizes, ranges, the codec and the documentation derive."""
 
 from __future__ import annotations
 
@@ -14,19 +14,18 @@ from auv_lse_common.vocabulary.plan import BEARINGS, MAX_ACTION_SET, MAX_SEGMENT
 
 #: Bytes of every packet: one frame of the Micromodem holds 256.
 PACKET_BYTES = 252
-#: The first byte of the path that is not below it ends the actions.
+#: The first byte of the path that is at least this ends the actions.
 FIRST_TERMINAL = MAX_ACTION_SET
 #: Ends the actions of a plan with a tour, which follows.
 TOUR = 0xEF
 #: Ends the path of a vehicle that calls the team to abort the mission.
 ABORT = 0xEE
-#: Begins a path whose actions stand two to a byte.
+#: Begins a path with two actions per byte.
 PAIRS = 0xEB
-#: Numbers of actions that are told in pairs, if each of them is below `PAIRED_SET`: longer than a search plans.
+#: Numbers of actions that are encoded in pairs, if each action is below `PAIRED_SET`: longer than a search plans.
 PAIRED = range(17, 256)
 PAIRED_SET = 16
-#: Bytes from `FIRST_TERMINAL` on that are no ids of naive paths: reserved, but for `TOUR`, `ABORT`, `PAIRS` and
-#: navigation's.
+#: Bytes from `FIRST_TERMINAL` on that are not ids of naive paths: `TOUR`, `ABORT`, `PAIRS`, navigation's, and reserved.
 RESERVED = range(0xE5, 0xF0)
 #: Fills unused bytes.
 FILL = 0xFF
@@ -42,8 +41,8 @@ class PacketField:
         name: Its name in `Plan`, or in a sample.
         type: "uint8", "uint16" or "float32".
         unit: SI unit, "" for none.
-        low: Smallest value, inclusive, as the type holds it.
-        high: Largest value, inclusive, as the type holds it.
+        low: Smallest value, inclusive, representable in the type.
+        high: Largest value, inclusive, representable in the type.
         meaning: One line for the documentation.
     """
 
@@ -85,18 +84,18 @@ HEADER = (
 )
 #: Repeated once per action.
 ACTION = PacketField(name="actions", type="uint8", low=0, high=FIRST_TERMINAL - 1, meaning="index in the action set")
-#: Only if the actions are told in pairs: once, before them.
+#: Once, before the actions, if they are encoded in pairs.
 PAIRS_HEADER = (
-    PacketField(name="pairs", type="uint8", low=PAIRS, high=PAIRS, meaning="the actions stand two to a byte"),
+    PacketField(name="pairs", type="uint8", low=PAIRS, high=PAIRS, meaning="two actions per byte"),
     PacketField(name="n_actions", type="uint8", low=PAIRED[0], high=PAIRED[-1], meaning="number of actions"),
 )
-#: Then once per pair of actions, the earlier one in the low bits; beside a last one without another stands 0xF.
+#: Then once per pair of actions, the earlier one in the low bits; 0xF completes the last pair of an odd number.
 PAIR = PacketField(name="actions", type="uint8", low=0, high=0xFF, meaning="two indices in the action set")
-#: Only if the plan has a tour: once, after the actions.
+#: Once, after the actions, if the plan has a tour.
 TOUR_HEADER = (
     PacketField(name="tour", type="uint8", low=TOUR, high=TOUR, meaning="ends the actions: a tour follows"),
     PacketField(
-        name="segment_legs", type="uint8", low=1, high=MAX_SEGMENT_LEGS, meaning="legs that each segment is long"
+        name="segment_legs", type="uint8", low=1, high=MAX_SEGMENT_LEGS, meaning="length of each segment in legs"
     ),
     PacketField(name="segments", type="uint8", low=1, high=MAX_SEGMENTS, meaning="number of segments"),
 )
@@ -115,8 +114,8 @@ TERMINAL = PacketField(
     type="uint8",
     low=FIRST_TERMINAL,
     high=NONE,
-    meaning="ends the path: 0xFF no more of it, 0xEE likewise and the team is to abort, else the id of the naive path "
-    "that continues to the mission's end",
+    meaning="ends the path: 0xFF without a naive path, 0xEE likewise and the team must abort, else the id of the naive "
+    "path that continues to the mission's end",
 )
 #: Repeated once per sample; an unused place holds 12 bytes 0xFF.
 SAMPLE = (
@@ -136,7 +135,7 @@ HEADER_STRUCT = struct.Struct("<" + "".join(field.code for field in HEADER))
 SAMPLE_BYTES = sum(field.size for field in SAMPLE)
 _PAIRS_HEADER_BYTES = sum(field.size for field in PAIRS_HEADER)
 _TOUR_HEADER_BYTES = sum(field.size for field in TOUR_HEADER)
-#: Most actions that leave room for the terminal byte, a byte each and without a tour.
+#: Largest number of actions, one byte each and without a tour, that leaves room for the terminal byte.
 MAX_ACTIONS = (PACKET_BYTES - HEADER_STRUCT.size - TERMINAL.size) // ACTION.size
 
 if HEADER_STRUCT.size != sum(field.size for field in HEADER) or MAX_ACTIONS < 1:
@@ -144,20 +143,17 @@ if HEADER_STRUCT.size != sum(field.size for field in HEADER) or MAX_ACTIONS < 1:
 
 
 def are_paired(actions: Sequence[int]) -> bool:
-    """Whether a path's actions are told in pairs, two to a byte: each number of actions has one encoding."""
+    """Whether a path's actions are encoded in pairs, two per byte; each sequence of actions has one encoding."""
     return len(actions) in PAIRED and max(actions) < PAIRED_SET
 
 
 def path_bytes(n_actions: int, segments: int = 0, paired: bool = False) -> int:
-    """Bytes that a plan's path takes.
+    """Size in bytes of a plan's path: its actions, its tour, and the terminal byte.
 
     Args:
-        n_actions: Its actions.
+        n_actions: Number of its actions.
         segments: Segments of its tour, 0 if there is none.
-        paired: Whether its actions are told in pairs (`are_paired`).
-
-    Returns:
-        Bytes of its actions, its tour, and the terminal byte.
+        paired: Whether its actions are encoded in pairs (`are_paired`).
     """
     actions = _PAIRS_HEADER_BYTES + (n_actions + 1) // 2 * PAIR.size if paired else n_actions * ACTION.size
     tour = _TOUR_HEADER_BYTES + segments * BEARING.size if segments else 0
@@ -165,19 +161,19 @@ def path_bytes(n_actions: int, segments: int = 0, paired: bool = False) -> int:
 
 
 def samples_start(n_actions: int, segments: int = 0, navigation: int = 0, paired: bool = False) -> int:
-    """First byte of the samples in a packet; the arguments are those of `capacity`."""
+    """Index of the first byte of a packet's samples; the arguments are those of `capacity`."""
     return HEADER_STRUCT.size + path_bytes(n_actions, segments, paired) + navigation
 
 
 def capacity(n_actions: int, reserve: int = 0, segments: int = 0, navigation: int = 0, paired: bool = False) -> int:
-    """Samples that fit a packet.
+    """Number of samples that fit a packet.
 
     Args:
-        n_actions: Actions in the packet, 0 to `MAX_ACTIONS`, in pairs to the end of `PAIRED`.
-        reserve: Bytes at the end kept for the tag, 0 if there is none.
+        n_actions: Actions in the packet, 0 to `MAX_ACTIONS`, in pairs up to the end of `PAIRED`.
+        reserve: Bytes at the end reserved for the tag, 0 if there is none.
         segments: Segments of the tour in the packet, 0 if there is none.
         navigation: Bytes of navigation in the packet, 0 if there is none.
-        paired: Whether the actions are told in pairs (`are_paired`).
+        paired: Whether the actions are encoded in pairs (`are_paired`).
 
     Raises:
         ValueError: if the actions, the tour and the reserve do not fit the packet.

@@ -1,4 +1,4 @@
-"""The team's key: a file of hexadecimal digits that only its owner can read; makes one and reads it."""
+"""The team's key, a file of hexadecimal digits that only its owner can read: creates and reads it."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ _KEY_BYTES = 32
 
 
 class KeyFileError(ValueError):
-    """A key file that cannot be used. Its message never holds the content."""
+    """A key file that cannot be used. Its message never contains the key."""
 
 
 def read_key(path: str | Path) -> bytes:
     """Reads the team's key.
 
     Args:
-        path: File of 32 to 64 hexadecimal digits (16 to 32 bytes), owned by this user (or root) and closed to group
-            and others.
+        path: File of 32 to 64 hexadecimal digits (16 to 32 bytes), owned by this user (or root) and inaccessible to
+            group and others.
 
     Raises:
-        KeyFileError: naming the file and what is wrong with it.
+        KeyFileError: naming the file and the problem.
     """
     path = Path(path)
     try:
@@ -40,37 +40,37 @@ def read_key(path: str | Path) -> bytes:
                     f"{path}: mode {mode:04o} gives others access to the key; expected 0600: chmod 600 {path}"
                 )
             if status.st_uid not in (0, os.geteuid()):
-                raise KeyFileError(f"{path}: belongs to user {status.st_uid}; expected this user or root")
+                raise KeyFileError(f"{path}: owned by user {status.st_uid}; expected this user or root")
             text = file.read(4096)
     except OSError as error:
         raise KeyFileError(f"{path}: cannot be read: {error.strerror or type(error).__name__}") from None
     try:
         key = bytes.fromhex(text.decode("ascii").strip())
     except ValueError:
-        raise KeyFileError(f"{path}: not hexadecimal; expected what scripts/key writes") from None
+        raise KeyFileError(f"{path}: not hexadecimal; expected a file made by scripts/key") from None
     if not 16 <= len(key) <= hashlib.blake2s.MAX_KEY_SIZE:
         raise KeyFileError(f"{path}: {len(key)} bytes; expected 16 to {hashlib.blake2s.MAX_KEY_SIZE}")
     return key
 
 
 def make_key(path: str | Path) -> None:
-    """Makes a key: a new file of 64 hexadecimal digits with mode 0600. It is written whole or not at all.
+    """Creates a key: a new file of 64 hexadecimal digits with mode 0600. It is written completely or not at all.
 
     Raises:
-        KeyFileError: if the file is there already, or cannot be written.
+        KeyFileError: if the file exists, or cannot be written.
     """
     path = Path(path)
     try:
         number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
         raise KeyFileError(
-            f"{path}: is there already; expected a new file, since a key that is overwritten is lost to the whole team"
+            f"{path}: exists already; expected a new file, because overwriting a key loses it for the whole team"
         ) from None
     except OSError as error:
-        raise KeyFileError(f"{path}: cannot be made: {error.strerror or error}") from None
+        raise KeyFileError(f"{path}: cannot be created: {error.strerror or error}") from None
     try:
         with os.fdopen(number, "wb") as file:
-            os.fchmod(number, 0o600)  # whatever the umask
+            os.fchmod(number, 0o600)  # independent of the umask
             file.write(secrets.token_hex(_KEY_BYTES).encode() + b"\n")
             file.flush()
             os.fsync(number)
@@ -83,23 +83,23 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/key."""
     p = argparse.ArgumentParser(
         prog="scripts/key",
-        description="Makes a key for authenticated packets (docs/design/comms.md): a new file of 64 hexadecimal digits "
-        "that only you can read. Copy it to every vehicle of the team, and name it in packet.key_file.",
-        epilog="Exit codes: 0 made; 2 the file is there already, or cannot be written.",
+        description="Creates a key for authenticated packets (docs/design/comms.md): a new file of 64 hexadecimal "
+        "digits that only you can read. Copy it to every vehicle of the team, and set packet.key_file.",
+        epilog="Exit codes: 0 created; 2 the file exists, or cannot be written.",
     )
-    p.add_argument("file", type=Path, metavar="FILE", help="the new file, which must not be there yet")
+    p.add_argument("file", type=Path, metavar="FILE", help="the new file, which must not exist yet")
     return p
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Writes a key. Returns 0, or 2 if no key could be made."""
+    """Creates a key. Returns 0, or 2 if no key could be created."""
     options = parser().parse_args(argv)
     try:
         make_key(options.file)
     except KeyFileError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    print(f"{options.file}: a new key of {_KEY_BYTES} bytes, mode 0600; the same file belongs on every vehicle")
+    print(f"{options.file}: new key of {_KEY_BYTES} bytes, mode 0600; copy the file to every vehicle")
     return 0
 
 

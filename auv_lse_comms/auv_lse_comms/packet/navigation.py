@@ -1,14 +1,14 @@
-"""What a packet tells of its sender's navigation: its raw place at transmission, and its last fix.
+"""The sender's navigation in a packet: its raw place at transmission, and its last fix.
 
-Bytes, before the path's terminal byte; the first says what follows:
+Bytes, before the path's terminal byte; the first one selects the content:
 
     0xEC  raw place: north, east (int24, cm)                                                      7 bytes in all
-    0xED  the same; then of the last fix the raw place: north, east (int16, 0.5 m), and how far
-          GPS lies from it: north, east (int12, dm; one after the other in 3 bytes)             14 bytes in all
+    0xED  the same; then the last fix: its raw place: north, east (int16, 0.5 m), and the GPS
+          position minus that: north, east (int12, dm; packed into 3 bytes)                      14 bytes in all
 
-Little-endian, two's complement. The samples of such a packet are in its sender's raw frame: dead-reckoned, like the raw
-place, from its start without any fix. The fix's own raw place says only where on the track it was, so half a metre
-does; what corrects the track is the distance to GPS.
+Little-endian, two's complement. The samples of such a packet are in its sender's raw frame: dead-reckoned from its
+start without any fix, like the raw place. The fix's raw place only locates the fix on the track, so a resolution of
+0.5 m suffices; the offset to GPS corrects the track.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 
 #: First byte where the raw place follows, and where a fix follows it.
 RAW, RAW_AND_FIX = 0xEC, 0xED
-#: Bytes that they take, the first one included.
+#: Sizes in bytes, the first one included.
 SIZES = {RAW: 7, RAW_AND_FIX: 14}
-#: Most bytes that navigation takes.
+#: Largest size of navigation in bytes.
 MOST_BYTES = SIZES[RAW_AND_FIX]
 
 _CM, _HALF_M, _DM = 0.01, 0.5, 0.1
@@ -30,28 +30,28 @@ _BITS = {"raw place": 24, "raw place of the fix": 16, "fix minus raw place": 12}
 
 
 def _units(what: str, north_m: float, east_m: float, unit_m: float) -> tuple[int, int]:
-    """Two numbers (m) as whole units.
+    """Two numbers (m), rounded to units.
 
     Raises:
         ValueError: if one is not finite or does not fit its bits.
     """
     high = 2 ** (_BITS[what] - 1) - 1
     if not (math.isfinite(north_m) and math.isfinite(east_m)):
-        raise ValueError(f"{what} {north_m}, {east_m} m: expected finite numbers")
+        raise ValueError(f"{what}: got {north_m}, {east_m} m; expected finite numbers")
     north, east = round(north_m / unit_m), round(east_m / unit_m)
     if max(abs(north), abs(east)) > high:
-        raise ValueError(f"{what} {north_m:.1f}, {east_m:.1f} m: expected at most {high * unit_m:.1f} m either way")
+        raise ValueError(f"{what}: got {north_m:.1f}, {east_m:.1f} m; expected at most +-{high * unit_m:.1f} m")
     return north, east
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Navigation:
-    """A sender's raw place and its last fix, in the packet's units, so that it comes back as it was.
+    """A sender's raw place and its last fix, in the packet's units, so that decoding restores it exactly.
 
     Attributes:
         raw_cm: Raw place at transmission: north, east (cm).
         fix_raw_half_m: Raw place at the last fix: north, east (0.5 m); None if there was no fix.
-        fix_off_dm: Place by GPS minus that raw place: north, east (dm); None likewise.
+        fix_off_dm: GPS position minus that raw place: north, east (dm); None likewise.
     """
 
     raw_cm: tuple[int, int]
@@ -60,7 +60,7 @@ class Navigation:
 
     @classmethod
     def of(cls, raw: DeadReckoning, fix: Fix | None) -> Navigation:
-        """What is told of a raw place and the last fix, rounded to the packet's units.
+        """A raw place and the last fix, rounded to the packet's units.
 
         Raises:
             ValueError: naming what is not finite or does not fit.
@@ -111,7 +111,7 @@ class Navigation:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Navigation:
-        """What bytes say that begin with one of the first bytes and are as many as it asks for."""
+        """From bytes that begin with `RAW` or `RAW_AND_FIX` and have its size."""
         raw_cm = _signed(data[1:4]), _signed(data[4:7])
         if data[0] == RAW:
             return cls(raw_cm=raw_cm)

@@ -1,4 +1,4 @@
-"""Which of the unsent samples go into the next packet (section 5)."""
+"""Selection of the unsent samples that go into the next packet (section 5)."""
 
 from __future__ import annotations
 
@@ -17,22 +17,21 @@ _BATCH = 8
 
 
 class Receivers(Protocol):
-    """What the receivers are supposed to know, and what one more sample would be worth to them.
+    """Estimate of the receivers' knowledge, which rates further samples.
 
-    This package knows no map and no risk. Whoever wires a vehicle (`modem_node`, the fleet engine) passes in an object
-    of this shape; `auv_lse_gp.map.receivers_risk.ReceiversRisk` is one.
+    `auv_lse_gp.map.receivers_risk.ReceiversRisk` implements it; `modem_node` and the fleet engine pass one in.
     """
 
     def hear(self, samples_m: Array, loss: float) -> None:
-        """A packet of a team mate with these samples was received; others may have missed it.
+        """A teammate's packet with these samples was received; other vehicles may have missed it.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
-            loss: Chance that a packet is lost at present.
+            loss: Present chance that a packet is lost.
         """
 
     def suppose(self, samples_m: Array) -> None:
-        """The packet that is being made will hold these samples too.
+        """The next packet will contain these samples too.
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
@@ -42,14 +41,14 @@ class Receivers(Protocol):
         """The packet with the supposed samples is sent; it may get lost.
 
         Args:
-            loss: Chance that a packet is lost at present.
+            loss: Present chance that a packet is lost.
         """
 
     def take_back(self) -> None:
-        """The last packet given to `send` was not sent: no receiver has its samples."""
+        """The packet of the last `send` was not sent: no receiver has its samples."""
 
     def gains(self, samples_m: Array) -> Array:
-        """Expected drop of the receivers' Bayes risk by each sample alone, shape (n,).
+        """Expected reduction of the receivers' Bayes risk by each sample alone, shape (n,).
 
         Args:
             samples_m: North, east, water depth (m), shape (n, 3).
@@ -57,14 +56,13 @@ class Receivers(Protocol):
 
 
 def every_nth(unsent: int, room: int) -> Indices:
-    """Every n-th of the unsent samples in time order, n from what fits: n = (unsent - 1) / (room - 1), not rounded.
+    """Every n-th of the unsent samples in time order, with n = (unsent - 1) / (room - 1), not rounded.
 
-    The oldest is always among them, so that each is sent in the end. A backlog is covered from its oldest to its
-    newest.
+    The oldest is always included, so that every sample is sent eventually; a backlog is covered evenly.
 
     Args:
         unsent: Number of unsent samples.
-        room: Samples that fit the packet.
+        room: Number of samples that fit the packet.
 
     Returns:
         Ascending indices of min(unsent, room) different samples.
@@ -77,19 +75,20 @@ def every_nth(unsent: int, room: int) -> Indices:
 
 
 def most_useful(samples_m: Array, room: int, receivers: Receivers, last_gains: Array) -> Indices:
-    """The samples that are worth most to the receivers. Each is chosen with those chosen before it taken as known.
+    """The samples most valuable to the receivers, chosen greedily: each given those chosen before it.
 
-    `receivers` is left supposing the chosen samples. The oldest is always among them, so that each is sent in the end.
+    `receivers` supposes the chosen samples afterwards. The oldest sample is always included, so that every sample is
+    sent eventually.
 
-    To save time, gains are computed only for the `CONSIDERED` samples with the largest last gains, and while choosing
-    only for samples whose last gain exceeds the best new one. What receivers learn lowers the gain of nearby samples as
-    a rule, so a last gain is nearly always an upper bound.
+    To save time, gains are computed only for the `CONSIDERED` samples with the largest last gains, and in each step
+    only for samples whose last gain exceeds the best new one. New knowledge usually lowers the gain of nearby samples,
+    so a last gain is nearly always an upper bound.
 
     Args:
         samples_m: Unsent samples in time order, shape (n, 3).
-        room: Samples that fit the packet.
-        receivers: What the receivers are supposed to know.
-        last_gains: Each sample's gain when last computed, infinite if it never was, shape (n,); updated in place.
+        room: Number of samples that fit the packet.
+        receivers: Estimate of the receivers' knowledge.
+        last_gains: Each sample's gain when last computed, infinite if never, shape (n,); updated in place.
 
     Returns:
         Ascending indices of min(n, room) different samples.
@@ -105,10 +104,10 @@ def most_useful(samples_m: Array, room: int, receivers: Receivers, last_gains: A
     if room == 0:
         return np.arange(0)
 
-    def ask(which: Indices) -> None:
+    def compute_gains(which: Indices) -> None:
         gains = np.asarray(receivers.gains(samples_m[which]), dtype=float)
         if gains.shape != which.shape or not np.isfinite(gains).all():
-            raise ValueError(f"gains of shape {gains.shape}: expected {which.shape}, one finite number per sample")
+            raise ValueError(f"gains: got shape {gains.shape}; expected {which.shape}, one finite number per sample")
         last_gains[which] = gains
 
     chosen = [0]
@@ -119,13 +118,13 @@ def most_useful(samples_m: Array, room: int, receivers: Receivers, last_gains: A
         pool = new[every_nth(len(new), considered)]
     else:
         pool = 1 + np.argsort(-last_gains[1:], kind="stable")[:considered]
-    ask(pool)
+    compute_gains(pool)
     fresh = np.ones(len(pool), dtype=bool)
     for _ in range(room - 1):
         while not fresh[best := int(np.argmax(last_gains[pool]))]:
             stale = np.flatnonzero(~fresh)
             batch = stale[np.argsort(-last_gains[pool[stale]], kind="stable")[:_BATCH]]
-            ask(pool[batch])
+            compute_gains(pool[batch])
             fresh[batch] = True
         chosen.append(int(pool[best]))
         receivers.suppose(samples_m[pool[best] : pool[best] + 1])

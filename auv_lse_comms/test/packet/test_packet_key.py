@@ -35,7 +35,7 @@ def test_key_file_open_to_others_is_refused(tmp_path: Path, mode: int) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("not hexadecimal at all", "not hexadecimal; expected what scripts/key writes"),
+        ("not hexadecimal at all", "not hexadecimal; expected a file made by scripts/key"),
         ("\xff\xfe", "not hexadecimal"),
         ("00" * 15, "15 bytes; expected 16 to 32"),
         ("00" * 33, "33 bytes; expected 16 to 32"),
@@ -59,7 +59,7 @@ def test_key_file_that_is_no_file_is_refused(tmp_path: Path) -> None:
 def test_key_file_of_another_user_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "key", KEY.hex())
     os.chown(path, 12345, -1)
-    with pytest.raises(KeyFileError, match="belongs to user 12345"):
+    with pytest.raises(KeyFileError, match="owned by user 12345"):
         read_key(path)
 
 
@@ -74,14 +74,14 @@ def test_a_key_is_made_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert len(key) == 32
     assert file.stat().st_mode & 0o777 == 0o600
     assert main([str(file)]) == 2
-    assert "is there already; expected a new file" in capsys.readouterr().err
+    assert "exists already; expected a new file" in capsys.readouterr().err
     assert read_key(file) == key
     make_key(tmp_path / "other")
     assert read_key(tmp_path / "other") != key
 
 
 def test_a_key_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(KeyFileError, match="cannot be made: No such file or directory"):
+    with pytest.raises(KeyFileError, match="cannot be created: No such file or directory"):
         make_key(tmp_path / "no" / "key")
     unlimited = resource.getrlimit(resource.RLIMIT_FSIZE)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

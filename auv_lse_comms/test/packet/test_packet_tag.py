@@ -30,7 +30,7 @@ def tagger(key: bytes = KEY, session: str = "lake 1") -> Tagger:
 
 def reason(receiver: Tagger, data: bytes, source: int, *slots_s: float, others_s: tuple[float, ...] = ()) -> str:
     with pytest.raises(PacketError) as caught:
-        receiver.check(data, source, slots_s or (30.0,), others_s)
+        receiver.accept(data, source, slots_s or (30.0,), others_s)
     return caught.value.reason
 
 
@@ -50,7 +50,7 @@ def test_one_packet_of_each_slot_is_accepted_whatever_its_step() -> None:
     for cycle, step in enumerate((0, 1, 5, 0)):  # the last one: the sender was started again
         slot_s = 30.0 * cycle
         sealed = sender.seal(packet(step), 2, slot_s)
-        receiver.check(sealed, 2, (slot_s, slot_s + 30.0))
+        receiver.accept(sealed, 2, (slot_s, slot_s + 30.0))
         assert reason(receiver, sealed, 2, slot_s, slot_s + 30.0) == "replay"
     second = sender.seal(packet(9), 2, 90.0)
     assert reason(receiver, second, 2, 90.0) == "replay"
@@ -70,7 +70,7 @@ def test_any_altered_bit_is_detected() -> None:
         altered = bytearray(sealed)
         altered[bit // 8] ^= 1 << (bit % 8)
         assert reason(receiver, bytes(altered), 2) == "tag"
-    receiver.check(sealed, 2, (30.0,))  # none of them was remembered
+    receiver.accept(sealed, 2, (30.0,))  # none of them was remembered
 
 
 def test_forged_packets_are_refused() -> None:
@@ -81,14 +81,14 @@ def test_forged_packets_are_refused() -> None:
     assert reason(tagger(), packet(), 2) == "tag"  # no tag at all
     assert reason(tagger(), sealed[:-1], 2) == "length"
     receiver = tagger()
-    receiver.check(sealed, 2, (30.0,))
-    receiver.check(tagger().seal(packet(0), 3, 10.0), 3, (10.0,))  # senders do not mix
+    receiver.accept(sealed, 2, (30.0,))
+    receiver.accept(tagger().seal(packet(0), 3, 10.0), 3, (10.0,))  # senders do not mix
 
 
 def test_key_is_in_no_message() -> None:
     assert KEY.hex() not in repr(tagger())
     assert repr(tagger()) == "Tagger(size=6)"
-    with pytest.raises(ValueError, match="a key of 5 bytes"):
+    with pytest.raises(ValueError, match="key: got 5 bytes"):
         Tagger(b"12345", 6, "a")
-    with pytest.raises(ValueError, match="a tag of 0 bytes"):
+    with pytest.raises(ValueError, match="tag: got 0 bytes"):
         Tagger(KEY, 0, "a")

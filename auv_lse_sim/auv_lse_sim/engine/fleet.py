@@ -126,9 +126,9 @@ class Crew:
         for arrival in output.arrivals:
             timing = Timing(sent_s=arrival.sent_s, arrival_s=arrival.heard_s, travel_s=arrival.travel_s)
             self._to_bridge.add_packet(stamped(arrival.arrival_s), arrival.source, arrival.payload, timing)
-        heard = self._to_bridge.hear()
+        heard = self._to_bridge.process()
         for received in heard:
-            if self.bridge.obeys(received):
+            if self.bridge.must_abort(received):
                 self.safety.run.command(Command.ABORT, f"vehicle {received.source}, by acoustic packet", team=True)
         return heard
 
@@ -155,7 +155,7 @@ class Crew:
             safety.run.command(Command.END, "planner_node")
         safety.watch.step(now_s, safety.run)
         self._to_planner.set_standing(safety.run.status)
-        self.bridge.abort = safety.run.status.team_abort
+        self.bridge.abort_calls.own = safety.run.status.team_abort
         return safety.run.status.stop
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
@@ -186,7 +186,7 @@ class Crew:
         """The bridge takes the plan, as modem_node does; returns the packet to send in the vehicle's slot."""
         if decision is not None:
             self._to_bridge.set_plan(decision.plan)
-        return self._to_bridge.say(now_s)
+        return self._to_bridge.poll(now_s)
 
 
 class Fleet:

@@ -14,7 +14,7 @@ from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaCon
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.journal import Journal
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.bridge import ModemBridge, ModemFeatures
 from auv_lse_sim.engine.fleet import Crew, Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 
@@ -128,7 +128,7 @@ def test_without_a_journal_the_mission_is_another_one(tmp_path: Path) -> None:
 
 def bridge(confirm_s: float) -> ModemBridge:
 
-    made = ModemBridge(TdmaConfig(), PacketConfig(), 1, 2, confirm_s=confirm_s)
+    made = ModemBridge(TdmaConfig(), PacketConfig(), 1, 2, modem=ModemFeatures(confirm_s=confirm_s))
     made.set_plan(Plan(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3), naive_path=0xF1))
     return made
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_comms.bridge import ModemBridge
+from auv_lse_comms.bridge import ModemBridge, ModemFeatures
 from auv_lse_comms.health import bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.codec import Limits, Packet, PacketError, decode, encode
@@ -27,7 +27,7 @@ PLAN = Plan(step=4, heading_rad=0.5, north_m=10.0, east_m=20.0, actions=(1, 2, 3
 
 def bridge(address: int = 1, vehicles: int = 3, second_lead_s: float | None = None, **packet: object) -> ModemBridge:
     config = PacketConfig(**packet)  # type: ignore[arg-type]
-    return ModemBridge(TDMA, config, address, vehicles, second_lead_s=second_lead_s)
+    return ModemBridge(TDMA, config, address, vehicles, modem=ModemFeatures(second_lead_s=second_lead_s))
 
 
 def rows(n: int, start_s: float = 0.0) -> Array:
@@ -38,7 +38,7 @@ def rows(n: int, start_s: float = 0.0) -> Array:
 
 def backlog(b: ModemBridge) -> Array:
     """The samples that wait: stamp (s), north, east, depth (m), shape (n, 4)."""
-    return b._in_time_order()[:, :4]
+    return b._samples._merged()[:, :4]
 
 
 def test_sends_plan_and_samples_once_in_each_own_slot() -> None:
@@ -63,7 +63,7 @@ def test_with_navigation_samples_are_sent_at_their_raw_places_with_the_senders_o
     sender, receiver = bridge(1, navigation=True), bridge(2, navigation=False)
     sender.set_plan(PLAN)
     sender.add_soundings(np.column_stack([rows(30), rows(30)[:, 1:3] + [3.0, -4.0]]))
-    sender.moved(dataclasses.replace(RAW, stamp_s=30.0))
+    sender.set_dead_reckoning(dataclasses.replace(RAW, stamp_s=30.0))
     payload = sender.poll(30.5)
     assert payload is not None
     timing = Timing(sent_s=30.5, arrival_s=30.75, travel_s=0.25)
@@ -77,8 +77,8 @@ def test_with_navigation_samples_are_sent_at_their_raw_places_with_the_senders_o
     assert (told.source, told.stamp_s, told.sent_s, told.travel_s) == (1, 30.75, 30.5, 0.25)
     assert (told.raw_north_m, told.raw_east_m, told.has_fix) == (100.0, -50.0, False)
 
-    sender.fixed(FIX)
-    sender.moved(dataclasses.replace(RAW, stamp_s=60.0))
+    sender.set_fix(FIX)
+    sender.set_dead_reckoning(dataclasses.replace(RAW, stamp_s=60.0))
     payload = sender.poll(60.5)
     assert payload is not None
     received = receiver.receive(62.75, 1, payload)
@@ -98,10 +98,10 @@ def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_places(
 ) -> None:
     sender, receiver = (bridge(address, navigation=True, second_lead_s=0.0) for address in (1, 2))
     sender.set_plan(PLAN)
-    sender.moved(RAW)
+    sender.set_dead_reckoning(RAW)
     payload = sender.poll(1.0)
     assert payload is not None
-    receiver.moved(dataclasses.replace(RAW, north_m=north_m + 1500.0 * seconds, stamp_s=3.0))
+    receiver.set_dead_reckoning(dataclasses.replace(RAW, north_m=north_m + 1500.0 * seconds, stamp_s=3.0))
     # a modem tells what is left of the travel time beyond whole seconds, as if it were all of it
     timing = Timing(sent_s=10.0, arrival_s=10.0 + measured_s, travel_s=measured_s)
     received = receiver.receive(12.0, 1, payload, timing)
@@ -114,8 +114,8 @@ def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_places(
 def test_a_packet_that_waits_for_the_second_tells_where_its_sender_will_be() -> None:
     sender = bridge(1, navigation=True, second_lead_s=0.4)
     sender.set_plan(PLAN)
-    sender.moved(dataclasses.replace(RAW, stamp_s=0.0))
-    sender.moved(dataclasses.replace(RAW, stamp_s=1.0, north_m=RAW.north_m + 1.5))
+    sender.set_dead_reckoning(dataclasses.replace(RAW, stamp_s=0.0))
+    sender.set_dead_reckoning(dataclasses.replace(RAW, stamp_s=1.0, north_m=RAW.north_m + 1.5))
     payload = sender.poll(1.2)  # goes out at 2.0
     assert payload is not None
     navigation = decode(payload).navigation
@@ -124,7 +124,7 @@ def test_a_packet_that_waits_for_the_second_tells_where_its_sender_will_be() -> 
 
 
 def test_mates_are_pinged_in_turn_in_what_is_left_of_own_slots() -> None:
-    b = ModemBridge(TDMA, PacketConfig(), 2, 3, pings=True)
+    b = ModemBridge(TDMA, PacketConfig(), 2, 3, modem=ModemFeatures(pings=True))
     b.set_plan(PLAN)
     asked: list[tuple[float, int]] = []
     for now_s in np.arange(0.0, 100.0, 0.5).tolist():
@@ -140,11 +140,11 @@ def test_the_answer_to_a_ping_is_a_range_and_no_packet() -> None:
     intake = BridgeIntake(bridge(2, navigation=True))
     intake.add_answer(17.0, 3, Timing(arrival_s=17.0, travel_s=0.25))
     intake.add_answer(18.0, 7, Timing(arrival_s=18.0, travel_s=0.25))
-    assert intake.hear() == []
+    assert intake.process() == []
     (ranged,) = intake.ranges
     assert (ranged.source, ranged.stamp_s, ranged.travel_s, ranged.by_ping) == (3, 17.0, 0.25, True)
     assert intake.bridge.counts["rejected.source"] == 1
-    intake.hear()
+    intake.process()
     assert intake.ranges == []
 
 
@@ -154,7 +154,7 @@ def test_without_a_fresh_raw_place_a_packet_holds_the_plan_alone() -> None:
     assert b.add_soundings(rows(5)) == 0
     assert b.counts["samples.unplaced"] == 5
     assert b.add_soundings(np.column_stack([rows(5), rows(5)[:, 1:3]])) == 5
-    b.moved(RAW)
+    b.set_dead_reckoning(RAW)
     payload = b.poll(2.5)  # 2.5 s old
     assert payload is not None
     packet = decode(payload)
@@ -165,8 +165,8 @@ def test_without_a_fresh_raw_place_a_packet_holds_the_plan_alone() -> None:
 def test_a_fix_that_no_packet_holds_is_left_out_and_counted() -> None:
     b = bridge(navigation=True)
     b.set_plan(PLAN)
-    b.moved(RAW)
-    b.fixed(dataclasses.replace(FIX, north_m=400.0))
+    b.set_dead_reckoning(RAW)
+    b.set_fix(dataclasses.replace(FIX, north_m=400.0))
     payload = b.poll(0.5)
     assert payload is not None
     navigation = decode(payload).navigation
@@ -180,10 +180,10 @@ def test_after_a_restart_the_last_fix_is_told_again() -> None:
     first = bridge(navigation=True)
     first.remember = lambda kind, *values: told.append((kind, *values))
     first.set_plan(PLAN)
-    first.fixed(FIX)
+    first.set_fix(FIX)
     second = bridge(navigation=True)
     second.recall(told)
-    second.moved(RAW)
+    second.set_dead_reckoning(RAW)
     payload = second.poll(0.5)
     assert payload is not None
     navigation = decode(payload).navigation
@@ -251,7 +251,7 @@ def test_soundings_outside_the_limits_are_not_queued() -> None:
 
 @pytest.mark.parametrize("bad", [[[0.0, 1.0, 2.0]], [0.0, 1.0, 2.0, 3.0], np.zeros((2, 5))])
 def test_soundings_of_another_shape_are_refused(bad: object) -> None:
-    with pytest.raises(ValueError, match=r"expected \(n, 4\), stamp, north, east, depth"):
+    with pytest.raises(ValueError, match=r"expected \(n, 4\), \(n, 6\) or \(n, 7\)"):
         bridge().add_soundings(bad)  # type: ignore[arg-type]
 
 
@@ -438,21 +438,21 @@ def test_a_restarted_sender_is_heard_at_once() -> None:
 
 def test_a_call_to_abort_is_obeyed_if_it_has_a_tag_or_need_not_have_one() -> None:
     listener, sender = tagged_team()
-    assert not listener.obeys(listener.receive(13.0, 2, sender.poll(11.0)))
-    sender.abort = True
+    assert not listener.must_abort(listener.receive(13.0, 2, sender.poll(11.0)))
+    sender.abort_calls.own = True
     received = listener.receive(43.0, 2, sender.poll(41.0))
     assert (received.packet.plan.actions, received.packet.plan.naive_path) == ((), 0xFF), "it goes nowhere"
-    assert listener.obeys(received)
+    assert listener.must_abort(received)
     stranger = bridge(2)
     stranger.set_plan(PLAN)
-    stranger.abort = True
+    stranger.abort_calls.own = True
     call = stranger.poll(11.0)
     assert listener.receive(73.0, 2, call) is None, "without the key it is no packet at all"
     plain = bridge(1)
-    assert not plain.obeys(plain.receive(13.0, 2, call))
+    assert not plain.must_abort(plain.receive(13.0, 2, call))
     assert plain.counts["aborts_refused.2"] == 1
     trusting = bridge(1, abort_without_tag=True)
-    assert trusting.obeys(trusting.receive(13.0, 2, call))
+    assert trusting.must_abort(trusting.receive(13.0, 2, call))
     assert trusting.counts["aborts.2"] == 1
 
 
@@ -463,38 +463,38 @@ def test_a_call_to_abort_is_obeyed_once_and_not_again_after_a_reset_here() -> No
     own.remember = lambda *event: remembered.append(json.loads(json.dumps(event)))
 
     def hears(start_s: float, listener: ModemBridge) -> bool:
-        return listener.obeys(listener.receive(start_s + 2.0, 2, mate.poll(start_s)))
+        return listener.must_abort(listener.receive(start_s + 2.0, 2, mate.poll(start_s)))
 
-    mate.abort = True
+    mate.abort_calls.own = True
     assert hears(11.0, own)
     assert hears(41.0, own), "as long as safety_node has not said that it is done"
-    own.abort = True
+    own.abort_calls.own = True
     assert not hears(71.0, own)
-    own.abort = False  # RESET here; the mate still calls
+    own.abort_calls.own = False  # RESET here; the mate still calls
     assert not hears(101.0, own)
     again = bridge(1, abort_without_tag=True)
     again.recall(remembered)
     assert not hears(131.0, again), "nor after a restart"
-    mate.abort = False
+    mate.abort_calls.own = False
     assert not hears(161.0, own)
-    mate.abort = True
+    mate.abort_calls.own = True
     assert hears(191.0, own), "a new call"
 
 
 def test_a_vehicle_without_a_plan_calls_to_abort_all_the_same() -> None:
     listener, waiting = bridge(1, abort_without_tag=True), bridge(2)
     assert waiting.poll(11.0) is None
-    waiting.abort = True
+    waiting.abort_calls.own = True
     received = listener.receive(43.0, 2, waiting.poll(41.0))
     assert received is not None
-    assert listener.obeys(received)
+    assert listener.must_abort(received)
     assert received.packet.plan.actions == ()
 
 
 def test_a_call_to_abort_that_nobody_obeys_is_told() -> None:
     plain, trusting = bridge(1), bridge(1, abort_without_tag=True)
     assert bridge_problems(plain, 0.0) == {}
-    plain.abort = trusting.abort = True
+    plain.abort_calls.own = trusting.abort_calls.own = True
     assert "packet.tag" in bridge_problems(plain, 0.0)["abort"]
     assert bridge_problems(trusting, 0.0) == {}
 

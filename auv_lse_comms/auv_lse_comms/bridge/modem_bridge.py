@@ -1,0 +1,397 @@
+"""One vehicle's side of the acoustic channel: packets with its plan and samples, and the team's packets received.
+
+One `ModemBridge` per vehicle. It reads no clock: `now_s` is the vehicle's own time, and must be the same clock as that
+of the TDMA epoch.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
+from auv_lse_common.vocabulary.plan import NONE, Plan
+from auv_lse_common.vocabulary.sounding import Sounding, Soundings
+from auv_lse_comms.bridge.abort_calls import AbortCalls
+from auv_lse_comms.bridge.sample_queue import SampleQueue
+from auv_lse_comms.bridge.slot_usage import SlotUsage
+from auv_lse_comms.link_quality import LinkQuality
+from auv_lse_comms.packet.codec import Limits, Packet, PacketError, check_plan, decode, encode, room_for_samples
+from auv_lse_comms.packet.navigation import MOST_BYTES, Navigation
+from auv_lse_comms.packet.selection import Receivers
+from auv_lse_comms.packet.tag import Tagger
+from auv_lse_comms.ranging import SAME_TIME_S, UNTIMED, Ranging, Timing
+from auv_lse_comms.tdma import SlotKey, Tdma
+
+Array = NDArray[np.float64]
+
+#: Number of last packets that the modem may still report as not sent.
+_REMEMBERED = 4
+#: Cycles before and after an arrival in which the slot of an old packet is searched, to tell it from a forged one.
+_STALE_CYCLES = 100
+#: Kinds of the events that are passed to `ModemBridge.remember`.
+EVENTS = ("queued", "plan", "fix", "heard", "sent", "confirmed", "not_sent", "obeyed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModemFeatures:
+    """What the modem does beyond sending packets.
+
+    Attributes:
+        confirm_s: A packet that the modem has not confirmed within this time (s) counts as not sent. Infinite: it
+            confirms none, and a packet given out counts as sent.
+        second_lead_s: See `Ranging`.
+        pings: Whether it pings mates (`ModemBridge.ping`).
+    """
+
+    confirm_s: float = math.inf
+    second_lead_s: float | None = None
+    pings: bool = False
+
+
+_PLAIN = ModemFeatures()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Received:
+    """A packet of a teammate.
+
+    Attributes:
+        source: Number of the sender.
+        stamp_s: When it was received (s).
+        packet: The sender's plan, and its samples, shape (n, 3).
+        navigation: The sender's navigation, with the packet's travel time; None if the packet has none.
+    """
+
+    source: int
+    stamp_s: float
+    packet: Packet
+    navigation: MateNavigation | None = None
+
+
+@dataclass(slots=True)
+class _Sent:
+    """A packet that was given out: when (s), its rows of the sample queue, and whether the modem has confirmed it."""
+
+    then_s: float
+    samples: Array
+    confirmed: bool
+
+
+class ModemBridge:
+    """Between one vehicle's planner and map, and its modem.
+
+    Attributes:
+        remember: Receives each event that a bridge needs after a restart (`recall`): a kind, and JSON values.
+        unconfirmed: Number of successive packets that the modem has neither confirmed nor refused.
+        abort_calls: This vehicle's own call to abort the mission, and those of its mates.
+    """
+
+    def __init__(
+        self,
+        tdma: TdmaConfig,
+        packet: PacketConfig,
+        address: int,
+        vehicles: int,
+        *,
+        limits: Limits | None = None,
+        key: bytes | None = None,
+        receivers: Receivers | None = None,
+        modem: ModemFeatures = _PLAIN,
+    ) -> None:
+        """Starts without a plan and without soundings.
+
+        Args:
+            tdma: Slots.
+            packet: What goes into a packet and what is refused.
+            address: Number of this vehicle, from 1, which is its modem's address.
+            vehicles: Number of vehicles of the mission.
+            limits: What a mission's packets can hold; None: the ranges of the field table.
+            key: The team's key (`key.read_key`), required if `packet.tag`.
+            receivers: Estimate of the receivers' knowledge, required if `packet.selection` is "useful".
+            modem: What the modem does beyond sending packets.
+
+        Raises:
+            ValueError: if the key or `receivers` is missing, or the address is not a vehicle.
+        """
+        if packet.tag and key is None:
+            raise ValueError("packet.tag = true: expected a key")
+        if packet.selection == "useful" and receivers is None:
+            raise ValueError("packet.selection = 'useful': expected `receivers`, which rate the samples")
+        self.tdma = Tdma(tdma, address, vehicles)
+        self.quality = LinkQuality(self.tdma, address)
+        self.address = address
+        self.vehicles = vehicles
+        self.counts: Counter[str] = Counter()
+        self.unconfirmed = 0
+        self.remember: Callable[..., None] = lambda kind, *values: None
+        self._config = packet
+        self._limits = limits
+        self._tagger = Tagger(key, packet.tag_bytes, packet.session) if packet.tag and key is not None else None
+        self.abort_calls = AbortCalls(
+            packet.tag or packet.abort_without_tag, self.counts, lambda mates: self.remember("obeyed", mates)
+        )
+        self._receivers = receivers
+        self._samples = SampleQueue(packet, limits, receivers, self.counts)
+        self._slots = SlotUsage(self.tdma, self.counts, packet.expected_loss)
+        self._ranging = Ranging(self.tdma, modem.second_lead_s, modem.pings)
+        self._plan: Plan | None = None
+        self._fix: Fix | None = None
+        self._sent: list[_Sent] = []  # the last packets
+        self._confirm_s = modem.confirm_s
+        self._last_sent_s = math.nan
+
+    @property
+    def loss(self) -> float:
+        """Estimated chance that a packet is lost: the share of the others' recent slots without a reception."""
+        return self._slots.loss
+
+    @property
+    def unsent(self) -> int:
+        """Number of samples waiting to be sent."""
+        return len(self._samples)
+
+    def set_plan(self, plan: Plan) -> None:
+        """Sets the vehicle's current plan, which the next packets carry.
+
+        Raises:
+            PacketError: (a ValueError) if no packet can hold it; the previous plan stays.
+        """
+        check_plan(plan, self._limits, self._config.reserve, MOST_BYTES if self._config.navigation else 0)
+        self._plan = plan
+        self.remember("plan", dataclasses.asdict(plan))
+
+    def set_dead_reckoning(self, raw: DeadReckoning) -> None:
+        """Sets the vehicle's raw place."""
+        self._ranging.set_dead_reckoning(raw)
+
+    def set_fix(self, fix: Fix) -> None:
+        """Sets the last fix that the vehicle has taken under way."""
+        self._fix = fix
+        self.remember("fix", dataclasses.asdict(fix))
+
+    def add_soundings(self, soundings: ArrayLike | Soundings | Sequence[Sounding]) -> int:
+        """Queues the vehicle's own soundings for sending.
+
+        With `packet.navigation` their raw places are sent. Unusable soundings are dropped and counted: "samples.bad"
+        have a number that is not finite; "samples.outside" are outside the limits, with which every receiver would
+        refuse the whole packet; "samples.thinned" are nearer to the last queued one than `min_spacing_m`;
+        "samples.unplaced" lack a raw place that `packet.navigation` needs.
+
+        Args:
+            soundings: Soundings in time order, or rows as `Soundings.from_rows` reads them.
+
+        Returns:
+            How many were queued.
+
+        Raises:
+            ValueError: if the rows have another number of columns.
+        """
+        rows = self._samples.add(soundings)
+        if len(rows):
+            self.remember("queued", rows.tolist())
+        return len(rows)
+
+    def receive(self, now_s: float, source: int, payload: bytes, timing: Timing = UNTIMED) -> Received | None:
+        """Reads a payload that the modem received.
+
+        Args:
+            now_s: Time (s).
+            source: Sender's number according to the modem.
+            payload: Any bytes.
+            timing: When it was sent and arrived.
+
+        Returns:
+            The packet; None if it was refused, which is counted as "rejected.<reason>" (`packet.codec.REASONS`).
+        """
+        try:
+            if source == self.address:
+                self.quality.note_own_number(now_s)
+            if source == self.address or not 1 <= source <= self.vehicles:
+                raise PacketError("source", f"source {source}: expected a teammate, 1..{self.vehicles}")
+            # the content is checked first, so that the tagger remembers only accepted packets
+            packet = decode(payload, self._limits, self._config.reserve)
+            if self._tagger is not None:
+                near_s = self.tdma.around(now_s, source)
+                self._tagger.accept(payload, source, near_s, self.tdma.around(now_s, source, _STALE_CYCLES))
+            if not self.quality.accept_arrival(now_s, source):
+                raise PacketError("excess", f"source {source}: has sent more packets than it has slots")
+        except PacketError as error:
+            self.counts[f"rejected.{error.reason}"] += 1
+            self.quality.note_refusal(now_s, error.reason, source)
+            return None
+        self._note_heard(source, packet.samples)
+        slot_s = None if self._tagger is None else self._tagger.last_slot_s[source]
+        self.remember("heard", source, slot_s, packet.samples.tolist())
+        navigation = self._ranging.mate_navigation(now_s, source, packet.navigation, timing)
+        return Received(source=source, stamp_s=now_s, packet=packet, navigation=navigation)
+
+    def _note_heard(self, source: int, samples: Array) -> None:
+        self._slots.heard()
+        self.counts["received"] += 1
+        self.counts[f"received.{source}"] += 1
+        self.counts["samples.received"] += len(samples)
+        if self._receivers is not None and len(samples):
+            self._receivers.hear(samples, self.loss)
+
+    def must_abort(self, received: Received) -> bool:
+        """Takes note of an accepted packet's call to abort, if it has one; returns whether this vehicle must abort."""
+        return self.abort_calls.take(received.source, received.packet.abort)
+
+    def poll(self, now_s: float) -> bytes | None:
+        """The packet to send now, at most one in each own slot.
+
+        Call it at least once in every slot. Own slots that end without a packet are counted as
+        "slots.missed.<reason>": "plan" (there is no plan yet), "late" (at the first poll in the slot a
+        transmission no longer fitted), "asleep" (no poll came in the whole slot), "modem" (see `not_sent`).
+
+        Args:
+            now_s: Time (s).
+
+        Returns:
+            252 bytes to send at once, or None.
+        """
+        self._requeue_unconfirmed(now_s)
+        slot = self.tdma.slot(now_s)
+        self._slots.enter(slot)
+        if self._slots.used or not self.tdma.may_send(now_s):
+            return None
+        plan = self._abort_plan() if self._plan is None and self.abort_calls.own else self._plan
+        if plan is None:
+            self._slots.reason = "plan"
+            return None
+        payload, samples = self._compose(plan, slot.start_s, now_s)
+        self._slots.used = True
+        self._note_sent(now_s, samples, slot.key)
+        self.remember("sent", now_s, samples[:, :4].tolist(), list(slot.key), self.loss)
+        return payload
+
+    def ping(self, now_s: float) -> int | None:
+        """The mate to ping now; mostly None (`Ranging.ping`)."""
+        mate = self._ranging.ping(now_s, self._last_sent_s, self._slots.last)
+        self.counts["pings"] += mate is not None
+        return mate
+
+    def ranged(self, now_s: float, source: int, timing: Timing) -> MateNavigation | None:
+        """The range to a mate that answered a ping (`Ranging.ping_range`); None, and counted, if it is unusable."""
+        found = self._ranging.ping_range(now_s, source, timing)
+        self.counts["rejected.source" if found is None else "ranges"] += 1
+        return found
+
+    def _note_sent(self, now_s: float, samples: Array, slot: SlotKey) -> None:
+        self._sent = [*self._sent[1 - _REMEMBERED :], _Sent(now_s, samples, False)]
+        self._last_sent_s = now_s
+        self._slots.sent(slot)
+        self.counts["sent"] += 1
+        self.counts["samples.sent"] += len(samples)
+
+    def confirm(self, sent_s: float) -> None:
+        """The modem has sent the packet that `poll` gave out at `sent_s` (s)."""
+        for packet in self._sent:
+            if abs(packet.then_s - sent_s) < SAME_TIME_S:
+                packet.confirmed = True
+                self.unconfirmed = 0
+                self.remember("confirmed", sent_s)
+
+    def _requeue_unconfirmed(self, now_s: float) -> None:
+        for packet in list(self._sent):
+            if not packet.confirmed and now_s - packet.then_s > self._confirm_s:
+                self.unconfirmed += 1
+                self.counts["unconfirmed"] += 1
+                self.not_sent(packet.then_s)
+
+    def not_sent(self, sent_s: float) -> None:
+        """The modem did not send a packet: its samples are requeued, and its slot counts as missed.
+
+        With `packet.selection` "useful", an earlier packet than the last stays in the receivers' assumed knowledge.
+
+        Args:
+            sent_s: Time at which `poll` gave that packet out (s). It is ignored if no packet was given out then, or
+                long ago, or if the packet was reported before.
+        """
+        found = [i for i, packet in enumerate(self._sent) if abs(packet.then_s - sent_s) < SAME_TIME_S]
+        if not found:
+            return
+        packet = self._sent.pop(found[-1])
+        self.remember("not_sent", packet.then_s)
+        self._samples.put_back(packet.samples, last=packet.then_s == self._last_sent_s)
+        self.counts["samples.sent"] -= len(packet.samples)
+        self.counts["sent"] -= 1
+        self.counts["slots.used"] -= 1
+        self.counts["slots.missed.modem"] += 1
+
+    def _compose(self, plan: Plan, slot_s: float, now_s: float) -> tuple[bytes, Array]:
+        """The packet sent at `now_s` in the slot that starts at `slot_s` (s), and its rows of the sample queue."""
+        abort = self.abort_calls.own
+        if abort:
+            plan = dataclasses.replace(plan, actions=(), tour=None, naive_path=NONE)
+        navigation = self._navigation(now_s)
+        room = room_for_samples(plan, self._config.reserve, navigation)
+        if self._config.navigation and navigation is None:
+            room = 0  # without a raw place in the packet, receivers would not take the samples for raw ones
+        samples = self._samples.take(room, self.loss)
+        payload = encode(Packet(plan, samples[:, 1:4], abort, navigation), self._limits, self._config.reserve)
+        if self._tagger is not None:
+            payload = self._tagger.seal(payload, self.address, slot_s)
+        return payload, samples
+
+    def _abort_plan(self) -> Plan:
+        """The plan of a call to abort before the first decision: the middle of the area, which no receiver refuses."""
+        limits = self._limits or Limits()
+        return Plan.at(0, np.array([0.0, *np.mean([limits.north_m, limits.east_m], axis=1)]), (), NONE)
+
+    def _navigation(self, now_s: float) -> Navigation | None:
+        """The packet's navigation; a fix or raw place that does not fit is left out and counted."""
+        raw = self._ranging.raw_at_start(now_s) if self._config.navigation else None
+        if raw is None:
+            return None
+        try:
+            return Navigation.of(raw, self._fix)
+        except ValueError:
+            self.counts["navigation.outside"] += 1
+        try:
+            return Navigation.of(raw, None)
+        except ValueError:
+            return None
+
+    def recall(self, events: Iterable[Sequence[Any]]) -> None:
+        """Restores the state from the events passed to `remember` before a restart.
+
+        A packet that was sent and not confirmed is requeued after `confirm_s`.
+
+        Args:
+            events: Kind and values of each, in their order.
+        """
+        remember, self.remember = self.remember, lambda kind, *values: None
+        for kind, *values in events:
+            match kind:
+                case "queued":
+                    self._samples.restore(np.array(values[0]))
+                case "plan":
+                    self._plan = Plan.from_mapping(values[0])
+                case "fix":
+                    self._fix = Fix(**values[0])
+                case "heard":
+                    source, slot_s, samples = values
+                    self._note_heard(source, np.array(samples).reshape(-1, 3))
+                    if self._tagger is not None and slot_s is not None:
+                        self._tagger.last_slot_s[source] = slot_s
+                case "sent":
+                    then_s, samples, (index, since_s), self._slots.loss = values
+                    rows = self._samples.restore_taken(np.array(samples).reshape(-1, 4), self.loss)
+                    self._note_sent(then_s, rows, (index, since_s))
+                case "confirmed":
+                    self.confirm(values[0])
+                case "not_sent":
+                    self.not_sent(values[0])
+                case "obeyed":
+                    self.abort_calls.obeyed = set(values[0])
+        self.remember = remember
