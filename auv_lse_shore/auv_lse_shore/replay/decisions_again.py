@@ -230,5 +230,5 @@ def _plans_heard(inputs: VehicleInputs, settings: Settings) -> list[tuple[float,
     found = []
     for there_s, packet in inputs.packets:
         intake.add_packet(*packet)
-        found += [(there_s, (heard.stamp_s, heard.source, heard.packet.plan)) for heard in intake.hear()]
+        found += [(there_s, (heard.stamp_s, heard.source, heard.packet.plan)) for heard in intake.process()]
     return found
