@@ -10,12 +10,8 @@ from pathlib import Path
 from auv_lse_common.support.user_error import error_text
 from auv_lse_record.bag import read_run
 from auv_lse_shore.adjust.report import lines, write_before_and_after
-from auv_lse_shore.export.errors import ExportError
 from auv_lse_shore.export.export import write_export
-from auv_lse_shore.export.rasters import rasterio
-from auv_lse_shore.export.reference import Reference
-from auv_lse_shore.export.soundings import write_soundings
-from auv_lse_shore.judge.team_map import adjusted_map, mission_settings, write_isobath
+from auv_lse_shore.judge.team_map import adjusted_map, mission_settings
 from auv_lse_shore.places.adjustment import adjust
 from auv_lse_shore.places.recordings import missing_in
 
@@ -81,14 +77,7 @@ def adjusted(paths: Sequence[Path], folder: Path, mission: Path | None = None) -
     count = write_before_and_after(folder / "before_and_after.csv", adjustment, runs, names)
     yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"
     team = adjusted_map(adjustment, mission_settings(runs[0].parameters, runs[0].vehicles[0].vehicle)[-1])
-    try:
-        rasterio()
-    except ExportError as error:
-        write_isobath(team, folder / "isobath.geojson", team.run.origin, [])
-        write_soundings(folder / "soundings.csv", team.run, Reference(origin=team.run.origin))
-        yield f"written: {folder / 'isobath.geojson'}, soundings.csv; no rasters and no QGIS project: {error}"
-        return
-    yield from write_export(team.run, team, folder)
+    yield from write_export(team, folder)
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""Maps for other programs."""
+"""scripts/export: results as files for other programs."""

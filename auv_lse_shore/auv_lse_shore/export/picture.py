@@ -1,4 +1,4 @@
-"""A picture of an export, made from the exported files alone: it shows that they hold what the report shows."""
+"""A picture of an export, made only from the exported files: it shows that they hold what the report shows."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from auv_lse_shore.export.rasters import rasterio
-from auv_lse_shore.report.figures import STYLE, WIDTH_IN, new_figure, save
+from auv_lse_shore.export.formats.geotiff import rasterio
+from auv_lse_shore.report.figures import WIDTH_IN, add_color_bar, new_figure, save, styled
 
-#: Panels: file, title, unit, colours.
+#: Panels: file, title, unit, colors.
 PANELS = (
     ("risk.tif", "Bayes risk", "cost per place", "cividis"),
     ("depth.tif", "depth", "m", "viridis_r"),
@@ -31,6 +30,7 @@ LINES: dict[str, dict[str, Any]] = {
 }
 
 
+@styled
 def draw_export(folder: Path, path: Path) -> None:
     """Draws the GeoTIFFs of `folder`, and over them the lines of its GeoJSON and the soundings of its CSV.
 
@@ -39,38 +39,34 @@ def draw_export(folder: Path, path: Path) -> None:
     """
     library = rasterio()
     features = json.loads((folder / "isobath.geojson").read_text())["features"]
-    with matplotlib.rc_context(STYLE):
-        figure = new_figure(WIDTH_IN, 3.75)
-        axes = figure.subplots(1, len(PANELS), sharex=True, sharey=True)
-        for axis, (name, title, unit, colors) in zip(axes, PANELS, strict=True):
-            with library.open(folder / name) as file:
-                values = file.read(1, masked=True)
-                left, bottom, right, top = file.bounds
-                crs = file.crs
-            image = axis.imshow(values, extent=(left, right, bottom, top), cmap=colors, origin="upper", aspect="equal")
-            bar = figure.colorbar(image, ax=axis, orientation="horizontal", shrink=0.95, pad=0.02, aspect=24)
-            bar.set_label(f"{title} ({unit})")
-            bar.outline.set_linewidth(0.5)
-            for kind, style in LINES.items():
-                for feature in features:
-                    if feature["properties"]["class"] == kind:
-                        for line in feature["geometry"]["coordinates"]:
-                            axis.plot(*_local(np.array(line), crs).T, **style)
-            axis.set_title(name, family="DejaVu Sans Mono")
-            axis.set_xlabel("east (m)")
-            axis.xaxis.set_major_locator(MaxNLocator(4))
-        with (folder / "soundings.csv").open() as file:
-            places = np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(file)])
-        axes[2].plot(*places.T, ".", ms=0.6, color="white", alpha=0.7)
-        axes[0].set_ylabel("north (m)")
-        handles: list[Any] = [Line2D([], [], label=kind, **style) for kind, style in reversed(LINES.items())]
-        handles.append(Line2D([], [], ls="", marker=".", ms=3, color="#999999", label="soundings.csv"))
-        figure.legend(handles=handles, loc="outside lower center", ncols=5, title="isobath.geojson")
-        save(figure, path)
+    figure = new_figure(WIDTH_IN, 3.75)
+    axes = figure.subplots(1, len(PANELS), sharex=True, sharey=True)
+    for axis, (name, title, unit, colors) in zip(axes, PANELS, strict=True):
+        with library.open(folder / name) as file:
+            values, (left, bottom, right, top), crs = file.read(1, masked=True), file.bounds, file.crs
+        image = axis.imshow(values, extent=(left, right, bottom, top), cmap=colors, origin="upper", aspect="equal")
+        layout = {"orientation": "horizontal", "shrink": 0.95, "pad": 0.02, "aspect": 24}
+        add_color_bar(figure, image, axis, f"{title} ({unit})", **layout)
+        for kind, style in LINES.items():
+            for feature in features:
+                if feature["properties"]["class"] == kind:
+                    for line in feature["geometry"]["coordinates"]:
+                        axis.plot(*_local(np.array(line), crs).T, **style)
+        axis.set_title(name, family="DejaVu Sans Mono")
+        axis.set_xlabel("east (m)")
+        axis.xaxis.set_major_locator(MaxNLocator(4))
+    with (folder / "soundings.csv").open() as file:
+        places = np.array([(float(row["east_m"]), float(row["north_m"])) for row in csv.DictReader(file)])
+    axes[2].plot(*places.T, ".", ms=0.6, color="white", alpha=0.7)
+    axes[0].set_ylabel("north (m)")
+    handles: list[Any] = [Line2D([], [], label=kind, **style) for kind, style in reversed(LINES.items())]
+    handles.append(Line2D([], [], ls="", marker=".", ms=3, color="#999999", label="soundings.csv"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, title="isobath.geojson")
+    save(figure, path)
 
 
 def _local(line: Any, crs: Any) -> Any:
-    """Places (n, 2) of the GeoJSON in the rasters' coordinates: from WGS84 where these are on Earth."""
+    """Places (n, 2) of the GeoJSON in the coordinates of the rasters; `crs` is None for local metres."""
     if crs is None:
         return line
     from pyproj import Transformer

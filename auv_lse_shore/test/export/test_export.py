@@ -1,6 +1,7 @@
 """What a mission found, for other programs: written, and read back by their libraries."""
 
 import csv
+import dataclasses
 import json
 import subprocess
 import sys
@@ -15,10 +16,9 @@ from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
 from auv_lse_record.bag import write_run
 from auv_lse_shore.export.__main__ import main
-from auv_lse_shore.export.errors import ExportError
-from auv_lse_shore.export.export import MAPS
-from auv_lse_shore.export.rasters import NODATA, rasterio, write_ascii_grid
-from auv_lse_shore.export.reference import Reference
+from auv_lse_shore.export.content import NODATA, Export, ExportError
+from auv_lse_shore.export.formats import ascii_grid
+from auv_lse_shore.export.formats.geotiff import rasterio
 from auv_lse_shore.judge.team_map import team_map
 from auv_lse_sim.ground.ascii_ground import read_ascii_ground
 from auv_lse_sim.ground.geotiff_ground import read_geotiff_ground
@@ -52,7 +52,7 @@ def local(tmp_path_factory, synthetic_run):
     return exported(tmp_path_factory, synthetic_run, None)
 
 
-@pytest.mark.parametrize(("name", "attribute"), [(m[0], m[1]) for m in MAPS])
+@pytest.mark.parametrize(("name", "attribute"), [("risk", "risk"), ("depth", "mean_m"), ("std", "std_m")])
 @pytest.mark.parametrize("ending", ["tif", "asc"])
 def test_rasters_are_read_back_by_rasterio(on_earth, name, attribute, ending):
     folder, _, team = on_earth
@@ -232,10 +232,11 @@ def test_a_second_export_replaces_the_first(on_earth, capsys):
 
 
 def test_a_map_without_origin_leaves_no_projection_of_an_earlier_one(tmp_path, on_earth):
-    field = on_earth[2].field
+    team = on_earth[2]
     for origin, there in ((ORIGIN, True), (None, False)):
-        write_ascii_grid(tmp_path / "a.asc", field.grid, field.risk, Reference(origin=origin))
-        assert (tmp_path / "a.prj").exists() == there
+        run = dataclasses.replace(team.run, origin=origin)
+        ascii_grid.write(Export(team=dataclasses.replace(team, run=run), folder=tmp_path))
+        assert (tmp_path / "depth.prj").exists() == there
 
 
 def test_a_missing_library_is_named_with_the_command_that_installs_it(tmp_path, monkeypatch, capsys):

@@ -1,0 +1,45 @@
+"""The worked example of docs/design/adding-an-export-format.md: one file, added to a copy of the package."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+import auv_lse_shore
+from auv_lse_common.vocabulary.frames import local_from_geodetic
+from auv_lse_record.bag import write_run
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "design" / "adding-an-export-format.md"
+ORIGIN = (46.5, 6.6)
+
+
+def test_a_format_is_one_file(tmp_path, synthetic_run):
+    run = synthetic_run(steps=6)
+    run.parameters["/**"]["area"] |= {"origin_lat_deg": ORIGIN[0], "origin_lon_deg": ORIGIN[1]}
+    write_run(run, tmp_path / "run")
+    copy = tmp_path / "packages" / "auv_lse_shore"
+    shutil.copytree(Path(auv_lse_shore.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    (copy / "export" / "formats" / "kml.py").write_text(code)
+
+    path = os.pathsep.join([str(copy.parent), *sys.path])
+    command = [sys.executable, "-m", "auv_lse_shore.export"]
+
+    def said(*arguments):
+        environment = {**os.environ, "PYTHONPATH": path}
+        done = subprocess.run([*command, *arguments], capture_output=True, text=True, cwd=tmp_path, env=environment)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "isobath.kml: the isobath that was found, for Google Earth." in said("--help")
+    assert re.search(r"^ +isobath.kml \(\d+ pieces\)$", said("run"), re.MULTILINE)
+    lines = ElementTree.parse(tmp_path / "run" / "export" / "isobath.kml").findall(".//{*}coordinates")
+    places = np.array([[float(x) for x in place.split(",")] for line in lines for place in line.text.split()])
+    north, east = local_from_geodetic(places[:, 1], places[:, 0], *ORIGIN)
+    valley = 120.0 + 30.0 * np.sin(east / 50.0)  # the synthetic run's true isobath
+    assert np.abs(north - valley).mean() < 3.0
