@@ -19,7 +19,7 @@ ORIGIN = (46.5, 6.6)
 
 
 def test_a_format_is_one_file(tmp_path, synthetic_run):
-    run = synthetic_run(steps=6)
+    run = synthetic_run(steps=12)
     run.parameters["/**"]["area"] |= {"origin_lat_deg": ORIGIN[0], "origin_lon_deg": ORIGIN[1]}
     write_run(run, tmp_path / "run")
     copy = tmp_path / "packages" / "auv_lse_shore"
