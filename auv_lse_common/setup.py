@@ -14,6 +14,7 @@ setup(
         (f"share/{package}/launch", glob("launch/*.launch.py")),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},  # tells `colcon test` to use pytest
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
     description="Strict parameters, frames and random streams shared by the AUV level-set estimation stack",

@@ -11,6 +11,7 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},  # tells `colcon test` to use pytest
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
     description="252-byte packets, TDMA, acoustic modem driver and MAVLink link; modem_node",

@@ -15,6 +15,7 @@ setup(
         (f"share/{package}", ["package.xml"]),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},  # tells `colcon test` to use pytest
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
     description="Mission command, checks, live view, replay, reports, exports and campaigns",

@@ -15,6 +15,7 @@ setup(
         (f"share/{package}/missions", glob("missions/*.yaml")),
     ],
     zip_safe=True,
+    extras_require={"test": ["pytest"]},  # tells `colcon test` to use pytest
     maintainer="AUV LSE developers",
     maintainer_email="maintainers@auv-lse.org",
     description="Simulated lake, vehicles, instruments and acoustic channel; sim_node and the fleet engine",
