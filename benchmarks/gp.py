@@ -625,16 +625,13 @@ def planned(sizes: Sizes = FULL) -> list[Row]:
     posterior.extend(Centers(places, depths, np.full(len(depths), 0.3)))
     path = np.column_stack([np.linspace(50, 450, 120), 200 + 60 * np.sin(np.linspace(0, 6, 120))])
 
-    def benefit_of(more: np.ndarray) -> None:
-        mark = len(posterior)
-        posterior.plan(more)
-        at = posterior.at(path)
+    def benefit_of(prior: Posterior, more: np.ndarray) -> None:
+        at = prior.with_planned(more).at(path)
         level_set.benefit(at.mean_m, np.sqrt(at.data_var_m2 - at.planned_var_m2), np.sqrt(at.planned_var_m2))
-        posterior.truncate(mark)
 
-    whole = best_of(sizes.repeats, lambda: benefit_of(path))
-    posterior.plan(path[:100])
-    ends = best_of(sizes.repeats, lambda: benefit_of(path[100:]))
+    whole = best_of(sizes.repeats, lambda: benefit_of(posterior, path))
+    prefix = posterior.with_planned(path[:100])
+    ends = best_of(sizes.repeats, lambda: benefit_of(prefix, path[100:]))
     return [
         row(f"benefit of a path of 120 places, n = {len(places)}", 1e3 * whole, "ms"),
         row("the same, extending one of 100 places", 1e3 * ends, "ms", against="from scratch", ratio=whole / ends),

@@ -106,32 +106,23 @@ class Posterior:
         if self.planned_rows:
             raise ValueError(
                 f"extend: got a posterior with {self.planned_rows} planned places; expected none. "
-                "Call forget_planned() first, or plan with with_planned()."
+                "Extend the posterior that with_planned() was called on."
             )
         self._append(self.kernel.scale(centers.places_m), centers.noise_std_m**2)
         self._set_data(self._centers.joined(centers), self.data_rows)
 
-    def plan(self, places_m: Array) -> None:
-        """Conditions on future measurements at `places_m` (O, 2), after those already planned.
-
-        The same place twice is two measurements. This changes the posterior; on a shared one, use `with_planned`.
-
-        Raises:
-            IllConditionedError: if the covariance cannot be factorized; nothing is changed.
-        """
-        if len(places_m):
-            scaled = self.kernel.scale(np.asarray(places_m, dtype=float))
-            self._append(scaled, np.full(len(scaled), self.noise_var_m2))
-
     def with_planned(self, places_m: Array) -> Posterior:
-        """A copy that is also conditioned on future measurements at `places_m` (O, 2); this posterior is unchanged.
+        """A copy that is also conditioned on future measurements at `places_m` (O, 2), after those already planned.
+
+        This posterior is unchanged. The same place twice is two measurements.
 
         Raises:
             IllConditionedError: if the covariance cannot be factorized.
         """
         other = copy.copy(self)
         other._factor = self._factor.copy(room=len(places_m))
-        other.plan(places_m)
+        scaled = self.kernel.scale(np.asarray(places_m, dtype=float).reshape(-1, 2))
+        other._append(scaled, np.full(len(scaled), self.noise_var_m2))
         return other
 
     def truncate(self, size: int) -> None:
@@ -142,10 +133,6 @@ class Posterior:
             self._centers = self._centers.slice(0, size)
             self._place_white = None
             self._whitened = self._whitened[:size]
-
-    def forget_planned(self) -> None:
-        """Drops all planned places."""
-        self.truncate(self.data_rows)
 
     def follow(self, centers: Centers) -> int:
         """Replaces the data by `centers` and drops planned places.
@@ -192,7 +179,7 @@ class Posterior:
         """An independent copy without planned places."""
         other = copy.copy(self)
         other._factor = self._factor.copy()
-        other.forget_planned()
+        other.truncate(other.data_rows)
         return other
 
     def _append(self, scaled: Array, noise_m2: Array) -> None:

@@ -78,9 +78,7 @@ def test_agrees_with_the_dense_solve(kernel, planned, seed):
     for count in (0, 1, 90, 60):  # more than a block of the factor
         posterior.extend(centers(rng, count))
         at = places(rng, planned)
-        posterior.plan(at)
-        agrees(posterior, at, queries)
-        posterior.forget_planned()
+        agrees(posterior.with_planned(at), at, queries)
     agrees(posterior, queries[:0], queries)
 
 
@@ -91,23 +89,19 @@ def test_whatever_is_extended_planned_and_forgotten_agrees(seed):
     rng = np.random.default_rng(seed)
     posterior, queries = Posterior(config(KERNELS[seed])), places(rng, 16)
     kept, moments = CachedPoints(posterior, queries), CachedMoments(posterior, queries, int(rng.integers(0, 9)))
-    planned = queries[:0]
     for step in range(30):
         change = rng.integers(0, 5)
         if change == 0:
-            more = places(rng, int(rng.integers(0, 7)))
-            posterior.plan(more)
-            planned = np.concatenate([planned, more])
+            at = places(rng, int(rng.integers(0, 7)))
+            planned = posterior.with_planned(at)
+            agrees(planned, at, queries, CachedPoints(planned, queries), CachedMoments(planned, queries))
         elif change == 1:
-            posterior.forget_planned()
-            planned = planned[:0]
             posterior.extend(centers(rng, int(rng.integers(0, 40))))
         elif change == 2:
             mark = int(rng.integers(0, len(posterior) + 1))
             posterior.truncate(mark)
-            planned = planned[: posterior.planned_rows]
         else:  # some centers are moved, measured anew or added, as merging and other vehicles do
-            held, planned = posterior.centers, planned[:0]
+            held = posterior.centers
             at, depths, noise = held.places_m.copy(), held.depths_m.copy(), held.noise_std_m.copy()
             if len(held):
                 number = int(rng.integers(0, len(held)))
@@ -116,7 +110,7 @@ def test_whatever_is_extended_planned_and_forgotten_agrees(seed):
                     at[number] += 1.0
             posterior.follow(Centers(at, depths, noise).joined(centers(rng, int(rng.integers(0, 5)))))
         if step % 3 == 0:
-            agrees(posterior, planned, queries, kept, moments)
+            agrees(posterior, queries[:0], queries, kept, moments)
 
 
 def test_one_datum_and_one_planned_place_by_hand():
@@ -125,7 +119,7 @@ def test_one_datum_and_one_planned_place_by_hand():
     posterior = Posterior(GpConfig(mean_depth_m=12.0, signal_std_m=4.0, noise_std_m=3.0))
     at = np.array([[10.0, 20.0]])
     posterior.extend(Centers(at, np.array([17.0]), np.array([3.0])))
-    posterior.plan(at)
+    posterior = posterior.with_planned(at)
     columns = posterior.at(at)
     assert columns.mean_m[0] == pytest.approx(15.2)
     assert columns.data_var_m2[0] == pytest.approx(5.76)
@@ -177,11 +171,11 @@ def test_following_does_not_depend_on_the_arrays_it_was_given():
 
 
 @pytest.mark.parametrize("name", ["copy", "blank"])
-def test_copies_change_on_their_own(name):
+def test_copies_are_independent(name):
     rng = np.random.default_rng(7)
     posterior, queries = Posterior(config()), places(rng, 12)
     posterior.extend(centers(rng, 140))
-    posterior.plan(queries[:2])
+    posterior = posterior.with_planned(queries[:2])
     before = posterior.moments(queries)
     other = getattr(posterior, name)()
     assert len(other) == (140 if name == "copy" else 0)
@@ -189,7 +183,7 @@ def test_copies_change_on_their_own(name):
     other.extend(more)
     agrees(other, queries[:0], queries)
     other.truncate(100)
-    other.plan(queries[3:5])
+    other = other.with_planned(queries[3:5])
     assert np.array_equal(posterior.moments(queries), before)
     agrees(posterior, queries[:2], queries)
 
@@ -211,10 +205,8 @@ def test_planning_leaves_the_posterior_alone():
 def test_data_after_planned_places_is_refused():
     rng = np.random.default_rng(8)
     posterior = Posterior(GpConfig())
-    posterior.plan(places(rng, 3))
-    with pytest.raises(
-        ValueError, match=r"extend: got a posterior with 3 planned places; expected none. Call forget_planned"
-    ):
+    posterior = posterior.with_planned(places(rng, 3))
+    with pytest.raises(ValueError, match=r"extend: got a posterior with 3 planned places; expected none. Extend the"):
         posterior.extend(centers(rng, 2))
 
 
@@ -245,7 +237,7 @@ def test_rows_of_columns_are_picked_and_joined():
     rng = np.random.default_rng(5)
     posterior = Posterior(GpConfig())
     posterior.extend(centers(rng, 30))
-    posterior.plan(places(rng, 4))
+    posterior = posterior.with_planned(places(rng, 4))
     first, second = places(rng, 6), places(rng, 9)  # three paths of 2 + 3 places
     parts = [np.concatenate([first[2 * i : 2 * i + 2], second[3 * i : 3 * i + 3]]) for i in range(3)]
     wanted = posterior.at(np.concatenate(parts))
@@ -284,7 +276,7 @@ def test_theorem_1_over_random_fields():
         queries = np.concatenate([rng.uniform(0, 300, (6, 2)), data.places_m[:2]])
         planned, benefits = rng.uniform(0, 300, (8, 2)), []
         for begin, end in itertools.pairwise((0, 0, 1, 4, 8)):
-            posterior.plan(planned[begin:end])
+            posterior = posterior.with_planned(planned[begin:end])
             columns = posterior.at(queries)
             before, after = columns.data_var_m2, columns.planned_var_m2
             args = (columns.mean_m, np.sqrt(np.maximum(before - after, 0.0)), np.sqrt(after))

@@ -44,7 +44,7 @@ def test_the_scale_is_that_of_the_dense_solve(modes: int) -> None:
     residuals = centers.depths_m - 15.0
     expected = (100.0 + residuals @ np.linalg.solve(s, residuals)) / (100.0 + len(residuals))
     assert_allclose(posterior.variance_scale, expected, rtol=1e-9)
-    posterior.plan(rng.uniform(0.0, 600.0, (20, 2)))  # what will be measured says nothing yet
+    posterior = posterior.with_planned(rng.uniform(0.0, 600.0, (20, 2)))  # what will be measured says nothing yet
     assert_allclose(posterior.variance_scale, expected, rtol=1e-9)
     as_given = Posterior(GpConfig(std_soundings=0.0))
     as_given.follow(centers)

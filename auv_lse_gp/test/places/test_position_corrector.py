@@ -76,7 +76,7 @@ def test_no_planned_measurement_goes_below_the_floor():
     posterior.follow(uncertain(rng))
     at = rng.uniform(0.0, 200.0, (5, 2))
     floor = posterior.place_variance(posterior.kernel.scale(at))
-    posterior.plan(np.repeat(at, 50, axis=0))
+    posterior = posterior.with_planned(np.repeat(at, 50, axis=0))
     for columns in (posterior.at(at), CachedPoints(posterior, at).current()):
         assert np.all(columns.planned_var_m2 >= floor)
         assert columns.planned_var_m2 == pytest.approx(floor, abs=0.3**2 / 49.0)

@@ -36,8 +36,7 @@ def _drop(posterior, planned, places):
     """Drop of the map's expected risk that places bring beyond those planned, by plain means."""
 
     def risk(measured):
-        known = posterior.copy()
-        known.plan(measured)
+        known = posterior.with_planned(measured)
         columns = known.at(GRID.places_m)
         left = np.minimum(columns.planned_var_m2, columns.data_var_m2)
         return LevelSet().expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - left), np.sqrt(left)).sum()
@@ -48,8 +47,7 @@ def _drop(posterior, planned, places):
 def _joint(roll, posterior, draws, ids, legs):
     rewards = []
     for places in draws:
-        against = posterior.copy()
-        against.plan(places)
+        against = posterior.with_planned(places)
         rewards.append(AnytimeReward(CachedPoints(against, GRID.places_m), LevelSet(), (), legs, 0, 20, 0.0))
     return JointDraws(rewards, roll, search_problem(STATE, np.random.default_rng(1), naive_paths=ids))
 

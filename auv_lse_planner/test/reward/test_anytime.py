@@ -27,7 +27,7 @@ class Case:
         self.planned_m = rng.uniform(0, 400, (planned, 2))
         self.posterior = Posterior(self.config)
         self.posterior.follow(self.known)
-        self.posterior.plan(self.planned_m)
+        self.posterior = self.posterior.with_planned(self.planned_m)
         self.places_m = area().grid(40.0).places_m
         self.coarse_m = area().grid(60.0).places_m
         self.mates = [(np.sort(rng.uniform(0, latest, count)), rng.uniform(0, 400, (count, 2)))

@@ -36,5 +36,5 @@ def test_flat_ground_is_not_doubted_and_doubt_has_a_limit():
 def test_what_will_be_measured_is_no_reason_for_doubt():
     posterior = drawn(6.0)
     before = doubt(posterior)
-    posterior.plan(np.array([[10.0, 20.0], [300.0, 40.0]]))
+    posterior = posterior.with_planned(np.array([[10.0, 20.0], [300.0, 40.0]]))
     assert doubt(posterior) == before

@@ -20,7 +20,7 @@ def _situation(seed, data=60, team=0, level=None, credit="whole"):
     posterior = Posterior(config)
     posterior.follow(known)
     others = rng.uniform(0, 400, (team, 2))
-    posterior.plan(others)
+    posterior = posterior.with_planned(others)
     level = level or LevelSet()
     return rng, config, known, others, level, PathReward(posterior, level, credit)
 
@@ -74,11 +74,10 @@ def test_team_credit_takes_off_what_team_mates_bring_anyway():
     posterior = Posterior(GpConfig())
     posterior.follow(centers(rng, 30))
     path = rng.uniform(0, 400, (10, 2))
-    posterior.plan(path)  # a team mate goes exactly there
-    columns = posterior.at(path)
-    whole, beyond = PathReward(posterior, LevelSet()), PathReward(posterior, LevelSet(), "beyond")
+    planned = posterior.with_planned(path)  # a team mate goes exactly there
+    columns = planned.at(path)
+    whole, beyond = PathReward(planned, LevelSet()), PathReward(planned, LevelSet(), "beyond")
     assert 0.0 < beyond.value(columns) < 0.2 * whole.value(columns)
-    posterior.forget_planned()
     alone = PathReward(posterior, LevelSet()).value(posterior.at(path))
     assert whole.value(columns) > alone
 
@@ -103,7 +102,7 @@ def _reward(data, team, credit, seed=3):
     rng = np.random.default_rng(seed)
     posterior = Posterior(GpConfig())
     posterior.follow(centers(rng, data))
-    posterior.plan(rng.uniform(0, 400, (team, 2)))
+    posterior = posterior.with_planned(rng.uniform(0, 400, (team, 2)))
     return rng, PathReward(posterior, LevelSet(), credit)
 
 
@@ -167,7 +166,7 @@ def test_no_path_is_paid_for_the_floor_of_uncertain_places(length):
     left = reward.var_after_m2(columns)
     two = reward.values_of_equal(posterior.at(np.concatenate([path, path])), length)
     assert two == pytest.approx([reward.value(columns)] * 2)
-    posterior.plan(path)
+    posterior = posterior.with_planned(path)
     planned = posterior.at(path).planned_var_m2
     assert planned.min() > 0.0
     assert left == pytest.approx(planned, rel=1e-6, abs=1e-9)

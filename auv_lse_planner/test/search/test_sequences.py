@@ -18,7 +18,7 @@ def _reward(data, team, credit, seed=3):
     rng = np.random.default_rng(seed)
     posterior = Posterior(GpConfig())
     posterior.follow(centers(rng, data))
-    posterior.plan(rng.uniform(0, 400, (team, 2)))
+    posterior = posterior.with_planned(rng.uniform(0, 400, (team, 2)))
     return rng, PathReward(posterior, LevelSet(), credit)
 
 
