@@ -1,9 +1,9 @@
-"""Soundings from files: tables (CSV) and npz grids. The only reader of both.
+"""Reads soundings from tables (CSV) and npz grids.
 
-A table is a header, then rows, separated by comma, semicolon, tab or blanks; lines that begin with # are left out, and
-so are columns with other names. The place is in metres (north_m, east_m, or northing, easting) or in degrees (lat,
-lon); a table may hold both. The depth is depth_m, positive down, or elevation_m, positive up. `read_table` returns the
-columns as they stand, `local_places` the places in metres about a local origin.
+A table is a header, then rows, separated by comma, semicolon, tab or blanks. Lines that begin with # are skipped, and
+columns with other names ignored. Places are in metres (north_m, east_m, or northing, easting), in degrees (lat, lon),
+or both. Depths are depth_m, positive down, or elevation_m, positive up. `read_table` returns the columns unchanged,
+`local_places` the places in metres from a local origin.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geo
 
 Array = NDArray[np.float64]
 
-#: Places that all lie farther than this from the local origin are not in local coordinates (UTM, a wrong origin).
+#: Places that are all farther than this from the local origin are no local coordinates (UTM, a wrong origin).
 FAR_M = 100_000.0
 
-#: What programs write, with either sign, where they know nothing. No depth has just this value.
+#: Values that programs write, with either sign, for missing data.
 NO_DATA = (9999.0, 99999.0, 32767.0, 32768.0)
 
-#: Names of a table's columns, in small letters.
+#: Accepted column names, in lower case.
 _NORTH = ("north_m", "n_m", "y_m", "northing_m", "northing")
 _EAST = ("east_m", "e_m", "x_m", "easting_m", "easting")
 _LAT = ("lat", "latitude", "lat_deg")
@@ -43,7 +43,7 @@ _EXPECTED_COLUMNS = (
     "are positive up)"
 )
 
-#: What numpy and zipfile raise on a file that is no npz file, or is cut short or damaged anywhere.
+#: Exceptions of numpy and zipfile for a file that is no npz file, or is damaged.
 _BROKEN_NPZ = (
     ValueError, EOFError, OSError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError,
     MemoryError, OverflowError, SyntaxError, TypeError,
@@ -51,21 +51,21 @@ _BROKEN_NPZ = (
 
 
 class SoundingsError(ValueError):
-    """A file of soundings that cannot be used; names the file, the line or array, and what was expected."""
+    """An unusable file of soundings; names the file, the line or array, and what was expected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SoundingsTable:
-    """The columns of a table of soundings, as they stand in the file. All arrays have shape (n,).
+    """The columns of a table of soundings, unchanged. All arrays have shape (n,).
 
     Attributes:
         path: The file.
-        lines: Number of the line that each sounding stands on.
+        lines: Line number of each sounding.
         depth_name: Name of the column of depths or elevations.
-        upward: Whether that name says that the values are elevations, positive up.
+        upward: Whether the values are elevations, positive up.
         values: Depths or elevations (m).
-        north_m, east_m: Places (m), None if the table has none in metres.
-        lat_deg, lon_deg: Places (WGS84), None if the table has none in degrees.
+        north_m, east_m: Places (m), if the table has them.
+        lat_deg, lon_deg: Places (WGS84), if the table has them.
     """
 
     path: Path
@@ -81,13 +81,13 @@ class SoundingsTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LocalPlaces:
-    """Places in metres about a local origin.
+    """Places in metres from a local origin.
 
     Attributes:
         north_m, east_m: Places (m), shape (n,).
         origin: WGS84 latitude and longitude (deg) of the local origin, None if unknown.
         from_degrees: Whether the places come from lat, lon rather than from metres.
-        notes: Phrases on how they were found.
+        notes: Remarks for the user on how they were found.
     """
 
     north_m: Array
@@ -99,13 +99,13 @@ class LocalPlaces:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NpzGrid:
-    """A regular grid of depths or elevations, as an npz file holds it.
+    """A regular grid of depths or elevations from an npz file.
 
     Attributes:
         north_m: North of the rows (m), shape (ny,).
         east_m: East of the columns (m), shape (nx,).
         depth_name: Name of the array of depths or elevations.
-        upward: Whether that name says that the values are elevations, positive up.
+        upward: Whether the values are elevations, positive up.
         values: Depths or elevations (m), shape (ny, nx), NaN where unknown.
         others: The file's other arrays by name.
     """
@@ -128,17 +128,15 @@ def read_soundings(path: Path) -> Array:
     soundings, origin = read_soundings_and_origin(path)
     if origin is not None:
         raise SoundingsError(
-            f"{path}: has columns lat, lon; expected north_m, east_m: metres from the mission's origin, which the file "
-            "does not know"
+            f"{path}: got columns lat, lon; expected north_m, east_m: metres from the mission's origin"
         )
     return soundings
 
 
 def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | None]:
-    """Soundings (n, 3): north, east, depth (m), and where they come from lat, lon: their local origin (WGS84, deg).
+    """Soundings (n, 3): north, east, depth (m), and their local origin (WGS84, deg).
 
-    The origin is the middle of the soundings; it is None for a file in metres. Elevations are taken with the water
-    surface at 0.
+    The origin is the middle of the soundings; None for a file in metres. Elevations count from the water surface.
 
     Raises:
         OSError: if the file cannot be read.
@@ -159,26 +157,26 @@ def read_soundings_and_origin(path: Path) -> tuple[Array, tuple[float, float] | 
 
 
 def is_no_data(values: ArrayLike) -> NDArray[np.bool_]:
-    """Which values are usual marks for no data."""
+    """Mask of the values that usually mark missing data."""
     return np.isin(np.abs(values), NO_DATA)
 
 
 def is_far(north_m: Array, east_m: Array) -> bool:
-    """Whether places (m) all lie farther from the local origin than local coordinates can."""
+    """Whether all places (m) are farther from the local origin than `FAR_M`."""
     nearest = [max(float(v.min()), -float(v.max())) for v in (north_m, east_m)]
     return not max(nearest) <= FAR_M
 
 
 def local_places(table: SoundingsTable, origin: tuple[float, float] | None = None) -> LocalPlaces:
-    """A table's places in metres about a local origin.
+    """A table's places in metres from a local origin.
 
-    Metres are taken as they are; where the table has degrees too, these give the origin. Metres that are far from any
-    local origin (projected coordinates) are passed over if there are degrees.
+    Metres are used unchanged, and degrees, if also given, determine the origin. With degrees, metres far from any local
+    origin (projected coordinates) are ignored.
 
     Args:
         table: The table.
-        origin: WGS84 latitude and longitude (deg) to place the local origin at, where the table has only degrees; by
-            default the middle of the soundings.
+        origin: WGS84 latitude and longitude (deg) of the local origin for a table with degrees only; by default the
+            middle of the soundings.
     """
     notes: tuple[str, ...] = ()
     north, east, lat, lon = table.north_m, table.east_m, table.lat_deg, table.lon_deg
@@ -200,12 +198,12 @@ def local_places(table: SoundingsTable, origin: tuple[float, float] | None = Non
 
 
 def longitude_180(lon_deg: float) -> float:
-    """A longitude of -180 to 360 deg as one of -180 to 180 deg."""
+    """A longitude of -180 to 360 deg, wrapped to -180 to 180 deg."""
     return lon_deg if abs(lon_deg) <= 180.0 else (lon_deg + 180.0) % 360.0 - 180.0
 
 
 def _origin_of(north: Array, east: Array, lat: Array, lon: Array) -> tuple[float, float] | None:
-    """The origin at which the local coordinates are azimuthal equidistant ones of the geodetic, if there is one."""
+    """The origin for which the local coordinates are the azimuthal equidistant projection of the geodetic; or None."""
     design = np.stack([np.ones_like(north), north, east], axis=1)
     lat0 = float(np.linalg.lstsq(design, lat, rcond=None)[0][0])
     lon0 = float(np.linalg.lstsq(design, lon, rcond=None)[0][0])
@@ -236,7 +234,7 @@ def read_table(path: Path) -> SoundingsTable:
     try:
         return _parse_table(path, data.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        # A foreign letter in a comment does no harm. Where the table cannot be read, it may be why.
+        # Harmless in a comment; mentioned if the table cannot be read.
         byte = f"byte {error.start} (0x{data[error.start]:02x}) is not UTF-8 text"
     try:
         return _parse_table(path, data.decode("utf-8-sig", errors="replace"))

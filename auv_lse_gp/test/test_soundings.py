@@ -25,7 +25,7 @@ def test_lat_lon_become_metres_about_their_middle_only_where_the_origin_does_not
     # a milli-degree at 45 degrees of latitude: 111.13 m north, 78.85 m east
     wanted = [[-111.13, 0, 10], [111.13, 0, 11], [0, -78.85, 12], [0, 78.85, 13]]
     assert soundings == pytest.approx(np.array(wanted), abs=0.02)
-    with pytest.raises(ParameterError, match=r"survey\.csv: has columns lat, lon; expected north_m, east_m"):
+    with pytest.raises(ParameterError, match=r"survey\.csv: got columns lat, lon; expected north_m, east_m"):
         OnlineGp(GpConfig(mean="survey", survey_file=str(path)))
     path.write_text("lat,lon,depth_m\n4500.1,7.001,10\n")
     with pytest.raises(ValueError, match=r"survey\.csv:2: lat is 4500\.1; expected degrees"):

@@ -240,16 +240,7 @@ def fit(
         ValueError: if the soundings cannot be used, or no start leads to a likelihood.
     """
     target = MarginalLikelihood(places_m, depths_m, kernel, mean, two_axes, mean_depth_m)
-    bounds = target.bounds
-    best_x, best, found = None, math.inf, []
-    for start in _starts(target, restarts, rng):
-        result = minimize(target, start, jac=True, method="L-BFGS-B", bounds=bounds,
-                          options={"ftol": 1e-12, "gtol": 1e-5, "maxiter": 200})  # fmt: skip
-        found.append(-float(result.fun))
-        if result.fun < best:
-            best_x, best = np.array(result.x), float(result.fun)
-    if best_x is None:
-        raise ValueError("soundings: got a singular covariance from every start; expected places farther apart")
+    best_x, best, found = _search(target, restarts, rng)
     signal, _ = target.best_signal(best_x)
     y = np.concatenate([[math.log(signal)], best_x[:-1], [math.log(signal) + 0.5 * best_x[-1]]])
     names = ["signal_std_m", "length_scale_m", *(["length_scale_2_m", "rotation_deg"] if two_axes else [])]
@@ -272,16 +263,36 @@ def fit(
         mean_slope_east=float(slopes[1]),
         **{name: float(value) for name, value in values.items()},  # type: ignore[arg-type]  # all are floats
     )
-    warnings += _bounds_hit(best_x, bounds, two_axes) + _length_warnings(target, config, errors, y)
+    warnings += _bounds_hit(best_x, target.bounds, two_axes) + _length_warnings(target, config, errors, y)
     return Fit(
         config=config,
-        log_likelihood=-best,
+        log_likelihood=best,
         standard_errors=errors,
         warnings=warnings,
         soundings=len(depths_m),
         evaluations=target.evaluations,
         restarts=found,
     )
+
+
+def _search(
+    target: MarginalLikelihood, restarts: int, rng: np.random.Generator | None
+) -> tuple[Array, float, list[float]]:
+    """The best search variables, their log likelihood, and the log likelihood found from each start.
+
+    Raises:
+        ValueError: if no start leads to a likelihood.
+    """
+    best_x, best, found = None, math.inf, []
+    for start in _starts(target, restarts, rng):
+        result = minimize(target, start, jac=True, method="L-BFGS-B", bounds=target.bounds,
+                          options={"ftol": 1e-12, "gtol": 1e-5, "maxiter": 200})  # fmt: skip
+        found.append(-float(result.fun))
+        if result.fun < best:
+            best_x, best = np.array(result.x), float(result.fun)
+    if best_x is None:
+        raise ValueError("soundings: got a singular covariance from every start; expected places farther apart")
+    return best_x, -best, found
 
 
 def _length_warnings(target: MarginalLikelihood, config: GpConfig, errors: dict[str, float], y: Array) -> list[str]:

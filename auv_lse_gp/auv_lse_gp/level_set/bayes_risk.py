@@ -1,11 +1,10 @@
-"""Bayes risk of a level set, before and after measurements that are not made yet (paper, section "Search objective").
+"""Bayes risk of a level set, before and after planned measurements (paper, section "Search objective").
 
-The depth at a place is normal. Calling it safe (at least `level_m` deep) when it is not costs c1
-(`cost_false_safe`), calling it unsafe when it is safe costs c2 (`cost_false_unsafe`).
+The depth at a place is normal. Calling it safe (at least `level_m` deep) when it is not costs c1 (`cost_false_safe`),
+calling it unsafe when it is safe costs c2 (`cost_false_unsafe`).
 
-The expected risk after planned measurements is an integral which the paper calls unsolved and approximates;
-it is a bivariate normal probability and has a closed form in Owen's T function, which is the default here.
-All functions broadcast over any shapes.
+The paper approximates the expected risk after planned measurements. It is a bivariate normal probability with a closed
+form in Owen's T function, which is the default here. All functions broadcast their arguments.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class LevelSet(LevelSetConfig):
 
     @classmethod
     def of(cls, config: LevelSetConfig) -> LevelSet:
-        """The level set that section `level_set` of a mission file describes."""
+        """The level set of a mission file's section `level_set`."""
         if isinstance(config, cls):
             return config
         return cls(**{f.name: getattr(config, f.name) for f in dataclasses.fields(LevelSetConfig)})
@@ -59,20 +58,17 @@ class LevelSet(LevelSetConfig):
         )
 
     def risk_sums(self, mean_m: Array, variance_m2: Array, left_m2: Array) -> Array:
-        """Exact expected risk summed over cells (M,), for each of several variances left: falling ones are fastest.
+        """Sums (J,) over cells of the exact expected risk, for each row of remaining variances.
 
         Args:
-            mean_m: Mean of the depth given the data in hand (M,).
-            variance_m2: Variance given the data in hand (M,).
-            left_m2: Variances (J, M) that will be left, at most those in hand.
-
-        Returns:
-            Sums (J,).
+            mean_m: Mean of the depth given the present data (M,).
+            variance_m2: Variance given the present data (M,).
+            left_m2: Remaining variances (J, M), at most the present ones; rows that decrease are fastest.
         """
         return self._risk_sums(mean_m, variance_m2, left_m2, False)[0]
 
     def risk_sums_and_slopes(self, mean_m: Array, variance_m2: Array, left_m2: Array) -> tuple[Array, Array]:
-        """`risk_sums`, and the slopes (J, M) of the risks in the variances left, as `expected_bayes_risk_slope`."""
+        """`risk_sums`, and the slopes (J, M) of the risks in the remaining variances (`expected_bayes_risk_slope`)."""
         return self._risk_sums(mean_m, variance_m2, left_m2, True)
 
     def _risk_sums(self, mean: Array, variance: Array, left: Array, with_slopes: bool) -> tuple[Array, Array]:
@@ -86,7 +82,7 @@ class LevelSet(LevelSetConfig):
         return sums, slopes
 
     def risk_sums_numpy(self, mean_m: Array, variance_m2: Array, left_m2: Array) -> tuple[Array, Array]:
-        """`risk_sums_and_slopes` with NumPy and SciPy alone: the reference of the compiled one."""
+        """`risk_sums_and_slopes` in SciPy: the reference for the compiled version."""
         std_of_mean, std_after = np.sqrt(np.maximum(variance_m2 - left_m2, 0.0)), np.sqrt(left_m2)
         costs = self.cost_false_safe, self.cost_false_unsafe
         risks = expected_bayes_risk_numpy(mean_m, std_of_mean, std_after, self.level_m, *costs)
@@ -106,13 +102,7 @@ class LevelSet(LevelSetConfig):
 
 
 def p_safe(mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike) -> Array:
-    """Probability P(f >= l) that the depth is at least the level.
-
-    Args:
-        mean_m: Mean of the depth (m).
-        std_m: Standard deviation of the depth (m); 0 where it is known.
-        level_m: Level l (m).
-    """
+    """Probability P(f >= l) that the depth is at least the level; arguments as in `bayes_risk`."""
     mean, std, level = _arrays(("mean_m", mean_m), ("std_m", std_m), ("level_m", level_m))
     _not_negative(std_m=std)
     return np.asarray(ndtr(-_standardized(level - mean, std)))
@@ -121,7 +111,7 @@ def p_safe(mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike) -> Array:
 def bayes_risk(
     mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike, cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike
 ) -> Array:
-    """Bayes risk r = min(c1 P(f < l), c2 P(f >= l)) of the best call about a place.
+    """Bayes risk r = min(c1 P(f < l), c2 P(f >= l)) of the best call at a place.
 
     Args:
         mean_m: Mean of the depth (m).
@@ -134,7 +124,7 @@ def bayes_risk(
         The risk, of the broadcast shape.
 
     Raises:
-        ValueError: for a cost that is not positive or a negative standard deviation.
+        ValueError: for a cost that is not positive, or a negative standard deviation.
     """
     mean, std, level = _arrays(("mean_m", mean_m), ("std_m", std_m), ("level_m", level_m))
     c1, c2 = _costs(cost_false_safe, cost_false_unsafe)
@@ -146,7 +136,7 @@ def bayes_risk(
 def bayes_estimate(
     mean_m: ArrayLike, std_m: ArrayLike, level_m: ArrayLike, cost_false_safe: ArrayLike, cost_false_unsafe: ArrayLike
 ) -> NDArray[np.bool_]:
-    """The call (true: safe) that attains `bayes_risk`; a tie is called safe. Arguments as there."""
+    """The call (true: safe) with the `bayes_risk`; a tie is safe. Arguments as there."""
     mean, std, level = _arrays(("mean_m", mean_m), ("std_m", std_m), ("level_m", level_m))
     c1, c2 = _costs(cost_false_safe, cost_false_unsafe)
     _not_negative(std_m=std)
@@ -163,22 +153,21 @@ def expected_bayes_risk(
     cost_false_unsafe: ArrayLike,
     method: str = "exact",
 ) -> Array:
-    """Expected Bayes risk E of a place after planned measurements.
+    """Expected Bayes risk E of a place after planned measurements; level and costs as in `bayes_risk`.
 
-    The mean after them will be N(mean_m, std_of_mean_m^2), the standard deviation will be std_after_m whatever
-    is measured.
+    After them, the mean is distributed as N(mean_m, std_of_mean_m^2), and the standard deviation is std_after_m.
 
     Args:
-        mean_m: Mean of the depth given the data in hand (m).
+        mean_m: Mean of the depth given the present data (m).
         std_of_mean_m: Standard deviation s_mu of the mean after the planned measurements (m).
         std_after_m: Standard deviation s_q of the depth after the planned measurements (m).
         level_m: Level l (m).
-        cost_false_safe: Cost c1 > 0 of calling an unsafe place safe.
-        cost_false_unsafe: Cost c2 > 0 of calling a safe place unsafe.
-        method: "exact" (Owen's T) or "exponential_quadratic" (the paper's way, with one term).
+        cost_false_safe: Cost c1.
+        cost_false_unsafe: Cost c2.
+        method: "exact" (Owen's T) or "exponential_quadratic" (the paper's approximation with one term).
 
     Returns:
-        The expected risk, of the broadcast shape. The exact one lies in [0, risk in hand], to the last bit.
+        The expected risk, of the broadcast shape. The exact one never exceeds the present risk.
 
     Raises:
         ValueError: for an unknown method, a cost that is not positive or a negative standard deviation.
@@ -190,7 +179,7 @@ def expected_bayes_risk(
     _not_negative(std_of_mean_m=of_mean, std_after_m=after)
     if method == "exact":
         if compiled.USE_NUMBA:
-            if c1.ndim == c2.ndim == 0 and c1 == c2:  # as a planner asks, a hundred places at a time
+            if c1.ndim == c2.ndim == 0 and c1 == c2:  # the planner's case, for a hundred places at a time
                 quantile = np.zeros(())
             else:
                 quantile = np.where(c1 == c2, 0.0, ndtri(c2 / (c1 + c2)))
@@ -210,15 +199,15 @@ def benefit_of_search(
     cost_false_unsafe: ArrayLike,
     method: str = "exact",
 ) -> Array:
-    """Expected benefit of search: the risk in hand less `expected_bayes_risk` (same arguments).
+    """Expected benefit of search: present risk minus `expected_bayes_risk` (same arguments).
 
-    Theorem 1: 0 if nothing is planned, never negative, and growing with the planned set. The exact method keeps
-    this; the exponential-quadratic one does not (see the tests).
+    Theorem 1: 0 if nothing is planned, never negative, and growing with the planned set. This holds for the exact
+    method, but not for the exponential-quadratic one.
     """
     mean, of_mean, after = _arrays(("mean_m", mean_m), ("std_of_mean_m", std_of_mean_m), ("std_after_m", std_after_m))
     expected = expected_bayes_risk(mean, of_mean, after, level_m, cost_false_safe, cost_false_unsafe, method)
     in_hand = bayes_risk(mean, np.sqrt(of_mean**2 + after**2), level_m, cost_false_safe, cost_false_unsafe)
-    # The two are computed by different functions: what is below 0 with the exact method is their rounding.
+    # Two functions compute the two terms: with the exact method, negative values are rounding.
     return np.maximum(in_hand - expected, 0.0) if method == "exact" else in_hand - expected
 
 
@@ -230,9 +219,9 @@ def expected_bayes_risk_slope(
     cost_false_safe: ArrayLike,
     cost_false_unsafe: ArrayLike,
 ) -> Array:
-    """Slope dE / dv of the exact `expected_bayes_risk` E in the variance v = s_q^2 that will be left (same arguments).
+    """Slope dE / dv of the exact `expected_bayes_risk` E in the variance v = s_q^2 after it (same arguments).
 
-    The variance in hand s^2 = s_mu^2 + s_q^2 stays. With k = (l - s_q z - m) / s_mu, z = Phi^-1(c2 / (c1 + c2)) and
+    The present variance s^2 = s_mu^2 + s_q^2 stays. With k = (l - s_q z - m) / s_mu, z = Phi^-1(c2 / (c1 + c2)) and
     phi the standard normal density,
 
         dE / dv = (c1 + c2) / 2 phi(k) / s_mu phi(z) / s_q  >= 0.
@@ -254,7 +243,7 @@ def expected_bayes_risk_slope(
 def expected_bayes_risk_numpy(
     mean: ArrayLike, of_mean: ArrayLike, after: ArrayLike, level: ArrayLike, c1: ArrayLike, c2: ArrayLike
 ) -> Array:
-    """The exact expected risk with NumPy and SciPy alone: the reference of the compiled one. Arguments unchecked.
+    """The exact expected risk in SciPy: the reference for the compiled version. Arguments are not checked.
 
     With s^2 = s_mu^2 + s_q^2, z = Phi^-1(c2 / (c1 + c2)), h = (l - m) / s, k = (l - s_q z - m) / s_mu:
 
@@ -288,7 +277,7 @@ def expected_bayes_risk_numpy(
             value = 0.5 * (c2 - c1) * (ndtr(k) - ndtr(h)) + (c1 + c2) * (owens_t(h, a_h) + owens_t(k, a_k) + beta)
             value = np.where(c1 == c2, equal, value)
     value = np.where(of_mean == 0.0, risk, np.where(after == 0.0, 0.0, value))
-    # 0 <= E <= risk in hand is a theorem: what sticks out is rounding. (NaN in, NaN out.)
+    # 0 <= E <= present risk is a theorem: anything else is rounding. (NaN in, NaN out.)
     return np.asarray(np.clip(value, 0.0, risk))
 
 
