@@ -1,9 +1,12 @@
 """The documentation names only what exists, wraps, and cites nothing from outside of the project."""
 
+import argparse
 import ast
 import importlib
 import importlib.util
 import re
+import shlex
+import subprocess
 from collections import defaultdict
 from pathlib import Path
 
@@ -179,6 +182,44 @@ def test_every_generated_table_has_a_page_and_is_current():
     for page in PAGES:
         if "commands" not in block_names(text := page.read_text()):
             assert render(text, without_ros) == text, f"python -m auv_lse_shore.reference_pages --write: {page.name}"
+
+
+def evidence_commands():
+    """Every command that prints a figure in docs/evidence, with its arguments."""
+    text = "\n".join(page.read_text() for page in (ROOT / "docs" / "evidence").glob("*.md"))
+    return sorted({" ".join(command.split()) for command in re.findall(r"`((?:python -m|scripts/)[^`]+)`", text)})
+
+
+class Parsed(Exception):
+    """The command line was accepted."""
+
+
+@pytest.mark.parametrize("command", evidence_commands())
+def test_the_commands_of_the_evidence_are_accepted(command, monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    words = [{"FILE": str(tmp_path / "file"), "FOLDER": str(tmp_path)}.get(word, word) for word in shlex.split(command)]
+    if words[0] == "python":
+        module, arguments = words[2], words[3:]
+    else:
+        module = re.search(r"support\.command ([\w.]+)", (ROOT / words[0]).read_text())[1]
+        arguments = words[1:]
+    parse = argparse.ArgumentParser.parse_args
+
+    def parsed(parser, *given):
+        parse(parser, *given)
+        raise Parsed
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parsed)
+    package = importlib.import_module(module)
+    main = package.main if hasattr(package, "main") else importlib.import_module(f"{module}.__main__").main
+    with pytest.raises(Parsed):
+        main(arguments)
+
+
+@pytest.mark.skipif(not (ROOT / ".venv-docs" / "setup.done").is_file(), reason="scripts/docs has not been called here")
+def test_the_site_builds_without_a_broken_link():
+    built = subprocess.run([ROOT / "scripts" / "docs"], capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
 
 
 def test_the_site_shows_every_page():
