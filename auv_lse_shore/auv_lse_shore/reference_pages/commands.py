@@ -12,18 +12,24 @@ from types import ModuleType
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.reference_pages.blocks import wrapped
 
-_MODULE = re.compile(r"support\.command ([\w.]+)")
+_MODULE = re.compile(r"^run_module ([\w.]+)", re.MULTILINE)
 
 
 def commands() -> str:
     """Each command: what it does, its usage, its exit codes."""
     parts = []
     for script in sorted((project_folder() / "scripts").iterdir()):
-        if match := _MODULE.search(script.read_text()):
-            parts.append(f"### scripts/{script.name}\n{_described(parser_of(match[1]))}")
-        elif script.suffix == "":
-            parts.append(f"### scripts/{script.name}\n{wrapped(_usage_comment(script))}")
+        if script.suffix == "":
+            module = module_of(script)
+            parts.append(f"### scripts/{script.name}\n{wrapped(_summary(script))}")
+            parts += [_described(parser_of(module))] if module else []
     return "\n\n".join(parts)
+
+
+def module_of(script: Path) -> str:
+    """The module that a script runs; "" for a script that is no Python command."""
+    match = _MODULE.search(script.read_text())
+    return match[1] if match else ""
 
 
 def parser_of(name: str) -> argparse.ArgumentParser:
@@ -55,8 +61,8 @@ def _imported(name: str) -> ModuleType | None:
         return None
 
 
-def _usage_comment(script: Path) -> str:
-    """What a script without a parser says of itself in its second line."""
+def _summary(script: Path) -> str:
+    """The second line of a script: what it does."""
     return script.read_text().splitlines()[1].removeprefix("# ").replace(" See --help.", "")
 
 
@@ -65,15 +71,14 @@ def _one_line(text: str | None) -> str:
 
 
 def _described(parser: argparse.ArgumentParser) -> str:
-    """The first sentence of its description, the usage in one code block, the exit codes."""
+    """The usage in a code block, and the exit codes."""
     text = f"{_one_line(parser.description)} {_one_line(parser.epilog)}"
     codes = re.search(r"Exit codes: .*?\.(?= [A-Z]|$)", text)
-    sentence = re.split(r"(?<=\.) (?=[A-Z])", text)[0]
     usage = textwrap.wrap(
         f"{parser.prog} {_usage(parser)}", 110, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False
     )
     block = "\n".join(f"    {line}" for line in usage).replace("\0", " ")
-    return f"{wrapped(sentence)}\n\n{block}\n\n{wrapped(codes[0]) if codes else ''}".rstrip()
+    return f"{block}\n\n{wrapped(codes[0]) if codes else ''}".rstrip()
 
 
 def _usage(parser: argparse.ArgumentParser) -> str:
