@@ -12,7 +12,7 @@ from types import ModuleType
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_shore.reference_pages.blocks import wrapped
 
-_MODULE = re.compile(r"^run_module ([\w.]+)", re.MULTILINE)
+_MODULE = re.compile(r"run_module ([\w.]+) ")
 
 
 def commands() -> str:
