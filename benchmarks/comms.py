@@ -33,8 +33,8 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.receivers_risk import ReceiverMap, ReceiversRisk
 from auv_lse_sim.ground.lake import SyntheticLake
 from auv_lse_sim.water.channel import Channel, Position, snr_db
-from benchmarks.channel_loss import loss_at_range
 from benchmarks.command import end_with
+from benchmarks.navigation.channel_loss import loss_at_range
 from benchmarks.rows import Row, row
 
 Array = NDArray[np.float64]

@@ -110,17 +110,17 @@ def test_the_fuzzer_runs(capsys):
 
 
 def test_the_navigation_consistency_is_measured(capsys):
-    assert importlib.import_module("benchmarks.navigation_consistency").main(["2", "60"]) == 0
+    assert importlib.import_module("benchmarks.navigation.navigation_consistency").main(["2", "60"]) == 0
     assert capsys.readouterr().out.count("drift at the end") == 3
 
 
 def test_the_search_is_held_against_the_optimum(capsys):
-    importlib.import_module("benchmarks.planner_yardstick").main(["--situations", "1", "--iterations", "20"])
+    importlib.import_module("benchmarks.planning.planner_yardstick").main(["--situations", "1", "--iterations", "20"])
     assert capsys.readouterr().out.count("of 1 situations") == 2
 
 
 def test_methods_are_held_against_hindsight(capsys):
-    hindsight = importlib.import_module("benchmarks.hindsight")
+    hindsight = importlib.import_module("benchmarks.planning.hindsight")
     assert hindsight.main(["--lakes", "1", "--steps", "4", "--methods", "random", "--mutations", "3"]) == 0
     out = capsys.readouterr().out
     assert "| hindsight |" in out
@@ -130,7 +130,7 @@ def test_methods_are_held_against_hindsight(capsys):
 
 
 def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys):
-    from benchmarks import places_drift
+    from benchmarks.navigation import places_drift
 
     monkeypatch.setattr(places_drift, "CONDITIONS", {"x3": (3.0, 0.0)})
     wanted = ["--seeds", "7500", "1", "--steps", "6", "--out", str(tmp_path / "new" / "rows.jsonl")]
@@ -143,7 +143,8 @@ def test_the_worth_of_corrected_places_is_measured(tmp_path, monkeypatch, capsys
 
 
 def test_the_time_of_a_fix_and_the_memory_of_a_planner_are_measured(monkeypatch, capsys):
-    from benchmarks import planner_memory, surfacing_time
+    from benchmarks.navigation import surfacing_time
+    from benchmarks.planning import planner_memory
 
     monkeypatch.setattr(surfacing_time, "PARTS", (0.5,))
     assert surfacing_time.main(["--seeds", "7500", "1", "--steps", "6"]) == 0
@@ -153,7 +154,7 @@ def test_the_time_of_a_fix_and_the_memory_of_a_planner_are_measured(monkeypatch,
 
 
 def test_settings_of_a_campaign_are_compared_with_their_first():
-    from benchmarks.places_table import table
+    from benchmarks.navigation.places_table import table
 
     names = ("isobath_error_m", "isobath_error_true_positions_m", "risk_after", "loss_after", "error_over_std")
     groups = {
@@ -166,7 +167,7 @@ def test_settings_of_a_campaign_are_compared_with_their_first():
 
 
 def test_methods_are_compared_scene_by_scene():
-    from benchmarks import headline_table
+    from benchmarks.planning import headline_table
 
     names = (*(name for name, _, _ in headline_table.COLUMNS), "mowing_risk")
     groups = {
@@ -180,7 +181,8 @@ def test_methods_are_compared_scene_by_scene():
 
 
 def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, capsys):
-    from benchmarks import headline_table, places_table
+    from benchmarks.navigation import places_table
+    from benchmarks.planning import headline_table
 
     (tmp_path / "rows").mkdir()
     labels = ("two: tour", "two: lanes", "one: tour")
@@ -198,7 +200,7 @@ def test_tables_come_from_a_campaigns_folder_in_the_campaigns_order(tmp_path, ca
 
 
 def test_missions_below_their_bound_are_counted(tmp_path, capsys):
-    bound = importlib.import_module("benchmarks.planner_bound")
+    bound = importlib.import_module("benchmarks.planning.planner_bound")
     lines = tmp_path / "bound.jsonl"
     for number in (0, 12):  # a synthetic lake, and one of the planner's own prior with a quarter of the packets lost
         for method in bound.METHODS:
@@ -209,7 +211,7 @@ def test_missions_below_their_bound_are_counted(tmp_path, capsys):
 
 
 def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, capsys):
-    prior = importlib.import_module("benchmarks.gp_prior")
+    prior = importlib.import_module("benchmarks.navigation.gp_prior")
     monkeypatch.setitem(prior.SMALL, "mission.steps", 2)
     lines = tmp_path / "new" / "prior.jsonl"
     options = ["--small", "--method", "lawnmower", "--lakes", "1", "--stds", "8", "--out", str(lines)]
@@ -222,7 +224,7 @@ def test_the_same_soundings_are_mapped_by_each_prior(tmp_path, monkeypatch, caps
 
 
 def test_methods_are_flown_over_lakes(tmp_path, capsys):
-    methods = importlib.import_module("benchmarks.planner_methods")
+    methods = importlib.import_module("benchmarks.planning.planner_methods")
     lines = tmp_path / "new" / "methods.jsonl"
     options = ["--out", str(lines), "--methods", "lawnmower", "random", "--vehicles", "1", "--lakes", "1"]
     methods.main([*options, "--steps", "2", "--processes", "1"])
@@ -232,7 +234,7 @@ def test_methods_are_flown_over_lakes(tmp_path, capsys):
 
 
 def test_windows_of_a_real_lake_are_found_and_flown(tmp_path, capsys):
-    methods = importlib.import_module("benchmarks.planner_methods")
+    methods = importlib.import_module("benchmarks.planning.planner_methods")
     lake = SyntheticLake(LakeConfig(seed=5001, height_m=500.0, width_m=600.0, north_m=200.0, east_m=250.0, islands=0))
     north_m, east_m = np.arange(-40.0, 441.0, 10.0), np.arange(-40.0, 541.0, 10.0)
     depth_m = lake.depth_m(*np.meshgrid(north_m, east_m, indexing="ij"))
@@ -241,7 +243,7 @@ def test_windows_of_a_real_lake_are_found_and_flown(tmp_path, capsys):
     row = methods.mission("lawnmower", 1, "small", name, 0.0, str(tmp_path / "grid.npz"), 2)
     assert row["lake"] == name
     assert math.isfinite(row["risk_end"])
-    whole = importlib.import_module("benchmarks.real_lake")
+    whole = importlib.import_module("benchmarks.planning.real_lake")
     assert whole.main([str(tmp_path / "grid.npz"), "--windows", "1", "--vehicles", "1", "--steps", "2"]) == 0
     table = capsys.readouterr().out
     assert table.count("| 1 vehicle: ") == 5
@@ -283,7 +285,7 @@ def test_each_tells_what_it_does_and_refuses_what_it_does_not_know(name, capsys)
 
 def test_the_table_of_a_file_that_is_not_there_is_refused(tmp_path, capsys):
     """It once was a table of nothing."""
-    for name in ("planner_bound", "planner_methods", "gp_prior"):
+    for name in ("planning.planner_bound", "planning.planner_methods", "navigation.gp_prior"):
         with pytest.raises(SystemExit, match="2"):
             importlib.import_module(f"benchmarks.{name}").main(["--table", str(tmp_path / "none.jsonl")])
         assert "none.jsonl: there is no such file" in capsys.readouterr().err
@@ -301,7 +303,7 @@ def test_a_benchmark_ends_with_its_code_or_130_after_ctrl_c(capsys):
 
 
 def test_surfacing_is_compared_at_the_drift_that_is_asked_for(capsys):
-    loop = importlib.import_module("benchmarks.surfacing_loop")
+    loop = importlib.import_module("benchmarks.navigation.surfacing_loop")
     assert loop.main(["--seeds", "7700", "1", "--drifts", "3", "--steps", "6"]) == 0
     rows = [line.split("|") for line in capsys.readouterr().out.splitlines()[2:]]
     assert [(row[1].strip(), row[2].strip()) for row in rows] == [("x3", "nobody"), ("x3", "where it pays")]

@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.sections.world import DvlConfig
 from auv_lse_common.support.compiled import USE_NUMBA, cache_folder, plain
 from auv_lse_sim.vehicle import motion_model as mm
 from auv_lse_sim.vehicle import navigation as nav
-from benchmarks.navigation_consistency import measure
+from benchmarks.navigation.navigation_consistency import measure
 
 Q = np.array([1e-6, 4e-4, 1e-12, 1e-10, 1e-6])
 

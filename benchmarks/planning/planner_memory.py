@@ -1,6 +1,6 @@
 """Memory of a planner by the number of kernel centers, up to `gp.max_centers`, and whether it grows beyond.
 
-    python -m benchmarks.planner_memory
+    python -m benchmarks.planning.planner_memory
 
 A planner of the default method decides on maps of random centers. At the cap the map is made again and again, as by a
 correction of places, which moves every center.
@@ -36,7 +36,7 @@ def private_mb() -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0, or 1 if a full map made again takes ever more memory."""
-    p = argparse.ArgumentParser(prog="python -m benchmarks.planner_memory", description=__doc__)
+    p = argparse.ArgumentParser(prog="python -m benchmarks.planning.planner_memory", description=__doc__)
     p.add_argument("--most", type=int, metavar="N", help="centers at most (default: gp.max_centers)")
     options = p.parse_args(arguments)
     settings = Settings.load(None, {"mission.vehicles": 2})

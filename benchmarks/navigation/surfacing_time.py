@@ -1,6 +1,6 @@
 """When a fix brings most: each vehicle surfaces once, at one part of the mission after another.
 
-    python -m benchmarks.surfacing_time --seeds 7500 6
+    python -m benchmarks.navigation.surfacing_time --seeds 7500 6
 
 Three vehicles mow the default area, with a compass error by heading of one degree, so that little but the time of the
 fix changes. Where they surface a second time, the second fix is left out. Each flight is judged after the dive, with
@@ -20,7 +20,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_record.run_data import RunData
 from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with
-from benchmarks.places_drift import flown, judged, settings_of
+from benchmarks.navigation.places_drift import flown, judged, settings_of
 
 #: Parts of the mission at which the vehicles begin to climb.
 PARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
@@ -74,7 +74,7 @@ def row(seed: int, part: float, steps: int) -> dict[str, float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies and prints the table. Returns 0."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.surfacing_time", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation.surfacing_time", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7500, 6), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")
     options = parser.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.wrong_fixes`: which wrong fixes the correction of places finds, in made-up dives."""
+"""`python -m benchmarks.navigation.wrong_fixes`: which wrong fixes the correction of places finds, in made-up dives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "auv_lse_gp" / "test"))
+sys.path.append(str(Path(__file__).resolve().parents[2] / "auv_lse_gp" / "test"))
 
 from places_helpers import Sailed, messages, sail, smoother_of, surface
 
@@ -59,7 +59,7 @@ def dive(seed: int, vehicles: int, surfacings: int, off_m: float) -> tuple[float
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.wrong_fixes",
+        prog="python -m benchmarks.navigation.wrong_fixes",
         description="Made-up dives in which one fix is wrong: what that does to the places.",
     )
     parser.add_argument("--seeds", type=int, default=8, metavar="N", help="dives of each kind (default: 8)")

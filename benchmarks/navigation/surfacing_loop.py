@@ -1,6 +1,6 @@
 """Whether weighing a fix pays in closed loop: the default mission with its drift, and a part and a multiple of it.
 
-    python -m benchmarks.surfacing_loop --seeds 7700 2
+    python -m benchmarks.navigation.surfacing_loop --seeds 7700 2
 
 Each mission is flown where nobody surfaces, and where vehicles surface where that pays; it is judged after the dive.
 The section `places` is told how good the instruments are.
@@ -16,7 +16,7 @@ import numpy as np
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.campaign.statistics import interval
 from benchmarks.command import end_with
-from benchmarks.places_drift import flown, judged
+from benchmarks.navigation.places_drift import flown, judged
 
 DRIFTS = (0.1, 1.0, 10.0)
 FIGURES = ("isobath_m", "place_m", "risk", "loss", "error_over_std", "nees")
@@ -54,7 +54,7 @@ def row(seed: int, drift: float, surfaces: bool, steps: int) -> dict[str, float]
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies and prints the table. Returns 0."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.surfacing_loop", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation.surfacing_loop", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7700, 2), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument("--drifts", type=float, nargs="+", default=DRIFTS, help="times the default's drift")
     parser.add_argument("--steps", type=int, default=100, help="legs of a mission")

@@ -1,6 +1,6 @@
 """What tours and mowing are expected to leave, before anything is measured: at a third of the mission, and at its end.
 
-    python -m benchmarks.tour_frontier [--weights 0 1 2 4] [--bends 3]
+    python -m benchmarks.planning.tour_frontier [--weights 0 1 2 4] [--bends 3]
 
 One vehicle in the small area, which it can just cover, with the default prior. Tours are optimized from several
 starts with each anytime weight, steered along, and bent as long as that brings more. Risk is the mean over the map,
@@ -29,8 +29,8 @@ from auv_lse_planner.reward.anytime import AnytimeReward
 from auv_lse_planner.search.tour import TourSearch, arc_m
 from auv_lse_planner.vehicle.vehicle_planner import COARSE_M, VehiclePlanner
 from benchmarks.command import end_with
-from benchmarks.planner_loop import settings_for
-from benchmarks.planner_methods import area
+from benchmarks.planning.planner_loop import settings_for
+from benchmarks.planning.planner_methods import area
 
 Array = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ class Frontier:
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.tour_frontier",
+        prog="python -m benchmarks.planning.tour_frontier",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

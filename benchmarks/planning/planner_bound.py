@@ -1,7 +1,7 @@
 """How often does a mission end below its bound, with and without the incumbent rule?
 
-    python -m benchmarks.planner_bound --missions 200 --out bound.jsonl
-    python -m benchmarks.planner_bound --table bound.jsonl
+    python -m benchmarks.planning.planner_bound --missions 200 --out bound.jsonl
+    python -m benchmarks.planning.planner_bound --table bound.jsonl
 
 Missions differ in lake (synthetic lakes, and lakes drawn from the planner's own prior), number of vehicles (1 to 3)
 and packet loss (0 to 50 %); each is flown by `augmented`, with the incumbent rule and without, and by `tour`, whose
@@ -42,7 +42,7 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_gp.map.online import OnlineGp
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks.command import end_with, existing_file
-from benchmarks.planner_loop import light_mission, settings_for
+from benchmarks.planning.planner_loop import light_mission, settings_for
 from benchmarks.results_file import FOLDER, fly, read
 
 SPAN_M = (250.0, 300.0)
@@ -207,7 +207,7 @@ def _mean(values: np.ndarray) -> str:
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planner_bound",
+        prog="python -m benchmarks.planning.planner_bound",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

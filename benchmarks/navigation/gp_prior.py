@@ -1,7 +1,7 @@
 """Which prior makes the best map of the same soundings?
 
-    python -m benchmarks.gp_prior --lakes 20 --out prior.jsonl
-    python -m benchmarks.gp_prior --table prior.jsonl
+    python -m benchmarks.navigation.gp_prior --lakes 20 --out prior.jsonl
+    python -m benchmarks.navigation.gp_prior --table prior.jsonl
 
 Flies one mission per lake in the fleet engine, with the default prior, and maps its soundings anew with each kernel,
 length scale and standard deviation. The soundings are where the default prior sent the vehicles: what another prior
@@ -111,7 +111,7 @@ def table(lines: list[dict[str, Any]]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.gp_prior",
+        prog="python -m benchmarks.navigation.gp_prior",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

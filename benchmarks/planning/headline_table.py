@@ -1,7 +1,7 @@
 """The tables of docs/design/planner.md: methods compared lake by lake, from the rows of config/campaigns/headline.yaml.
 
     scripts/campaign config/campaigns/headline.yaml
-    python -m benchmarks.headline_table runs/campaigns/headline
+    python -m benchmarks.planning.headline_table runs/campaigns/headline
 
 Settings whose labels begin alike, up to the colon, are one scene. Its first one is compared with each of the others.
 """
@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 from auv_lse_shore.campaign.statistics import Interval, interval
 from benchmarks.command import end_with
-from benchmarks.places_table import Arguments, Row, print_rows, value
+from benchmarks.navigation.places_table import Arguments, Row, print_rows, value
 
 #: Columns of the means: of a row, heading, and decimal places.
 COLUMNS = (
@@ -80,7 +80,7 @@ def _compared(changes: Sequence[float]) -> str:
 
 def main(arguments: Arguments = None) -> int:
     """Prints both tables."""
-    return print_rows("benchmarks.headline_table", __doc__, lambda g: [*means(g), "", *pairs(g)], arguments)
+    return print_rows("benchmarks.planning.headline_table", __doc__, lambda g: [*means(g), "", *pairs(g)], arguments)
 
 
 if __name__ == "__main__":

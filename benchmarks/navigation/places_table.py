@@ -1,7 +1,7 @@
 """The table of docs/design/places.md: what corrected places are worth, from the rows of config/campaigns/places.yaml.
 
     scripts/campaign config/campaigns/places.yaml
-    python -m benchmarks.places_table runs/campaigns/places
+    python -m benchmarks.navigation.places_table runs/campaigns/places
 
 Settings whose labels begin alike, up to the first comma, are compared seed by seed with the first of them.
 """
@@ -96,7 +96,7 @@ def print_rows(
 
 def main(arguments: Arguments = None) -> int:
     """Prints the table."""
-    return print_rows("benchmarks.places_table", __doc__, table, arguments)
+    return print_rows("benchmarks.navigation.places_table", __doc__, table, arguments)
 
 
 if __name__ == "__main__":

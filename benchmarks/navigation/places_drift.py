@@ -1,6 +1,6 @@
 """What corrected places are worth: the first table of docs/design/places.md.
 
-    python -m benchmarks.places_drift --seeds 7500 20 --out places.jsonl
+    python -m benchmarks.navigation.places_drift --seeds 7500 20 --out places.jsonl
 
 Three vehicles mow the default area with raw places, packets and one surfacing each. Mowing takes no account of the map,
 so each flight is judged as if it had been one of several: soundings where dead reckoning booked them, as before; where
@@ -95,7 +95,7 @@ def judged(run: RunData) -> dict[str, dict[str, float]]:
             vehicles = adjustment.runs[0].vehicles
             nees = _nees(run, adjustment.correction)
         else:
-            vehicles = [_at(v, true_positions(v)[:, 1:3]) for v in run.vehicles] if way == "true places" else raw
+            vehicles = [_at(v, true_positions(v).places_m) for v in run.vehicles] if way == "true places" else raw
             depth_map = map_of(settings, area, Soundings.join(v.soundings for v in vehicles))
         found[way] = {**_figures(run, settings, depth_map.field()), "place_m": _off(vehicles, run), "nees": nees}
     return found
@@ -132,7 +132,7 @@ def _nees(run: RunData, correction: Any) -> float:
     for vehicle in run.vehicles:
         some = np.arange(100, len(vehicle.soundings), 200)
         stamps, raw = vehicle.soundings.stamp_s[some], vehicle.soundings.raw_places_m[some]
-        error = correction.places(vehicle.vehicle, stamps, raw) - true_positions(vehicle)[some, 1:3]
+        error = correction.places(vehicle.vehicle, stamps, raw) - true_positions(vehicle).places_m[some]
         for e, rows in zip(error, correction.jacobian(vehicle.vehicle, stamps, raw), strict=True):
             values.append(e @ np.linalg.solve(rows @ correction.covariance @ rows.T, e) / 2.0)
     return float(np.mean(values))
@@ -188,7 +188,7 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies what is missing and prints the table. Returns 0, 130 after Ctrl-C."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.places_drift", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation.places_drift", description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(7500, 20), metavar=("FIRST", "COUNT"), help="missions")
     parser.add_argument(
         "--out",

@@ -1,6 +1,6 @@
 """Hindsight as a yardstick: how much of the way from mowing to the best paths in hindsight a method has gone.
 
-    python -m benchmarks.hindsight --lakes 2 [--methods tour fixed_tour] [--vehicles 1] [--area small] [--mutations 400]
+    python -m benchmarks.planning.hindsight --lakes 2 [--methods tour fixed_tour] [--vehicles 1] [--mutations 400]
 
 On each lake the methods are flown in the light loop, mowing among them. The flown paths are then improved by somebody
 who knows the lake: waypoints are shifted by chance, the vehicles steer along them, and what is nearer to an aim is
@@ -41,8 +41,8 @@ from auv_lse_planner.paths.rollout import Rollout
 from auv_lse_planner.paths.steering import Steering
 from auv_lse_shore.judge.isobath import compare, trace
 from benchmarks.command import end_with
-from benchmarks.planner_loop import light_mission, settings_for
-from benchmarks.planner_methods import AREAS, area, lake
+from benchmarks.planning.planner_loop import light_mission, settings_for
+from benchmarks.planning.planner_methods import AREAS, area, lake
 
 Array = NDArray[np.float64]
 
@@ -236,7 +236,7 @@ def _way(mowing: float, gone: float, best: float) -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.hindsight",
+        prog="python -m benchmarks.planning.hindsight",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

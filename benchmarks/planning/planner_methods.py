@@ -1,8 +1,8 @@
 """The table of methods: the same lakes, the same distance travelled, differences paired lake by lake.
 
-    python -m benchmarks.planner_methods --vehicles 1 3 --lakes 20 --out methods.jsonl [--methods tour plain ...]
-    python -m benchmarks.planner_methods --vehicles 3 --area default --out methods.jsonl
-    python -m benchmarks.planner_methods --table methods.jsonl
+    python -m benchmarks.planning.planner_methods --vehicles 1 3 --lakes 20 --out methods.jsonl
+    python -m benchmarks.planning.planner_methods --vehicles 3 --area default --out methods.jsonl
+    python -m benchmarks.planning.planner_methods --table methods.jsonl
 
 Every mission's figures are appended to the file as one JSON line as soon as it is over, and missions that are in the
 file already are not flown again, so a run can be stopped and continued. Lakes are `SyntheticLake`s with seeds from
@@ -28,7 +28,7 @@ from auv_lse_common.mission_file.sections.world import LakeConfig
 from auv_lse_common.vocabulary.naive_ids import STRIPS
 from auv_lse_sim.ground.lake import SyntheticLake
 from benchmarks.command import end_with, existing_file
-from benchmarks.planner_loop import light_mission, settings_for
+from benchmarks.planning.planner_loop import light_mission, settings_for
 from benchmarks.results_file import FOLDER, fly, read
 
 METHODS = (
@@ -186,7 +186,7 @@ def table(lines: list[dict[str, Any]]) -> str:
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planner_methods",
+        prog="python -m benchmarks.planning.planner_methods",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

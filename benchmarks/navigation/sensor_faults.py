@@ -3,7 +3,7 @@
 A mission's own soundings are damaged in one way after another, and go through the intake of a map. Printed is the map's
 expected risk, and its true loss by the ground (both the mean cost of a cell), and what the gate has refused.
 
-    python -m benchmarks.sensor_faults [--smoke]
+    python -m benchmarks.navigation.sensor_faults [--smoke]
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def judged(settings: Settings, ground: Ground, rows: Array, gate: SoundingGate) 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table. Returns 0."""
     p = argparse.ArgumentParser(
-        prog="python -m benchmarks.sensor_faults",
+        prog="python -m benchmarks.navigation.sensor_faults",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,6 +1,6 @@
 """Windows of a real lake in the whole simulator: navigation, packets, corrected places (docs/evidence/planner.md).
 
-    python -m benchmarks.real_lake FILE
+    python -m benchmarks.planning.real_lake FILE
 
 FILE is a lake's grid or soundings, as `scripts/mission --bathymetry` takes it. Each window is mown and flown by `tour`,
 with places as booked and corrected.
@@ -19,9 +19,9 @@ from typing import Any
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_shore.campaign.mission_row import judged
 from benchmarks.command import end_with, existing_file
-from benchmarks.headline_table import means, pairs
-from benchmarks.places_table import Row
-from benchmarks.planner_methods import area, spread_windows
+from benchmarks.navigation.places_table import Row
+from benchmarks.planning.headline_table import means, pairs
+from benchmarks.planning.planner_methods import area, spread_windows
 
 #: Settings by name; the first is compared with the others.
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -52,7 +52,7 @@ def row(file: Path, window: str, vehicles: int, overrides: dict[str, Any], steps
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Flies and prints the tables. Returns 0, 1 without any window."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.real_lake", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.planning.real_lake", description=__doc__)
     parser.add_argument("file", type=existing_file, help="the lake's grid or soundings")
     parser.add_argument("--vehicles", type=int, nargs="+", default=[1, 3], help="teams")
     parser.add_argument("--windows", type=int, default=6, help="at most so many windows of 400 m x 500 m")

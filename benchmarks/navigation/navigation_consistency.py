@@ -4,7 +4,7 @@ NEES is the squared error over the filter's own covariance. For a consistent fil
 (Bar-Shalom, Li & Kirubarajan 2001, section 5.4): 2 for the place, 3 with the heading. The table and the test of
 consistency use `measure()`.
 
-    python -m benchmarks.navigation_consistency 160
+    python -m benchmarks.navigation.navigation_consistency 160
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def measure(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints NEES against its bounds, and the drift; the last filter is not told of the compass's harmonics."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.navigation_consistency",
+        prog="python -m benchmarks.navigation.navigation_consistency",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

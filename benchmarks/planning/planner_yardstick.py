@@ -1,6 +1,6 @@
 """The tree search against exhaustive search at m = 3, over random situations: the share within 99 % of the optimum.
 
-Run: python -m benchmarks.planner_yardstick --situations 200
+Run: python -m benchmarks.planning.planner_yardstick --situations 200
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def shares(situations: int, augmented: bool, iterations: int | None = None, firs
 def main(arguments: list[str] | None = None) -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.planner_yardstick",
+        prog="python -m benchmarks.planning.planner_yardstick",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,0 +1,1 @@
+"""Studies of the planner: methods, bound, real lakes."""
