@@ -267,8 +267,8 @@ def test_reference_missions_are_written_and_compared(tmp_path, monkeypatch, caps
 def modules_in_pages():
     """Every benchmark that a page or a docstring tells to run by `python -m`."""
     root = Path(__file__).resolve().parents[3]
-    files = [root / "README.md", root / "CONTRIBUTING.md", *root.glob("docs/**/*.md"), *root.glob("benchmarks/*.py")]
-    return sorted({name for file in files for name in re.findall(r"python -m (benchmarks\.[a-z_]+)", file.read_text())})
+    files = [root / "README.md", root / "CONTRIBUTING.md", *root.glob("docs/**/*.md"), *root.glob("benchmarks/**/*.py")]
+    return sorted({name for file in files for name in re.findall(r"python -m (benchmarks\.[a-z_]+(?:\.[a-z_]+)?)", file.read_text())})
 
 
 @pytest.mark.parametrize("name", modules_in_pages())
