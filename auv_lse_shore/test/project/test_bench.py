@@ -268,7 +268,8 @@ def modules_in_pages():
     """Every benchmark that a page or a docstring tells to run by `python -m`."""
     root = Path(__file__).resolve().parents[3]
     files = [root / "README.md", root / "CONTRIBUTING.md", *root.glob("docs/**/*.md"), *root.glob("benchmarks/**/*.py")]
-    return sorted({name for file in files for name in re.findall(r"python -m (benchmarks\.[a-z_]+(?:\.[a-z_]+)?)", file.read_text())})
+    command = re.compile(r"python -m (benchmarks\.[a-z_]+(?:\.[a-z_]+)?)")
+    return sorted({name for file in files for name in command.findall(file.read_text())})
 
 
 @pytest.mark.parametrize("name", modules_in_pages())
@@ -277,7 +278,7 @@ def test_each_tells_what_it_does_and_refuses_what_it_does_not_know(name, capsys)
     with pytest.raises(SystemExit) as ended:
         main(["--help"])
     assert ended.value.code == 0
-    assert f"usage: python -m {name} " in capsys.readouterr().out
+    assert f"usage: python -m {name}" in capsys.readouterr().out
     with pytest.raises(SystemExit) as ended:
         main(["--nonsense"])
     assert ended.value.code == 2
