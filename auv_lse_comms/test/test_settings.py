@@ -40,9 +40,9 @@ def test_limits_come_from_the_mission() -> None:
 def test_faults_name_the_file_and_the_parameter(tmp_path: Path) -> None:
     for parameters, message in (
         ({"tdma": {"order": [1, 4]}}, r"m.yaml: tdma.order: got \(1, 4\); \[4\] are not among the vehicles 1..3"),
-        ({"tdma": {"slot_s": 1.0}}, r"m.yaml: tdma: slot_s = 1 s: expected at least 4.400 s"),
-        ({"packet": {"tag": True}}, r"m.yaml: packet: tag = true: expected key_file"),
-        ({"packet": {"tag": True, "key_file": "key"}}, r"m.yaml: packet: tag = true, session = '': expected the name"),
+        ({"tdma": {"slot_s": 1.0}}, r"m.yaml: tdma.slot_s: got 1 s; expected at least 4.400 s"),
+        ({"packet": {"tag": True}}, r"m.yaml: packet.key_file: got '' with tag true; expected the file"),
+        ({"packet": {"tag": True, "key_file": "key"}}, r"m.yaml: packet.session: got '' with tag true; expected"),
         (
             {"packet": {"tag": True, "key_file": str(tmp_path / "none"), "session": "a"}},
             r"packet.key_file: .*none: cannot be read",

@@ -82,9 +82,10 @@ def from_mapping(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
             values[name] = from_mapping(typing.cast(type, hints[name]), {}, key)
     try:
         return cls(**values)
-    except ValueError as error:  # a condition between several parameters
-        file, _, name = where.rpartition(": ")
-        raise ParameterError(f"{file if str(error).startswith(f'{name}.') else where}: {error}".lstrip(": ")) from error
+    except ValueError as error:  # a condition between several parameters; its text starts with their names
+        file, separator, name = where.rpartition(": ")
+        full = str(error) if str(error).startswith(f"{name}.") else f"{name}.{error}"
+        raise ParameterError(f"{file}{separator}{full}") from error
 
 
 def section(cls: type[T], parameters: Mapping[str, Any], name: str, where: str) -> T:

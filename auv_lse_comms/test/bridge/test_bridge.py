@@ -512,9 +512,9 @@ def test_missing_helpers_are_refused() -> None:
         ModemBridge(TDMA, PacketConfig(tag=True, key_file="key", session="a"), 1, 3)
     with pytest.raises(ValueError, match=r"selection = 'useful': expected `receivers`"):
         ModemBridge(TDMA, PacketConfig(selection="useful"), 1, 3)
-    with pytest.raises(ValueError, match="tag = true: expected key_file"):
+    with pytest.raises(ValueError, match="key_file: got '' with tag true"):
         PacketConfig(tag=True)
-    with pytest.raises(ValueError, match="depth_min_m = 5"):
+    with pytest.raises(ValueError, match="depth_min_m: got 5"):
         PacketConfig(depth_min_m=5.0, depth_max_m=5.0)
 
 

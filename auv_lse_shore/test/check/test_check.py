@@ -62,8 +62,8 @@ def test_every_wrong_key_is_named_not_only_the_first(tmp_path: Path) -> None:
 
 
 def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
-    assert "expected key_file" in found(write(tmp_path, packet={"tag": True}), "error")[0]
-    assert "slot_s = 3 s: expected at least" in found(write(tmp_path, tdma={"slot_s": 3.0}), "error")[0]
+    assert "packet.key_file: got '' with tag true" in found(write(tmp_path, packet={"tag": True}), "error")[0]
+    assert "tdma.slot_s: got 3 s; expected at least" in found(write(tmp_path, tdma={"slot_s": 3.0}), "error")[0]
 
 
 @pytest.mark.parametrize(

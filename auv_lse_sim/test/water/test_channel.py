@@ -324,9 +324,9 @@ def test_misuse_is_refused() -> None:
         water.transmit(11.0, 1, PAYLOAD, line(0.0, 1.0))
     with pytest.raises(ValueError, match=r"252 bytes: a packet of rate 1 holds 3 x 64"):
         channel(ChannelConfig(rate=1)).transmit(0.0, 1, PAYLOAD, line(0.0, 1.0))
-    with pytest.raises(ParameterError, match=r"sim.channel: blackouts has 3 numbers; expected four each"):
+    with pytest.raises(ParameterError, match=r"sim.channel.blackouts: got 3 numbers; expected four each"):
         from_mapping(ChannelConfig, {"blackouts": [1.0, 2.0, 3.0]}, "sim.channel")
-    with pytest.raises(ParameterError, match=r"blackouts: \(1.5, 2.0, 3.0, 4.0\); expected two vehicle numbers"):
+    with pytest.raises(ParameterError, match=r"blackouts: got \(1.5, 2.0, 3.0, 4.0\); expected two vehicle numbers"):
         from_mapping(ChannelConfig, {"blackouts": [1.5, 2, 3, 4]}, "sim.channel")
     with pytest.raises(ParameterError, match=r"packet_loss: got 1.5; expected a number from 0 to 1"):
         from_mapping(ChannelConfig, {"packet_loss": 1.5}, "sim.channel")

@@ -15,10 +15,12 @@ METHODS = ("exact", "exponential_quadratic")
 class LevelSetConfig:
     """The isobath looked for and what errors about it cost: the section `level_set` of a mission file."""
 
-    level_m: float = parameter(15.0, unit="m", help="Depth of the isobath (l).")
-    cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe place safe (c1).")
-    cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe place unsafe (c2).")
-    method: str = parameter("exact", choices=METHODS, help="How the expected risk is computed.")
+    level_m: float = parameter(15.0, unit="m", help="Depth of the isobath (paper: l).")
+    cost_false_safe: float = parameter(10.0, above=0.0, help="Cost of calling an unsafe place safe (paper: c1).")
+    cost_false_unsafe: float = parameter(10.0, above=0.0, help="Cost of calling a safe place unsafe (paper: c2).")
+    method: str = parameter(
+        "exact", choices=METHODS, help="How the expected risk is computed: exactly, or with the paper's approximation."
+    )
 
     def __post_init__(self) -> None:
         """Refuses values that are not usable.

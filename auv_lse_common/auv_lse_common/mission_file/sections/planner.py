@@ -1,4 +1,4 @@
-"""Parameters of mission, vehicle, motion and planner, and the bundle of all that a planner needs."""
+"""Section `planner`, and the sections that a planner reads."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     _T = TypeVar("_T")
     FromMethod = Annotated[_T, "left out, it follows from the method"]
 else:
-    #: A parameter that follows from the method where it is left out (None); `PlannerConfig.complete` fills it in.
+    #: A parameter whose default (None) depends on the method; `PlannerConfig.complete` resolves it.
     FromMethod = Optional
 
-#: Places of a path that can be valued at once: their covariances take 0.5 GB.
+#: Largest number of places of a path that can be evaluated at once: their covariances take 0.5 GB.
 MOST_PLACES = 8000
 
 
 def from_method(paper: Any, **options: Any) -> Any:
-    """A parameter that follows from the method where it is left out.
+    """A parameter whose default depends on the method.
 
     Args:
         paper: Its value in the paper's augmented method, from which the other methods differ (`methods.py`).
@@ -41,66 +41,86 @@ def from_method(paper: Any, **options: Any) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerConfig:
-    """How a vehicle plans. What is left out (None) follows from the method; see `methods.py`."""
+    """Planning. Parameters that are left out follow from the method."""
 
-    method: str = parameter("tour", choices=tuple(METHODS), help="named set of the parameters that are left out")
+    method: str = parameter(
+        "tour",
+        choices=tuple(METHODS),
+        help="planning method; sets every planner parameter that is left out (docs/design/planner.md)",
+    )
     credit: FromMethod[str] = from_method(
         "whole",
         choices=("whole", "beyond"),
-        help="'whole' counts all benefit at own places (the paper's), 'beyond' only what team mates' plans "
-        "would not bring",
+        help="benefit that counts at places on the own path: 'whole' counts all of it (the paper), 'beyond' only "
+        "what team mates' plans do not already collect",
     )
-    horizon: FromMethod[int] = from_method(3, low=1, high=200, help="legs planned (paper: m)")
-    iterations: FromMethod[int] = from_method(100, low=1, help="tree search iterations a decision")
+    horizon: FromMethod[int] = from_method(3, low=1, high=200, help="planned legs (paper: m)")
+    iterations: FromMethod[int] = from_method(100, low=1, help="tree search iterations for each decision")
     augmented: FromMethod[bool] = from_method(
-        True, help="whether a naive path continues the plan to the mission's end (paper: augmented)"
+        True, help="continue the plan to the mission's end with a naive path (paper: augmented)"
     )
     naive_paths: FromMethod[tuple[int, ...]] = from_method(
-        LAWNMOWERS[:1], low=0xE0, high=0xFE, help="ids of the naive paths to choose from (naive.py)"
+        LAWNMOWERS[:1], low=0xE0, high=0xFE, help="ids of the naive paths to choose from (docs/reference/packet.md)"
     )
     incumbent: FromMethod[bool] = from_method(
-        True, help="whether the last plan is kept unless the new one is worth more on the same data"
+        True, help="keep the last plan unless the new one is worth more with the same data"
     )
     exploration: FromMethod[float] = from_method(
-        0.2, low=0.0, help="exploration constant of UCT, on values scaled to 0..1"
+        0.2, low=0.0, help="exploration constant of UCT, for values scaled to 0..1"
     )
-    batch: int = parameter(8, low=1, high=256, help="paths the search values together")
-    samples_per_leg: int = parameter(1, low=1, high=20, help="measurement places along a leg that count in the reward")
+    batch: int = parameter(8, low=1, high=256, help="paths that the search evaluates together")
+    samples_per_leg: int = parameter(
+        1, low=1, high=20, help="measurement places along each leg that count in the reward"
+    )
     lane_spacing_m: float = parameter(60.0, unit="m", above=0.0, help="distance between the lanes of a lawnmower")
-    map_spacing_m: float = parameter(20.0, unit="m", above=0.0, help="spacing of the places over which risk is summed")
+    map_spacing_m: float = parameter(
+        20.0, unit="m", above=0.0, help="spacing of the places over which the risk is summed"
+    )
     proposals: FromMethod[str] = from_method(
         "path",
         choices=PROPOSALS,
-        help="what proposes plans: an optimized tour by the map's reward, a tree search on the path's reward (or by "
-        "Dec-MCTS), the naive path alone, or the next leg by chance or by a score",
+        help="how plans are proposed: an optimized tour (map reward), a tree search (path reward), a naive path "
+        "alone, or the next leg at random or by a score",
     )
     anytime_weight: float = parameter(
-        1.0, low=0.0, help="method tour: how much more a drop of the map's risk counts at the start than at the end"
+        1.0, low=0.0, help="method tour: how much more an early drop of the map's risk counts than a late one"
     )
     own_share: float = parameter(
-        1.0, low=0.0, help="method tour: weight of what the next legs bring at their own places, beside the map's drop"
+        1.0,
+        low=0.0,
+        help="method tour: weight of the benefit at the next legs' own places, relative to the drop of the map's risk",
     )
     tour_interval: FromMethod[int] = from_method(
-        5, low=0, high=65535, unit="legs", help="method tour: legs after which the tour is optimized again; 0: never"
+        5, low=0, high=65535, unit="legs", help="method tour: legs between optimizations of the tour; 0: never"
     )
     team_order: str = parameter(
-        "id", choices=("id", "all"), help="whose plans count: those of lower numbers, or everybody's"
+        "id",
+        choices=("id", "all"),
+        help="whose plans a vehicle takes into account: those of lower numbers (id), or of all team mates",
     )
     coordination: str = parameter(
         "sequential",
         choices=("sequential", "dec_mcts"),
-        help="sequential (greedy), or Dec-MCTS (Best et al. 2019): by what the map gains, whatever the credit; "
-        "incumbent is then false",
+        help="sequential: each vehicle plans greedily on the mates' plans; dec_mcts: Dec-MCTS (Best et al. 2019) "
+        "on the map's reward, without credit and incumbent",
     )
     deadline_s: float = parameter(
-        2.0, unit="s", low=0.0, help="wall clock after which the best plan so far is taken; 0: none; not in lockstep"
+        2.0,
+        unit="s",
+        low=0.0,
+        help="wall-clock limit for a decision, which then returns the best plan so far; 0: none; ignored in lockstep",
     )
-    replan_lead_s: float = parameter(4.0, unit="s", low=0.0, help="time before a leg's end that the next is decided")
-    plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is dropped")
+    replan_lead_s: float = parameter(
+        4.0, unit="s", low=0.0, help="time before a leg's end at which the next leg is planned"
+    )
+    plan_expiry_s: float = parameter(600.0, unit="s", above=0.0, help="age at which a team mate's plan is discarded")
     odometry_timeout_s: float = parameter(10.0, unit="s", above=0.0, help="age of odometry at which planning stops")
     map_timeout_s: float = parameter(60.0, unit="s", above=0.0, help="age of the map that is reported as a problem")
     reanchor_m: float = parameter(
-        10.0, unit="m", above=0.0, help="distance off the leg at which planning starts from odometry"
+        10.0,
+        unit="m",
+        above=0.0,
+        help="distance from the planned leg beyond which planning starts at the vehicle's position",
     )
 
     @property
@@ -156,10 +176,9 @@ def check_planner(mission: MissionConfig, planner: PlannerConfig, where: str) ->
     places = mission.steps * each
     if places > MOST_PLACES and (complete.augmented or complete.family.to_the_end):
         raise ParameterError(
-            f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, which values all "
-            f"{places} places to the mission's end at once: their covariances take {8e-9 * places**2:.0f} GB; expected "
-            f"at most {MOST_PLACES // each} steps, or planner.method plain, which looks some "
-            "legs ahead"
+            f"{where}: mission.steps: got {mission.steps} with planner.method {planner.method!r}, whose {places} "
+            f"places to the mission's end have covariances of {8e-9 * places**2:.0f} GB; expected at most "
+            f"{MOST_PLACES // each} steps, or planner.method plain, which looks only some legs ahead"
         )
 
 

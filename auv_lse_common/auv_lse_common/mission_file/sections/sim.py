@@ -24,33 +24,36 @@ from auv_lse_common.mission_file.sections.world import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NavigationConfig:
-    """The estimate of place and heading."""
+    """Navigation: the estimate of position and heading."""
 
-    ideal: bool = parameter(False, help="true: odometry is the truth, whatever the instruments are")
+    ideal: bool = parameter(False, help="true: odometry is the truth, whatever the instruments measure")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimConfig:
-    """Section `sim`. Each part has `ideal: true` to make it perfect; `ideal: true` here makes all of them perfect."""
+    """The simulator. `ideal: true` makes a part perfect; here it makes all parts perfect."""
 
-    tick_s: float = parameter(1.0, above=0.0, high=10.0, unit="s", help="the engine's time step")
-    lockstep: bool = parameter(True, help="time waits for every planner that owes a decision: repeatable, and fast")
+    tick_s: float = parameter(1.0, above=0.0, high=10.0, unit="s", help="time step of the engine")
+    lockstep: bool = parameter(
+        True, help="each tick waits for every vehicle's decision: repeatable, and as fast as the machine allows"
+    )
     real_time_factor: float = parameter(
         0.0,
         low=0.0,
         high=1000.0,
-        help="speed of simulated time against the clock, without lockstep; 0: as the clock. In lockstep time goes as "
-        "fast as it can",
+        help="without lockstep, speed of simulated time relative to the clock; 0: real time",
     )
     apart: bool = parameter(
         False,
-        help="true: the vehicles share no ROS domain with the simulator, only emulated modems and autopilots; it waits "
-        "for none of their nodes. Needs lockstep: false, modem.kind: micromodem and link.kind: mavlink",
+        help="true: the vehicles are in other ROS domains and reach the simulator only through emulated modems and"
+        " autopilots. Needs lockstep: false, modem.kind: micromodem and link.kind: mavlink",
     )
     shutdown_at_end: bool = parameter(
-        False, help="true: sim_node ends when the mission has (the launch file then ends the other nodes)"
+        False, help="true: sim_node exits when the mission is over, and the launch file then ends the other nodes"
     )
-    ideal: bool = parameter(False, help="true: perfect vehicles, instruments and water; the channel is not touched")
+    ideal: bool = parameter(
+        False, help="true: perfect vehicles, instruments and water; the acoustic channel is not changed"
+    )
     bathymetry: BathymetryConfig = field(default_factory=BathymetryConfig)
     lake: LakeConfig = field(default_factory=LakeConfig)
     chart: ChartConfig = field(default_factory=ChartConfig)
@@ -67,10 +70,12 @@ class SimConfig:
     channel: ChannelConfig = field(default_factory=ChannelConfig)
 
     def __post_init__(self) -> None:
-        """Refuses vehicles apart in lockstep.
+        """Refuses separate vehicles in lockstep.
 
         Raises:
             ValueError: naming both parameters.
         """
         if self.apart and self.lockstep:
-            raise ValueError("apart = true with lockstep = true: expected lockstep: false; ticks go over ROS topics")
+            raise ValueError(
+                "apart: got true with lockstep true; expected lockstep: false, because ticks are ROS topics"
+            )

@@ -1,4 +1,4 @@
-"""Section `vehicle`: where a vehicle starts, how deep and fast it travels, and how its mission ends."""
+"""Section `vehicle`: start, depth, speed, surfacings, and the end of the mission."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from auv_lse_common.mission_file.parameter_file import merge
 from auv_lse_common.mission_file.parameters import ParameterError, parameter
 from auv_lse_common.vocabulary.mission_run import STOPS, Stop
 
-#: Surfacings for a fix in a mission at most, where `vehicle.surfacings` is left out.
+#: Default of `vehicle.surfacings` where a fix is worth something.
 MOST_SURFACINGS = 2
-#: Depths (m) that vehicles without one of their own take in turn (the paper's).
+#: Default depths (m), taken by the vehicles in turn (the paper's).
 DEPTHS_M = (3.0, 4.0, 5.0)
 
 
 def with_depth(parameters: Mapping[str, Any], vehicle: int) -> Mapping[str, Any]:
-    """The parameters of vehicle number `vehicle` with its turn of `DEPTHS_M`, unless they name a depth."""
+    """The parameters of vehicle number `vehicle`, with its default depth unless they name one."""
     own = parameters.get("vehicle", {})
     if not isinstance(own, Mapping) or "depth_m" in own:  # what is no section is refused where it is read
         return parameters
@@ -26,10 +26,10 @@ def with_depth(parameters: Mapping[str, Any], vehicle: int) -> Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleConfig:
-    """One vehicle: where it starts, how deep and how fast it travels."""
+    """One vehicle: start, depth, speed, surfacings, and the end of its mission."""
 
     depth_m: float = parameter(
-        3.0, unit="m", low=0.0, help="depth it keeps below the surface; left out of a file: 3, 4, 5 m in turn"
+        3.0, unit="m", low=0.0, help="travel depth below the surface; left out of a mission file: 3, 4 and 5 m in turn"
     )
     speed_mps: float = parameter(1.5, unit="m/s", above=0.0, help="speed through the water")
     start_north_m: float = parameter(0.0, unit="m", help="north of the start")
@@ -39,40 +39,39 @@ class VehicleConfig:
         0.0,
         unit="s",
         low=0.0,
-        help="time at which it sets out, on the simulator's clock (on a real vehicle's UTC clock: long past)",
+        help="time of departure on the simulator's clock (on a real vehicle's UTC clock it has long passed)",
     )
     start: str = parameter(
         "at_once",
         choices=("at_once", "on_call"),
-        help="at_once: the mission starts with the first odometry and, with an autopilot, when that is armed and "
-        "follows targets; on_call: when somebody says GO",
+        help="at_once: the mission starts with the first odometry and, with an autopilot, when it is armed and "
+        "follows targets; on_call: it waits for the command GO",
     )
     at_end: str = parameter(
-        "hold", choices=tuple(STOPS), help="after the last leg; go_to: to recovery_north_m, _east_m"
+        "hold", choices=tuple(STOPS), help="action after the last leg; go_to leads to recovery_north_m, recovery_east_m"
     )
-    recovery_north_m: float | None = parameter(None, unit="m", help="north of the place where it is picked up")
-    recovery_east_m: float | None = parameter(None, unit="m", help="east of the place where it is picked up")
+    recovery_north_m: float | None = parameter(None, unit="m", help="north of the recovery place")
+    recovery_east_m: float | None = parameter(None, unit="m", help="east of the recovery place")
     surfacings: int | None = parameter(
         None,
         low=0,
         high=10,
-        help="fixes for which it surfaces in a mission at most, where they bring more than the legs that they cost; 0 "
-        "for a vehicle that must not; left out: 2, but 0 with the paper's methods (planner.method augmented, "
-        "exponential_quadratic, plain), with an autopilot (link.kind mavlink), of which its owner must say that it has "
-        "GPS and may come up, and with ideal simulated navigation; none without places.correct, which tells what they "
-        "bring",
+        help="largest number of surfacings for a GPS fix in a mission; a vehicle surfaces only where the fix is "
+        "worth its time. Left out: 2, but 0 with the paper's methods (planner.method augmented, "
+        "exponential_quadratic, plain), with ideal simulated navigation, and with an autopilot (link.kind "
+        "mavlink), where the owner decides whether it may surface. Needs places.correct",
     )
     surfacing_s: float = parameter(
         60.0,
         unit="s",
         above=0.0,
-        help="time that such a surfacing takes: stop, climb, fix, dive; the mission is so many legs shorter",
+        help="duration of a surfacing: stop, climb, fix, dive; it shortens the mission by that many legs",
     )
     min_water_m: float = parameter(
         3.0,
         unit="m",
         low=0.0,
-        help="least water under it: it keeps clear of ground that the map shows shallower than depth_m + this",
+        help="least water below the vehicle: it avoids ground that the map shows shallower than depth_m plus this",
     )
 
     def __post_init__(self) -> None:
@@ -84,16 +83,16 @@ class VehicleConfig:
         self.stop("vehicle.at_end", self.at_end)
 
     def without_surfacing(self) -> VehicleConfig:
-        """These parameters for a vehicle to which a fix is worth nothing: no surfacing unless one is asked for."""
+        """This configuration without surfacings, unless the mission file asks for them."""
         return self if self.surfacings is not None else replace(self, surfacings=0)
 
     @property
     def stop_at_end(self) -> Stop:
-        """What follows the last leg."""
+        """The stop after the last leg."""
         return self.stop("vehicle.at_end", self.at_end)
 
     def stop(self, key: str, name: str) -> Stop:
-        """The stop that parameter `key` names; GO_TO leads to the place where the vehicle is picked up.
+        """The stop that the value `name` of parameter `key` stands for; GO_TO leads to the recovery place.
 
         Raises:
             ParameterError: if that place is not given.
@@ -103,7 +102,7 @@ class VehicleConfig:
             return Stop(action=STOPS[name])
         if north_m is None or east_m is None:
             raise ParameterError(
-                f"{key}: is 'go_to' and vehicle.recovery_north_m, recovery_east_m are {north_m}, {east_m}; expected a "
-                "place (m)"
+                f"{key}: got 'go_to' with vehicle.recovery_north_m, recovery_east_m = {north_m}, {east_m}; expected a "
+                "recovery place (m)"
             )
         return Stop(action=STOPS[name], place_m=(north_m, east_m))
