@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.node.executor import CHOICE
-from auv_lse_record.bag import read_run
+from auv_lse_record.run_reader import read_run
 from benchmarks.rows import Row, row
 
 #: On two idle cores (s): the command until the report is there, until the first tick, processor time of everything.

@@ -6,10 +6,7 @@ import time
 from abc import abstractmethod
 from typing import Any, Protocol
 
-from diagnostic_msgs.msg import DiagnosticArray
-
 from auv_lse_common.node.vehicle_node import VehicleNode
-from auv_lse_common.topics.ros_conversions import diagnostics
 from auv_lse_common.vocabulary.health import Health
 from auv_lse_comms.transport import PortWatcher, Transport
 
@@ -58,7 +55,6 @@ class DriverNode(VehicleNode):
     def drive(self, port: Port) -> None:
         """Begins to open the port; call it after wiring every topic."""
         self._port = port
-        self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
         self._bytes = self.create_guard_condition(self._on_bytes)
         self.phase(self._status_name, lambda now_s: self._exchange(poll=True), self.totals)
         self.begin()
@@ -93,10 +89,10 @@ class DriverNode(VehicleNode):
 
     def diagnose(self) -> None:
         """Publishes the state of device and port."""
-        self._diagnostics.publish(diagnostics(self.now_s(), self._status_name, self._port.health()))
+        self.publish_health(self.now_s(), self._port.health(), self._status_name)
 
     def _on_timer(self) -> None:
-        self.note_at_work()
+        self.log_ready()
         self._exchange(poll=self.polls())
         super().wake()
 

@@ -5,45 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
-
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
 from auv_lse_common.mission_file.sections.modem import HANDSHAKE_S
 from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
-from auv_lse_common.topics.ros_conversions import (
-    dead_reckoning_from_message,
-    diagnostics,
-    fix_from_message,
-    header,
-    mate_navigation_message,
-    plan_from_message,
-    plan_message,
-    raw_sounding_row,
-    seconds,
-)
+from auv_lse_common.topics.records import MissionOrder, PlanReport, Reception, RunReport, Transmission
 from auv_lse_common.vocabulary.health import NewProblems
+from auv_lse_common.vocabulary.mission_run import Command
+from auv_lse_common.vocabulary.sounding import Soundings
 from auv_lse_comms.bridge import EVENTS, Received
 from auv_lse_comms.health import bridge_health, bridge_problems
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.packet.selection import Receivers
 from auv_lse_comms.ranging import Timing
-from auv_lse_comms.ros_conversions import ping, tdma_status, team_samples, transmission
 from auv_lse_comms.settings import bridge_of
-from auv_lse_msgs.msg import (
-    Fix,
-    MateNavigation,
-    MissionCommand,
-    MissionState,
-    ModemRx,
-    ModemTx,
-    Plan,
-    SampleArray,
-    Sounding,
-    TdmaStatus,
-)
+from auv_lse_comms.tdma_report import tdma_report
 
 _STATUS_PERIOD_S = 10.0
 _TUNABLE = ("order", "slot_s", "guard_s", "epoch_s", "send_duration_s")
@@ -81,25 +59,22 @@ class ModemNode(VehicleNode):
             apply=self._change_tdma,
         )
         self._published = {"plans": 0, "samples": 0, "navigation": 0, "commands": 0, "packets": 0}
-        self._status_s = -float("inf")
+        self._reports = Periodic(_STATUS_PERIOD_S)
         self._problems = NewProblems()
-        self._tx = self.publisher(ModemTx, "modem/tx")
-        self._team_plans = self.publisher(Plan, "team/plans")
-        self._team_samples = self.publisher(SampleArray, "team/samples")
-        self._team_command = self.publisher(MissionCommand, "team/command")
-        self._team_navigation = self.publisher(MateNavigation, "team/navigation")
-        self._status = self.publisher(TdmaStatus, "tdma")
-        self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
-        self.listen(Sounding, "sounding", lambda m: self._intake.add_soundings([raw_sounding_row(m)]))
-        self.listen(
-            Odometry, "dead_reckoning", lambda m: self._intake.set_dead_reckoning(dead_reckoning_from_message(m))
-        )
-        self.listen(Fix, "fix", lambda m: self._intake.add_fix(fix_from_message(m)))
-        self.listen(ModemRx, "modem/rx", self._on_arrival)
-        self.listen(Plan, "plan", lambda m: self._intake.set_plan(plan_from_message(m)))
-        self.listen(ModemTx, "modem/sent", lambda m: self._bridge.confirm(seconds(m.header.stamp)))
-        self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
-        self.listen(ModemTx, "modem/failed", self._on_failed)
+        self._tx = self.publisher("modem/tx")
+        self._team_plans = self.publisher("team/plans")
+        self._team_samples = self.publisher("team/samples")
+        self._team_command = self.publisher("team/command")
+        self._team_navigation = self.publisher("team/navigation")
+        self._status = self.publisher("tdma")
+        self.listen("sounding", lambda sounding: self._intake.add_soundings([sounding]))
+        self.listen("dead_reckoning", self._intake.set_dead_reckoning)
+        self.listen("fix", self._intake.add_fix)
+        self.listen("modem/rx", self._on_reception)
+        self.listen("plan", lambda report: self._intake.set_plan(report.plan))
+        self.listen("modem/sent", lambda packet: self._bridge.confirm(packet.stamp_s))
+        self.listen("mission/state", self._on_state)
+        self.listen("modem/failed", self._on_failed)
         self.phase(
             "modem",
             self.publish_received,
@@ -116,22 +91,21 @@ class ModemNode(VehicleNode):
             raise ParameterError(f"{self.where}: {error}") from error
         self.get_logger().info(f"TDMA settings change at {effective_s:.1f} s, at the start of a cycle")
 
-    def _on_arrival(self, message: ModemRx) -> None:
-        timing = Timing(sent_s=message.sent_s, arrival_s=message.arrival_s, travel_s=message.travel_s)
-        stamp_s = seconds(message.header.stamp)
-        if message.ping:
-            self._intake.add_answer(stamp_s, message.source, timing)
+    def _on_reception(self, heard: Reception) -> None:
+        timing = Timing(sent_s=heard.sent_s, arrival_s=heard.arrival_s, travel_s=heard.travel_s)
+        if heard.ping:
+            self._intake.add_answer(heard.stamp_s, heard.source, timing)
         else:
-            self._intake.add_packet(stamp_s, message.source, bytes(message.payload), timing)
+            self._intake.add_packet(heard.stamp_s, heard.source, heard.payload, timing)
 
-    def _on_failed(self, message: ModemTx) -> None:
+    def _on_failed(self, packet: Transmission) -> None:
         """The modem could not send the packet with this stamp: its samples are requeued."""
-        sent_s = seconds(message.header.stamp)
+        sent_s = packet.stamp_s
         self._bridge.not_sent(sent_s)
         self.get_logger().warning(f"packet of {sent_s:.1f} s not sent: samples requeued")
 
-    def _on_state(self, message: MissionState) -> None:
-        self._bridge.abort_calls.own = message.team_abort
+    def _on_state(self, report: RunReport) -> None:
+        self._bridge.abort_calls.own = report.status.team_abort
 
     def _pass_on_abort(self, received: Received) -> None:
         """Publishes a teammate's call to abort the mission, if it must be obeyed."""
@@ -142,36 +116,36 @@ class ModemNode(VehicleNode):
                     "packet.abort_without_tag)"
                 )
             return
-        command = MissionCommand(header=header(received.stamp_s), command=MissionCommand.ABORT, team=True)
-        command.source = f"vehicle {received.source}, by acoustic packet"
-        self._team_command.publish(command)
+        source = f"vehicle {received.source}, by acoustic packet"
+        order = MissionOrder(stamp_s=received.stamp_s, command=Command.ABORT, team=True, source=source)
+        self._team_command.publish(order)
         self._published["commands"] += 1
 
     def publish_received(self, now_s: float) -> None:
         """Processes own soundings and received packets; publishes the team's plans and samples."""
         for received in self._intake.process():
-            self._team_plans.publish(plan_message(received.stamp_s, received.source, received.packet.plan))
+            stamp_s, source, packet = received.stamp_s, received.source, received.packet
+            self._team_plans.publish(PlanReport(stamp_s=stamp_s, vehicle=source, plan=packet.plan))
             self._published["plans"] += 1
             self._pass_on_abort(received)
             if received.navigation is not None:  # before the samples, whose places depend on it
-                self._team_navigation.publish(mate_navigation_message(received.navigation))
+                self._team_navigation.publish(received.navigation)
                 self._published["navigation"] += 1
-            if len(received.packet.samples):
-                self._team_samples.publish(team_samples(received))
+            if len(packet.samples):
+                self._team_samples.publish(Soundings.of_packet(stamp_s, source, packet.samples))
                 self._published["samples"] += 1
         for ranged in self._intake.ranges:
-            self._team_navigation.publish(mate_navigation_message(ranged))
+            self._team_navigation.publish(ranged)
             self._published["navigation"] += 1
         for problem in self._intake.problems:
             self.get_logger().warning(problem, throttle_duration_sec=_STATUS_PERIOD_S)
-        if now_s - self._status_s >= _STATUS_PERIOD_S or now_s < self._status_s:
-            self._status_s = now_s
-            self._status.publish(tdma_status(now_s, self._bridge))
+        if self._reports.is_due(now_s):
+            self._reports.done(now_s)
+            self._status.publish(tdma_report(now_s, self._bridge))
             problems = bridge_problems(self._bridge, now_s)
             for problem in self._problems.of(problems):
                 self.get_logger().warning(problem)
-            health = self.with_journal(bridge_health(self._bridge, problems))
-            self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), health))
+            self.publish_health(now_s, bridge_health(self._bridge, problems))
 
     def send(self, now_s: float) -> None:
         """Takes the vehicle's plan; in an own slot publishes a packet for the modem, and then a ping."""
@@ -179,10 +153,10 @@ class ModemNode(VehicleNode):
         for problem in self._intake.problems:
             self.get_logger().error(problem)
         if payload is not None:
-            self._tx.publish(transmission(now_s, self.vehicle, payload))
+            self._tx.publish(Transmission(stamp_s=now_s, source=self.vehicle, payload=payload))
             self._published["packets"] += 1
         elif (mate := self._bridge.ping(now_s)) is not None:
-            self._tx.publish(ping(now_s, self.vehicle, mate))
+            self._tx.publish(Transmission(stamp_s=now_s, source=self.vehicle, destination=mate, ping=True))
             self._published["packets"] += 1
 
 

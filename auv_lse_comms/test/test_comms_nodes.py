@@ -26,15 +26,17 @@ from rclpy.parameter import Parameter
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
+from auv_lse_common.topics.codecs import decode_waypoint
 from auv_lse_common.topics.quality import EVERY, LATCHED
-from auv_lse_common.topics.ros_conversions import header, mission_state
+from auv_lse_common.topics.records import RunReport
+from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
 from auv_lse_common.vocabulary.plan import Plan as PlanOfMate
 from auv_lse_comms.bridge import ModemBridge
 from auv_lse_comms.mavlink.messages.events import AutopilotEstimate
-from auv_lse_comms.mavlink.ros_conversions import ends_to_reach
 from auv_lse_comms.mavlink.vehicle_link_node import VehicleLinkNode
+from auv_lse_comms.mavlink.waypoints import ends_to_reach
 from auv_lse_comms.micromodem.micromodem_node import MicromodemNode
 from auv_lse_comms.modem_node import ModemNode
 from auv_lse_comms.packet.codec import decode
@@ -210,10 +212,11 @@ def test_a_link_started_again_sends_the_vehicle_nowhere_before_it_knows_how_the_
     held = RunStatus(state=RunState.HOLDING, stop=Stop(action=Action.HOLD))
     with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
         link = s.node._autopilot.link
-        s.node._on_waypoint(Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0))  # an old one
+        old = Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0)
+        s.node._on_waypoint(decode_waypoint(old))
         s.node.on_event(here)
         assert link.targets == (), "the mission may be held, or aborted"
-        s.node._on_state(mission_state(1.0, 1, held, []))
+        s.node._on_state(RunReport(stamp_s=1.0, revision=1, status=held))
         s.node.on_event(here)
         assert [target.step for target in link.targets] == [7], "for when it goes on"
 
@@ -227,13 +230,13 @@ def test_a_link_started_again_takes_no_short_cut_to_a_waypoint_that_was_decided_
     next_one = Waypoint(header=header(time.time() + 10.0), step=8, start_north_m=20.0, end_north_m=40.0)
     with spun(VehicleLinkNode, tmp_path / "p.yaml", "link: {kind: mavlink}") as s:
         link = s.node._autopilot.link
-        s.node._on_waypoint(young)
-        s.node._on_waypoint(next_one)
-        s.node._on_state(mission_state(1.0, 1, RunStatus(state=RunState.RUNNING, stop=None), []))
+        s.node._on_waypoint(decode_waypoint(young))
+        s.node._on_waypoint(decode_waypoint(next_one))
+        s.node._on_state(RunReport(stamp_s=1.0, revision=1, status=RunStatus(state=RunState.RUNNING, stop=None)))
         s.node.on_event(here)
         assert [target.step for target in link.targets] == [6, 7, 8]
         assert link.targets[-1].begins_m == (20.0, 0.0)
-        s.node._on_waypoint(next_one)
+        s.node._on_waypoint(decode_waypoint(next_one))
         assert link.counts["targets_replaced"] == 0, "said again by a planner that was started again"
 
 
@@ -246,7 +249,7 @@ def test_a_link_started_again_turns_back_to_no_start_that_lies_behind(
     place_m: tuple[float, float], steps: list[int]
 ) -> None:
     last = Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0, end_east_m=15.0)
-    assert [end.step for end in ends_to_reach(last, *place_m)] == steps
+    assert [end.step for end in ends_to_reach(decode_waypoint(last), *place_m)] == steps
 
 
 def test_what_a_mate_tells_of_its_navigation_is_published_before_its_samples(tmp_path: Path) -> None:

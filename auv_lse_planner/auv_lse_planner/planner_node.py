@@ -7,32 +7,30 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry, Path
-
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.planner import PlannerConfig, PlannerSettings
 from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
-from auv_lse_common.topics.quality import NEWEST
-from auv_lse_common.topics.ros_conversions import (
-    diagnostics,
-    header,
-    plan_from_message,
-    plan_message,
-    seconds,
-    standing_of,
+from auv_lse_common.topics.records import (
+    BoundReport,
+    CentersReport,
+    MissionOrder,
+    Odometry,
+    PlanReport,
+    RunReport,
+    Waypoint,
 )
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.health import NewProblems
 from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_common.vocabulary.plan import Plan as CorePlan
+from auv_lse_common.vocabulary.mission_run import Command
+from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.seeds import stream
-from auv_lse_gp.ros_conversions import centers_from_message
-from auv_lse_msgs.msg import Bound, KernelCenters, MissionCommand, MissionState, Plan, Waypoint
-from auv_lse_planner.methods.decision import Decision
-from auv_lse_planner.ros_conversions import bound_message, navigation, path_message, waypoint_message
+from auv_lse_gp.inference.centers import Centers
+from auv_lse_planner.methods.decision import BoundRecord, Decision
 from auv_lse_planner.vehicle.health import planner_health, warnings_of
-from auv_lse_planner.vehicle.intake import PlannerIntake
+from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
 from auv_lse_planner.vehicle.problems import of_state
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -71,22 +69,21 @@ class PlannerNode(VehicleNode):
             apply=self._tune,
         )
         self._published = 0
-        self._diagnosed_s = -float("inf")
+        self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._planning_s = 0.0
-        self._end_said_s = -float("inf")
+        self._end_reports = Periodic(_END_PERIOD_S)
         self._state_s = self.now_s()  # when the mission's state was told last
         self._new_problems = NewProblems()
-        self._plan = self.publisher(Plan, "plan")
-        self._path = self.publisher(Path, "path")
-        self._waypoint = self.publisher(Waypoint, "waypoint")
-        self._bound = self.publisher(Bound, "planner/bound")
-        self._command = self.publisher(MissionCommand, "mission/command")
-        self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
-        self.listen(Odometry, "odometry", self._on_odometry, quality=NEWEST)
-        self.listen(Odometry, "corrected", self._on_corrected, quality=NEWEST)
-        self.listen(KernelCenters, "kernel_centers", self._on_centers, total=lambda m: m.revision + 1)
-        self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
-        self.listen(Plan, "team/plans", self._on_team_plan)
+        self._plan = self.publisher("plan")
+        self._path = self.publisher("path")
+        self._waypoint = self.publisher("waypoint")
+        self._bound = self.publisher("planner/bound")
+        self._command = self.publisher("mission/command")
+        self.listen("odometry", self._on_odometry)
+        self.listen("corrected", self._on_corrected)
+        self.listen("kernel_centers", self._on_centers)
+        self.listen("mission/state", self._on_state)
+        self.listen("team/plans", self._on_team_plan)
         self.phase("planner", self.step, lambda: (self._published,) * 2, lambda: self._planner.finished)
         self._go_on()
         self.begin()
@@ -102,11 +99,11 @@ class PlannerNode(VehicleNode):
                 decided = values
             elif kind == "heard":
                 stamp_s, vehicle, plan = values
-                self._planner.hear(stamp_s, vehicle, CorePlan.from_mapping(plan))
+                self._planner.hear(stamp_s, vehicle, Plan.from_mapping(plan))
         if decided is not None:
             snapshot, stamp_s, plan = decided
             self._planner.restore(snapshot)
-            self._plan.publish(plan_message(stamp_s, self.vehicle, CorePlan.from_mapping(plan)))
+            self._publish_plan(stamp_s, Plan.from_mapping(plan))
             leg = self._planner.decided_leg
             assert leg is not None  # it was decided
             self._publish_waypoint(stamp_s, leg)
@@ -115,30 +112,23 @@ class PlannerNode(VehicleNode):
         self._planner.set_planner(section(PlannerConfig, parameters, "planner", self.where))
         self.get_logger().info("planner parameters changed; they take effect at the next decision")
 
-    def _on_odometry(self, message: Odometry) -> None:
-        self._intake.set_odometry(seconds(message.header.stamp), *navigation(message))
+    def _on_odometry(self, odometry: Odometry) -> None:
+        self._intake.set_odometry(odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
 
-    def _on_corrected(self, message: Odometry) -> None:
-        stamp_s, (_, north_m, east_m) = seconds(message.header.stamp), navigation(message)
-        self._intake.set_corrected(stamp_s, north_m, east_m)
+    def _on_corrected(self, place: DeadReckoning) -> None:
+        self._intake.set_corrected(place.stamp_s, place.north_m, place.east_m)
 
-    def _on_centers(self, message: KernelCenters) -> None:
-        try:
-            self._intake.set_centers(centers_from_message(message), message.revision)
-        except ValueError as error:
-            self.get_logger().error(str(error))
+    def _on_centers(self, report: CentersReport) -> None:
+        centers = Centers(report.places_m, report.depths_m, report.noise_std_m, report.place_effect_m)
+        self._intake.set_centers(centers, report.revision)
 
-    def _on_team_plan(self, message: Plan) -> None:
-        stamp_s, plan = seconds(message.header.stamp), plan_from_message(message)
-        self._intake.add_plan(stamp_s, message.vehicle, plan)
-        self.journal.write("heard", stamp_s, message.vehicle, dataclasses.asdict(plan))
+    def _on_team_plan(self, report: PlanReport) -> None:
+        self._intake.add_plan(report.stamp_s, report.vehicle, report.plan)
+        self.journal.write("heard", report.stamp_s, report.vehicle, dataclasses.asdict(report.plan))
 
-    def _on_state(self, message: MissionState) -> None:
-        try:
-            self._intake.set_standing(standing_of(message))
-            self._state_s = self.now_s()
-        except ValueError as error:
-            self.get_logger().error(f"mission/state: {error}")
+    def _on_state(self, report: RunReport) -> None:
+        self._intake.set_standing(report.status)
+        self._state_s = self.now_s()
 
     def _deadline(self) -> Callable[[], bool] | None:
         """A guard on the decision's wall clock; none in lockstep, where a run must not depend on the machine."""
@@ -157,27 +147,38 @@ class PlannerNode(VehicleNode):
             self._publish(now_s, decision)
             if self.journal.kept:
                 self.journal.write("decided", self._planner.snapshot(), now_s, dataclasses.asdict(decision.plan))
-        if self._intake.end_is_news and not 0.0 <= now_s - self._end_said_s < _END_PERIOD_S:
-            self._end_said_s = now_s
-            command = MissionCommand(header=header(now_s), command=MissionCommand.END, source=self.get_name())
-            self._command.publish(command)
+        if self._intake.end_is_news and self._end_reports.is_due(now_s):
+            self._end_reports.done(now_s)
+            self._command.publish(MissionOrder(stamp_s=now_s, command=Command.END, source=self.get_name()))
         self._diagnose(now_s)
 
     def _publish(self, now_s: float, decision: Decision) -> None:
-        self._plan.publish(plan_message(now_s, self.vehicle, decision.plan))
+        self._publish_plan(now_s, decision.plan)
         self._publish_waypoint(now_s, decision.leg)
-        self._bound.publish(bound_message(now_s, decision.bound, self._planning_s, self._intake.taken))
+        self._bound.publish(_bound_report(now_s, decision.bound, self._planning_s, self._intake.taken))
         if self._planner.path is not None:
-            self._path.publish(path_message(now_s, self._planner.path.states, self._settings.vehicle.depth_m))
+            self._path.publish((now_s, self._planner.path.states, self._settings.vehicle.depth_m))
         self._published += 1
         for warning in warnings_of(decision, self._planner.planner.deadline_s):
             self.get_logger().warning(warning)
+
+    def _publish_plan(self, stamp_s: float, plan: Plan) -> None:
+        self._plan.publish(PlanReport(stamp_s=stamp_s, vehicle=self.vehicle, plan=plan))
 
     def _publish_waypoint(self, stamp_s: float, leg: Leg) -> None:
         vehicle = self._settings.vehicle
         last = leg.step == self._settings.mission.steps - 1
         then = vehicle.stop_at_end if last else None
-        self._waypoint.publish(waypoint_message(stamp_s, leg, vehicle.speed_mps, vehicle.depth_m, then))
+        self._waypoint.publish(
+            Waypoint(
+                stamp_s=stamp_s,
+                leg=leg,
+                speed_mps=vehicle.speed_mps,
+                depth_m=vehicle.depth_m,
+                end=tuple(leg.end_state),
+                then=then,
+            )
+        )
 
     def _diagnose(self, now_s: float) -> None:
         problems = self._planner.problems(now_s)
@@ -186,10 +187,29 @@ class PlannerNode(VehicleNode):
         new = self._new_problems.of(problems)
         for problem in new:
             self.get_logger().warning(problem)
-        if new or now_s - self._diagnosed_s >= _DIAGNOSTICS_PERIOD_S or now_s < self._diagnosed_s:
-            self._diagnosed_s = now_s
-            health = planner_health(self._planner, problems, self._planning_s)
-            self._diagnostics.publish(diagnostics(now_s, self.get_fully_qualified_name(), self.with_journal(health)))
+        if new or self._health_reports.is_due(now_s):
+            self._health_reports.done(now_s)
+            self.publish_health(now_s, planner_health(self._planner, problems, self._planning_s))
+
+
+def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: Taken) -> BoundReport:
+    """Report of a decision's record; it took `planning_s` of wall clock and follows from what was `taken`."""
+    return BoundReport(
+        stamp_s=now_s,
+        step=bound.step,
+        jbar=bound.expected_end,
+        reward_so_far=bound.reward_so_far,
+        lower_bound=bound.lower_bound,
+        lower_bound_max=bound.lower_bound_max,
+        incumbent_value=bound.incumbent_value,
+        incumbent_kept=bound.incumbent_kept,
+        iterations=bound.iterations,
+        planning_s=planning_s,
+        deadline_hit=bound.deadline_hit,
+        map_revision=taken.map_revision,
+        plans_heard=taken.plans,
+        odometry_taken=taken.odometry_s,
+    )
 
 
 def rehearse(settings: PlannerSettings, vehicle: int) -> None:

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Range
-
 from auv_lse_common.mission_file.parameters import section
 from auv_lse_common.mission_file.sections.safety import SafetyConfig
 from auv_lse_common.mission_file.sections.vehicle import VehicleConfig
 from auv_lse_common.node.entry_point import Main
+from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
-from auv_lse_common.topics.quality import NEWEST
-from auv_lse_common.topics.ros_conversions import diagnostics, mission_state
+from auv_lse_common.topics.codecs import decode_order
+from auv_lse_common.topics.records import MissionOrder, Odometry, RunReport
 from auv_lse_common.vocabulary.health import NewProblems
 from auv_lse_common.vocabulary.mission_run import Command
-from auv_lse_msgs.msg import AutopilotStatus, MissionCommand, MissionState
 from auv_lse_msgs.srv import RunMission
-from auv_lse_planner.ros_conversions import altitude_m, autopilot_report, navigation
 from auv_lse_planner.safety import Safety
 
 _DIAGNOSTICS_PERIOD_S = 10.0
@@ -45,17 +40,16 @@ class SafetyNode(VehicleNode):
         )
         self._published = 0
         self._said: tuple[object, ...] = ()
-        self._message: MissionState | None = None  # as it was said last
-        self._said_s = -float("inf")
-        self._diagnosed_s = -float("inf")
+        self._report: RunReport | None = None  # as published last
+        self._heartbeats = Periodic(_HEARTBEAT_S)
+        self._health_reports = Periodic(_DIAGNOSTICS_PERIOD_S)
         self._new_problems = NewProblems()
-        self._state = self.publisher(MissionState, "mission/state")
-        self._diagnostics = self.publisher(DiagnosticArray, "diagnostics")
-        self.listen(Odometry, "odometry", self._on_odometry, quality=NEWEST)
-        self.listen(Range, "altitude", lambda m: self._safety.watch.altitude(altitude_m(m)), quality=NEWEST)
-        self.listen(AutopilotStatus, "autopilot", lambda m: self._safety.watch.autopilot(autopilot_report(m)))
-        self.listen(MissionCommand, "mission/command", self._on_command, total=lambda m: m.number)
-        self.listen(MissionCommand, "team/command", self._on_command)
+        self._state = self.publisher("mission/state")
+        self.listen("odometry", self._on_odometry)
+        self.listen("altitude", lambda altitude: self._safety.watch.altitude(altitude.altitude_m))
+        self.listen("autopilot", self._safety.watch.autopilot)
+        self.listen("mission/command", self._on_command)
+        self.listen("team/command", self._on_command)
         self.create_service(RunMission, "mission/run", self._on_call)
         self.phase("safety", self.step, lambda: (self._published,))
         self.begin()
@@ -64,29 +58,28 @@ class SafetyNode(VehicleNode):
         """Lockstep: an autopilot, where there is one, has said how it is, so that every mission begins alike."""
         return self._safety.watch.autopilot_known
 
-    def _on_odometry(self, message: Odometry) -> None:
-        depth_m, speed_mps = -message.pose.pose.position.z, message.twist.twist.linear.x
-        self._safety.watch.odometry(*navigation(message), depth_m, speed_mps)
+    def _on_odometry(self, o: Odometry) -> None:
+        self._safety.watch.odometry(o.heading_rad, o.north_m, o.east_m, o.depth_m, o.speed_mps)
 
-    def _on_command(self, message: MissionCommand) -> None:
-        refused = self._command(message)
+    def _on_command(self, order: MissionOrder) -> None:
+        refused = self._command(order)
         if refused:
             self.get_logger().warning(f"refused: {refused}")
 
     def _on_call(self, request: Any, response: Any) -> Any:
-        refused = self._command(request.command)
+        refused = self._command(decode_order(request.command))
         status = self._safety.run.status
         response.accepted, response.state = not refused, int(status.state)
         response.message = refused or f"{status.state.name}: {status.reason}".rstrip(": ")
         return response
 
-    def _command(self, message: MissionCommand) -> str:
+    def _command(self, order: MissionOrder) -> str:
         try:
-            command = Command(message.command)
+            command = Command(order.command)
         except ValueError:
-            return f"command {message.command}; expected one of {', '.join(f'{c} {c.name}' for c in Command)}"
-        source = message.source or "unknown source"
-        refused = self._safety.run.command(command, source, message.team)
+            return f"command: got {order.command}; expected one of {', '.join(f'{c} {c.name}' for c in Command)}"
+        source = order.source or "unknown source"
+        refused = self._safety.run.command(command, source, order.team)
         self.get_logger().info(f"{command.name} by {source}{': refused' if refused else ''}")
         return refused
 
@@ -98,28 +91,27 @@ class SafetyNode(VehicleNode):
             self._said = (status, *warnings)
             self._published += 1
             self.journal.write("standing", self._safety.snapshot())
-            texts = [f"{name}: {reason}" for name, reason in warnings.items()]
-            self._message = mission_state(now_s, self._published, status, texts)
+            texts = tuple(f"{name}: {reason}" for name, reason in warnings.items())
+            self._report = RunReport(stamp_s=now_s, revision=self._published, status=status, warnings=texts)
             self._say(now_s)
             self.get_logger().info(f"mission {status.state.name}: {status.reason or 'travels'}")
-        elif not self.lockstep and not 0.0 <= now_s - self._said_s < _HEARTBEAT_S:
+        elif not self.lockstep and self._heartbeats.is_due(now_s):
             self._say(now_s)
         self._diagnose(now_s)
 
     def _say(self, now_s: float) -> None:
-        self._said_s = now_s
-        self._state.publish(self._message)
+        self._heartbeats.done(now_s)
+        self._state.publish(self._report)
 
     def _diagnose(self, now_s: float) -> None:
         problems = self._safety.problems()
         new = self._new_problems.of(problems)
         for problem in new:
             self.get_logger().warning(problem)
-        if new or now_s - self._diagnosed_s >= _DIAGNOSTICS_PERIOD_S or now_s < self._diagnosed_s:
-            self._diagnosed_s = now_s
+        if new or self._health_reports.is_due(now_s):
+            self._health_reports.done(now_s)
             self.journal.write("standing", self._safety.snapshot())  # for how long it has run
-            name = self.get_fully_qualified_name()
-            self._diagnostics.publish(diagnostics(now_s, name, self.with_journal(self._safety.health())))
+            self.publish_health(now_s, self._safety.health())
 
 
 #: Entry point of `ros2 run auv_lse_planner safety_node`.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
@@ -19,10 +18,11 @@ from auv_lse_common.mission_file.sections.record import RecordConfig
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.topics.quality import EVERY
-from auv_lse_common.topics.table import recorded_topics
+from auv_lse_common.topics.ros_conversions import message_class
+from auv_lse_common.topics.table import find_topic, recorded_topics
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
+from auv_lse_record.bag_writer import RecorderError
 from auv_lse_record.guard import GuardedWriter
-from auv_lse_record.recorder import RecorderError
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT
 from auv_lse_record.rosbag2_writer import make_writer
 from auv_lse_record.software import mission_text, version
@@ -75,8 +75,7 @@ class RecorderNode(BaseNode):
         self._topics.add(topic)
 
     def _record(self, topic: str, kind: str, latched: bool = False, best_effort: bool = False) -> None:
-        package, _, name = kind.split("/")
-        message = getattr(import_module(f"{package}.msg"), name)
+        message = message_class(kind)
         self._bag.add_topic(topic, kind, latched)
         self._subscribe(topic, message, latched, best_effort)
         self._topics.add(topic)
@@ -117,7 +116,8 @@ class RecorderNode(BaseNode):
                 self.destroy_subscription(subscription)
                 self._subscribe(topic, message, latched, best_effort=True)
         for topic, kinds in self.get_topic_names_and_types():
-            if topic in self._topics or topic in self._refused or "/lockstep/" in topic:
+            found = find_topic(topic)
+            if topic in self._topics or topic in self._refused or (found is not None and found.topic.lockstep):
                 continue
             try:
                 package = kinds[0].split("/")[0]

@@ -7,13 +7,15 @@ sqlite3 one) is read with those of ROS 2 Jazzy and of this project.
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
+
+from auv_lse_common.topics.table import Topic, find_topic
+from auv_lse_common.vocabulary.stamps import seconds
+from auv_lse_record.message_types import project_types
 
 #: Latched texts that the recorder writes into every recording: the mission file as flown, the software's version.
 MISSION_FILE, SOFTWARE = "/recorder/mission_file", "/recorder/software"
@@ -27,6 +29,24 @@ _DEPTH = 10
 
 class RecordingError(ValueError):
     """A recording that cannot be read: missing, broken, or without what a mission records."""
+
+
+class RecordedValue(NamedTuple):
+    """What one message carries.
+
+    Attributes:
+        topic: Its row in the table of topics.
+        vehicle: Number of the vehicle.
+        log_ns: When the recorder received it (ns).
+        stamp_s: Stamp of its header (s).
+        value: As the row decodes it.
+    """
+
+    topic: Topic
+    vehicle: int
+    log_ns: int
+    stamp_s: float
+    value: Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,24 +103,6 @@ def recording_in(path: Path) -> Path:
     )
 
 
-def message_folder() -> Path:
-    """The folder with this project's `.msg` files: in the source tree, else in an installed ROS workspace.
-
-    Raises:
-        RecordingError: if they are in neither.
-    """
-    places = [
-        Path(__file__).resolve().parents[2] / "auv_lse_msgs",
-        *(Path(p) / "share" / "auv_lse_msgs" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p),
-    ]
-    for place in places:
-        if (place / "msg" / "Plan.msg").is_file():
-            return place / "msg"
-    raise RecordingError(
-        f"Plan.msg: not found in {', '.join(map(str, places))}; expected the package auv_lse_msgs there"
-    )
-
-
 class Recording:
     """A recording, open for reading; a context manager.
 
@@ -130,7 +132,7 @@ class Recording:
                 f"{self.path}: reading recordings needs the package rosbags: pip install rosbags"
             ) from None
         try:
-            self._reader = AnyReader([self.path], default_typestore=_known_types())
+            self._reader = AnyReader([self.path], default_typestore=project_types())
             self._reader.open()
         except Exception as error:  # rosbags raises errors of many kinds for a damaged recording
             raise self._broken(error) from error
@@ -171,11 +173,8 @@ class Recording:
         except Exception as error:  # as above
             raise self._broken(error) from error
 
-    def messages(self, topics: re.Pattern[str]) -> Iterator[tuple[str, int, Any]]:
-        """The messages of some topics, read, in the order of their stamps.
-
-        Args:
-            topics: The topics; full names are matched as a whole.
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
+        """The messages of some topics, by their full names, in the order of their stamps.
 
         Yields:
             Topic, stamp (ns), message.
@@ -183,18 +182,37 @@ class Recording:
         Raises:
             RecordingError: where the recording is damaged.
         """
-        for topic, stamp_ns, data in self.raw([name for name in self.topics if topics.fullmatch(name)]):
+        for topic, stamp_ns, data in self.raw([name for name in self.topics if name in topics]):
             try:
                 message = self._reader.deserialize(data, self.topics[topic].kind)
             except Exception as error:  # as above
                 raise self._broken(error) from error
             yield topic, stamp_ns, message
 
+    def values(self, topics: Collection[str]) -> Iterator[RecordedValue]:
+        """What the messages of some of the stack's topics carry, in the order of their stamps.
+
+        Args:
+            topics: Names in the table of topics ("plan", "truth/odometry"): of every vehicle recorded.
+
+        Raises:
+            RecordingError: where the recording is damaged, or a message cannot be decoded.
+        """
+        found = {name: row for name in self.topics if (row := find_topic(name)) and row.topic.name in topics}
+        for name, log_ns, message in self.messages(found):
+            topic, vehicle = found[name]
+            assert topic.decode is not None, f"{name}: the table of topics does not decode it"
+            try:
+                value = topic.decode(message)
+            except ValueError as error:
+                raise RecordingError(f"{self.path}: {name}: {error}") from error
+            yield RecordedValue(topic, vehicle, log_ns, seconds(message.header.stamp), value)
+
     def text(self, topic: str) -> str | None:
         """The last text on a topic (`MISSION_FILE`, `SOFTWARE`); None if there is none."""
         found = None
         if topic in self.topics and self.topics[topic].kind == TEXT:
-            for _, _, message in self.messages(re.compile(re.escape(topic))):
+            for _, _, message in self.messages({topic}):
                 found = str(message.data)
         return found
 
@@ -203,24 +221,6 @@ class Recording:
             f"{self.path}: cannot be read as a rosbag2 recording: {error}; fix, if the recorder was killed: "
             f"scripts/recover {self.path}"
         )
-
-
-def read_messages(bag: Path, topics: re.Pattern[str]) -> Iterator[tuple[str, Any]]:
-    """The messages of some topics, in the order of the recording.
-
-    Args:
-        bag: A run folder, a rosbag2 directory, or its file of messages.
-        topics: The topics; full names are matched as a whole.
-
-    Yields:
-        Topic and message.
-
-    Raises:
-        RecordingError: if there is no recording, it cannot be read, or rosbags is not installed.
-    """
-    with Recording(recording_in(bag)) as recording:
-        for topic, _, message in recording.messages(topics):
-            yield topic, message
 
 
 def _topic(name: str, connections: list[Any]) -> RecordedTopic:
@@ -233,19 +233,3 @@ def _topic(name: str, connections: list[Any]) -> RecordedTopic:
         latched=any(quality.durability.name == "TRANSIENT_LOCAL" for quality in offered),
         depth=max([quality.depth for quality in offered if quality.depth > 0], default=_DEPTH),
     )
-
-
-def _known_types() -> Any:
-    """The types of ROS 2 Jazzy, with this project's where they are found."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, Any] = {}
-    try:
-        files: Mapping[str, Path] = {file.stem: file for file in sorted(message_folder().glob("*.msg"))}
-    except RecordingError:
-        files = {}
-    for name, file in files.items():
-        types.update(get_types_from_msg(file.read_text(), f"auv_lse_msgs/msg/{name}"))
-    store.register(types)
-    return store

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from auv_lse_record.recorder import RecorderError
+from auv_lse_record.bag_writer import RecorderError
 
 #: Settings of rosbag2's MCAP storage: small chunks, so that a power cut loses little.
 _STORAGE = 'chunkSize: 65536\ncompression: "Zstd"\n'
@@ -113,7 +113,7 @@ def make_writer(folder: Path, message_folders: Sequence[Path], snapshot: Mapping
         return Rosbag2Writer(folder, snapshot)
     except ImportError:
         pass  # no ROS 2 of the machine's own
-    from auv_lse_record.recorder import BagWriter, message_types
+    from auv_lse_record.bag_writer import BagWriter, message_types
 
     writer = BagWriter(folder, message_types(message_folders), snapshot, flush_s)
     writer.learn(message_folders)

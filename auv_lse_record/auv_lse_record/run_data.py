@@ -1,7 +1,7 @@
 """What a mission leaves behind, in plain NumPy: all that evaluation and report need.
 
-A `RunData` comes from the fleet engine (`fleet.py`) or is read from a recording (`bag.py`); its readers need not know
-which. Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the start of
+A `RunData` comes from the fleet engine or is read from a recording (`run_reader.py`); its users need not know which.
+Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the start of
 the mission), headings rad clockwise from north, depths m of water, positive down.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
+from auv_lse_common.topics.records import Reception, Transmission
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Soundings
@@ -71,6 +72,11 @@ class PacketSent:
     source: int
     payload: bytes
 
+    @classmethod
+    def of(cls, packet: Transmission) -> PacketSent:
+        """The packet of a message on modem/tx."""
+        return cls(stamp_s=packet.stamp_s, source=packet.source, payload=packet.payload)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PacketReceived:
@@ -95,6 +101,12 @@ class PacketReceived:
     sent_s: float = float("nan")
     arrival_s: float = float("nan")
     travel_s: float = float("nan")
+
+    @classmethod
+    def of(cls, packet: Reception, receiver: int) -> PacketReceived:
+        """The packet of a message on modem/rx of vehicle `receiver`."""
+        names = ("stamp_s", "source", "snr_db", "payload", "sent_s", "arrival_s", "travel_s")
+        return cls(receiver=receiver, **{name: getattr(packet, name) for name in names})
 
 
 #: Columns of a vehicle's arrays.

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from auv_lse_record.recorder import BagWriter, RecorderError
+from auv_lse_record.bag_writer import BagWriter, RecorderError
 from auv_lse_record.rosbag2_writer import Rosbag2Writer, make_writer
 
 

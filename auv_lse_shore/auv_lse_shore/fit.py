@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,12 +21,11 @@ from auv_lse_common.mission_file.sections.gp import KERNELS
 from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_gp.covariance.likelihood import Fit, fit
 from auv_lse_gp.soundings import read_soundings_and_origin
-from auv_lse_record.recording import read_messages
+from auv_lse_record.recording import Recording
 
 Array = NDArray[np.float64]
 
 #: Topics of a recorded run that hold soundings.
-SOUNDING_TOPICS = re.compile(r"/auv\d+/sounding")
 
 _UNITS = {"mean_slope_north": "m/m", "mean_slope_east": "m/m", "rotation_deg": "deg"}
 
@@ -44,7 +42,8 @@ def recorded_soundings(path: Path) -> Array:
     bag = path / "bag" if (path / "bag").is_dir() else path
     if not (bag / "metadata.yaml").is_file():
         raise ValueError(f"{path}: holds no recording; expected a run folder with bag/metadata.yaml, or a rosbag2 one")
-    rows = [(m.north_m, m.east_m, m.depth_m) for _, m in read_messages(bag, SOUNDING_TOPICS)]
+    with Recording(bag) as recording:
+        rows = [found.value[1:4] for found in recording.values({"sounding"})]
     if not rows:
         raise ValueError(f"{bag}: holds no sounding; expected topics /auv1/sounding, /auv2/sounding, ...")
     soundings = np.array(rows, dtype=float)

@@ -37,7 +37,7 @@ BACK_S = 5.0
 LEG_S, LONGEST = 15.7, 2.0
 #: The nodes that are killed.
 NODES = ("gp_node", "planner_node", "safety_node", "modem_node", "micromodem_node", "vehicle_link_node")
-_AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: at work after (\d+\.\d+) s of processor time$", re.MULTILINE)
+_AT_WORK = re.compile(r"\[INFO\] \[(\d+\.\d+)\] .*: ready after (\d+\.\d+) s of processor time$", re.MULTILINE)
 _STARTED = re.compile(r"auv(\d+)\.(\w+) started.*, process (\d+)")
 #: What says how far DDS reaches: left out, so that the defaults are flown.
 _RANGE = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE")
@@ -248,7 +248,7 @@ def _read(flight: Flight, vehicle: int, logs: Path) -> None:
     steps, decided_s, heard = [], [], 0
     wanted = [*topics.values(), f"/auv{vehicle}/planner/bound", f"/auv{vehicle}/team/plans"]
     with Recording(flight.recordings[vehicle]) as recording:
-        for topic, stamp_ns, message in recording.messages(re.compile("|".join(map(re.escape, wanted)))):
+        for topic, stamp_ns, message in recording.messages(wanted):
             if topic.endswith("/bound"):
                 steps.append(int(message.step))
                 decided_s.append(seconds(message.header.stamp))

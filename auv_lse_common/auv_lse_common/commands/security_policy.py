@@ -35,8 +35,8 @@ def policy(vehicle: int) -> str:
     enclaves = ElementTree.SubElement(root, "enclaves")
     enclave = ElementTree.SubElement(enclaves, "enclave", {"path": f"/auv{vehicle}"})
     profiles = ElementTree.SubElement(enclave, "profiles")
-    shared = [name for name in MISSION_TOPICS if not name.startswith("/lockstep")]
-    own = [name for name in VEHICLE_TOPICS if not name.startswith("lockstep/")]
+    shared = [name for name, topic in MISSION_TOPICS.items() if not topic.lockstep]
+    own = [name for name, topic in VEHICLE_TOPICS.items() if not topic.lockstep]
     topics = sorted({*_TOPICS_OF_ALL, *shared, *(f"/auv{vehicle}/{name}" for name in own)})
     for node in _NODES:
         of_node = (f"/auv{vehicle}/{node}/{name}" for name in _SERVICES_OF_ALL)

@@ -83,15 +83,19 @@ class Publisher(Protocol):
 class Outlet:
     """Where a node publishes one topic: to the nodes beside it, and by ROS to everybody else."""
 
-    def __init__(self, publisher: Publisher, name: str, topic: Topic, post: LocalPost) -> None:
-        """Args: publisher, name, topic: the topic's. post: the process's, if it carries the topic."""
+    def __init__(self, publisher: Publisher, topic: Topic, post: LocalPost, make: Callable[[Any], Any]) -> None:
+        """Args: publisher: of the topic. post: of the process. make: makes the message that carries a value."""
         self._publisher = publisher
-        self._name = name
-        self._latched = topic.latched
+        self._topic = topic
         self._post = post
+        self._make = make
 
-    def publish(self, message: Any) -> None:
-        """Sends a message, which nobody may change any more. By ROS only if somebody is there or may come late."""
-        self._post.send(self._name, message)
-        if self._latched or self._publisher.get_subscription_count():
+    def publish(self, value: Any) -> None:
+        """Publishes the message that carries a value."""
+        self.publish_message(self._make(value))
+
+    def publish_message(self, message: Any) -> None:
+        """Publishes a message, which must not change afterwards; by ROS only if somebody reads it or may come late."""
+        self._post.send(self._topic.name, message)
+        if self._topic.latched or self._publisher.get_subscription_count():
             self._publisher.publish(message)

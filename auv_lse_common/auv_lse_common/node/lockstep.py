@@ -1,4 +1,4 @@
-"""Lockstep: the phases in which nodes handle a tick, and when each phase may begin.
+"""Lockstep: when each phase of a tick may begin. The phases are in `auv_lse_common.topics.table`.
 
 In lockstep the simulator announces with each tick how many messages it has published so far. Each node announces, with
 every phase of the tick that it has handled, how many messages it has published so far. DDS keeps the order of one topic
@@ -13,54 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Phase:
-    """What one node does in every tick.
-
-    Attributes:
-        waits_for: Topics that it must have read up to this tick.
-        announces: What `LockstepDone.totals` counts when it is done, in this order: messages published so far, by
-            topic.
-        ends_tick: Whether the simulator waits for it before the next tick, and so is told of it.
-    """
-
-    waits_for: tuple[str, ...] = ()
-    announces: tuple[str, ...] = ()
-    ends_tick: bool = False
-
-
-#: Topics of a vehicle whose messages the simulator counts in each tick's announcement (LockstepTick).
-TICK_ANNOUNCES = ("sounding", "modem/rx", "odometry", "altitude", "mission/command", "dead_reckoning", "fix")
-
-#: The phases of a tick, by `LockstepDone.phase`; "vehicle_link" and "micromodem" where these drivers run.
-#: "kernel_centers" counts revisions, "targets" what the driver has sent to the autopilot, for which it has taken as
-#: many waypoints as its "waypoint" says. "micromodem_lost" comes as often as a packet never reached the water.
-PHASES = {
-    "modem": Phase(
-        waits_for=("sounding", "modem/rx", "dead_reckoning", "fix"),
-        announces=("team/plans", "team/samples", "team/navigation", "team/command"),
-    ),
-    "gp": Phase(
-        waits_for=("sounding", "dead_reckoning", "fix", "team/samples", "team/navigation"),
-        announces=("kernel_centers", "corrected"),
-    ),
-    "safety": Phase(
-        waits_for=("odometry", "altitude", "mission/command", "team/command"),
-        announces=("mission/state",),
-        ends_tick=True,
-    ),
-    "planner": Phase(
-        waits_for=("odometry", "team/plans", "kernel_centers", "corrected", "mission/state"),
-        announces=("plan", "waypoint"),
-        ends_tick=True,
-    ),
-    "modem_sent": Phase(waits_for=("plan", "mission/state"), announces=("modem/tx",), ends_tick=True),
-    "vehicle_link": Phase(waits_for=("odometry", "mission/state"), announces=("targets", "waypoint"), ends_tick=True),
-    "micromodem": Phase(announces=("modem/failed",), ends_tick=True),
-    "micromodem_lost": Phase(announces=("modem/failed",), ends_tick=True),
-    "recorder": Phase(ends_tick=True),
-}
+from auv_lse_common.topics.table import announces, waits_for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +62,7 @@ def phases_of(answer: Answer) -> Iterator[Answer]:
     """The answers of single phases that were put into one."""
     totals = iter(answer.totals)
     for phase in answer.phase.split("+"):
-        own = tuple(islice(totals, len(PHASES[phase].announces) if answer.totals else 0))
+        own = tuple(islice(totals, len(announces(phase)) if answer.totals else 0))
         yield Answer(phase=phase, totals=own, finished=answer.finished)
 
 
@@ -178,9 +131,9 @@ class Ticks:
     """
 
     def __init__(self, phases: Sequence[str]) -> None:
-        """Args: phases: the node's own phases, keys of `PHASES`, in the order in which it handles them."""
+        """Args: phases: the node's own phases, keys of `topics.table.PHASES`, in the order in which it handles them."""
         self.now_s = 0.0
-        self._gates = {name: Gate(PHASES[name].waits_for) for name in phases}
+        self._gates = {name: Gate(waits_for(name)) for name in phases}
         self._stamps: dict[int, float] = {}
 
     def begin(self, tick: int, now_s: float, totals: Mapping[str, int]) -> None:
@@ -197,7 +150,7 @@ class Ticks:
 
     def done(self, phase: str, tick: int, totals: Sequence[int]) -> None:
         """Another node has handled its `phase` of `tick`; `totals` as in LockstepDone."""
-        self._announce(tick, dict(zip(PHASES[phase].announces, totals, strict=True)))
+        self._announce(tick, dict(zip(announces(phase), totals, strict=True)))
 
     def arrived(self, topic: str, number: int = 1) -> None:
         """`number` more messages of `topic` are there."""

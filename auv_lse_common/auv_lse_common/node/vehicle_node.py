@@ -12,83 +12,85 @@ from typing import Any
 
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
 
 from auv_lse_common.mission_file.parameter_file import merge, nest
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.journal import FOLDER_VARIABLE, Journal
 from auv_lse_common.node.local_post import POST, Outlet
-from auv_lse_common.node.lockstep import PHASES, TICK_ANNOUNCES, Answer, Answers, Ticks
+from auv_lse_common.node.lockstep import Answer, Answers, Ticks
 from auv_lse_common.process.processes import vehicle_nodes
-from auv_lse_common.topics.quality import EVERY, quality_of
-from auv_lse_common.topics.ros_conversions import seconds
-from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS, Topic, reader_count
+from auv_lse_common.topics.quality import EVERY, reader_quality, writer_quality
+from auv_lse_common.topics.records import HealthReport
+from auv_lse_common.topics.ros_conversions import encoded, message_class
+from auv_lse_common.topics.table import MISSION_TOPICS, PHASES, VEHICLE_TOPICS, Topic, reader_count
 from auv_lse_common.vocabulary.health import Health, Level
+from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_msgs.msg import LockstepDone, LockstepTick
 
-#: Without lockstep, how often (s) a vehicle's node handles what has come in.
+#: Without lockstep, how often (s) a vehicle's node handles its messages.
 _STEP_PERIOD_S = 0.1
-#: Without lockstep, how long (s) a recorded node waits for the recorder before it handles anything: what a node tells
-#: before the recorder hears it is in no recording, and a planner decides within 0.2 s of its start. It is looked for at
-#: the topics that nobody else reads: a vehicle's other nodes may be away for longer.
+#: Without lockstep, how long (s) a recorded node waits for the recorder before it handles anything: messages published
+#: earlier are in no recording, and a planner decides within 0.2 s of its start. The recorder is looked for on topics
+#: that nobody else reads: a vehicle's other nodes may be away for longer.
 _RECORDER_WAIT_S = 3.0
 
 
 @dataclass(slots=True)
-class _Part:
-    """What a node does in one phase of a tick, and the tick whose answer it still owes."""
+class _Handler:
+    """What a node does in one phase of a tick, and the tick that it has still to answer."""
 
     handle: Callable[[float], None]
     totals: Callable[[], tuple[int, ...]]
     finished: Callable[[], bool]
-    owed: int | None = None
+    unanswered: int | None = None
 
 
 class VehicleNode(BaseNode):
-    """A node of one vehicle: its topics, and the phases in which it handles what has come in.
+    """A node of one vehicle: its topics, and the phases in which it handles their messages.
 
     Without lockstep the phases are handled in order every 0.1 s of the node's ROS clock. In lockstep each is handled
-    when everything that the tick announces has arrived, and the node then tells its mates what it has published
+    when every message that the tick announces has arrived, and the node then announces what it has published
     (auv_lse_common.node.lockstep).
 
     Attributes:
-        journal: What a restarted node needs to go on. Without lockstep it is kept if the environment names a folder;
-            parameters that were changed while the node ran are in it, and hold again.
+        journal: What a restarted node needs to go on. Without lockstep it is kept if the environment names a folder.
+            Parameters that were changed while the node ran are in it, and apply again.
     """
 
     def __init__(self, name: str) -> None:
         """Args: name: the node's name, under which auv_lse_common.topics.table lists it as a reader."""
         super().__init__(name)
         if self.lockstep:
-            self._time_source.detach_node()  # time comes with the ticks: /clock would only say it once more
+            self._time_source.detach_node()  # ticks carry the time: /clock would only repeat it
         self._role = name
-        self._vehicle = self._number()
+        self._vehicle = self._vehicle_number()
         self.journal = self._open_journal()
         self._readers: dict[Publisher, int] = {}
-        self._recorder_alone: list[Publisher] = []  # publishers that nobody else reads
-        self._parts: dict[str, _Part] = {}
+        self._only_recorded: list[Publisher] = []  # publishers that only the recorder reads
+        self._handlers: dict[str, _Handler] = {}
         self._ticks: Ticks | None = None
-        self._matched = self._greeted = self._at_work = False
-        self._mates: dict[str, Outlet] = {}  # in lockstep, who tells a phase's end to the vehicle's other nodes
+        self._matched = self._greeted = self._is_ready = False
+        self._phase_ends: dict[str, Outlet] = {}  # lockstep: where the vehicle's other nodes learn of a phase's end
         if self.lockstep:
-            entry = MISSION_TOPICS["/lockstep/done"]
-            self._done = self.create_publisher(LockstepDone, "/lockstep/done", quality_of(entry))
-            self._readers[self._done] = len(entry.readers)
+            topic = MISSION_TOPICS["/lockstep/done"]
+            self._done = self.create_publisher(LockstepDone, topic.name, writer_quality(topic))
+            self._readers[self._done] = len(topic.readers)
         self._answers = POST.answers if POST.nodes else Answers()
+        self._diagnostics = self.publisher("diagnostics")
 
     @property
     def vehicle(self) -> int:
         """Number of the vehicle, from the namespace (/auv2 -> 2)."""
         return self._vehicle
 
-    def _number(self) -> int:
+    def _vehicle_number(self) -> int:
         namespace = self.get_namespace()
         digits = namespace[len(namespace.rstrip("0123456789")) :]
         if not digits or not 1 <= int(digits) <= 255:
             raise ParameterError(
-                f"namespace {namespace!r} of {self.get_name()}: expected one that ends in the vehicle's number, "
-                f"as /auv1 (ros2 run ... --ros-args -r __ns:=/auv1)"
+                f"{self.get_name()}: got namespace {namespace!r}; expected one that ends in the vehicle's number, 1 to "
+                "255. Start it with --ros-args -r __ns:=/auv1"
             )
         return int(digits)
 
@@ -112,8 +114,15 @@ class VehicleNode(BaseNode):
         """Enters the changed parameters into the journal."""
         self.journal.write("tuned", dict(changed))
 
-    def with_journal(self, health: Health) -> Health:
-        """The node's health, with that of its journal."""
+    def publish_health(self, now_s: float, health: Health, name: str = "") -> None:
+        """Publishes the health of a device, `name`, or of this node and its journal."""
+        if not name:
+            name, health = self.get_fully_qualified_name(), self._with_journal(health)
+        self._diagnostics.publish(
+            HealthReport(stamp_s=now_s, name=name, level=health.level, text=health.text, values=health.values)
+        )
+
+    def _with_journal(self, health: Health) -> Health:
         if not self.journal.status:
             return health
         values = {**health.values, "journal": self.journal.status}
@@ -124,18 +133,18 @@ class VehicleNode(BaseNode):
 
     # ------------------------------------------------------------------ topics
 
-    def publisher(self, kind: type, topic: str) -> Outlet:
+    def publisher(self, name: str) -> Outlet:
         """Where to publish one of the vehicle's topics. In lockstep its readers in other processes are waited for."""
-        entry = VEHICLE_TOPICS[topic]
-        publisher = self.create_publisher(kind, topic, quality_of(entry))
-        outside = [name for name in self._mates_and_simulator() if not self._is_beside(name, entry)]
-        readers, recorders = reader_count(entry, outside), self.recorded * entry.recorded
+        topic = VEHICLE_TOPICS[name]
+        publisher = self.create_publisher(message_class(topic.kind), name, writer_quality(topic))
+        outside = [node for node in self._possible_readers() if not self._is_beside(node, topic)]
+        readers, recorders = reader_count(topic, outside), self.recorded * topic.recorded
         self._readers[publisher] = readers + recorders
         if recorders and not readers:
-            self._recorder_alone.append(publisher)
-        return Outlet(publisher, topic, entry, POST)
+            self._only_recorded.append(publisher)
+        return Outlet(publisher, topic, POST, lambda value: encoded(topic, value, self._vehicle))
 
-    def _mates_and_simulator(self) -> list[str]:
+    def _possible_readers(self) -> list[str]:
         """The nodes that may read the vehicle's topics: those of the vehicle, by its parameters, and the simulator."""
         modem, link = (self.parameters.get(name, {}).get("kind") for name in ("modem", "link"))
         return [*(name for _, name in vehicle_nodes(modem == "micromodem", link == "mavlink")), "sim_node"]
@@ -144,47 +153,46 @@ class VehicleNode(BaseNode):
         """Whether `reader` gets the topic's messages without ROS: in lockstep, from a node in the same process."""
         return self.lockstep and reader in POST.nodes and POST.carries(topic)
 
-    def listen(
-        self,
-        kind: type,
-        topic: str,
-        take: Callable[[Any], None],
-        *,
-        quality: QoSProfile | None = None,
-        total: Callable[[Any], int] | None = None,
-    ) -> None:
+    def listen(self, name: str, take: Callable[[Any], None], *, raw: bool = False) -> None:
         """Subscribes to one of the vehicle's topics, or takes it from the node beside this one that alone writes it.
 
         Args:
-            kind: Message type.
-            topic: A key of `VEHICLE_TOPICS` that has this node among its readers.
-            take: Takes each message. In lockstep the message then counts as arrived.
-            quality: Quality of service without lockstep, if it is not the topic's own.
-            total: In lockstep, how many messages of the topic a message stands for; None: each counts for itself.
+            name: A key of `VEHICLE_TOPICS` that has this node among its readers.
+            take: Takes the value of each message. In lockstep the message then counts as arrived. A message that
+                cannot be decoded is logged and counts as arrived, too.
+            raw: Whether `take` takes the messages themselves.
 
         Raises:
             ValueError: if the node is not among the topic's readers: in lockstep nobody would wait for it.
         """
-        entry = VEHICLE_TOPICS[topic]
-        self._check_reader(topic, entry)
-        quality = quality_of(entry) if self.lockstep or quality is None else quality  # lockstep may miss none
+        topic = VEHICLE_TOPICS[name]
+        self._check_reader(topic)
+        decode = None if raw else topic.decode
 
-        def arrived(message: Any) -> None:
-            take(message)
-            self.arrived(topic, None if total is None else total(message))
+        def receive(message: Any) -> None:
+            try:
+                value = message if decode is None else decode(message)
+            except ValueError as error:
+                self.get_logger().error(f"{name}: {error}")
+            else:
+                take(value)
+            self.arrived(name, None if topic.total is None else topic.total(message))
             self.wake()
 
-        self._subscribe(kind, topic, arrived, quality)
+        self._subscribe(topic, receive)
 
-    def _subscribe(self, kind: type, topic: str, take: Callable[[Any], None], quality: QoSProfile) -> None:
-        if self._is_beside(self._role, VEHICLE_TOPICS[topic]):
-            POST.read(topic, take)
+    def _subscribe(self, topic: Topic, take: Callable[[Any], None]) -> None:
+        if self._is_beside(self._role, topic):
+            POST.read(topic.name, take)
         else:
-            self.create_subscription(kind, topic, take, quality)
+            quality = writer_quality(topic) if self.lockstep else reader_quality(topic)  # lockstep may miss none
+            self.create_subscription(message_class(topic.kind), topic.name, take, quality)
 
-    def _check_reader(self, name: str, topic: Topic) -> None:
+    def _check_reader(self, topic: Topic) -> None:
         if not any(self._role in reader.split("|") for reader in topic.readers):
-            raise ValueError(f"{self._role} reads {name}, but auv_lse_common.topics.table does not list it as a reader")
+            raise ValueError(
+                f"{self._role} reads {topic.name}, but auv_lse_common.topics.table does not list it as a reader"
+            )
 
     # ------------------------------------------------------------------ phases
 
@@ -195,31 +203,31 @@ class VehicleNode(BaseNode):
         totals: Callable[[], tuple[int, ...]] = tuple,
         finished: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Adds a phase; the order of the calls is the order in which the phases are handled.
+        """Adds a phase; phases are handled in the order of these calls.
 
         Args:
-            name: A key of `auv_lse_common.node.lockstep.PHASES`.
-            handle: Handles what has come in; takes the time (s).
+            name: A key of `auv_lse_common.topics.table.PHASES`.
+            handle: Handles the messages that have arrived; takes the time (s).
             totals: The phase's own counts, as `LockstepDone.totals`.
             finished: Whether the vehicle's mission is over, as `LockstepDone.finished`.
         """
-        self._parts[name] = _Part(handle, totals, finished)
+        self._handlers[name] = _Handler(handle, totals, finished)
         if self.lockstep and f"lockstep/{name}" in VEHICLE_TOPICS:
-            self._mates[name] = self.publisher(LockstepDone, f"lockstep/{name}")
+            self._phase_ends[name] = self.publisher(f"lockstep/{name}")
         if PHASES[name].ends_tick:
             self._answers.expect(name)
 
     def begin(self) -> None:
         """Starts handling the phases; to be called when every topic is wired and every phase added."""
         if not self.lockstep:
-            self.when_matched(dict.fromkeys(self._recorder_alone, 1), self._handle_from_now_on, _RECORDER_WAIT_S)
+            self.when_matched(dict.fromkeys(self._only_recorded, 1), self._start_timer, _RECORDER_WAIT_S)
             return
-        self._ticks = Ticks(tuple(self._parts))
-        self._check_reader("/lockstep/tick", MISSION_TOPICS["/lockstep/tick"])
+        self._ticks = Ticks(tuple(self._handlers))
+        self._check_reader(MISSION_TOPICS["/lockstep/tick"])
         self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
-        for name, entry in VEHICLE_TOPICS.items():
-            if name.startswith("lockstep/") and self._role in entry.readers:
-                self._subscribe(LockstepDone, name, self._on_done, EVERY)
+        for topic in VEHICLE_TOPICS.values():
+            if topic.lockstep and self._role in topic.readers:
+                self._subscribe(topic, self._on_done)
         self.when_matched(self._readers, self._on_matched)
 
     def now_s(self) -> float:
@@ -229,12 +237,12 @@ class VehicleNode(BaseNode):
         return super().now_s()
 
     def reach_time(self, now_s: float) -> None:
-        """Lockstep: a message tells that the mission's time is `now_s` (s) at least; it may overtake its tick."""
+        """Lockstep: a message shows that the mission's time is at least `now_s` (s); it may overtake its tick."""
         if self._ticks is not None:
             self._ticks.now_s = max(self._ticks.now_s, now_s)
 
     def arrived(self, topic: str, total: int | None = None) -> None:
-        """Lockstep: a message of `topic` is there, or all up to number `total`."""
+        """Lockstep: a message of `topic` has arrived, or all up to number `total`."""
         if self._ticks is None:
             return
         if total is None:
@@ -246,37 +254,37 @@ class VehicleNode(BaseNode):
         """Whether the node may answer now for the phases it has handled; hardware may have to answer first."""
         return True
 
-    def owe(self, phase: str) -> None:
-        """Lockstep: the last tick's `phase` has to be answered (again), once the node is settled."""
+    def answer_again(self, phase: str) -> None:
+        """Lockstep: answers for the last tick's `phase` (again), once the node is settled."""
         if self._ticks is not None and self._ticks.last(phase):
-            self._parts[phase].owed = self._ticks.last(phase)
+            self._handlers[phase].unanswered = self._ticks.last(phase)
 
     def last_tick(self, phase: str) -> int:
         """Lockstep: number of the last tick whose `phase` was handled; 0 before the first and without lockstep."""
         return 0 if self._ticks is None else self._ticks.last(phase)
 
     def wake(self) -> None:
-        """Something has come in. In lockstep handles each phase that may begin now, and answers for it.
+        """A message has arrived. In lockstep handles each phase that may begin now, and answers for it.
 
-        What it published for the nodes beside this one is handed over then.
+        What the node published for the nodes beside it is handed over then.
         """
         while self._ticks is not None and (ready := self._ticks.ready()) is not None:
             self._ticks.handled(ready.phase, ready.tick)
-            part = self._parts[ready.phase]
-            part.handle(ready.now_s)
-            part.owed = ready.tick
+            handler = self._handlers[ready.phase]
+            handler.handle(ready.now_s)
+            handler.unanswered = ready.tick
             self._answer()
         self._answer()
         POST.deliver()
 
-    def tell(self, phase: str, tick: int, totals: tuple[int, ...], finished: bool = False) -> None:
-        """Lockstep: tells those who wait for it that `phase` of `tick` is handled, with its counts.
+    def announce(self, phase: str, tick: int, totals: tuple[int, ...], finished: bool = False) -> None:
+        """Lockstep: announces to those who wait for it that `phase` of `tick` is handled, with its counts.
 
-        Tick 0 says that the node is there, to the simulator alone.
+        Tick 0 announces that the node is there, to the simulator alone.
         """
         answer: Answer | None = Answer(phase=phase, totals=totals, finished=finished)
-        if tick and phase in self._mates:
-            self._mates[phase].publish(self._done_message(tick, answer))
+        if tick and phase in self._phase_ends:
+            self._phase_ends[phase].publish_message(self._done_message(tick, answer))
         if tick:
             answer = self._answers.add(tick, answer) if PHASES[phase].ends_tick else None
         if answer is not None:
@@ -291,42 +299,34 @@ class VehicleNode(BaseNode):
             return
         if self._matched and not self._greeted:
             self._greeted = True
-            self.tell(next(iter(self._parts)), 0, ())
-        for phase, part in self._parts.items():
-            if part.owed is not None:
-                tick, part.owed = part.owed, None
-                self.tell(phase, tick, part.totals(), part.finished())
+            self.announce(next(iter(self._handlers)), 0, ())
+        for phase, handler in self._handlers.items():
+            if handler.unanswered is not None:
+                tick, handler.unanswered = handler.unanswered, None
+                self.announce(phase, tick, handler.totals(), handler.finished())
 
-    def note_at_work(self) -> None:
-        """Says once in the log that the node is at work: what it took to start, or to start again, ends here."""
-        if not self._at_work:
-            self._at_work = True
-            self.get_logger().info(f"at work after {time.process_time():.2f} s of processor time")
+    def log_ready(self) -> None:
+        """Logs once that the node is ready, and how much processor time its start has taken."""
+        if not self._is_ready:
+            self._is_ready = True
+            self.get_logger().info(f"ready after {time.process_time():.2f} s of processor time")
 
-    def _handle_from_now_on(self) -> None:
+    def _start_timer(self) -> None:
         self.create_timer(_STEP_PERIOD_S, self._handle_all)
 
     def _handle_all(self) -> None:
-        self.note_at_work()
+        self.log_ready()
         now_s = self.now_s()
-        for part in self._parts.values():
-            part.handle(now_s)
+        for handler in self._handlers.values():
+            handler.handle(now_s)
 
     def _on_matched(self) -> None:
         self._matched = True
         self.wake()
 
     def _on_tick(self, message: LockstepTick) -> None:
-        announced = (
-            message.soundings,
-            message.arrivals,
-            message.odometries,
-            message.odometries,
-            message.commands,
-            message.dead_reckonings,
-            message.fixes,
-        )
-        totals = {topic: counts[self.vehicle - 1] for topic, counts in zip(TICK_ANNOUNCES, announced, strict=True)}
+        counted = {row.name: getattr(message, row.tick_count) for row in VEHICLE_TOPICS.values() if row.tick_count}
+        totals = {name: counts[self.vehicle - 1] for name, counts in counted.items()}
         self._ticks.begin(message.tick, seconds(message.stamp), totals)
         self.wake()
 

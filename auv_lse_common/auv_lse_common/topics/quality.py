@@ -1,4 +1,4 @@
-"""The qualities of service of the stack's topics."""
+"""The quality of service of the stack's topics."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from auv_lse_common.topics.table import Topic
 
-#: Every message counts: reliable, and room for a burst (depth 1 drops bursts).
+#: Every message counts: reliable, with room for a burst.
 EVERY = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 #: For a state that is soon replaced: also hears drivers that publish with ROS's sensor QoS (best effort).
 NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -14,6 +14,11 @@ NEWEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-def quality_of(topic: Topic) -> QoSProfile:
-    """The quality of service of one of the stack's topics."""
+def writer_quality(topic: Topic) -> QoSProfile:
+    """Quality of service of one of the stack's topics for its writer, and for a reader that may miss nothing."""
     return LATCHED if topic.latched else EVERY
+
+
+def reader_quality(topic: Topic) -> QoSProfile:
+    """Quality of service for a reader outside of lockstep."""
+    return NEWEST if topic.delivery == "newest" else writer_quality(topic)

@@ -1,13 +1,56 @@
-"""The topics of a mission: the type, the readers and the delivery of each, in one table.
+"""The topics of a mission in one table: name, type, delivery, readers, writer, lockstep phases, encoding.
 
-Nodes take the quality of service from here and, in lockstep, the number of readers to wait for. The recorder takes
-the list of topics. A new topic or a new reader of one is entered here once.
+Nodes, recorder, replay, live page, lockstep and the reference of topics follow from it. A new topic, or a new reader of
+one, is a row or an entry here (docs/design/adding-a-topic.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+from auv_lse_common.safety.watch import AutopilotReport
+from auv_lse_common.topics import codecs
+from auv_lse_common.topics.codecs import Decode, Encode, encode_record, packet_decoder, record_decoder
+from auv_lse_common.topics.records import BoundReport, Reception, SimReport, TdmaReport, Transmission
+from auv_lse_common.vocabulary.dead_reckoning import Fix
+
+#: How messages are delivered. "every": reliable, none is lost. "newest": only the newest counts, so readers accept
+#: best-effort writers, as ROS drivers are (in lockstep as "every"). "latched": late readers get the last message.
+Delivery = Literal["every", "newest", "latched"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Phase:
+    """What one node does in every tick of lockstep.
+
+    Attributes:
+        node: The node.
+        ends_tick: Whether the simulator waits for it before the next tick, and so is told of it.
+        counts: What `LockstepDone.totals` counts after the phase's topics (`announces`).
+    """
+
+    node: str
+    ends_tick: bool = False
+    counts: tuple[str, ...] = ()
+
+
+#: The phases of a tick, by `LockstepDone.phase`; "vehicle_link" and "micromodem" where these drivers run. "targets"
+#: counts what the driver has sent to the autopilot, for which it has taken as many waypoints as its "waypoint" says.
+#: "micromodem_lost" comes as often as a packet never reached the water.
+PHASES = {
+    "modem": Phase(node="modem_node"),
+    "gp": Phase(node="gp_node"),
+    "safety": Phase(node="safety_node", ends_tick=True),
+    "planner": Phase(node="planner_node", ends_tick=True),
+    "modem_sent": Phase(node="modem_node", ends_tick=True),
+    "vehicle_link": Phase(node="vehicle_link_node", ends_tick=True, counts=("targets", "waypoint")),
+    "micromodem": Phase(node="micromodem_node", ends_tick=True),
+    "micromodem_lost": Phase(node="micromodem_node", ends_tick=True, counts=("modem/failed",)),
+    "recorder": Phase(node="recorder_node", ends_tick=True),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,92 +58,265 @@ class Topic:
     """One topic.
 
     Attributes:
+        name: Its name below the vehicle's namespace; a topic of the whole mission has its full name.
         kind: Its ROS type.
-        readers: The nodes of the stack that read it, without the recorder as it records. "a|b": b reads it only
-            where a does not run.
-        latched: True if a late reader gets the last message.
-        recorded: True if the recorder subscribes to it from the start.
-        command: True if hardware acts on it, so that a replay leaves it out.
-        writer: The node of the vehicle that alone writes it; "" if others do, too, or nobody of the vehicle reads it.
+        about: What it carries, for the reference.
+        writer: The node that writes it; "a|b": b only where a does not run; "" if several nodes or operators do.
+        readers: The nodes of the stack that read it, without the recorder as it records; "a|b" as above.
+        delivery: See `Delivery`.
+        recorded: Whether the recorder subscribes to it from the start.
+        command: Whether hardware acts on it, so that a replay leaves it out.
+        phase: Lockstep: the phase after which its writer announces how many messages it has published.
+        tick_count: Lockstep: the field of LockstepTick in which the simulator announces that, if it writes the topic.
+        awaited_by: Lockstep: phases that begin only when its announced messages have arrived.
+        total: Lockstep: how many messages a message stands for, where later ones replace earlier ones; None: itself.
+        encode: Makes a message's fields of a value and the vehicle's number; None: its nodes do it themselves.
+        decode: Makes a value of a message, received or recorded.
     """
 
+    name: str = ""
     kind: str
+    about: str = ""
+    writer: str = ""
     readers: tuple[str, ...] = ()
-    latched: bool = False
+    delivery: Delivery = "every"
     recorded: bool = True
     command: bool = False
-    writer: str = ""
+    phase: str = ""
+    tick_count: str = ""
+    awaited_by: tuple[str, ...] = ()
+    total: Callable[[Any], int] | None = None
+    encode: Encode | None = None
+    decode: Decode | None = None
+
+    @property
+    def latched(self) -> bool:
+        """Whether late readers get the last message."""
+        return self.delivery == "latched"
+
+    @property
+    def lockstep(self) -> bool:
+        """Whether it belongs to lockstep itself: not recorded, not part of a vehicle's security policy."""
+        return self.kind in (_DONE, _TICK)
 
 
-_DONE = "auv_lse_msgs/msg/LockstepDone"
+_DONE, _TICK = "auv_lse_msgs/msg/LockstepDone", "auv_lse_msgs/msg/LockstepTick"
+_decode_sent = packet_decoder(Transmission)
 
-#: Topics of one vehicle, by their name below its namespace. "lockstep/PHASE": the nodes that a phase lets go on.
-VEHICLE_TOPICS = {
-    "sounding": Topic(kind="auv_lse_msgs/msg/Sounding", readers=("gp_node", "modem_node")),
-    "odometry": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node", "safety_node")),
-    "dead_reckoning": Topic(kind="nav_msgs/msg/Odometry", readers=("gp_node", "modem_node")),
-    "fix": Topic(kind="auv_lse_msgs/msg/Fix", readers=("gp_node", "modem_node")),
-    "altitude": Topic(kind="sensor_msgs/msg/Range", readers=("safety_node",)),
-    "pressure": Topic(kind="sensor_msgs/msg/FluidPressure"),
-    "autopilot": Topic(kind="auv_lse_msgs/msg/AutopilotStatus", readers=("safety_node",), latched=True),
-    "mission/command": Topic(kind="auv_lse_msgs/msg/MissionCommand", readers=("safety_node",), command=True),
-    "mission/state": Topic(
-        kind="auv_lse_msgs/msg/MissionState",
-        readers=("planner_node", "modem_node", "vehicle_link_node|sim_node"),
-        latched=True,
-        command=True,
-        writer="safety_node",
+_ROWS = (
+    Topic(
+        name="sounding", kind="auv_lse_msgs/msg/Sounding", about="one measurement of water depth",
+        writer="sim_node|vehicle_link_node", readers=("gp_node", "modem_node"),
+        tick_count="soundings", awaited_by=("modem", "gp"),
+        encode=codecs.encode_sounding, decode=codecs.decode_sounding,
     ),
-    "kernel_centers": Topic(
-        kind="auv_lse_msgs/msg/KernelCenters", readers=("planner_node",), latched=True, writer="gp_node"
+    Topic(
+        name="odometry", kind="nav_msgs/msg/Odometry", about="the vehicle's estimate of where it is",
+        writer="vehicle_link_node|sim_node", readers=("planner_node", "safety_node"), delivery="newest",
+        tick_count="odometries", awaited_by=("safety", "planner", "vehicle_link"),
+        encode=codecs.encode_odometry, decode=codecs.decode_odometry,
     ),
-    "corrected": Topic(kind="nav_msgs/msg/Odometry", readers=("planner_node",), writer="gp_node"),
-    "field": Topic(kind="auv_lse_msgs/msg/LevelSetField", latched=True),
-    "risk_map": Topic(kind="nav_msgs/msg/OccupancyGrid", latched=True),
-    "isobath": Topic(kind="visualization_msgs/msg/Marker"),
-    "plan": Topic(kind="auv_lse_msgs/msg/Plan", readers=("modem_node",), latched=True, writer="planner_node"),
-    "path": Topic(kind="nav_msgs/msg/Path"),
-    "waypoint": Topic(
-        kind="auv_lse_msgs/msg/Waypoint", readers=("vehicle_link_node|sim_node",), latched=True, command=True
+    Topic(
+        name="dead_reckoning", kind="nav_msgs/msg/Odometry", about="the raw place: dead-reckoned, no fix taken",
+        writer="vehicle_link_node|sim_node", readers=("gp_node", "modem_node"),
+        tick_count="dead_reckonings", awaited_by=("modem", "gp"),
+        encode=codecs.encode_odometry, decode=codecs.decode_dead_reckoning,
     ),
-    "planner/bound": Topic(kind="auv_lse_msgs/msg/Bound"),
-    "modem/tx": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("micromodem_node|sim_node",), command=True),
-    "modem/rx": Topic(kind="auv_lse_msgs/msg/ModemRx", readers=("modem_node",)),
-    "modem/sent": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",)),
-    "modem/failed": Topic(kind="auv_lse_msgs/msg/ModemTx", readers=("modem_node",), recorded=False),
-    "team/plans": Topic(kind="auv_lse_msgs/msg/Plan", readers=("planner_node",), writer="modem_node"),
-    "team/samples": Topic(kind="auv_lse_msgs/msg/SampleArray", readers=("gp_node",), writer="modem_node"),
-    "team/navigation": Topic(kind="auv_lse_msgs/msg/MateNavigation", readers=("gp_node",), writer="modem_node"),
-    "team/command": Topic(
-        kind="auv_lse_msgs/msg/MissionCommand", readers=("safety_node",), command=True, writer="modem_node"
+    Topic(
+        name="fix", kind="auv_lse_msgs/msg/Fix", about="a place by GPS, taken at the surface",
+        writer="vehicle_link_node|sim_node", readers=("gp_node", "modem_node"),
+        tick_count="fixes", awaited_by=("modem", "gp"), encode=encode_record, decode=record_decoder(Fix),
     ),
-    "tdma": Topic(kind="auv_lse_msgs/msg/TdmaStatus"),
-    "diagnostics": Topic(kind="diagnostic_msgs/msg/DiagnosticArray"),
-    "lockstep/modem": Topic(
-        kind=_DONE, readers=("gp_node", "safety_node", "planner_node"), recorded=False, writer="modem_node"
+    Topic(
+        name="altitude", kind="sensor_msgs/msg/Range", about="height over ground",
+        writer="vehicle_link_node|sim_node", readers=("safety_node",), delivery="newest",
+        tick_count="odometries", awaited_by=("safety",),
+        encode=codecs.encode_altitude, decode=codecs.decode_altitude,
     ),
-    "lockstep/gp": Topic(kind=_DONE, readers=("planner_node",), recorded=False, writer="gp_node"),
-    "lockstep/safety": Topic(
-        kind=_DONE, readers=("planner_node", "modem_node", "vehicle_link_node"), recorded=False, writer="safety_node"
+    Topic(
+        name="pressure", kind="sensor_msgs/msg/FluidPressure", about="absolute pressure of the water",
+        writer="vehicle_link_node|sim_node", encode=codecs.encode_pressure, decode=codecs.decode_pressure,
     ),
-    "lockstep/planner": Topic(kind=_DONE, readers=("modem_node",), recorded=False, writer="planner_node"),
-}
+    Topic(
+        name="autopilot", kind="auv_lse_msgs/msg/AutopilotStatus", about="mode and state of the autopilot",
+        writer="vehicle_link_node", readers=("safety_node",), delivery="latched",
+        encode=codecs.encode_autopilot, decode=record_decoder(AutopilotReport),
+    ),
+    Topic(
+        name="mission/command", kind="auv_lse_msgs/msg/MissionCommand", about="a command to this vehicle's mission",
+        readers=("safety_node",), command=True, tick_count="commands", awaited_by=("safety",),
+        total=lambda message: int(message.number), encode=encode_record, decode=codecs.decode_order,
+    ),
+    Topic(
+        name="mission/state", kind="auv_lse_msgs/msg/MissionState", about="state of the mission, and what to do now",
+        writer="safety_node", readers=("planner_node", "modem_node", "vehicle_link_node|sim_node"),
+        delivery="latched", command=True, phase="safety", awaited_by=("planner", "modem_sent", "vehicle_link"),
+        total=lambda message: int(message.revision), encode=codecs.encode_run, decode=codecs.decode_run,
+    ),
+    Topic(
+        name="kernel_centers", kind="auv_lse_msgs/msg/KernelCenters", about="the whole map in few numbers",
+        writer="gp_node", readers=("planner_node",), delivery="latched", phase="gp", awaited_by=("planner",),
+        total=lambda message: int(message.revision) + 1,  # revisions count from 0
+        encode=codecs.encode_centers, decode=codecs.decode_centers,
+    ),
+    Topic(
+        name="corrected", kind="nav_msgs/msg/Odometry", about="the vehicle's place, corrected by its map",
+        writer="gp_node", readers=("planner_node",), delivery="newest", phase="gp", awaited_by=("planner",),
+        encode=codecs.encode_odometry, decode=codecs.decode_dead_reckoning,
+    ),
+    Topic(
+        name="field", kind="auv_lse_msgs/msg/LevelSetField", about="the map on a grid: depth, error, risk",
+        writer="gp_node", delivery="latched", encode=codecs.encode_field, decode=codecs.decode_field,
+    ),
+    Topic(
+        name="risk_map", kind="nav_msgs/msg/OccupancyGrid", about="risk in percent of the largest, for viewers",
+        writer="gp_node", delivery="latched", encode=codecs.encode_risk_map,
+    ),
+    Topic(
+        name="isobath", kind="visualization_msgs/msg/Marker", about="isobath and edges of its band, for viewers",
+        writer="gp_node", encode=codecs.encode_isobath,
+    ),
+    Topic(
+        name="plan", kind="auv_lse_msgs/msg/Plan", about="the vehicle's plan to the end of its mission",
+        writer="planner_node", readers=("modem_node",), delivery="latched", phase="planner", awaited_by=("modem_sent",),
+        encode=codecs.encode_plan, decode=codecs.decode_plan,
+    ),
+    Topic(
+        name="path", kind="nav_msgs/msg/Path", about="the plan as poses, for viewers", writer="planner_node",
+        encode=codecs.encode_path,
+    ),
+    Topic(
+        name="waypoint", kind="auv_lse_msgs/msg/Waypoint", about="the next leg to travel", writer="planner_node",
+        readers=("vehicle_link_node|sim_node",), delivery="latched", command=True, phase="planner",
+        encode=codecs.encode_waypoint, decode=codecs.decode_waypoint,
+    ),
+    Topic(
+        name="planner/bound", kind="auv_lse_msgs/msg/Bound", about="value and lower bound of each decision",
+        writer="planner_node", encode=encode_record, decode=record_decoder(BoundReport),
+    ),
+    Topic(
+        name="modem/tx", kind="auv_lse_msgs/msg/ModemTx", about="a packet to send, or a ping", writer="modem_node",
+        readers=("micromodem_node|sim_node",), command=True, phase="modem_sent",
+        encode=encode_record, decode=_decode_sent,
+    ),
+    Topic(
+        name="modem/rx", kind="auv_lse_msgs/msg/ModemRx", about="a packet received, or a ping answered",
+        writer="micromodem_node|sim_node", readers=("modem_node",), tick_count="arrivals", awaited_by=("modem",),
+        encode=encode_record, decode=packet_decoder(Reception),
+    ),
+    Topic(
+        name="modem/sent", kind="auv_lse_msgs/msg/ModemTx", about="the packet with this stamp was sent",
+        writer="micromodem_node", readers=("modem_node",), decode=_decode_sent,
+    ),
+    Topic(
+        name="modem/failed", kind="auv_lse_msgs/msg/ModemTx", about="the packet with this stamp was not sent",
+        writer="micromodem_node", readers=("modem_node",), recorded=False, phase="micromodem", decode=_decode_sent,
+    ),
+    Topic(
+        name="team/plans", kind="auv_lse_msgs/msg/Plan", about="a team mate's plan", writer="modem_node",
+        readers=("planner_node",), phase="modem", awaited_by=("planner",),
+        encode=codecs.encode_plan, decode=codecs.decode_plan,
+    ),
+    Topic(
+        name="team/samples", kind="auv_lse_msgs/msg/SampleArray", about="a team mate's depth samples",
+        writer="modem_node", readers=("gp_node",), phase="modem", awaited_by=("gp",),
+        encode=codecs.encode_samples, decode=codecs.decode_samples,
+    ),
+    Topic(
+        name="team/navigation", kind="auv_lse_msgs/msg/MateNavigation", about="the sender's place by a packet",
+        writer="modem_node", readers=("gp_node",), phase="modem", awaited_by=("gp",),
+        encode=codecs.encode_mate_navigation, decode=codecs.decode_mate_navigation,
+    ),
+    Topic(
+        name="team/command", kind="auv_lse_msgs/msg/MissionCommand", about="a team mate's call to abort",
+        writer="modem_node", readers=("safety_node",), command=True, phase="modem", awaited_by=("safety",),
+        encode=encode_record, decode=codecs.decode_order,
+    ),
+    Topic(
+        name="tdma", kind="auv_lse_msgs/msg/TdmaStatus", about="slots and packets, counted", writer="modem_node",
+        encode=encode_record, decode=record_decoder(TdmaReport),
+    ),
+    Topic(
+        name="diagnostics", kind="diagnostic_msgs/msg/DiagnosticArray", about="health of each node and device",
+        encode=codecs.encode_health, decode=codecs.decode_health,
+    ),
+)  # fmt: skip
 
 _VEHICLE_NODES = ("gp_node", "safety_node", "planner_node", "modem_node", "micromodem_node", "vehicle_link_node")
 
-#: Topics of the whole mission. Each vehicle's nodes count once among the readers.
-MISSION_TOPICS = {
-    "/clock": Topic(kind="rosgraph_msgs/msg/Clock", readers=_VEHICLE_NODES),
-    "/mission/command": Topic(kind="auv_lse_msgs/msg/MissionCommand", readers=("sim_node",), command=True),
-    "/sim/status": Topic(kind="auv_lse_msgs/msg/SimStatus", latched=True),
-    "/lockstep/tick": Topic(
-        kind="auv_lse_msgs/msg/LockstepTick", readers=(*_VEHICLE_NODES, "recorder_node"), recorded=False
-    ),
-    "/lockstep/done": Topic(kind=_DONE, readers=("sim_node",), recorded=False),
-}
+_MISSION_ROWS = (
+    Topic(name="/clock", kind="rosgraph_msgs/msg/Clock", about="simulated time", writer="sim_node",
+          readers=_VEHICLE_NODES),
+    Topic(name="/mission/command", kind="auv_lse_msgs/msg/MissionCommand", about="a command to every vehicle's mission",
+          readers=("sim_node",), command=True),
+    Topic(name="/sim/status", kind="auv_lse_msgs/msg/SimStatus", about="progress of a simulated mission",
+          writer="sim_node", delivery="latched", encode=encode_record, decode=record_decoder(SimReport)),
+    Topic(name="/lockstep/tick", kind=_TICK, about="a tick: how many messages the simulator has published",
+          writer="sim_node", readers=(*_VEHICLE_NODES, "recorder_node"), recorded=False),
+    Topic(name="/lockstep/done", kind=_DONE, about="a phase is handled, for the simulator", readers=("sim_node",),
+          recorded=False),
+)  # fmt: skip
 
-#: The simulator's truth of one vehicle, below /truth/auvN.
-TRUTH_TOPIC = Topic(kind="nav_msgs/msg/Odometry")
+
+def announces(phase: str) -> tuple[str, ...]:
+    """What `LockstepDone.totals` counts after a phase, in this order: messages published so far, by topic."""
+    return (*(row.name for row in _ROWS if row.phase == phase), *PHASES[phase].counts)
+
+
+def waits_for(phase: str) -> tuple[str, ...]:
+    """Topics whose announced messages must have arrived before a phase begins."""
+    return tuple(row.name for row in _ROWS if phase in row.awaited_by)
+
+
+def _phase_row(phase: str) -> Topic | None:
+    """The topic on which a phase's end is told to the vehicle's other nodes; None if none of them waits for it."""
+    awaiting = {by for row in _ROWS if row.name in announces(phase) for by in row.awaited_by}
+    readers = tuple(dict.fromkeys(PHASES[by].node for by in PHASES if by in awaiting))
+    if not readers:
+        return None
+    about = f'phase "{phase}" is handled'
+    node = PHASES[phase].node
+    return Topic(
+        name=f"lockstep/{phase}", kind=_DONE, about=about, writer=node, readers=readers, recorded=False
+    )  # fmt: skip
+
+
+#: Topics of one vehicle, by their name below its namespace. "lockstep/PHASE" tells the nodes that wait for the phase.
+VEHICLE_TOPICS = {row.name: row for row in (*_ROWS, *map(_phase_row, PHASES)) if row is not None}
+#: Topics of the whole mission. Each vehicle's nodes count once among the readers.
+MISSION_TOPICS = {row.name: row for row in _MISSION_ROWS}
+#: Where a simulated vehicle really is, on /truth/auvN/odometry.
+TRUTH_TOPIC = Topic(
+    name="truth/odometry", kind="nav_msgs/msg/Odometry", about="where a simulated vehicle really is", writer="sim_node",
+    encode=codecs.encode_truth, decode=codecs.decode_odometry,
+)  # fmt: skip
+
+
+class Found(NamedTuple):
+    """A topic by its full name, and the vehicle it belongs to (0: the whole mission)."""
+
+    topic: Topic
+    vehicle: int
+
+
+def find_topic(full_name: str) -> Found | None:
+    """The row of a topic by its full name, "/auv2/plan"; None for topics that are not of the stack."""
+    if full_name in MISSION_TOPICS:
+        return Found(MISSION_TOPICS[full_name], 0)
+    match = re.fullmatch(r"(/truth)?/[^/]*?(\d+)/(.+)", full_name)
+    if match is None:
+        return None
+    if match[1]:
+        return Found(TRUTH_TOPIC, int(match[2])) if match[3] == "odometry" else None
+    row = VEHICLE_TOPICS.get(match[3])
+    return None if row is None else Found(row, int(match[2]))
+
+
+def full_name(topic: Topic, vehicle: int) -> str:
+    """The full name of a topic in the mission of vehicles /auv1, /auv2, ..."""
+    if topic is TRUTH_TOPIC:
+        return f"/truth/auv{vehicle}/odometry"
+    return topic.name if topic.name.startswith("/") else f"/auv{vehicle}/{topic.name}"
 
 
 def reader_count(topic: Topic, nodes: Sequence[str]) -> int:
@@ -118,6 +334,6 @@ def recorded_topics(vehicles: int) -> dict[str, Topic]:
     """The topics that the recorder subscribes to from the start, by full name."""
     topics = {name: topic for name, topic in MISSION_TOPICS.items() if topic.recorded}
     for vehicle in range(1, vehicles + 1):
-        topics |= {f"/auv{vehicle}/{name}": topic for name, topic in VEHICLE_TOPICS.items() if topic.recorded}
-        topics[f"/truth/auv{vehicle}/odometry"] = TRUTH_TOPIC
+        rows = (*VEHICLE_TOPICS.values(), TRUTH_TOPIC)
+        topics |= {full_name(row, vehicle): row for row in rows if row.recorded}
     return topics

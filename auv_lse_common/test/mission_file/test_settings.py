@@ -152,7 +152,7 @@ def test_overrides_are_checked_as_the_file_is(tmp_path):
 def test_reading_a_mission_file_imports_no_recorder_cluster_or_drawing():
     code = (
         "import sys, auv_lse_common.mission_file.settings; "
-        "print([m for m in ('rosbags', 'matplotlib', 'distributed', 'dask', 'pyarrow', 'auv_lse_record.recorder', "
+        "print([m for m in ('rosbags', 'matplotlib', 'distributed', 'dask', 'pyarrow', 'auv_lse_record.bag_writer', "
         "'auv_lse_sim.ground.ground_files') if m in sys.modules])"
     )
     path = ":".join(sys.path)

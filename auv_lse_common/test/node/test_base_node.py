@@ -19,6 +19,7 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
     pytest.skip("needs rclpy and the built workspace (scripts/test sets both up)", allow_module_level=True)
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 
@@ -27,7 +28,7 @@ from auv_lse_common.node import base_node, vehicle_node
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.vehicle_node import VehicleNode
-from auv_lse_msgs.msg import Bound, ModemTx
+from auv_lse_msgs.msg import Bound
 
 pytestmark = pytest.mark.ros
 
@@ -203,12 +204,12 @@ def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not
     recorder = rclpy.create_node("recorder_node", use_global_arguments=False)
     heard: list[int] = []
     try:
-        bound = node.publisher(Bound, "planner/bound")
+        bound = node.publisher("planner/bound")
         told = 0
 
         def tell(now_s: float) -> None:
             nonlocal told
-            bound.publish(Bound(step=told))
+            bound.publish_message(Bound(step=told))
             told += 1
 
         node.phase("planner", tell)
@@ -224,6 +225,7 @@ def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not
         if recorder_comes:
             spin(lambda: False, 0.5)
             recorder.create_subscription(Bound, "/auv1/planner/bound", lambda m: heard.append(m.step), 10)
+            recorder.create_subscription(DiagnosticArray, "/auv1/diagnostics", lambda m: None, 10)
             assert spin(lambda: bool(heard), 10.0)
             assert heard[0] == 0, "the first is heard"
         else:
@@ -235,22 +237,15 @@ def test_a_recorded_node_waits_for_the_recorder_before_it_tells_anything_but_not
 
 
 def test_a_recorded_node_does_not_wait_for_readers_of_what_is_not_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(vehicle_node, "_RECORDER_WAIT_S", 60.0)
     path = tmp_path / "p.yaml"
     path.write_text(f"/**:\n  ros__parameters:\n    record: {{folder: {tmp_path}}}\n    modem: {{kind: micromodem}}\n")
     rclpy.init(args=["--ros-args", "--params-file", str(path), "-r", "__ns:=/auv1"])
     node = VehicleNode("micromodem_node")
-    handled: list[float] = []
     try:
-        node.publisher(ModemTx, "modem/failed")  # modem_node reads it, which is away; the recorder does not
-        node.phase("micromodem", handled.append)
-        node.begin()
-        end = time.monotonic() + 5.0
-        while not handled and time.monotonic() < end:
-            rclpy.spin_once(node, timeout_sec=0.05)
-        assert handled
+        node.publisher("modem/failed")  # modem_node reads it, which is away; the recorder does not
+        assert {publisher.topic_name for publisher in node._only_recorded} == {"/auv1/diagnostics"}
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

@@ -4,7 +4,7 @@ from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.local_post import LocalPost, Outlet
 from auv_lse_common.topics.table import VEHICLE_TOPICS, Topic
 
-TOLD = Topic(kind="std_msgs/msg/String", writer="gp_node")
+TOLD = Topic(name="told", kind="std_msgs/msg/String", writer="gp_node")
 
 
 class Ros:
@@ -73,10 +73,11 @@ def test_after_a_reader_has_failed_the_others_are_still_served() -> None:
 def test_ros_carries_what_somebody_outside_reads_or_a_late_reader_is_to_get() -> None:
     post = LocalPost()
     told: list[str] = []
-    post.read("topic", told.append)
+    for name in (TOLD.name, "kernel_centers"):
+        post.read(name, told.append)
     for topic, readers, by_ros in ((TOLD, 0, []), (TOLD, 1, ["a"]), (VEHICLE_TOPICS["kernel_centers"], 0, ["a"])):
         ros = Ros(readers)
-        Outlet(ros, "topic", topic, post).publish("a")
+        Outlet(ros, topic, post, str.lower).publish("A")
         assert ros.sent == by_ros
     post.deliver()
     assert told == ["a", "a", "a"]

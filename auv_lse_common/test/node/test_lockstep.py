@@ -1,7 +1,8 @@
 import re
 from pathlib import Path
 
-from auv_lse_common.node.lockstep import PHASES, TICK_ANNOUNCES, Answer, Answers, Gate, Ready, Ticks, phases_of
+from auv_lse_common.node.lockstep import Answer, Answers, Gate, Ready, Ticks, phases_of
+from auv_lse_common.topics.table import PHASES, VEHICLE_TOPICS, announces, waits_for
 
 
 def test_gate_opens_only_when_every_announced_message_has_arrived() -> None:
@@ -112,9 +113,18 @@ def test_the_time_never_goes_back() -> None:
 
 
 def test_every_input_of_a_phase_is_announced_by_the_simulator_or_by_another_phase() -> None:
-    announced = {*TICK_ANNOUNCES, *(topic for phase in PHASES.values() for topic in phase.announces)}
-    for name, phase in PHASES.items():
-        assert set(phase.waits_for) <= announced, name
+    by_simulator = {name for name, topic in VEHICLE_TOPICS.items() if topic.tick_count}
+    announced = by_simulator | {topic for phase in PHASES for topic in announces(phase)}
+    for phase in PHASES:
+        assert set(waits_for(phase)) <= announced, phase
+
+
+def test_the_order_of_announced_totals_is_that_of_the_message_definition() -> None:
+    assert announces("modem") == ("team/plans", "team/samples", "team/navigation", "team/command")
+    assert announces("gp") == ("kernel_centers", "corrected")
+    assert announces("planner") == ("plan", "waypoint")
+    assert announces("vehicle_link") == ("targets", "waypoint")
+    assert waits_for("modem_sent") == ("mission/state", "plan")
 
 
 def test_the_message_has_a_constant_for_every_phase() -> None:

@@ -71,9 +71,7 @@ def test_a_process_that_hangs_is_killed_and_started_again(tmp_path: Path) -> Non
     said = len(desk.said)
     while len(desk.said) == said:
         desk.after(1.0)
-    assert desk.said[said] == (
-        f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s"
-    )
+    assert desk.said[said] == (f"node hangs: killing process {pid}, which has served no callback for {SILENT_S:.0f} s")
     assert desk.death() == ("node", -9)
     desk.after(FIRST_WAIT_S)
     assert desk.keeper.starts == {"node": 2, "silent": 1}, "what never said that it lives may be silent"

@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import FluidPressure, Range
-
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
-from auv_lse_common.topics.ros_conversions import (
-    dead_reckoning_message,
-    fix_message,
-    seconds,
-    sounding_message,
-    standing_of,
-)
+from auv_lse_common.topics.records import RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.mavlink import sounder
@@ -22,18 +13,9 @@ from auv_lse_comms.mavlink.messages import events
 from auv_lse_comms.mavlink.messages.conversion import Target
 from auv_lse_comms.mavlink.messages.datum import origin_of
 from auv_lse_comms.mavlink.port import AutopilotPort, Event
-from auv_lse_comms.mavlink.ros_conversions import (
-    altitude_message,
-    ends_to_reach,
-    odometry_message,
-    pressure_message,
-    status_message,
-    target_of_waypoint,
-)
 from auv_lse_comms.mavlink.targets import target_limits
+from auv_lse_comms.mavlink.waypoints import ends_to_reach, target_of
 from auv_lse_comms.packet.key import read_key
-from auv_lse_msgs.msg import AutopilotStatus, MissionState, Sounding, Waypoint
-from auv_lse_msgs.msg import Fix as FixMessage
 
 
 class VehicleLinkNode(DriverNode):
@@ -54,37 +36,38 @@ class VehicleLinkNode(DriverNode):
             raise ParameterError(f"{self.where}: link: {error}") from error
         self.show_parameters({"link": config})
         self._waypoints = 0
-        self._status = self.publisher(AutopilotStatus, "autopilot")
+        self._status = self.publisher("autopilot")
         self._started_s = self.now_s()
         self._last: tuple[int, float] | None = None  # step and stamp of the last waypoint
         self._late: list[Waypoint] = []
         self._told = False  # how it stands with the mission
-        self._odometry = self.publisher(Odometry, "odometry")
-        self._fix = self.publisher(FixMessage, "fix")
-        self._dead_reckoning = self.publisher(Odometry, "dead_reckoning")
-        self._altitude = self.publisher(Range, "altitude")
-        self._pressure = self.publisher(FluidPressure, "pressure")
+        self._odometry = self.publisher("odometry")
+        self._fix = self.publisher("fix")
+        self._dead_reckoning = self.publisher("dead_reckoning")
+        self._altitude = self.publisher("altitude")
+        self._pressure = self.publisher("pressure")
         if config.soundings:
-            self._sounding = self.publisher(Sounding, "sounding")
-        self.listen(Waypoint, "waypoint", self._on_waypoint)
-        self.listen(MissionState, "mission/state", self._on_state, total=lambda m: m.revision)
+            self._sounding = self.publisher("sounding")
+        self.listen("waypoint", self._on_waypoint)
+        self.listen("mission/state", self._on_state)
         self.drive(self._autopilot)
 
-    def _on_waypoint(self, message: Waypoint) -> None:
+    def _on_waypoint(self, waypoint: Waypoint) -> None:
         self._waypoints += 1
-        decided = message.step, seconds(message.header.stamp)
+        step = waypoint.leg.step
+        decided = step, waypoint.stamp_s
         if decided == self._last:
             return  # planner_node was started again, and has said its last one again
         first, self._last = self._last is None, decided
-        if self._late or (first and (message.step or decided[1] < self._started_s)):
-            self._late.append(message)  # this node was started again under way: place and mission's state decide
+        if self._late or (first and (step or decided[1] < self._started_s)):
+            self._late.append(waypoint)  # this node was started again under way: place and mission's state decide
         else:
-            self._command(message.step, [target_of_waypoint(message)])
-        self.owe("vehicle_link")  # what was answered for this tick did not count the waypoint
+            self._command(step, [target_of(waypoint)])
+        self.answer_again("vehicle_link")  # what was answered for this tick did not count the waypoint
 
-    def _on_state(self, message: MissionState) -> None:
+    def _on_state(self, report: RunReport) -> None:
         try:
-            self._autopilot.stop(self.now_s(), standing_of(message).stop)
+            self._autopilot.stop(self.now_s(), report.status.stop)
             self._told = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
@@ -109,7 +92,7 @@ class VehicleLinkNode(DriverNode):
         log = self.get_logger()
         match event:
             case events.AutopilotEstimate():
-                self._odometry.publish(odometry_message(event, self.vehicle))
+                self._odometry.publish(event)
                 raw = DeadReckoning(
                     stamp_s=event.stamp_s,
                     heading_rad=event.heading_rad,
@@ -117,31 +100,23 @@ class VehicleLinkNode(DriverNode):
                     east_m=event.raw_east_m,
                     depth_m=event.depth_m,
                 )
-                self._dead_reckoning.publish(dead_reckoning_message(raw, self.vehicle))
+                self._dead_reckoning.publish(raw)
                 if self._late and self._told:
                     (first, *later), self._late = self._late, []
-                    self._command(first.step, ends_to_reach(first, event.north_m, event.east_m))
+                    self._command(first.leg.step, ends_to_reach(first, event.north_m, event.east_m))
                     for waypoint in later:
-                        self._command(waypoint.step, [target_of_waypoint(waypoint)])
+                        self._command(waypoint.leg.step, [target_of(waypoint)])
                 self.arrived("odometry")
             case events.AutopilotState():
-                self._status.publish(status_message(event))
+                self._status.publish(event)
             case Fix():
-                self._fix.publish(fix_message(event))
+                self._fix.publish(event)
             case events.Altitude():
-                self._altitude.publish(altitude_message(event, self.vehicle))
+                self._altitude.publish(event)
             case events.Pressure():
-                self._pressure.publish(pressure_message(event, self.vehicle))
+                self._pressure.publish(event)
             case sounder.Sounding():
-                row = (
-                    event.stamp_s,
-                    event.north_m,
-                    event.east_m,
-                    event.depth_m,
-                    event.raw_north_m,
-                    event.raw_east_m,
-                )
-                self._sounding.publish(sounding_message(row))
+                self._sounding.publish(event)
             case events.LinkUp():
                 log.info(f"autopilot heard: MAV_AUTOPILOT {event.autopilot}, MAV_TYPE {event.vehicle_type}")
                 self.diagnose()

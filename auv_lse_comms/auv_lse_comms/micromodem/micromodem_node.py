@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_common.node.entry_point import Main
-from auv_lse_common.topics.ros_conversions import header, seconds
+from auv_lse_common.topics.records import Reception
+from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_comms.driver_node import DriverNode
 from auv_lse_comms.micromodem import events
 from auv_lse_comms.micromodem.port import Event, ModemPort, PacketLost
-from auv_lse_msgs.msg import LockstepDone, ModemRx, ModemTx
+from auv_lse_msgs.msg import LockstepDone, ModemTx
 
 
 class MicromodemNode(DriverNode):
@@ -30,10 +30,10 @@ class MicromodemNode(DriverNode):
             raise ParameterError(f"{self.where}: modem: {error}") from error
         self.show_parameters({"modem": config})
         self._headers: dict[int, Any] = {}  # of the packets in progress, by number
-        self._rx = self.publisher(ModemRx, "modem/rx")
-        self._sent = self.publisher(ModemTx, "modem/sent")
-        self._failed = self.publisher(ModemTx, "modem/failed")
-        self.listen(ModemTx, "modem/tx", self._on_transmit)
+        self._rx = self.publisher("modem/rx")
+        self._sent = self.publisher("modem/sent")
+        self._failed = self.publisher("modem/failed")
+        self.listen("modem/tx", self._on_transmit, raw=True)  # its header comes back as it is
         self.drive(self._modem)
 
     def _on_transmit(self, message: ModemTx) -> None:
@@ -63,13 +63,13 @@ class MicromodemNode(DriverNode):
                 log.info(f"ping {event.number}: {event.reason}")
             case PacketLost():
                 if event.number in self._headers:  # a ping has no header
-                    self._failed.publish(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
+                    self._failed.publish_message(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
                 if self.lockstep:
-                    self.tell(LockstepDone.MICROMODEM_LOST, max(1, self.last_tick("micromodem")), self.totals())
+                    self.announce(LockstepDone.MICROMODEM_LOST, max(1, self.last_tick("micromodem")), self.totals())
             case events.TransmitFailed():
                 log.warning(f"packet {event.number} not sent: {event.reason}")
             case events.TransmitDone():
-                self._sent.publish(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
+                self._sent.publish_message(ModemTx(header=self._headers.pop(event.number), source=self.vehicle))
             case events.ModemReady():
                 log.info(f"modem ready, firmware {event.version or 'unknown'}")
                 self.diagnose()
@@ -84,10 +84,10 @@ class MicromodemNode(DriverNode):
                 log.warning(event.text)
 
 
-def received_packet(event: events.PacketReceived) -> ModemRx:
-    """ModemRx of a packet."""
-    return ModemRx(
-        header=header(event.utc_s),
+def received_packet(event: events.PacketReceived) -> Reception:
+    """The reception of a packet."""
+    return Reception(
+        stamp_s=event.utc_s,
         source=event.source,
         destination=event.destination,
         snr_db=event.snr_db,
@@ -98,14 +98,12 @@ def received_packet(event: events.PacketReceived) -> ModemRx:
     )
 
 
-def answered_ping(event: events.PingAnswered, vehicle: int) -> ModemRx:
-    """ModemRx of the answer to a ping of `vehicle`; `sent_s` is NaN, because the other modem's clock is not used."""
-    return ModemRx(
-        header=header(event.utc_s),
+def answered_ping(event: events.PingAnswered, vehicle: int) -> Reception:
+    """The answer to a ping of `vehicle`; `sent_s` is NaN, because the other modem's clock is not used."""
+    return Reception(
+        stamp_s=event.utc_s,
         source=event.source,
         destination=vehicle,
-        snr_db=math.nan,
-        sent_s=math.nan,
         arrival_s=event.utc_s,
         travel_s=event.travel_s,
         ping=True,

@@ -263,9 +263,7 @@ class TourCandidates:
 
     # ------------------------------------------------------------------ single candidates
 
-    def _bent(
-        self, problem: TourProblem, path: PlannedPath, share: float, iterations: int
-    ) -> tuple[Candidate, Found]:
+    def _bent(self, problem: TourProblem, path: PlannedPath, share: float, iterations: int) -> tuple[Candidate, Found]:
         """A path, displaced to where it brings more: by explicit actions, which keep its narrow turns."""
         reward, legs = problem.reward, problem.reward.legs
         fine = self._rollout.leg_places(path.states[:-1], path.actions, LINE_PLACES)[:legs]

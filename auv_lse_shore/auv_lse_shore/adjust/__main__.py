@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from auv_lse_common.support.user_error import error_text
-from auv_lse_record.bag import read_run
+from auv_lse_record.run_reader import read_run
 from auv_lse_shore.adjust.report import lines, write_before_and_after
 from auv_lse_shore.export.export import write_export
 from auv_lse_shore.judge.team_map import adjusted_map, mission_settings

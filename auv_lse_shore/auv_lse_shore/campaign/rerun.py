@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow.parquet
 import yaml
 
-from auv_lse_record.bag import write_run
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.campaign.errors import CampaignError
 from auv_lse_shore.campaign.mission_row import BOUNDS, simulate
 from auv_lse_shore.judge.evaluation import evaluate

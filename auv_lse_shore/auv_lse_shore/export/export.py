@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
-from auv_lse_record.bag import read_run
+from auv_lse_record.run_reader import read_run
 from auv_lse_shore.export.content import Export, ExportError
 from auv_lse_shore.export.formats import formats
 from auv_lse_shore.judge.team_map import TeamMap, team_map

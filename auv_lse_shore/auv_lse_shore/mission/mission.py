@@ -209,7 +209,7 @@ def conclude(
 ) -> None:
     """Evaluates the recording into summary.json, isobath.geojson and, if `report`, the figures and the report."""
     # Imported here: the figures' libraries take a second to load, and a mission that fails needs none of them.
-    from auv_lse_record.bag import read_run
+    from auv_lse_record.run_reader import read_run
     from auv_lse_shore.judge.evaluation import evaluate, ground_grid
     from auv_lse_shore.judge.team_map import write_isobath
     from auv_lse_shore.report.report import write_report

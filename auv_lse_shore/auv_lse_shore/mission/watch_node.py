@@ -13,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.process.domain import temporary_environment
 from auv_lse_common.topics.quality import EVERY, LATCHED
-from auv_lse_common.topics.ros_conversions import seconds
+from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_msgs.msg import Bound, SimStatus
 from auv_lse_shore.mission.display import MissionProgress
 

@@ -9,9 +9,16 @@ from typing import Any
 
 from auv_lse_common.mission_file.parameters import describe
 from auv_lse_common.mission_file.sections.table import SECTIONS, VEHICLE_SECTIONS
-from auv_lse_common.node.lockstep import PHASES
 from auv_lse_common.support.project_folder import project_folder
-from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, Topic
+from auv_lse_common.topics.table import (
+    MISSION_TOPICS,
+    PHASES,
+    TRUTH_TOPIC,
+    VEHICLE_TOPICS,
+    Topic,
+    announces,
+    waits_for,
+)
 from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS
 from auv_lse_comms.packet.navigation import RAW, RAW_AND_FIX, SIZES
@@ -24,7 +31,7 @@ def _topic_row(name: str, topic: Topic) -> tuple[str, ...]:
     traits = [
         word
         for word, holds in (
-            ("latched", topic.latched),
+            (topic.delivery, topic.delivery != "every"),
             ("command", topic.command),
             ("not recorded", not topic.recorded),
         )
@@ -33,15 +40,16 @@ def _topic_row(name: str, topic: Topic) -> tuple[str, ...]:
     return (
         code(name),
         code(topic.kind.removeprefix("auv_lse_msgs/msg/").replace("/msg/", "/")),
-        code(topic.writer),
+        topic.about,
+        code(topic.writer.replace("|", " or ")),
         readers,
         ", ".join(traits),
     )
 
 
 def topics() -> str:
-    """Every topic: type, writer, readers and traits."""
-    head = ("topic", "type", "writer", "readers", "traits")
+    """Every topic: type, what it carries, writer, readers and traits."""
+    head = ("topic", "type", "carries", "writer", "readers", "traits")
     vehicle = table(head, [_topic_row(name, topic) for name, topic in VEHICLE_TOPICS.items()])
     mission = [*MISSION_TOPICS.items(), ("/truth/auvN/odometry", TRUTH_TOPIC)]
     return (
@@ -55,13 +63,14 @@ def phases() -> str:
     rows = [
         (
             code(name),
-            ", ".join(code(topic) for topic in phase.waits_for),
-            ", ".join(code(topic) for topic in phase.announces),
+            code(phase.node),
+            ", ".join(code(topic) for topic in waits_for(name)),
+            ", ".join(code(topic) for topic in announces(name)),
             "yes" if phase.ends_tick else "",
         )
         for name, phase in PHASES.items()
     ]
-    return table(("phase", "waits for", "announces", "simulator waits for it"), rows)
+    return table(("phase", "node", "waits for", "announces", "simulator waits for it"), rows)
 
 
 def _summary_of(init: Path) -> str:

@@ -18,11 +18,14 @@ from auv_lse_common.mission_file.parameter_file import nest, parameters_for
 from auv_lse_common.mission_file.parameters import ParameterError, section
 from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.topics.records import Odometry, PlanReport
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.settings import bridge_of
+from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.receivers_risk import ReceiversRisk
 from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
@@ -132,7 +135,9 @@ class _Again:
                 if told is None or name == "tuned":
                     there = there_s <= now_s + 1e-9
                 else:
-                    there = self._taken[name] < told.plans if name == "plans" else entry[0] <= told.odometry_s + 1e-9
+                    there = (
+                        self._taken[name] < told.plans if name == "plans" else entry.stamp_s <= told.odometry_s + 1e-9
+                    )
                 if not there:
                     break
                 give(entry)
@@ -143,14 +148,15 @@ class _Again:
                 self._revision = self._map.map.revision
                 self._intake.set_centers(self._map.map.centers, self._revision)
             if self._map.place is not None:
-                self._correct((self._map.place.stamp_s, self._map.place.north_m, self._map.place.east_m))
+                self._correct(self._map.place)
             return
         centers = self._inputs.centers
         while self._taken["centers"] < len(centers):
-            there_s, (revision, found) = centers[self._taken["centers"]]
-            if there_s > now_s + 1e-9 if told is None else revision > told.map_revision:
+            there_s, found = centers[self._taken["centers"]]
+            if there_s > now_s + 1e-9 if told is None else found.revision > told.map_revision:
                 break
-            self._intake.set_centers(found, revision)
+            recorded = Centers(found.places_m, found.depths_m, found.noise_std_m, found.place_effect_m)
+            self._intake.set_centers(recorded, found.revision)
             self._taken["centers"] += 1
 
     def _tune(self, changed: dict[str, Any]) -> None:
@@ -159,13 +165,14 @@ class _Again:
         self._planner.set_planner(section(PlannerConfig, own, "planner", "recorded parameter change"))
         self._parameters = own
 
-    def _hear(self, entry: tuple[float, int, Plan]) -> None:
-        self._intake.add_plan(*entry)
+    def _hear(self, report: PlanReport) -> None:
+        self._intake.add_plan(report.stamp_s, report.vehicle, report.plan)
 
-    def _correct(self, entry: tuple[float, float, float]) -> None:
-        self._intake.set_corrected(*entry)
+    def _correct(self, place: DeadReckoning) -> None:
+        self._intake.set_corrected(place.stamp_s, place.north_m, place.east_m)
 
-    def _move(self, entry: tuple[float, float, float, float]) -> None:
+    def _move(self, odometry: Odometry) -> None:
+        entry = (odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
         if not self._lockstep:  # each of them moves the vehicle on, as it did the node's
             self._planner.odometry(*entry)
         self._intake.set_odometry(*entry)
@@ -221,7 +228,7 @@ def in_words(plan: Plan, turns_rad: Any) -> str:
     return " ".join(parts)
 
 
-def _plans_heard(inputs: VehicleInputs, settings: Settings) -> list[tuple[float, tuple[float, int, Plan]]]:
+def _plans_heard(inputs: VehicleInputs, settings: Settings) -> list[tuple[float, PlanReport]]:
     """The team's plans in the packets that the modem received, as the bridge accepts them."""
     number = inputs.vehicle
     parameters = parameters_for(settings.to_patterns(), f"/auv{number}/modem_node")
@@ -229,6 +236,9 @@ def _plans_heard(inputs: VehicleInputs, settings: Settings) -> list[tuple[float,
     intake = BridgeIntake(bridge_of(parameters, where, number, ReceiversRisk.from_parameters))
     found = []
     for there_s, packet in inputs.packets:
-        intake.add_packet(*packet)
-        found += [(there_s, (heard.stamp_s, heard.source, heard.packet.plan)) for heard in intake.process()]
+        intake.add_packet(packet.stamp_s, packet.source, packet.payload)
+        found += [
+            (there_s, PlanReport(stamp_s=heard.stamp_s, vehicle=heard.source, plan=heard.packet.plan))
+            for heard in intake.process()
+        ]
     return found

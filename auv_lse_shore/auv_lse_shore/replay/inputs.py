@@ -14,27 +14,34 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from auv_lse_common.mission_file.parameter_file import parameters_for
-from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation, raw_place
-from auv_lse_common.vocabulary.frames import heading_from_quaternion
+from auv_lse_common.topics.records import BoundReport, CentersReport, FieldReport, Odometry, PlanReport, Reception
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_common.vocabulary.stamps import seconds
-from auv_lse_gp.inference.centers import Centers
+from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_planner.vehicle.intake import Taken
-from auv_lse_record.bag import FIX_FIELDS, MATE_FIELDS, Patterns, flown_parameters, is_ping, plan_of
 from auv_lse_record.recording import SOFTWARE, Recording, RecordingError, recording_in
+from auv_lse_record.run_reader import Patterns, flown_parameters
 
-Array = NDArray[np.float64]
-
-_TOPICS = re.compile(
-    r"/[^/]*?(\d+)/(sounding|odometry|dead_reckoning|corrected|fix|kernel_centers|field|plan|waypoint|planner/bound|"
-    r"team/plans|team/samples|team/navigation|modem/rx)"
-)
-_EVENTS = "/parameter_events"
+#: Topics that inputs and outputs are read from.
+_TOPICS = {
+    "sounding",
+    "odometry",
+    "dead_reckoning",
+    "corrected",
+    "fix",
+    "kernel_centers",
+    "field",
+    "plan",
+    "waypoint",
+    "planner/bound",
+    "team/plans",
+    "team/samples",
+    "team/navigation",
+    "modem/rx",
+}
+_PARAMETER_EVENTS = "/parameter_events"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,46 +67,36 @@ class RecordedDecision:
     taken: Taken | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedMap:
-    """A map as it was published: arrays (ny, nx) of float32, NaN outside of the area."""
-
-    now_s: float
-    mean_m: Array
-    std_m: Array
-    risk: Array
-
-
 @dataclass(slots=True)
 class VehicleInputs:
-    """One vehicle's inputs and outputs; each input begins with the time at which it was there (s).
+    """One vehicle's inputs and outputs; each input comes with the time at which the node had it (s).
 
     Attributes:
         vehicle: Its number.
-        odometry: Stamp (s), heading (rad), north, east (m).
-        corrected: Stamp (s), north, east (m) of the vehicle's place by its map.
-        soundings: Stamp (s), north, east, depth, raw north, raw east (m); NaN where not known.
-        navigation: Raw places, fixes, and what mates told of theirs.
-        samples: Stamp (s), source, north, east, depth (m) of each sample (n, 3).
-        plans: Stamp (s), source, plan.
-        packets: Stamp (s), source, payload.
-        centers: Revision, kernel centers.
+        odometry: The vehicle's navigation.
+        corrected: Its place, corrected by its map.
+        soundings: Its soundings.
+        navigation: Raw places, fixes, and what mates reported of theirs.
+        samples: The team's samples, packet by packet.
+        plans: The team's plans.
+        packets: Packets received.
+        centers: Kernel centers; the time is that of their publication.
         tuned: Parameters changed while the planner ran.
         maps: Maps published.
         decisions: Decisions published.
     """
 
     vehicle: int
-    odometry: list[tuple[float, tuple[float, float, float, float]]] = field(default_factory=list)
-    corrected: list[tuple[float, tuple[float, float, float]]] = field(default_factory=list)
-    soundings: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    odometry: list[tuple[float, Odometry]] = field(default_factory=list)
+    corrected: list[tuple[float, DeadReckoning]] = field(default_factory=list)
+    soundings: list[tuple[float, Sounding]] = field(default_factory=list)
     navigation: list[tuple[float, DeadReckoning | Fix | MateNavigation]] = field(default_factory=list)
-    samples: list[tuple[float, tuple[float, int, Array]]] = field(default_factory=list)
-    plans: list[tuple[float, tuple[float, int, Plan]]] = field(default_factory=list)
-    packets: list[tuple[float, tuple[float, int, bytes]]] = field(default_factory=list)
-    centers: list[tuple[float, tuple[int, Centers]]] = field(default_factory=list)
+    samples: list[tuple[float, Soundings]] = field(default_factory=list)
+    plans: list[tuple[float, PlanReport]] = field(default_factory=list)
+    packets: list[tuple[float, Reception]] = field(default_factory=list)
+    centers: list[tuple[float, CentersReport]] = field(default_factory=list)
     tuned: list[tuple[float, dict[str, Any]]] = field(default_factory=list)
-    maps: list[RecordedMap] = field(default_factory=list)
+    maps: list[FieldReport] = field(default_factory=list)
     decisions: list[RecordedDecision] = field(default_factory=list)
 
 
@@ -136,19 +133,15 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
     gathered: dict[int, _Gathered] = {}
     with Recording(recording_in(path)) as recording:
         software = recording.text(SOFTWARE) or ""
-        for topic, log_ns, message in recording.messages(re.compile(f"{_TOPICS.pattern}|{_EVENTS}")):
-            if topic == _EVENTS:
-                number = re.fullmatch(r"/[^/]*?(\d+)/planner_node", message.node)
-                if number is not None:
-                    changed = {p.name: _value(p.value) for p in message.changed_parameters}
-                    gathered.setdefault(int(number[1]), _Gathered(int(number[1]))).tuned(log_ns * 1e-9, changed)
-                continue
-            match = _TOPICS.fullmatch(topic)
-            assert match is not None
-            number_of = int(match[1])
-            stamp_s = seconds(message.header.stamp)
-            there_s = stamp_s if lockstep else log_ns * 1e-9
-            gathered.setdefault(number_of, _Gathered(number_of)).take(match[2], stamp_s, there_s, message)
+        for recorded in recording.values(_TOPICS):
+            there_s = recorded.stamp_s if lockstep else recorded.log_ns * 1e-9
+            vehicle = gathered.setdefault(recorded.vehicle, _Gathered(recorded.vehicle))
+            vehicle.take(recorded.topic.name, recorded.stamp_s, there_s, recorded.value)
+        for _, log_ns, message in recording.messages({_PARAMETER_EVENTS}):
+            node = re.fullmatch(r"/[^/]*?(\d+)/planner_node", message.node)
+            if node is not None:
+                changed = {p.name: _value(p.value) for p in message.changed_parameters if p.name.startswith("planner.")}
+                gathered.setdefault(int(node[1]), _Gathered(int(node[1]))).tune(log_ns * 1e-9, changed)
     if not gathered:
         raise RecordingError(f"{path}: holds no topic /auvN/...; expected the recording of a mission")
     vehicles = {number: gathered[number].inputs() for number in sorted(gathered)}
@@ -156,130 +149,86 @@ def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:
 
 
 class _Gathered:
-    """One vehicle's messages; decisions are put together from three topics with one stamp."""
+    """One vehicle's values; decisions are put together from three topics with one stamp."""
 
     def __init__(self, number: int) -> None:
-        self._found = VehicleInputs(number)
+        self._found = found = VehicleInputs(number)
         self._plans: dict[float, Plan] = {}
         self._legs: dict[float, Leg] = {}
-        self._bounds: dict[float, Any] = {}
+        self._bounds: dict[float, BoundReport] = {}
+        self._inputs: dict[str, list[tuple[float, Any]]] = {
+            "sounding": found.soundings,
+            "odometry": found.odometry,
+            "corrected": found.corrected,
+            "dead_reckoning": found.navigation,
+            "fix": found.navigation,
+            "team/navigation": found.navigation,
+            "team/samples": found.samples,
+            "team/plans": found.plans,
+        }
 
-    def tuned(self, there_s: float, changed: dict[str, Any]) -> None:
+    def tune(self, there_s: float, changed: dict[str, Any]) -> None:
         """Parameters changed by hand while the node ran."""
-        own = {name: value for name, value in changed.items() if name.startswith("planner.")}
-        if own:
-            self._found.tuned.append((there_s, own))
+        if changed:
+            self._found.tuned.append((there_s, changed))
 
-    def take(self, name: str, stamp_s: float, there_s: float, m: Any) -> None:
-        """A message of the vehicle's topic `name`, there at `there_s`."""
-        found = self._found
+    def take(self, name: str, stamp_s: float, there_s: float, value: Any) -> None:
+        """A value of the vehicle's topic `name`, which the node had at `there_s` (s)."""
         match name:
-            case "sounding":
-                raw = raw_place(getattr(m, "raw_north_m", math.nan), getattr(m, "raw_east_m", math.nan))  # not in older
-                found.soundings.append((there_s, (stamp_s, m.north_m, m.east_m, m.depth_m, *raw)))
-            case "dead_reckoning":
-                p, q = m.pose.pose.position, m.pose.pose.orientation
-                heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
-                place = DeadReckoning(stamp_s=stamp_s, heading_rad=heading, north_m=p.y, east_m=p.x, depth_m=-p.z)
-                found.navigation.append((there_s, place))
-            case "fix":
-                fix = Fix(stamp_s=stamp_s, **{key: getattr(m, key) for key in FIX_FIELDS})
-                found.navigation.append((there_s, fix))
-            case "team/navigation":
-                values = {key: getattr(m, key) for key in MATE_FIELDS}
-                told = MateNavigation(stamp_s=stamp_s, source=int(m.source), **values)
-                found.navigation.append((there_s, told))
-            case "odometry":
-                p, q = m.pose.pose.position, m.pose.pose.orientation
-                heading = heading_from_quaternion(q.x, q.y, q.z, q.w)
-                found.odometry.append((there_s, (stamp_s, heading, p.y, p.x)))
-            case "corrected":
-                found.corrected.append((there_s, (stamp_s, m.pose.pose.position.y, m.pose.pose.position.x)))
-            case "team/samples":
-                rows = np.column_stack([np.asarray(c, dtype=float) for c in (m.north_m, m.east_m, m.depth_m)])
-                found.samples.append((there_s, (stamp_s, int(m.source), rows)))
-            case "team/plans":
-                found.plans.append((there_s, (stamp_s, int(m.vehicle), plan_of(m))))
-            case "modem/rx" if not is_ping(m):
-                found.packets.append((there_s, (stamp_s, int(m.source), bytes(m.payload))))
+            case "modem/rx":
+                if not value.ping:
+                    self._found.packets.append((there_s, value))
             case "kernel_centers":
-                places = np.column_stack([m.north_m, m.east_m])
-                modes = getattr(m, "place_modes", 0)
-                effect = np.asarray(m.place_effect_m, dtype=float).reshape(-1, modes) if modes else None
-                centers = Centers(places, np.asarray(m.depth_m), np.asarray(m.noise_std_m), effect)
-                found.centers.append((stamp_s, (int(m.revision), centers)))
+                self._found.centers.append((stamp_s, value))
             case "field":
-                shape = (m.rows, m.columns)
-                mean, std, risk = (np.asarray(v).reshape(shape) for v in (m.mean_m, m.std_m, m.risk))
-                found.maps.append(RecordedMap(now_s=stamp_s, mean_m=mean, std_m=std, risk=risk))
+                self._found.maps.append(value)
             case "plan":
-                self._plans[stamp_s] = plan_of(m)
+                self._plans[stamp_s] = value.plan
             case "waypoint":
-                self._legs[stamp_s] = _leg_of(m)
+                self._legs[stamp_s] = value.leg
             case "planner/bound":
-                self._bounds[stamp_s] = m
+                self._bounds[stamp_s] = value
+            case _:
+                self._inputs[name].append((there_s, value))
 
     def _there(self, there_s: float, entry: DeadReckoning | Fix | MateNavigation) -> float:
-        """When an entry was there: what a mate told is stamped at the start of a reception, and is there at its end."""
+        """When the node had an entry (s): a mate's is stamped at the start of a reception, and there at its end."""
         if not isinstance(entry, MateNavigation) or there_s != entry.stamp_s:
             return there_s
-        plans = self._found.plans
-        ends = [end_s for end_s, (_, source, _) in plans if source == entry.source and end_s >= there_s - 0.1]
+        ends = [end_s for end_s, plan in self._found.plans if plan.vehicle == entry.source and end_s >= there_s - 0.1]
         return min(ends, default=there_s)
 
     def inputs(self) -> VehicleInputs:
         """What was gathered, each in order of time."""
         found = self._found
         found.navigation = [(self._there(there_s, entry), entry) for there_s, entry in found.navigation]
-        found.navigation.sort(key=lambda entry: entry[0])
+        entries: list[Any]
         for entries in (
-            found.odometry,
-            found.corrected,
-            found.soundings,
-            found.samples,
-            found.plans,
-            found.packets,
-            found.centers,
-        ):
+            found.navigation, found.odometry, found.corrected, found.soundings, found.samples, found.plans,
+            found.packets, found.centers,
+        ):  # fmt: skip
             entries.sort(key=lambda entry: entry[0])
         for now_s in sorted(self._plans):
             plan, bound = self._plans[now_s], self._bounds.get(now_s)
             found.decisions.append(
                 RecordedDecision(
                     now_s=now_s,
-                    step=plan.step if bound is None else int(bound.step),
+                    step=plan.step if bound is None else bound.step,
                     plan=plan,
                     leg=self._legs.get(now_s),
-                    jbar=float("nan") if bound is None else float(bound.jbar),
-                    deadline_hit=bound is not None and bool(bound.deadline_hit),
+                    jbar=math.nan if bound is None else bound.jbar,
+                    deadline_hit=bound is not None and bound.deadline_hit,
                     taken=_taken(bound),
                 )
             )
         return found
 
 
-def _leg_of(message: Any) -> Leg:
-    """The leg of a recorded Waypoint message; older ones know of no surfacing."""
-    return Leg(
-        step=int(message.step),
-        heading_rad=float(message.start_heading_rad),
-        north_m=float(message.start_north_m),
-        east_m=float(message.start_east_m),
-        action_rad=float(message.turn_rad),
-        radius_m=float(message.turn_radius_m),
-        straight_m=float(message.straight_m),
-        surface=bool(getattr(message, "surface", False)),
-    )
-
-
-def _taken(bound: Any) -> Taken | None:
-    """What a planner had taken, by its Bound message; None for one of before such were told, or of the fleet engine."""
-    odometry = getattr(bound, "odometry_taken", None)
-    if odometry is None or not (seconds(odometry) or bound.map_revision or bound.plans_heard):
+def _taken(bound: BoundReport | None) -> Taken | None:
+    """What a planner had taken, by its bound; None where it is not reported (older recordings, the fleet engine)."""
+    if bound is None or not (bound.odometry_taken or bound.map_revision or bound.plans_heard):
         return None
-    return Taken(
-        map_revision=int(bound.map_revision), plans=int(bound.plans_heard), odometry_s=float(seconds(odometry))
-    )
+    return Taken(map_revision=bound.map_revision, plans=bound.plans_heard, odometry_s=bound.odometry_taken)
 
 
 def ticks_of(inputs: VehicleInputs) -> Iterable[float]:

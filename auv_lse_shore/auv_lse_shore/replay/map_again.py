@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.places import PlacesConfig
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
+from auv_lse_common.topics.records import CentersReport, FieldReport
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNavigation
-from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.position_corrector import corrector_for
-from auv_lse_shore.replay.inputs import RecordedMap, VehicleInputs, ticks_of
+from auv_lse_shore.replay.inputs import VehicleInputs, ticks_of
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,8 @@ class MapAgain:
             self._intake.add_soundings([soundings[self._soundings][1]])
             self._soundings += 1
         while self._samples < len(samples) and samples[self._samples][0] <= until_s + 1e-9:
-            self._intake.add_samples(*samples[self._samples][1])
+            for packet in samples[self._samples][1].packets():
+                self._intake.add_samples(float(packet.stamp_s[0]), int(packet.vehicle[0]), packet.points_m)
             self._samples += 1
         self._intake.step(until_s)
 
@@ -141,38 +142,38 @@ def map_again(
         show: Called with the share that is done.
     """
     again, rows = MapAgain(inputs, settings, places, lockstep), []
-    recorded: Centers | None = None
+    recorded: CentersReport | None = None
     note = ""
     events: list[tuple[float, int, object]] = [(s, 0, entry) for s, entry in inputs.centers]
-    events += [(m.now_s, 1, m) for m in inputs.maps]
+    events += [(m.stamp_s, 1, m) for m in inputs.maps]
     events += [(s, -1, None) for s in ticks_of(inputs)] if lockstep else []
     events.sort(key=lambda event: event[:2])
     for number, (now_s, _, event) in enumerate(events):
         show(number / len(events))
         if event is None:
             again.advance(now_s)
-        elif isinstance(event, RecordedMap):
+        elif isinstance(event, FieldReport):
             if not lockstep:
                 again.advance(now_s, None if not inputs.centers else again.map.revision)
             rows.append(_compared(inputs.vehicle, event, again.map, recorded, note, tolerance))
             note = ""
-        elif isinstance(event, tuple):
-            revision, recorded = event
-            again.advance(now_s, revision)
+        elif isinstance(event, CentersReport):
+            recorded = event
+            again.advance(now_s, recorded.revision)
             if lockstep:  # else a node may have taken several inputs at once, and only the maps can be compared
-                note = note or _centers_note(now_s, revision, recorded, again.map)
+                note = note or _centers_note(now_s, recorded, again.map)
     return rows
 
 
-def _centers_note(now_s: float, revision: int, recorded: Centers, depth_map: DepthMap) -> str:
+def _centers_note(now_s: float, recorded: CentersReport, depth_map: DepthMap) -> str:
     """How the kernel centers differ from those published; "" if they are the same."""
     now = depth_map.centers
-    if len(now) == len(recorded) and all(
+    if len(now) == len(recorded.depths_m) and all(
         np.array_equal(getattr(now, name), getattr(recorded, name)) for name in ("places_m", "depths_m", "noise_std_m")
     ):
         return ""
-    if len(now) != len(recorded):
-        return f"since {now_s:.1f} s: {len(now)} centers, not {len(recorded)} (revision {revision})"
+    if len(now) != len(recorded.depths_m):
+        return f"since {now_s:.1f} s: {len(now)} centers, not {len(recorded.depths_m)} (revision {recorded.revision})"
     apart = np.hypot(*(now.places_m - recorded.places_m).T)
     if not np.allclose(apart, 0.0, atol=1e-6):
         return f"since {now_s:.1f} s: a center is {apart.max():.2g} m off"
@@ -181,13 +182,18 @@ def _centers_note(now_s: float, revision: int, recorded: Centers, depth_map: Dep
 
 
 def _compared(
-    vehicle: int, published: RecordedMap, depth_map: DepthMap, recorded: Centers | None, note: str, tolerance: float
+    vehicle: int,
+    published: FieldReport,
+    depth_map: DepthMap,
+    recorded: CentersReport | None,
+    note: str,
+    tolerance: float,
 ) -> MapStep:
     field, centers = depth_map.field(), len(depth_map.centers)
-    counts = (centers if recorded is None else len(recorded), centers)
+    counts = (centers if recorded is None else len(recorded.depths_m), centers)
     if field.mean_m.shape != published.mean_m.shape:
         return MapStep(
-            vehicle=vehicle, now_s=published.now_s, centers=counts, mean_m=np.inf, std_m=np.inf, risk=np.inf,
+            vehicle=vehicle, now_s=published.stamp_s, centers=counts, mean_m=np.inf, std_m=np.inf, risk=np.inf,
             at_m=(np.nan, np.nan), differs=True,
             note=f"{field.mean_m.shape} cells, not {published.mean_m.shape}",
         )  # fmt: skip
@@ -204,5 +210,5 @@ def _compared(
             row, column = np.unravel_index(int(apart.argmax()), apart.shape)
             at = (float(field.grid.north_m[row]), float(field.grid.east_m[column]))
     return MapStep(
-        vehicle=vehicle, now_s=published.now_s, centers=counts, at_m=at, note=note, differs=differs, **largest
+        vehicle=vehicle, now_s=published.stamp_s, centers=counts, at_m=at, note=note, differs=differs, **largest
     )

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from auv_lse_common.topics.table import VEHICLE_TOPICS
+from auv_lse_common.topics.table import find_topic
 from auv_lse_record.recording import RecordedTopic
 
 #: Topics that carry the mission's time.
@@ -99,8 +98,8 @@ def programme(
 
 def is_command(name: str) -> bool:
     """Whether a vehicle or a modem acts on a topic."""
-    below = re.fullmatch(r"/[^/]+/(.+)", name)
-    return below is not None and below[1] in VEHICLE_TOPICS and VEHICLE_TOPICS[below[1]].command
+    found = find_topic(name)
+    return found is not None and found.vehicle > 0 and found.topic.command
 
 
 def last_of_each(messages: Iterable[tuple[str, int, bytes]]) -> list[tuple[str, int, bytes]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from types import TracebackType
 
 import rclpy
@@ -14,7 +13,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from auv_lse_common.topics.quality import EVERY
-from auv_lse_common.topics.ros_conversions import stamp
+from auv_lse_common.topics.ros_conversions import message_class, stamp
 from auv_lse_record.recording import RecordedTopic, Recording
 from auv_lse_shore.replay.keys import Keys
 from auv_lse_shore.replay.pace import CLOCK, RATE_STEP, Pace, last_of_each
@@ -71,9 +70,8 @@ class Player:
         self._node = rclpy.create_node("replay")
         self._publishers = {}
         for topic in self._topics:
-            package, _, name = topic.kind.split("/")
             try:
-                kind = getattr(import_module(f"{package}.msg"), name)
+                kind = message_class(topic.kind)
             except (ImportError, AttributeError):
                 self.missing[topic.name] = topic.kind
                 continue

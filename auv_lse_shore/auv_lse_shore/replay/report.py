@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_record.bag import read_run
+from auv_lse_record.run_reader import read_run
 from auv_lse_shore.judge.evaluation import ground_grid
 from auv_lse_shore.report.report import write_report
 from auv_lse_shore.report.words import headlines

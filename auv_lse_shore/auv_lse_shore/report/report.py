@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.support.atomic_files import written_whole
-from auv_lse_record.bag import write_mission_file
 from auv_lse_record.run_data import RunData
+from auv_lse_record.run_writer import write_mission_file
 from auv_lse_shore.judge import summary
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_shore.judge.summary import Summary

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from auv_lse_record import bag
+from auv_lse_record import run_reader, run_writer
 from auv_lse_record.run_data import GroundGrid
 from auv_lse_shore.campaign.mission_row import judged
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
@@ -36,7 +36,7 @@ def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], E
             found[key] = flights[key].result()
             _keep(found[key], place)
         elif place.exists():
-            found[key] = evaluate(bag.read_run(place, ground=_kept_ground(place / "ground.npz")))
+            found[key] = evaluate(run_reader.read_run(place, ground=_kept_ground(place / "ground.npz")))
     return found
 
 
@@ -45,7 +45,7 @@ def _keep(evaluation: Evaluation, place: Path) -> None:
     place.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".part-", dir=place.parent) as part:
         run = Path(part) / place.name
-        bag.write_run(evaluation.run, run)
+        run_writer.write_run(evaluation.run, run)
         _keep_ground(evaluation.run.ground, run / "ground.npz")
         write_outputs(evaluation, run)
         run.rename(place)

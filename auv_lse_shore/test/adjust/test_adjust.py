@@ -13,7 +13,8 @@ import pytest
 
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.sounding import Soundings
-from auv_lse_record.bag import read_run, write_run
+from auv_lse_record.run_reader import read_run
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.adjust.__main__ import main
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.judge.team_map import team_map

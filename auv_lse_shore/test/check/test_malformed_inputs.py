@@ -20,9 +20,10 @@ import pytest
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_comms.packet.key import KeyFileError, read_key
-from auv_lse_record.bag import read_run, write_run
 from auv_lse_record.recording import STORAGES
 from auv_lse_record.run_data import RunData
+from auv_lse_record.run_reader import read_run
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.campaign.__main__ import main as campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
 from auv_lse_shore.check.__main__ import main as check

@@ -12,7 +12,7 @@ import numpy as np
 
 import auv_lse_shore
 from auv_lse_common.vocabulary.frames import local_from_geodetic
-from auv_lse_record.bag import write_run
+from auv_lse_record.run_writer import write_run
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "design" / "adding-an-export-format.md"
 ORIGIN = (46.5, 6.6)

@@ -14,7 +14,7 @@ from PIL import Image
 
 from auv_lse_common.mission_file.sections.world import BathymetryConfig
 from auv_lse_common.vocabulary.frames import geodetic_from_local, local_from_geodetic
-from auv_lse_record.bag import write_run
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.export.__main__ import main
 from auv_lse_shore.export.content import NODATA, Export, ExportError
 from auv_lse_shore.export.formats import ascii_grid

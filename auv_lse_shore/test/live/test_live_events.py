@@ -14,8 +14,8 @@ import pytest
 from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
-from auv_lse_record.bag import write_run
 from auv_lse_record.recording import RecordingError, recording_in
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources.events import MissionEvents, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.follow import RecordingFollower
@@ -119,7 +119,7 @@ def test_a_tour_continues_the_actions_and_shows_its_waypoints(settings):
 
 def test_what_says_nothing_new_makes_no_event(settings):
     events = MissionEvents(settings)
-    plan = ns(step=0, heading_rad=0.0, north_m=50.0, east_m=60.0, actions=[5, 5], naive_path=0xF0)
+    plan = ns(vehicle=1, step=0, heading_rad=0.0, north_m=50.0, east_m=60.0, actions=[5, 5], naive_path=0xF0)
     assert [e["kind"] for e in events.take("/auv1/plan", ns(header=header(0.0), **vars(plan)))] == ["plan"]
     assert events.take("/auv1/plan", ns(header=header(15.0), **vars(plan))) == [], "the same plan, kept"
     status = ns(level=b"\x01", name="/auv1/planner_node", message="late", values=[ns(key="a", value="1")])
@@ -139,7 +139,8 @@ def test_how_it_stands_with_a_mission_is_told_when_it_changes(settings):
 
     def state(revision, number, reason, *limits):
         fields = {"revision": revision, "state": number, "reason": reason, "limits": list(limits), "warnings": []}
-        return ns(header=header(float(revision)), **fields)
+        stop = {"action": 0, "go_to_north_m": np.nan, "go_to_east_m": np.nan, "team_abort": False}
+        return ns(header=header(float(revision)), **fields, **stop)
 
     (first,) = events.take("/auv1/mission/state", state(1, 1, "GO by test"))
     assert (first["kind"], first["vehicle"], first["state"], first["t"]) == ("run", 1, "running", 1.0)

@@ -21,7 +21,7 @@ from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.ros_conversions import header
 from auv_lse_msgs.msg import SimStatus
-from auv_lse_record.bag import write_run
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources.running import MissionFollower, RunningMission, newest_mission
 from auv_lse_shore.live.sources.timeline import Timeline
 

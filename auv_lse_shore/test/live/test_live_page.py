@@ -13,8 +13,8 @@ import pytest
 from browser import CHROMIUM, Browser
 from PIL import Image
 
-from auv_lse_record.bag import write_run
 from auv_lse_record.recording import recording_in
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.server import LiveServer

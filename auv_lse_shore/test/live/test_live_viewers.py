@@ -18,8 +18,8 @@ from rosbags.typesys import Stores, get_typestore
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from auv_lse_record.bag import write_run
 from auv_lse_record.recording import recording_in
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.live.sources.follow import RecordingFollower
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers import foxglove_viewer

@@ -16,8 +16,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 from auv_lse_common.mission_file.sections.modem import ModemConfig
 from auv_lse_comms.micromodem.events import PacketReceived, TransmitStarted
 from auv_lse_comms.micromodem.log import read_entries, replay_log
-from auv_lse_record.bag import read_run
 from auv_lse_record.run_data import RunData
+from auv_lse_record.run_reader import read_run
 
 pytestmark = [pytest.mark.ros, pytest.mark.mission]
 

@@ -23,7 +23,7 @@ from ground_helpers import SURVEY_FILES, write_survey
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.packet.codec import decode
 from auv_lse_comms.tdma import Tdma
-from auv_lse_record.bag import read_run
+from auv_lse_record.run_reader import read_run
 from auv_lse_shore.mission.mission import main
 from auv_lse_shore.replay.__main__ import main as replay
 from auv_lse_sim.engine.fleet import Fleet

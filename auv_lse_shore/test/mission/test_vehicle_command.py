@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import re
 import subprocess
 import sys
 import time
@@ -17,8 +16,8 @@ if importlib.util.find_spec("rclpy") is None or importlib.util.find_spec("auv_ls
 
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.process.domain import own_domain
-from auv_lse_record.bag import read_run
-from auv_lse_record.recording import read_messages
+from auv_lse_record.recording import Recording, recording_in
+from auv_lse_record.run_reader import read_run
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 from benchmarks.faults import kills
@@ -83,7 +82,9 @@ def test_vehicles_that_share_nothing_but_the_water_survive_the_death_of_every_no
     assert [socket for socket in flight.sockets if not socket.local] == [], "nothing listens beyond this machine"
     assert flight.steps == {1: [0, 1, 2], 2: [0, 1, 2]}, "the planner went on at its step"
     for k, mate in ((1, 2), (2, 1)):
-        heard = list(read_messages(flight.recordings[k], re.compile("/auv.*")))
+        with Recording(recording_in(flight.recordings[k])) as recording:
+            names = [name for name in recording.topics if name.startswith("/auv")]
+            heard = [(topic, message) for topic, _, message in recording.messages(names)]
         assert {topic.split("/")[1] for topic, _ in heard} == {f"auv{k}"}, "no topic of the mate's"
         plans = [message for topic, message in heard if topic == f"/auv{k}/team/plans"]
         assert plans, "the mate's plan came through the water"

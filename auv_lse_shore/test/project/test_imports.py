@@ -57,7 +57,7 @@ def test_no_module_imports_itself_through_others():
         "auv_lse_common.mission_file.settings",
         "auv_lse_sim.world",
         "auv_lse_sim.engine.fleet",
-        "auv_lse_record.bag",
+        "auv_lse_record.run_reader",
         "auv_lse_shore.live.command",
         "auv_lse_shore.judge.evaluation",
         "auv_lse_shore.campaign.runner",

@@ -10,6 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
+
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = tuple(f"auv_lse_{name}" for name in ("common", "gp", "planner", "comms", "record", "sim", "shore"))
 
@@ -29,8 +31,11 @@ KEYS = {
     "yaml": "python3-yaml",
 }
 #: Imports without a rosdep key, or with one that calls pip, which Ubuntu 24.04 refuses: named in a comment "pip: ...".
-#: Loaded by its name at run time, not imported: the package with rosbag2's MCAP storage.
-LOADED = {"auv_lse_record": {"rosbag2_storage_mcap"}}
+#: Loaded by their names at run time, not imported: the messages of the topics, and rosbag2's MCAP storage.
+LOADED = {
+    "auv_lse_common": {topic.kind.split("/")[0] for topic in (*VEHICLE_TOPICS.values(), *MISSION_TOPICS.values())},
+    "auv_lse_record": {"rosbag2_storage_mcap"},
+}
 FROM_PIP = {"dask", "distributed", "mcap", "pyarrow", "rosbags"}
 #: Imports that the package does without: named in a comment "optional: ...".
 OPTIONAL = {"foxglove", "llvmlite", "numba", "rasterio"}

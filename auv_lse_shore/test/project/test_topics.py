@@ -5,8 +5,18 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from auv_lse_common.node.lockstep import PHASES
-from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, reader_count, recorded_topics
+from auv_lse_common.topics.table import (
+    MISSION_TOPICS,
+    PHASES,
+    TRUTH_TOPIC,
+    VEHICLE_TOPICS,
+    announces,
+    find_topic,
+    full_name,
+    reader_count,
+    recorded_topics,
+    waits_for,
+)
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -19,13 +29,23 @@ def strings(node: ast.AST) -> str:
     return "".join(n.value for n in ast.walk(node) if isinstance(n, ast.Constant) and isinstance(n.value, str))
 
 
+def topic_names(call: ast.Call) -> list[str]:
+    """The texts among a call's arguments: a topic's name, whatever else it takes."""
+    return [strings(argument) for argument in call.args if isinstance(argument, ast.Constant)]
+
+
 def subscriptions() -> dict[str, set[str]]:
     """{node: topics that its module subscribes to}, by the source code."""
     found: dict[str, set[str]] = {}
     for path in ROOT.glob("auv_lse_*/auv_lse_*/**/*_node.py"):
         calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
         methods = [c for c in calls if isinstance(c.func, ast.Attribute)]
-        topics = {strings(c.args[1]) for c in methods if c.func.attr in ("listen", "create_subscription")}
+        topics = {
+            name
+            for c in methods
+            if c.func.attr in ("listen", "create_subscription", "_listen")
+            for name in topic_names(c)
+        }
         if topics - {""}:
             found[path.stem] = topics - {""}
     return found
@@ -55,20 +75,18 @@ def publishers() -> dict[str, set[str]]:
         calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
         for call in (c for c in calls if isinstance(c.func, ast.Attribute)):
             if call.func.attr == "publisher":
-                found.setdefault(strings(call.args[1]), set()).add(path.stem)
+                found.setdefault(strings(call.args[0]), set()).add(path.stem)
             elif call.func.attr == "phase":
                 found.setdefault(f"lockstep/{strings(call.args[0])}", set()).add(path.stem)
-            elif call.func.attr == "_of_vehicle":  # the simulator's
-                found.setdefault(strings(call.args[1]), set()).add("sim_node")
     return found
 
 
-def test_a_topic_with_a_writer_is_written_by_that_node_alone_and_read_by_another() -> None:
+def test_a_topic_with_one_writer_is_written_by_that_node_alone() -> None:
     by_code = publishers()
-    written = {name: topic for name, topic in VEHICLE_TOPICS.items() if topic.writer}
-    for name, topic in written.items():
-        assert by_code[name] == {topic.writer}, name
-        assert set(topic.readers) - {topic.writer}, name
+    for name, topic in VEHICLE_TOPICS.items():
+        if topic.writer and "|" not in topic.writer:
+            assert by_code[name] == {topic.writer}, name
+    assert by_code["odometry"] == {"vehicle_link_node"}, "and the simulator where no autopilot is linked"
 
 
 def test_every_message_type_of_our_own_exists() -> None:
@@ -79,21 +97,27 @@ def test_every_message_type_of_our_own_exists() -> None:
 
 
 def test_the_end_of_a_phase_is_told_to_the_nodes_that_wait_for_it_and_to_no_other() -> None:
-    phases_of = {
-        "gp_node": ["gp"],
-        "safety_node": ["safety"],
-        "planner_node": ["planner"],
-        "modem_node": ["modem", "modem_sent"],
-        "vehicle_link_node": ["vehicle_link"],
-    }
-    for phase, it in PHASES.items():
-        waiting = {
-            node
-            for node, phases in phases_of.items()
-            if any(set(PHASES[own].waits_for) & set(it.announces) for own in phases)
-        }
+    for phase in PHASES:
+        waiting = {PHASES[other].node for other in PHASES if set(waits_for(other)) & set(announces(phase))}
         topic = VEHICLE_TOPICS.get(f"lockstep/{phase}")
         assert set(topic.readers if topic else ()) == waiting, phase
+    assert set(VEHICLE_TOPICS["lockstep/modem"].readers) == {"gp_node", "safety_node", "planner_node"}
+
+
+def test_what_a_phase_waits_for_is_read_or_written_by_its_node() -> None:
+    for name, topic in VEHICLE_TOPICS.items():
+        for phase in topic.awaited_by:
+            nodes = {node for entry in (*topic.readers, topic.writer) for node in entry.split("|")}
+            assert PHASES[phase].node in nodes, (name, phase)
+
+
+def test_topics_are_found_by_their_full_names() -> None:
+    for topic in (*VEHICLE_TOPICS.values(), TRUTH_TOPIC):
+        assert find_topic(full_name(topic, 12)) == (topic, 12)
+    assert find_topic("/boat3/plan") == (VEHICLE_TOPICS["plan"], 3), "a namespace ends in the vehicle's number"
+    assert find_topic("/sim/status") == (MISSION_TOPICS["/sim/status"], 0)
+    for name in ("/auv1/camera", "/plan", "/truth/auv1/plan", "/boat/plan", "auv1/plan"):
+        assert find_topic(name) is None, name
 
 
 def test_readers_are_counted_among_the_nodes_that_run() -> None:

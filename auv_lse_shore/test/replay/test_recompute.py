@@ -12,9 +12,10 @@ from rosbags.rosbag2 import StoragePlugin
 from sim_helpers import TINY, other_bag
 
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.topics.records import CentersReport
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
-from auv_lse_record.bag import write_run
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.replay.__main__ import main
 from auv_lse_shore.replay.again import table
 from auv_lse_shore.replay.decisions_again import _plans_heard, decisions_again
@@ -88,17 +89,15 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
     inputs = read_inputs(flown)
     settings = Settings.from_patterns(inputs.parameters, "flown")
     vehicle = inputs.vehicles[2]
-    ours, ticks = (
-        MapAgain(vehicle, settings.planner_settings(2), settings.places_in_force(2), True),
-        list(ticks_of(vehicle)),
-    )
-    for (
-        tick
-    ) in ticks:  # nodes publish the map's centers, the place by it and the plans that came in; the engine does not
+    ours = MapAgain(vehicle, settings.planner_settings(2), settings.places_in_force(2), True)
+    for tick in ticks_of(
+        vehicle
+    ):  # nodes publish the map's centers, the place by it and the plans that came in; the engine does not
         ours.advance(tick)
-        vehicle.centers.append((tick, (ours.map.revision, ours.map.centers)))
+        centers = {f.name: getattr(ours.map.centers, f.name) for f in dataclasses.fields(ours.map.centers)}
+        vehicle.centers.append((tick, CentersReport(stamp_s=tick, revision=ours.map.revision, **centers)))
         if ours.place is not None:
-            vehicle.corrected.append((tick, (ours.place.stamp_s, ours.place.north_m, ours.place.east_m)))
+            vehicle.corrected.append((tick, ours.place))
     vehicle.plans = _plans_heard(vehicle, settings)
     told: dict[float, Taken] = {}
     take = PlannerIntake.take

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auv_lse_record.bag import write_run
 from auv_lse_record.recording import RecordedTopic, Recording, recording_in
+from auv_lse_record.run_writer import write_run
 from auv_lse_shore.replay.__main__ import main
 from auv_lse_shore.replay.keys import meanings
 from auv_lse_shore.replay.pace import Pace, is_command, last_of_each, programme

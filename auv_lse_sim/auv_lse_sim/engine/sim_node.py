@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import rclpy
 from rclpy.publisher import Publisher
@@ -14,15 +16,16 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.base_node import BaseNode
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.lockstep import Answer, phases_of
-from auv_lse_common.topics.quality import EVERY, quality_of
-from auv_lse_common.topics.ros_conversions import seconds, stamp, standing_of, stop_of
-from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS, reader_count
+from auv_lse_common.topics.codecs import decode_run, decode_waypoint
+from auv_lse_common.topics.quality import EVERY, writer_quality
+from auv_lse_common.topics.ros_conversions import encoded, message_class, stamp
+from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS, full_name, reader_count
+from auv_lse_common.vocabulary.stamps import seconds
 from auv_lse_comms.transport import PortWatcher
-from auv_lse_msgs.msg import LockstepDone, LockstepTick, MissionCommand, ModemTx, SimStatus, Waypoint
-from auv_lse_msgs.msg import MissionState as MissionStateMessage
+from auv_lse_msgs.msg import LockstepDone, LockstepTick, MissionCommand, ModemTx
 from auv_lse_msgs.srv import RunMission
+from auv_lse_sim.engine.conversions import checked_leg, status_report
 from auv_lse_sim.engine.parameter_file import parameter_file
-from auv_lse_sim.engine.ros_conversions import leg_of_waypoint, status_message, tick_message
 from auv_lse_sim.engine.sim_topics_node import VehicleTopics
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
 from auv_lse_sim.ground.ground_source import ground_of
@@ -45,10 +48,10 @@ class SimNode(BaseNode):
         self._readers: dict[Publisher, int] = {}
         self._nodes = [name for k in self._sim.vehicles for name in self._sim.nodes(k)]
         self._nodes += ["recorder_node"] * self.recorded
-        self._clock_topic = self._publisher(ClockMessage, "/clock")
+        self._clock_topic = self._publisher("/clock")
         if self.lockstep:  # in which the vehicles' nodes take the time from the ticks
             self._readers[self._clock_topic] = self.recorded
-        self._status = self._publisher(SimStatus, "/sim/status")
+        self._status = self._publisher("/sim/status")
         self._said: tuple[MissionState, str] | None = None
         self._said_s = 0.0
         self._topics = {k: self._wire(k) for k in self._sim.vehicles}
@@ -60,30 +63,33 @@ class SimNode(BaseNode):
         if ports:
             self.create_timer(0.2, self._sim.greet)
         if self.lockstep:
-            self._tick = self._publisher(LockstepTick, "/lockstep/tick")
+            self._tick = self._publisher("/lockstep/tick")
             self.create_subscription(LockstepDone, "/lockstep/done", self._on_done, EVERY)
             self.create_timer(1.0, self._watch)
         self.when_matched(self._readers, self._begin)
         self._publish_status(self._sim.state, self._sim.message)
 
-    def _publisher(self, kind: type, name: str) -> Publisher:
+    def _publisher(self, name: str) -> Publisher:
         topic = MISSION_TOPICS[name]
-        publisher = self.create_publisher(kind, name, quality_of(topic))
+        publisher = self.create_publisher(message_class(topic.kind), name, writer_quality(topic))
         self._readers[publisher] = reader_count(topic, self._nodes) + self.recorded * topic.recorded
         return publisher
 
     def _wire(self, k: int) -> VehicleTopics:
         """The topics on which vehicle `k` gets what a tick brings; subscribes to what it sends."""
-        space = f"/auv{k}/"
         if k not in self._sim.links.modems:
-            self.create_subscription(ModemTx, space + "modem/tx", partial(self._on_packet, k), EVERY)
-        quality = quality_of(VEHICLE_TOPICS["mission/state"])
-        self.create_subscription(MissionStateMessage, space + "mission/state", partial(self._on_state, k), quality)
+            self._listen(k, "modem/tx", self._on_packet)
+        self._listen(k, "mission/state", self._on_state)
         if k not in self._sim.links.autopilots:
-            self.create_subscription(Waypoint, space + "waypoint", partial(self._on_waypoint, k), EVERY)
+            self._listen(k, "waypoint", self._on_waypoint)
         topics = VehicleTopics(self, k, self._sim)
         self._readers |= topics.readers
         return topics
+
+    def _listen(self, k: int, name: str, take: Callable[[int, Any], None]) -> None:
+        topic = VEHICLE_TOPICS[name]
+        quality = EVERY if name == "waypoint" else writer_quality(topic)  # a waypoint of an earlier mission is not due
+        self.create_subscription(message_class(topic.kind), full_name(topic, k), partial(take, k), quality)
 
     # ------------------------------------------------------------------ time
 
@@ -114,7 +120,7 @@ class SimNode(BaseNode):
                 sim.deliver(k, output)
             if self.lockstep:  # first: a vehicle begins when the last message that it waits for is there
                 self._waiting_since_s = time.monotonic()
-                self._tick.publish(tick_message(sim))
+                self._tick.publish(_tick_message(sim))
             for k, output in outputs.items():
                 self._topics[k].publish(output)
             for k, output in outputs.items():
@@ -135,27 +141,28 @@ class SimNode(BaseNode):
         if (state, message) == self._said and now_s - self._said_s < _STATUS_PERIOD_S:
             return
         self._said, self._said_s = (state, message), now_s
-        self._status.publish(status_message(self._sim, state, message, self._speed.value))
+        report = status_report(self._sim, state, message, self._speed.value)
+        self._status.publish(encoded(MISSION_TOPICS["/sim/status"], report, 0))
 
     # ------------------------------------------------------------------ what comes in
 
-    def _on_waypoint(self, k: int, message: Waypoint) -> None:
+    def _on_waypoint(self, k: int, message: Any) -> None:
         try:
-            leg = leg_of_waypoint(message)
-            then = stop_of(message.then, message.then_north_m, message.then_east_m)
+            waypoint = decode_waypoint(message)
+            leg, then = checked_leg(waypoint), waypoint.then
         except ValueError as error:
             self.get_logger().error(f"auv{k}: {error}")
             leg, then = None, None
         self._sim.take_waypoint(k, leg, message.speed_mps, then)
         self._advance()
 
-    def _on_state(self, k: int, message: MissionStateMessage) -> None:
+    def _on_state(self, k: int, message: Any) -> None:
         try:
-            standing = standing_of(message)
+            report = decode_run(message)
         except ValueError as error:
             self.get_logger().error(f"auv{k}: mission/state: {error}")
             return
-        self._sim.take_state(k, message.revision, standing.state, standing.stop)
+        self._sim.take_state(k, report.revision, report.status.state, report.status.stop)
         self._advance()
 
     def _on_command(self, message: MissionCommand) -> None:
@@ -195,6 +202,21 @@ class SimNode(BaseNode):
             watcher.stop()
         self._sim.links.close()
         super().destroy_node()
+
+
+def _tick_message(sim: Simulation) -> LockstepTick:
+    """Announces the simulation's last tick."""
+    every_tick = [sim.tick] * len(sim.vehicles)
+    return LockstepTick(
+        stamp=stamp(sim.now_s),
+        tick=sim.tick,
+        soundings=sim.soundings,
+        arrivals=sim.arrivals,
+        odometries=every_tick,
+        commands=sim.commands,
+        dead_reckonings=every_tick,
+        fixes=sim.fixes,
+    )
 
 
 #: Entry point of `ros2 run auv_lse_sim sim_node`.

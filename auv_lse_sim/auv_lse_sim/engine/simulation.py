@@ -11,8 +11,9 @@ import math
 from collections.abc import Sequence
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_common.node.lockstep import PHASES, Gate
+from auv_lse_common.node.lockstep import Gate
 from auv_lse_common.process.processes import vehicle_nodes
+from auv_lse_common.topics.table import announces
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.mission_run import RunState, Stop
 from auv_lse_common.vocabulary.stamps import stamped
@@ -285,7 +286,7 @@ class Simulation:
         if tick == 0:
             self._greeted.add((k, phase))
             return
-        counts = dict(zip(PHASES[phase].announces, totals, strict=True))
+        counts = dict(zip(announces(phase), totals, strict=True))
         match phase:
             case "planner":
                 self._finished[k - 1] = finished

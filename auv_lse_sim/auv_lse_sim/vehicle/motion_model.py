@@ -355,9 +355,7 @@ def _write(model: Model, ping: bool, row: Any) -> None:
 
 
 @compiled
-def advance(
-    model: Model, leg: Any, draws: Draws, in_reach: bool, limit: float, out: Any, first: int, last: int
-) -> int:
+def advance(model: Model, leg: Any, draws: Draws, in_reach: bool, limit: float, out: Any, first: int, last: int) -> int:
     """Sub-steps `first` to `last` of a tick, or until the leg is done.
 
     Args:

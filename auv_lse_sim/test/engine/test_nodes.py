@@ -28,8 +28,9 @@ from ros_bench import Bench, bench
 
 from auv_lse_common.commands.security_policy import policy as policy_of
 from auv_lse_common.node.journal import FOLDER_VARIABLE
+from auv_lse_common.topics.codecs import decode_mate_navigation
 from auv_lse_common.topics.quality import LATCHED
-from auv_lse_common.topics.ros_conversions import header, mate_navigation_from_message
+from auv_lse_common.topics.ros_conversions import header
 from auv_lse_common.vocabulary.plan import Plan as MatePlan
 from auv_lse_comms.packet.codec import Packet, decode, encode
 from auv_lse_comms.packet.navigation import Navigation
@@ -176,7 +177,7 @@ def test_modem_node_sends_252_bytes_in_its_slot_and_survives_what_it_hears(tmp_p
                 )
             )
         b.until(lambda: plans and samples and navigation, "the mate's plan, samples and navigation")
-        told = mate_navigation_from_message(navigation[0])
+        told = decode_mate_navigation(navigation[0])
         assert (told.source, told.stamp_s, told.sent_s, told.travel_s) == (2, 9.25, 9.0, 0.25)
         assert (told.raw_north_m, told.raw_east_m, told.has_fix) == (1.5, -2.5, False)
         assert (plans[0].vehicle, plans[0].north_m, list(plans[0].actions)) == (2, 5.0, [1])

@@ -184,9 +184,7 @@ def test_speed_differs_between_vehicles():
     for dive in (fast, slow):
         dive.fly([STRAIGHT] * 3)
     assert slow.now_s == pytest.approx(2 * fast.now_s, abs=1.5)
-    spread = [
-        SimVehicle(1, VehicleConfig(), sim_config(), stream(s, "sensors", 1))._params.speed for s in range(300)
-    ]
+    spread = [SimVehicle(1, VehicleConfig(), sim_config(), stream(s, "sensors", 1))._params.speed for s in range(300)]
     assert np.std(spread) == pytest.approx(0.02 * 1.5, rel=0.15)
     assert np.mean(spread) == pytest.approx(1.5, abs=0.006)
 

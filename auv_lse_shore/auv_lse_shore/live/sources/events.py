@@ -6,45 +6,40 @@ A message is any object with the fields of its ROS type, from a recording or fro
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.operating_area import Grid, OperatingArea
 from auv_lse_common.mission_file.settings import Settings
+from auv_lse_common.topics.records import (
+    BoundReport,
+    FieldReport,
+    HealthReport,
+    Odometry,
+    PlanReport,
+    Reception,
+    RunReport,
+    SimReport,
+    TdmaReport,
+    Transmission,
+)
+from auv_lse_common.topics.table import MISSION_TOPICS, TRUTH_TOPIC, VEHICLE_TOPICS, find_topic, full_name
 from auv_lse_common.vocabulary import stamps
-from auv_lse_common.vocabulary.frames import heading_from_quaternion
-from auv_lse_common.vocabulary.mission_run import RunState
 from auv_lse_common.vocabulary.plan import Plan
+from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_comms.packet.codec import PacketError, decode
 from auv_lse_gp.map.depth_map import DepthField
-from auv_lse_record.bag import is_ping, plan_of
 from auv_lse_shore.judge.certainty import CLASSES, Piece, classify, lines_of
 from auv_lse_shore.judge.isobath import trace
-from auv_lse_shore.live.sources.map_layers import LayerCoder, grid_axes, scales_of, thinning
+from auv_lse_shore.live.sources.map_layers import LayerCoder, scales_of, thinning
 from auv_lse_shore.live.sources.own_map import OwnMap
 from auv_lse_shore.live.sources.plan_lines import PlanLines, decimetres
 from auv_lse_shore.live.sources.timeline import Event
 
 Array = NDArray[np.float64]
-
-#: Topics of one vehicle that the page is made from, by their name below its namespace.
-VEHICLE_TOPICS = (
-    "odometry",
-    "sounding",
-    "field",
-    "plan",
-    "planner/bound",
-    "modem/tx",
-    "modem/rx",
-    "team/samples",
-    "tdma",
-    "mission/state",
-    "diagnostics",
-)
 
 #: Mission time (s) between the places of a track.
 _TRACK_S = 2.0
@@ -61,8 +56,9 @@ _LEVELS = ("ok", "warning", "error", "stale")
 
 def topics_of(vehicles: int) -> list[str]:
     """Every topic that the page is made from, by full name."""
-    names = [f"/auv{k}/{name}" for k in range(1, vehicles + 1) for name in VEHICLE_TOPICS]
-    return ["/sim/status", *names, *(f"/truth/auv{k}/odometry" for k in range(1, vehicles + 1))]
+    rows = [topic for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items() if name in MissionEvents.TAKERS]
+    names = {full_name(row, k) for row in (*rows, TRUTH_TOPIC) for k in range(1, vehicles + 1)}
+    return sorted(names)
 
 
 class MissionEvents:
@@ -86,33 +82,16 @@ class MissionEvents:
         self._runs: dict[int, Event] = {}
         self._state = ""
         self.last_s: dict[str, float] = {}
-        self._takers: dict[str, Callable[[int, float, Any], list[Event]]] = {
-            "odometry": self._pose,
-            "sounding": self._sounding,
-            "field": self._map,
-            "plan": self._plan,
-            "planner/bound": self._bound,
-            "modem/tx": self._sent,
-            "modem/rx": self._received,
-            "team/samples": self._samples,
-            "tdma": self._slots,
-            "mission/state": self._run,
-            "diagnostics": self._diagnostics,
-        }
 
     def take(self, topic: str, message: Any) -> list[Event]:
         """The events of a message; none for one that says nothing new, or of another topic."""
-        if topic == "/sim/status":
-            return self._status(message)
-        match = re.fullmatch(r"(/truth)?/auv(\d+)/(.+)", topic)
-        if match is None or not 1 <= int(match[2]) <= self._settings.mission.vehicles:
+        found = find_topic(topic)
+        if found is None or found.topic.name not in self.TAKERS or found.vehicle > self._settings.mission.vehicles:
             return []
-        vehicle, stamp_s = int(match[2]), seconds(message.header.stamp)
+        stamp_s = seconds(message.header.stamp)
         self.last_s[topic] = stamp_s
-        if match[1]:
-            return self._truth(vehicle, stamp_s, message)
-        taker = self._takers.get(match[3])
-        return taker(vehicle, stamp_s, message) if taker else []
+        assert found.topic.decode is not None
+        return self.TAKERS[found.topic.name](self, found.vehicle, stamp_s, found.topic.decode(message))
 
     def _due(self, key: str, stamp_s: float, period_s: float) -> bool:
         """Whether it is `period_s` of mission time away from the last time that this was so."""
@@ -123,36 +102,34 @@ class MissionEvents:
 
     # ------------------------------------------------------------------ where the vehicles are
 
-    def _pose(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+    def _pose(self, vehicle: int, stamp_s: float, odometry: Odometry) -> list[Event]:
         maps = self._own_map(vehicle, stamp_s)
         if not self._due(f"pose {vehicle}", stamp_s, _TRACK_S):
             return maps
-        pose = message.pose.pose
-        q, covariance = pose.orientation, message.pose.covariance
+        north_std_m, east_std_m = odometry.place_std_m
         event = {
             "kind": "pose",
             "vehicle": vehicle,
             "t": stamp_s,
-            "north": round(pose.position.y, 1),
-            "east": round(pose.position.x, 1),
-            "heading": round(heading_from_quaternion(q.x, q.y, q.z, q.w), 3),
-            "depth": round(-pose.position.z, 2),
-            "speed": round(message.twist.twist.linear.x, 2),
-            "std": round(math.sqrt(max(0.0, covariance[0] + covariance[7])), 2),
+            "north": round(odometry.north_m, 1),
+            "east": round(odometry.east_m, 1),
+            "heading": round(odometry.heading_rad, 3),
+            "depth": round(odometry.depth_m, 2),
+            "speed": round(odometry.speed_mps, 2),
+            "std": round(math.hypot(north_std_m, east_std_m), 2),
         }
         return [event, *maps]
 
-    def _truth(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+    def _truth(self, vehicle: int, stamp_s: float, truth: Odometry) -> list[Event]:
         if not self._due(f"truth {vehicle}", stamp_s, _TRACK_S):
             return []
-        position = message.pose.pose.position
-        north, east = round(position.y, 1), round(position.x, 1)
+        north, east = round(truth.north_m, 1), round(truth.east_m, 1)
         return [{"kind": "truth", "vehicle": vehicle, "t": stamp_s, "north": north, "east": east}]
 
     # ------------------------------------------------------------------ what they know and mean to do
 
-    def _sounding(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        self._map_of(vehicle).add_soundings([(stamp_s, message.north_m, message.east_m, message.depth_m)])
+    def _sounding(self, vehicle: int, stamp_s: float, sounding: Sounding) -> list[Event]:
+        self._map_of(vehicle).add_soundings([(stamp_s, *sounding[1:4])])
         return []
 
     def _map_of(self, vehicle: int) -> OwnMap:
@@ -168,13 +145,11 @@ class MissionEvents:
         layers = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
         return [self._map_event(vehicle, stamp_s, field.grid.north_m, field.grid.east_m, layers, field.variance_scale)]
 
-    def _map(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+    def _map(self, vehicle: int, stamp_s: float, field: FieldReport) -> list[Event]:
         self._map_of(vehicle).stop()
-        shape = (int(message.rows), int(message.columns))
-        told = {"risk": message.risk, "p_safe": message.p_safe, "depth": message.mean_m, "std": message.std_m}
-        layers = {name: np.asarray(values, dtype=float).reshape(shape) for name, values in told.items()}
-        scale = getattr(message, "variance_scale", 0.0) or 1.0  # recordings of before do not have it
-        return [self._map_event(vehicle, stamp_s, *grid_axes(message), layers, scale)]
+        found = {"risk": field.risk, "p_safe": field.p_safe, "depth": field.mean_m, "std": field.std_m}
+        layers = {name: values.astype(float) for name, values in found.items()}
+        return [self._map_event(vehicle, stamp_s, field.north_m, field.east_m, layers, field.variance_scale)]
 
     def _map_event(
         self, vehicle: int, stamp_s: float, north_m: Array, east_m: Array, layers: dict[str, Array], scale: float
@@ -227,8 +202,8 @@ class MissionEvents:
         lines = trace(north_m, east_m, layers["depth"], self._settings.level_set.level_m)
         return classify(lines, field, prior, np.empty((0, 3)))
 
-    def _plan(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        plan = plan_of(message)
+    def _plan(self, vehicle: int, stamp_s: float, report: PlanReport) -> list[Event]:
+        plan = report.plan
         if plan == self._plans.get(vehicle):
             return []
         self._plans[vehicle] = plan
@@ -236,101 +211,100 @@ class MissionEvents:
             self._lines[vehicle] = PlanLines(self._settings.planner_settings(vehicle), self._area)
         return [{"kind": "plan", "vehicle": vehicle, "t": stamp_s, **self._lines[vehicle].lines(plan)}]
 
-    def _bound(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+    def _bound(self, vehicle: int, stamp_s: float, bound: BoundReport) -> list[Event]:
         event = {
             "kind": "bound",
             "vehicle": vehicle,
             "t": stamp_s,
-            "step": int(message.step),
-            "jbar": _number(message.jbar),
-            "reward": _number(message.reward_so_far),
-            "bound": _number(message.lower_bound),
-            "bound_max": _number(message.lower_bound_max),
-            "kept": bool(message.incumbent_kept),
-            "planning_s": round(float(message.planning_s), 4),
-            "late": bool(message.deadline_hit),
+            "step": bound.step,
+            "jbar": _number(bound.jbar),
+            "reward": _number(bound.reward_so_far),
+            "bound": _number(bound.lower_bound),
+            "bound_max": _number(bound.lower_bound_max),
+            "kept": bound.incumbent_kept,
+            "planning_s": round(bound.planning_s, 4),
+            "late": bound.deadline_hit,
         }
         return [event]
 
     # ------------------------------------------------------------------ what they tell each other
 
-    def _sent(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        if is_ping(message):
+    def _sent(self, vehicle: int, stamp_s: float, sent: Transmission) -> list[Event]:
+        if sent.ping:
             return []
-        event = {"kind": "sent", "vehicle": vehicle, "t": stamp_s, "bytes": len(message.payload)}
+        event = {"kind": "sent", "vehicle": vehicle, "t": stamp_s, "bytes": len(sent.payload)}
         try:
-            packet = decode(bytes(message.payload))
+            packet = decode(sent.payload)
         except PacketError as error:
             return [{**event, "problem": error.reason}]
         return [{**event, "samples": len(packet.samples), "actions": len(packet.plan.actions)}]
 
-    def _received(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        if is_ping(message):
+    def _received(self, vehicle: int, stamp_s: float, heard: Reception) -> list[Event]:
+        if heard.ping:
             return []
         event = {
             "kind": "received",
             "vehicle": vehicle,
             "t": stamp_s,
-            "source": int(message.source),
-            "snr_db": _number(message.snr_db, 1),
-            "travel_s": _number(message.travel_s, 4),
+            "source": heard.source,
+            "snr_db": _number(heard.snr_db, 1),
+            "travel_s": _number(heard.travel_s, 4),
         }
         return [event]
 
-    def _samples(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
-        places = np.column_stack([message.north_m, message.east_m])
-        source = int(message.source)
-        self._map_of(vehicle).add_samples(np.column_stack([places, message.depth_m]), source)
-        return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "places": decimetres(places)}]
+    def _samples(self, vehicle: int, stamp_s: float, samples: Soundings) -> list[Event]:
+        if not len(samples):
+            return []
+        source = int(samples.vehicle[0])
+        self._map_of(vehicle).add_samples(samples.points_m, source)
+        places = decimetres(samples.places_m)
+        return [{"kind": "samples", "vehicle": vehicle, "t": stamp_s, "source": source, "places": places}]
 
-    def _slots(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+    def _slots(self, vehicle: int, stamp_s: float, report: TdmaReport) -> list[Event]:
         event = {
             "kind": "slots",
             "vehicle": vehicle,
             "t": stamp_s,
-            "used": int(message.slots_used),
-            "missed": int(message.slots_missed),
-            "received": int(message.packets_received),
-            "reasons": {str(r): int(n) for r, n in zip(message.reasons, message.counts, strict=False)},
+            "used": report.slots_used,
+            "missed": report.slots_missed,
+            "received": report.packets_received,
+            "reasons": dict(zip(report.reasons, report.counts, strict=False)),
         }
         return [event]
 
     # ------------------------------------------------------------------ how they are
 
-    def _diagnostics(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+    def _diagnostics(self, vehicle: int, stamp_s: float, reports: list[HealthReport]) -> list[Event]:
         events: list[Event] = []
-        for status in message.status:
-            level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
-            node, text = status.name.rsplit("/", 1)[-1], str(status.message)
-            name = _LEVELS[level] if level < len(_LEVELS) else _LEVELS[-1]
+        for status in reports:
+            node, text = status.name.rsplit("/", 1)[-1], status.text
+            name = _LEVELS[min(status.level, len(_LEVELS) - 1)]
             known = self._health.get(status.name)
             if known and known[:2] == (name, text) and stamp_s - known[2] < _HEALTH_S:
                 continue
             self._health[status.name] = (name, text, stamp_s)
-            values = {str(pair.key): str(pair.value) for pair in status.values}
             event = {"kind": "health", "vehicle": vehicle, "t": stamp_s, "node": node, "level": name, "text": text}
-            events.append({**event, "values": values})
+            events.append({**event, "values": status.values})
         return events
 
-    def _run(self, vehicle: int, stamp_s: float, message: Any) -> list[Event]:
+    def _run(self, vehicle: int, stamp_s: float, report: RunReport) -> list[Event]:
         """How it stands with a vehicle's mission; safety_node says it again every second."""
         event: Event = {
             "kind": "run",
             "vehicle": vehicle,
             "t": stamp_s,
-            "state": RunState(int(message.state)).name.lower(),
-            "reason": str(message.reason),
-            "limits": [str(text) for text in message.limits],
-            "warnings": [str(text) for text in message.warnings],
+            "state": report.status.state.name.lower(),
+            "reason": report.status.reason,
+            "limits": list(report.status.limits),
+            "warnings": list(report.warnings),
         }
         if {**event, "t": 0.0} == {**self._runs.get(vehicle, {}), "t": 0.0}:
             return []
         self._runs[vehicle] = event
         return [event]
 
-    def _status(self, message: Any) -> list[Event]:
-        stamp_s, state = seconds(message.header.stamp), _STATES[int(message.state)]
-        self.last_s["/sim/status"] = stamp_s
+    def _status(self, vehicle: int, stamp_s: float, report: SimReport) -> list[Event]:
+        state = _STATES[report.state]
         if state == self._state and not self._due("status", stamp_s, _STATUS_S):
             return []
         self._state = state
@@ -338,14 +312,31 @@ class MissionEvents:
             "kind": "status",
             "t": stamp_s,
             "state": state,
-            "text": str(message.message),
-            "steps": [int(n) for n in message.steps],
-            "sent": int(message.packets_sent),
-            "received": int(message.packets_received),
-            "lost": int(message.packets_lost),
-            "speed": round(float(message.speed), 2),
+            "text": report.message,
+            "steps": list(report.steps),
+            "sent": report.packets_sent,
+            "received": report.packets_received,
+            "lost": report.packets_lost,
+            "speed": round(report.speed, 2),
         }
         return [event]
+
+    #: The topics that the page is made from, by their name in the table, and what makes events of their values.
+    TAKERS: ClassVar[dict[str, Callable[[Any, int, float, Any], list[Event]]]] = {
+        "odometry": _pose,
+        "truth/odometry": _truth,
+        "sounding": _sounding,
+        "field": _map,
+        "plan": _plan,
+        "planner/bound": _bound,
+        "modem/tx": _sent,
+        "modem/rx": _received,
+        "team/samples": _samples,
+        "tdma": _slots,
+        "mission/state": _run,
+        "diagnostics": _diagnostics,
+        "/sim/status": _status,
+    }
 
 
 def seconds(stamp: Any) -> float:

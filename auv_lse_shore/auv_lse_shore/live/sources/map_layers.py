@@ -6,7 +6,6 @@ import base64
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,11 +87,3 @@ def thinning(rows: int, columns: int) -> int:
     while (rows // apart) * (columns // apart) > _MOST_CELLS:
         apart += 1
     return apart
-
-
-def grid_axes(message: Any) -> tuple[Array, Array]:
-    """North of the rows and east of the columns (m) of a LevelSetField."""
-    return (
-        message.south_m + message.resolution_m * np.arange(message.rows),
-        message.west_m + message.resolution_m * np.arange(message.columns),
-    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from importlib import import_module
 from types import TracebackType
 from typing import Any
 
@@ -15,8 +14,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_common.node.executor import make_executor
-from auv_lse_common.topics.quality import LATCHED, NEWEST, quality_of
-from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS
+from auv_lse_common.topics.quality import LATCHED, reader_quality, writer_quality
+from auv_lse_common.topics.ros_conversions import message_class
+from auv_lse_common.topics.table import find_topic
 from auv_lse_msgs.msg import SimStatus
 from auv_lse_shore.live.sources.events import topics_of
 
@@ -87,13 +87,9 @@ class MissionListener:
     def _join(self) -> None:
         self._joined = True
         for topic in topics_of(self._vehicles):
-            space, name = topic.lstrip("/").split("/", 1)
-            if topic == "/sim/status" or name in _LEFT_OUT:
+            row, vehicle = find_topic(topic) or (None, 0)
+            if row is None or not vehicle or row.name in _LEFT_OUT:
                 continue
-            entry = TRUTH_TOPIC if space == "truth" else VEHICLE_TOPICS[name]
-            package, _, kind = entry.kind.split("/")
             # A driver may publish its odometry best effort; the simulator's is reliable.
-            quality = NEWEST if name == "odometry" and self.state is None else quality_of(entry)
-            self._node.create_subscription(
-                getattr(import_module(f"{package}.msg"), kind), topic, partial(self._hear, topic), quality
-            )
+            quality = reader_quality(row) if self.state is None else writer_quality(row)
+            self._node.create_subscription(message_class(row.kind), topic, partial(self._hear, topic), quality)

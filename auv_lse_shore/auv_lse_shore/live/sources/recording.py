@@ -6,7 +6,6 @@ at its end, is not needed, and neither is `metadata.yaml`.
 
 from __future__ import annotations
 
-import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.parameter_file import parse_parameters, read_parameter_file
-from auv_lse_record.recording import MISSION_FILE, RecordingError, read_messages
+from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError
 
 _MAGIC = b"\x89MCAP0\r\n"
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
@@ -138,7 +137,9 @@ class WholeRecording:
         """
         if not self.complete:
             self.complete = True
-            yield from read_messages(self.path, re.compile("|".join(map(re.escape, sorted(topics)))))
+            with Recording(self.path) as recording:
+                for topic, _, message in recording.messages(topics):
+                    yield topic, message
 
 
 def open_recording(path: Path) -> RecordingFile | WholeRecording:

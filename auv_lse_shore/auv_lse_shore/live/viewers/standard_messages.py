@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from auv_lse_common.topics.codecs import header_fields, time_fields
 from auv_lse_common.vocabulary.frames import quaternion_from_heading
+from auv_lse_record.message_types import make_message, types_of
 from auv_lse_shore.live.sources.map_layers import OUTSIDE
 from auv_lse_shore.live.sources.timeline import Event
 
@@ -57,9 +59,7 @@ class StandardMessages:
 
     def __init__(self, facts: Event) -> None:
         """Takes the mission's first event."""
-        from rosbags.typesys import Stores, get_typestore
-
-        self._store: Any = get_typestore(Stores.ROS2_JAZZY)
+        self._store: Any = types_of({})
         self._facts = facts
         self._cells: dict[int, Any] = {}
         self._tracks: dict[int, list[tuple[float, float]]] = {}
@@ -198,7 +198,7 @@ class StandardMessages:
         slot_s = self._facts["tdma"]["slot_s"]
         flat = [10.0 * value for place in line for value in place]
         marker = self._line(t, name, number, flat, _color(vehicle), 3.0, "packet")
-        marker["lifetime"] = _time(slot_s)
+        marker["lifetime"] = time_fields(slot_s)
         return self._make("/viz/packets", "visualization_msgs/msg/MarkerArray", t, markers=[marker])
 
     def _health(self, event: Event) -> Iterator[StandardMessage]:
@@ -215,12 +215,12 @@ class StandardMessages:
 
     def _value(self, topic: str, t: float, value: float) -> StandardMessage:
         data = self._store.serialize_cdr(
-            self._filled("std_msgs/msg/Float64", {"data": float(value)}), "std_msgs/msg/Float64"
+            make_message(self._store, "std_msgs/msg/Float64", {"data": float(value)}), "std_msgs/msg/Float64"
         )
         return StandardMessage(topic, "std_msgs/msg/Float64", t, bytes(data))
 
     def _path(self, topic: str, t: float, places: list[tuple[float, float]], z: float) -> StandardMessage:
-        header = _header(t)
+        header = header_fields(t)
         poses = [
             {"header": header, "pose": {"position": {"x": e, "y": n, "z": z}, "orientation": {"w": 1.0}}}
             for n, e in places
@@ -229,7 +229,7 @@ class StandardMessages:
 
     def _markers(self, topic: str, t: float, markers: list[dict[str, Any]]) -> StandardMessage:
         """Markers that take the place of all that the topic has shown."""
-        clear = {"header": _header(t), "action": _DELETE_ALL}
+        clear = {"header": header_fields(t), "action": _DELETE_ALL}
         return self._make(topic, "visualization_msgs/msg/MarkerArray", t, markers=[clear, *markers])
 
     def _line(
@@ -250,7 +250,7 @@ class StandardMessages:
     ) -> dict[str, Any]:
         red, green, blue = color
         return {
-            "header": _header(t),
+            "header": header_fields(t),
             "ns": space,
             "id": number,
             "type": kind,
@@ -261,45 +261,9 @@ class StandardMessages:
         }
 
     def _make(self, topic: str, kind: str, t: float, **fields: Any) -> StandardMessage:
-        message = self._filled(kind, {"header": _header(t), **fields})
+        header = {} if kind.endswith("/MarkerArray") else {"header": header_fields(t)}
+        message = make_message(self._store, kind, {**header, **fields})
         return StandardMessage(topic, kind, t, bytes(self._store.serialize_cdr(message, kind)))
-
-    def _filled(self, kind: str, values: Mapping[str, Any]) -> Any:
-        """A message of a type, with zeros where nothing is given."""
-        from rosbags.interfaces import Nodetype
-
-        given: dict[str, Any] = {}
-        _, fields = self._store.fielddefs[kind]
-        if unknown := set(values) - {name for name, _ in fields} - {"header"}:
-            raise ValueError(f"{kind}: has no field {', '.join(sorted(unknown))}")
-        for name, (node, about) in fields:
-            value = values.get(name)
-            if node == Nodetype.NAME:
-                given[name] = self._filled(about, value or {})
-            elif node == Nodetype.BASE:
-                given[name] = value if value is not None else {"string": "", "bool": False}.get(about[0], 0)
-            else:  # an array, or a sequence
-                (inner, inner_about), length = about
-                if inner == Nodetype.NAME:
-                    given[name] = [self._filled(inner_about, v) for v in value or []]
-                elif inner_about[0] == "string":
-                    given[name] = list(value or [])
-                else:
-                    count = length if node == Nodetype.ARRAY else 0
-                    empty = np.zeros(count) if value is None else np.asarray(value)
-                    given[name] = empty.astype(_DTYPES[inner_about[0]])
-        return self._store.types[kind](**given)
-
-
-_DTYPES: dict[str, Any] = {
-    "octet": np.uint8,
-    "byte": np.uint8,
-    "char": np.uint8,
-    "bool": np.bool_,
-    **{f"{sign}int{bits}": np.dtype(f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)},
-    "float32": np.float32,
-    "float64": np.float64,
-}
 
 
 def _places(line: Any) -> Iterator[tuple[float, float]]:
@@ -310,12 +274,3 @@ def _places(line: Any) -> Iterator[tuple[float, float]]:
 
 def _color(vehicle: int) -> tuple[float, float, float]:
     return _COLORS[(vehicle - 1) % len(_COLORS)]
-
-
-def _time(seconds: float) -> dict[str, int]:
-    nanoseconds = round(seconds * 1e9)
-    return {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
-
-
-def _header(t: float) -> dict[str, Any]:
-    return {"stamp": _time(t), "frame_id": "map"}

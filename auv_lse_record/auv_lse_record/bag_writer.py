@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from auv_lse_record.message_types import definitions, types_of
+
 #: Stands between the definitions of a type and of the types in it.
 _RULE = 80 * "=" + "\n"
 
@@ -25,21 +27,12 @@ def message_types(folders: Sequence[Path]) -> Any:
         RecorderError: if rosbags is not installed.
     """
     try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        return types_of(definitions(folders))
     except ImportError:
         raise RecorderError(
             "recording needs rosbag2_py (sudo apt install ros-jazzy-rosbag2-py ros-jazzy-rosbag2-storage-mcap) or "
             "rosbags (pip install rosbags); neither is installed"
         ) from None
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types: dict[str, Any] = {}
-    for folder in folders:
-        for path in sorted(folder.glob("*.msg")):
-            name = f"{folder.parent.name}/msg/{path.stem}"
-            if name not in store.fielddefs:
-                types.update(get_types_from_msg(path.read_text(), name))
-    store.register(types)
-    return store
 
 
 def message_texts(folders: Sequence[Path]) -> dict[str, str]:
@@ -47,12 +40,8 @@ def message_texts(folders: Sequence[Path]) -> dict[str, str]:
 
     Those of ROS itself are made from the store: the installed ones may be of another version.
     """
-    from rosbags.typesys import Stores, get_typestore
-
-    known = get_typestore(Stores.ROS2_JAZZY).fielddefs
-    files = (path for folder in folders for path in sorted(folder.glob("*.msg")))
-    found = {f"{path.parent.parent.name}/msg/{path.stem}": path for path in files}
-    return {name: path.read_text() for name, path in found.items() if name not in known}
+    known = types_of({}).fielddefs
+    return {name: text for name, text in definitions(folders).items() if name not in known}
 
 
 class BagWriter:

@@ -11,9 +11,11 @@ from sim_helpers import other_bag
 from auv_lse_common.mission_file.parameter_file import read_parameter_file
 from auv_lse_common.vocabulary.dead_reckoning import Fix, MateNavigation
 from auv_lse_common.vocabulary.plan import Tour
-from auv_lse_record import bag
-from auv_lse_record.bag import flown_parameters, read_bag, read_run, write_run
+from auv_lse_record import run_writer
+from auv_lse_record.message_types import definitions, message_folder, types_of
 from auv_lse_record.recording import MISSION_FILE, SOFTWARE, Recording, RecordingError, recording_in
+from auv_lse_record.run_reader import flown_parameters, read_bag, read_run
+from auv_lse_record.run_writer import write_run
 from auv_lse_record.software import version
 
 
@@ -89,23 +91,24 @@ def test_a_driver_that_does_not_know_its_place_error_has_none(tmp_path, syntheti
 
 def test_a_recording_from_before_the_naive_path_was_called_so_is_read(tmp_path, synthetic_run, monkeypatch):
     run = synthetic_run(steps=2)
-    text = bag._definition("Plan").read_text()
-    assert "naive_path " in text
-    old = tmp_path / "Plan.msg"
-    no_tour = [line for line in text.splitlines(keepends=True) if "segment_legs" not in line and "bearings" not in line]
-    assert len(no_tour) == len(text.splitlines()) - 2
-    old.write_text("".join(no_tour).replace("naive_path ", "heuristic "))
-    now = bag._definition
-    monkeypatch.setattr(bag, "_definition", lambda name: old if name == "Plan" else now(name))
-    records = bag._records
+    kind = "auv_lse_msgs/msg/Plan"
+    texts = definitions([message_folder()], "auv_lse_msgs")
+    no_tour = [line for line in texts[kind].splitlines() if "segment_legs" not in line and "bearings" not in line]
+    assert len(no_tour) == len(texts[kind].splitlines()) - 2
+    old = {**texts, kind: "\n".join(no_tour).replace("naive_path ", "heuristic ")}
+    assert "heuristic " in old[kind]
+    monkeypatch.setattr(run_writer, "project_types", lambda: types_of(old))
+    records = run_writer._records
 
-    def old_records(run, types):
-        def plan(naive_path, segment_legs, bearings, **fields):
-            return types["auv_lse_msgs/msg/Plan"](heuristic=naive_path, **fields)
+    def old_records(run):
+        for stamp_s, name, kind_, fields, latched in records(run):
+            if kind_ == kind:
+                gone = ("naive_path", "segment_legs", "bearings")
+                kept = {key: value for key, value in fields.items() if key not in gone}
+                fields = {**kept, "heuristic": fields["naive_path"]}
+            yield stamp_s, name, kind_, fields, latched
 
-        return records(run, {**types, "auv_lse_msgs/msg/Plan": plan})
-
-    monkeypatch.setattr(bag, "_records", old_records)
+    monkeypatch.setattr(run_writer, "_records", old_records)
     write_run(run, tmp_path / "run")
     back = read_run(tmp_path / "run")
     assert [d.plan for v in back.vehicles for d in v.decisions] == [d.plan for v in run.vehicles for d in v.decisions]

@@ -1,0 +1,236 @@
+"""What messages carry, as plain values. `codecs.py` puts them into messages and takes them out.
+
+Places are north, east (m) in the local tangent plane, depths m positive down, headings rad clockwise from north, and
+`stamp_s` is the stamp of the message's header (s). A default applies to a message that lacks the field: recordings of
+older versions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.vocabulary.leg import Leg
+from auv_lse_common.vocabulary.mission_run import RunStatus, Stop
+from auv_lse_common.vocabulary.plan import Plan
+
+Array = NDArray[np.float64]
+#: Seconds that a message holds as a time of its own, beside its header.
+Time = float
+#: Covariance of heading (rad), north and east (m).
+Covariance = Sequence[Sequence[float]] | Array
+_UNKNOWN: Covariance = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Odometry:
+    """Where a vehicle is.
+
+    Attributes:
+        covariance: Rows and columns are heading, north, east; all zeros if unknown, as in nav_msgs.
+        yaw_rate_radps: Positive to starboard.
+    """
+
+    stamp_s: float
+    heading_rad: float
+    north_m: float
+    east_m: float
+    depth_m: float = 0.0
+    speed_mps: float = 0.0
+    yaw_rate_radps: float = 0.0
+    covariance: Covariance = _UNKNOWN
+
+    @property
+    def place_std_m(self) -> tuple[float, float]:
+        """Standard deviation of north and east (m); 0 if unknown."""
+        return math.sqrt(max(self.covariance[1][1], 0.0)), math.sqrt(max(self.covariance[2][2], 0.0))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Altitude:
+    """Height over ground (m), and the range of its sensor; infinite: no echo."""
+
+    stamp_s: float
+    altitude_m: float
+    min_m: float = 0.2
+    max_m: float = 200.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pressure:
+    """Absolute pressure of the water (Pa)."""
+
+    stamp_s: float
+    pressure_pa: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionOrder:
+    """A command to a vehicle's mission; the fields are those of MissionCommand.msg."""
+
+    stamp_s: float
+    command: int
+    team: bool = False
+    source: str = ""
+    number: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunReport:
+    """The state of a vehicle's mission, the `revision`-th, and limits that are exceeded but only warn."""
+
+    stamp_s: float
+    revision: int
+    status: RunStatus
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CentersReport:
+    """Kernel centers of a map: places (n, 2), depths and noise (n,), effects of place errors (n, r) or None."""
+
+    stamp_s: float
+    revision: int
+    places_m: Array
+    depths_m: Array
+    noise_std_m: Array
+    place_effect_m: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FieldReport:
+    """A map on its grid: axes north (ny,), east (nx,) in m; layers (ny, nx), NaN outside the area.
+
+    Messages hold the layers as float32.
+    """
+
+    stamp_s: float
+    north_m: Array
+    east_m: Array
+    level_m: float
+    variance_scale: float
+    mean_m: NDArray[Any]
+    std_m: NDArray[Any]
+    risk: NDArray[Any]
+    p_safe: NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanReport:
+    """The plan of `vehicle`, decided or received at `stamp_s`."""
+
+    stamp_s: float
+    vehicle: int
+    plan: Plan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Waypoint:
+    """The next leg to travel.
+
+    Attributes:
+        speed_mps: Speed commanded.
+        depth_m: Depth at which to travel.
+        end: Heading, north, east where the leg ends.
+        then: What follows the mission's last leg; None if others follow.
+    """
+
+    stamp_s: float
+    leg: Leg
+    speed_mps: float
+    depth_m: float
+    end: tuple[float, float, float]
+    then: Stop | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundReport:
+    """Value and lower bound of one decision; the fields are those of Bound.msg."""
+
+    stamp_s: float
+    step: int
+    jbar: float
+    reward_so_far: float
+    lower_bound: float
+    lower_bound_max: float
+    incumbent_value: float = math.nan
+    incumbent_kept: bool = False
+    iterations: int = 0
+    planning_s: float = math.nan
+    deadline_hit: bool = False
+    map_revision: int = 0
+    plans_heard: int = 0
+    odometry_taken: Time = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transmission:
+    """A packet to send, or a ping of `destination`; the fields are those of ModemTx.msg."""
+
+    stamp_s: float
+    source: int
+    destination: int = 0
+    ping: bool = False
+    payload: bytes = b""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reception:
+    """A packet received, or a ping answered; the fields are those of ModemRx.msg."""
+
+    stamp_s: float
+    source: int
+    destination: int = 0
+    snr_db: float = math.nan
+    sent_s: float = math.nan
+    arrival_s: float = math.nan
+    travel_s: float = math.nan
+    ping: bool = False
+    payload: bytes = b""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TdmaReport:
+    """Schedule and counts of an acoustic bridge; the fields are those of TdmaStatus.msg."""
+
+    stamp_s: float
+    vehicle: int
+    slot_owner: int
+    own_slot: bool
+    next_own_slot: float
+    slots_used: int
+    slots_missed: int
+    packets_received: int
+    reasons: tuple[str, ...]
+    counts: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimReport:
+    """Progress of a simulated mission; the fields are those of SimStatus.msg."""
+
+    stamp_s: float
+    state: int
+    message: str
+    steps: tuple[int, ...]
+    steps_total: int
+    packets_sent: int
+    packets_received: int
+    packets_lost: int
+    speed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HealthReport:
+    """Diagnostics of the node or device `name`; `level` as in diagnostic_msgs/DiagnosticStatus (3: stale)."""
+
+    stamp_s: float
+    name: str
+    level: int
+    text: str
+    values: Mapping[str, Any]

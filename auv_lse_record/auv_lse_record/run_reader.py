@@ -1,0 +1,188 @@
+"""A mission's recording as `RunData`, without ROS."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.mission_file.parameter_file import parameters_for, parse_parameters, read_parameter_file
+from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
+from auv_lse_common.vocabulary.sounding import Soundings
+from auv_lse_record.recording import MISSION_FILE, Recording, RecordingError, recording_in
+from auv_lse_record.run_data import (
+    DecisionRecord,
+    GroundGrid,
+    PacketReceived,
+    PacketSent,
+    RunData,
+    VehicleRun,
+    origin_of,
+)
+
+Array = NDArray[np.float64]
+Patterns = dict[str, dict[str, Any]]
+
+#: Topics that the run data is made of, by their name in the table.
+_TOPICS = {
+    "truth/odometry",
+    "sounding",
+    "odometry",
+    "dead_reckoning",
+    "fix",
+    "plan",
+    "planner/bound",
+    "modem/tx",
+    "modem/rx",
+    "team/samples",
+    "team/navigation",
+}
+#: Values of a decision that its bound reports.
+_VALUES = ("jbar", "reward_so_far", "lower_bound", "lower_bound_max")
+
+
+def read_run(
+    path: Path, *, mission: Path | None = None, ground: GroundGrid | None = None, wall_s: float = math.nan
+) -> RunData:
+    """Reads the recording of a mission.
+
+    Args:
+        path: The run folder, the rosbag2 directory, or its file of messages.
+        mission: The mission file that was flown, for a recording that does not hold it.
+        ground: True ground on the evaluation grid, None if there is none.
+        wall_s: Wall-clock time the mission took (s), NaN if not known.
+
+    Raises:
+        RecordingError: naming the recording and what is missing or broken in it.
+        ParameterError: if the mission file is not a parameter file.
+    """
+    return read_bag(recording_in(path), flown_parameters(path, mission), ground=ground, wall_s=wall_s)
+
+
+def flown_parameters(path: Path, mission: Path | None = None) -> Patterns:
+    """The mission file as flown: the one given, else the recording's own, else `mission.yaml` beside it.
+
+    Args:
+        path: The run folder, the rosbag2 directory, or its file of messages.
+        mission: A mission file that stands in for the recording's.
+
+    Raises:
+        RecordingError: if there is no recording, or none of the three.
+        ParameterError: if it is not a parameter file.
+    """
+    if mission is not None:
+        return read_parameter_file(mission)
+    with Recording(recording_in(path)) as recording:
+        text = recording.text(MISSION_FILE)
+    if text is not None:
+        return parse_parameters(text, f"{path}: {MISSION_FILE}")
+    for folder in (path, path.parent):
+        if (folder / "mission.yaml").is_file():
+            return read_parameter_file(folder / "mission.yaml")
+    raise RecordingError(
+        f"{path}: holds no mission file (topic {MISSION_FILE}), and there is no mission.yaml beside it; expected the "
+        f"mission file that was flown: --mission FILE"
+    )
+
+
+def read_bag(
+    bag: Path,
+    parameters: Mapping[str, Mapping[str, Any]],
+    *,
+    ground: GroundGrid | None = None,
+    wall_s: float = math.nan,
+) -> RunData:
+    """Reads a rosbag2 directory.
+
+    Args:
+        bag: The directory with `metadata.yaml`.
+        parameters: The mission file, as `read_parameter_file` gives it.
+        ground: True ground on the evaluation grid, None if there is none.
+        wall_s: Wall-clock time the mission took (s), NaN if not known.
+
+    Raises:
+        RecordingError: naming the bag and what is wrong.
+    """
+    logs: dict[int, dict[str, list[Any]]] = {}
+    last_s = 0.0
+    with Recording(recording_in(bag)) as recording:
+        for topic, vehicle, _, stamp_s, value in recording.values(_TOPICS):
+            logs.setdefault(vehicle, defaultdict(list))[topic.name].append(value)
+            last_s = max(last_s, stamp_s)
+    if not logs:
+        raise RecordingError(f"{bag}: holds no topic /auvN/...; expected the recording of a mission")
+    sent = [PacketSent.of(packet) for log in logs.values() for packet in log["modem/tx"] if not packet.ping]
+    received = [
+        PacketReceived.of(packet, number)
+        for number, log in logs.items()
+        for packet in log["modem/rx"]
+        if not packet.ping
+    ]
+    return RunData(
+        parameters=parameters,
+        vehicles=[_vehicle_run(number, logs[number], _method(parameters, number)) for number in sorted(logs)],
+        sent=sorted(sent, key=lambda p: (p.stamp_s, p.source)),
+        received=sorted(received, key=lambda p: (p.stamp_s, p.receiver)),
+        ground=ground,
+        sim_s=last_s,
+        wall_s=wall_s,
+        origin=origin_of(parameters),
+    )
+
+
+def _method(parameters: Mapping[str, Mapping[str, Any]], vehicle: int) -> str:
+    return str(parameters_for(parameters, f"/auv{vehicle}/planner_node").get("planner", {}).get("method", ""))
+
+
+def _vehicle_run(number: int, log: Mapping[str, list[Any]], method: str) -> VehicleRun:
+    """One vehicle's values as arrays, in order of time."""
+    odometry = sorted(log["odometry"], key=lambda o: o.stamp_s)
+    stds = np.array([o.place_std_m for o in odometry]).reshape(-1, 2)
+    raw = sorted(log["dead_reckoning"], key=lambda o: o.stamp_s)
+    return VehicleRun(
+        vehicle=number,
+        truth=_track(sorted(log["truth/odometry"], key=lambda o: o.stamp_s)),
+        odometry=_track(odometry),
+        soundings=Soundings.from_rows(log["sounding"]).in_order(),
+        received=Soundings.join(log["team/samples"]).in_order(),
+        decisions=_decisions(log["plan"], log["planner/bound"], method),
+        place_std_m=stds if stds.any() else np.empty((0, 2)),  # all zero: unknown (nav_msgs has no other mark)
+        dead_reckoning=np.column_stack([_track(raw), [place.depth_m for place in raw]]),
+        fixes=sorted(log["fix"], key=lambda fix: fix.stamp_s),
+        mates=sorted(log["team/navigation"], key=lambda mate: (mate.stamp_s, mate.source)),
+    )
+
+
+def _track(places: Sequence[Odometry | DeadReckoning]) -> Array:
+    """Rows (time s, north m, east m, heading rad)."""
+    return np.array([(p.stamp_s, p.north_m, p.east_m, p.heading_rad) for p in places], dtype=float).reshape(-1, 4)
+
+
+def _decisions(plans: Sequence[PlanReport], bounds: Sequence[BoundReport], method: str) -> list[DecisionRecord]:
+    """Decisions in order of time; a plan without its bound gets NaN values.
+
+    A decision publishes both with one stamp. The plan's own step is not the decision's: a plan that is kept stays
+    anchored where it began.
+    """
+    bound_at = {bound.stamp_s: bound for bound in bounds}
+    decisions = []
+    for now_s, report in sorted({report.stamp_s: report for report in plans}.items()):
+        bound = bound_at.get(now_s)
+        values = {name: math.nan if bound is None else getattr(bound, name) for name in _VALUES}
+        decisions.append(
+            DecisionRecord(
+                now_s=now_s,
+                step=report.plan.step if bound is None else bound.step,
+                plan=report.plan,
+                wall_s=math.nan if bound is None else bound.planning_s,
+                method=method,
+                **values,
+            )
+        )
+    return decisions

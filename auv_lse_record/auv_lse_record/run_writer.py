@@ -1,0 +1,129 @@
+"""Writes a mission of the fleet engine as a recording that `read_run` reads and `ros2 bag play` plays, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from auv_lse_common.topics.codecs import Fields
+from auv_lse_common.topics.records import BoundReport, Odometry, PlanReport, Reception, Transmission
+from auv_lse_common.topics.table import TRUTH_TOPIC, VEHICLE_TOPICS, Topic, full_name
+from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning
+from auv_lse_record.message_types import make_message, message_folder, project_types
+from auv_lse_record.recording import MISSION_FILE, SOFTWARE, TEXT, RecordingError
+from auv_lse_record.run_data import RunData, VehicleRun
+from auv_lse_record.software import version
+
+#: A message to write: its time (s), topic, type, fields, and whether late readers get the last one.
+Record = tuple[float, str, str, Fields, bool]
+
+
+def write_mission_file(path: Path, parameters: Mapping[str, Mapping[str, Any]]) -> None:
+    """Writes a mission's parameters as the ROS 2 parameter file they were read from."""
+    path.write_text(_mission_text(parameters))
+
+
+def _mission_text(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    body = {pattern: {"ros__parameters": dict(values)} for pattern, values in parameters.items()}
+    text: str = yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=110)
+    return text
+
+
+def write_run(run: RunData, folder: Path) -> None:
+    """Writes `mission.yaml` and `bag/` of a run.
+
+    Args:
+        run: The mission.
+        folder: Run folder; made if needed. It must hold no `bag` yet.
+
+    Raises:
+        RecordingError: if there is a recording already, or this project's message definitions are not found.
+    """
+    from auv_lse_record.bag_writer import BagWriter  # needs rosbags, which reading names if it is missing
+
+    folder.mkdir(parents=True, exist_ok=True)
+    if (folder / "bag").exists():
+        raise RecordingError(f"{folder / 'bag'}: exists; expected a folder without a recording")
+    if message_folder() is None:
+        raise RecordingError(
+            "auv_lse_msgs: got no .msg files; expected them in the source tree or a sourced ROS workspace"
+        )
+    write_mission_file(folder / "mission.yaml", run.parameters)
+    store = project_types()
+    writer = BagWriter(folder / "bag", store, {})
+    known: set[str] = set()
+    for stamp_s, name, kind, fields, latched in sorted(_records(run), key=lambda record: record[0]):
+        if name not in known:
+            known.add(name)
+            writer.add_topic(name, kind, latched)
+        message = make_message(store, kind, fields)
+        writer.write(name, round(stamp_s * 1e9), bytes(store.serialize_cdr(message, kind)))
+    writer.close()
+
+
+def _records(run: RunData) -> Iterator[Record]:
+    """Every message of a run."""
+    for name, text in ((MISSION_FILE, _mission_text(run.parameters)), (SOFTWARE, version())):
+        yield 0.0, name, TEXT, {"data": text}, True
+    for vehicle in run.vehicles:
+        for topic, stamp_s, value in _values(vehicle):
+            yield _record(topic, stamp_s, value, vehicle.vehicle)
+    for sent in run.sent:
+        packet = Transmission(stamp_s=sent.stamp_s, source=sent.source, payload=sent.payload)
+        yield _record(VEHICLE_TOPICS["modem/tx"], sent.stamp_s, packet, sent.source)
+    for heard in run.received:
+        names = ("stamp_s", "source", "snr_db", "payload", "sent_s", "arrival_s", "travel_s")
+        reception = Reception(**{name: getattr(heard, name) for name in names})
+        yield _record(VEHICLE_TOPICS["modem/rx"], heard.stamp_s, reception, heard.receiver)
+
+
+def _record(topic: Topic, stamp_s: float, value: Any, vehicle: int) -> Record:
+    assert topic.encode is not None, f"{topic.name}: the table of topics does not encode it"
+    return stamp_s, full_name(topic, vehicle), topic.kind, topic.encode(value, vehicle), topic.latched
+
+
+def _values(run: VehicleRun) -> Iterator[tuple[Topic, float, Any]]:
+    """What one vehicle's messages carry: topic, stamp (s), value."""
+    topics = VEHICLE_TOPICS
+    stds = run.place_std_m.tolist() if len(run.place_std_m) else [(0.0, 0.0)] * len(run.odometry)
+    for row, (north_std_m, east_std_m) in zip(run.odometry.tolist(), stds, strict=True):
+        yield topics["odometry"], row[0], _odometry(row, north_std_m, east_std_m)
+    for row in run.truth.tolist():
+        yield TRUTH_TOPIC, row[0], _odometry(row)
+    for stamp_s, north_m, east_m, heading_rad, depth_m in run.dead_reckoning.tolist():
+        raw = DeadReckoning(stamp_s=stamp_s, heading_rad=heading_rad, north_m=north_m, east_m=east_m, depth_m=depth_m)
+        yield topics["dead_reckoning"], stamp_s, raw
+    for sounding in run.soundings:
+        yield topics["sounding"], sounding.stamp_s, sounding
+    for fix in run.fixes:
+        yield topics["fix"], fix.stamp_s, fix
+    for mate in run.mates:
+        yield topics["team/navigation"], mate.stamp_s, mate
+    for packet in run.received.packets():
+        yield topics["team/samples"], float(packet.stamp_s[0]), packet
+    for d in run.decisions:
+        yield topics["plan"], d.now_s, PlanReport(stamp_s=d.now_s, vehicle=run.vehicle, plan=d.plan)
+        bound = BoundReport(
+            stamp_s=d.now_s,
+            step=d.step,
+            jbar=d.jbar,
+            reward_so_far=d.reward_so_far,
+            lower_bound=d.lower_bound,
+            lower_bound_max=d.lower_bound_max,
+            planning_s=d.wall_s,
+        )  # nothing taken is reported: ticks settle what was at hand
+        yield topics["planner/bound"], d.now_s, bound
+
+
+def _odometry(row: list[float], north_std_m: float = 0.0, east_std_m: float = 0.0) -> Odometry:
+    stamp_s, north_m, east_m, heading_rad = row
+    return Odometry(
+        stamp_s=stamp_s,
+        heading_rad=heading_rad,
+        north_m=north_m,
+        east_m=east_m,
+        covariance=((0.0, 0.0, 0.0), (0.0, north_std_m**2, 0.0), (0.0, 0.0, east_std_m**2)),
+    )
