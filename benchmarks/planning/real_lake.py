@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
-from auv_lse_shore.campaign.mission_row import judged
+from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from benchmarks.command import end_with, existing_file
 from benchmarks.navigation.places_table import Row
 from benchmarks.planning.headline_table import means, pairs
@@ -47,7 +47,7 @@ def row(file: Path, window: str, vehicles: int, overrides: dict[str, Any], steps
             **overrides,
         },
     )
-    return dataclasses.asdict(judged(settings.to_patterns(), window, 2).summary)
+    return dataclasses.asdict(simulate_and_evaluate(settings.to_patterns(), window, 2).summary)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -10,8 +10,7 @@ from pathlib import Path
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.campaign import spec as campaign_spec
-from auv_lse_shore.campaign.cluster import cluster
-from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.cluster import CampaignError, cluster
 from auv_lse_shore.campaign.options import add_cluster_options, default_root
 from auv_lse_shore.campaign.progress_display import progress_display
 from auv_lse_shore.campaign.rerun import rerun
@@ -25,8 +24,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/campaign."""
     p = argparse.ArgumentParser(
         prog="scripts/campaign",
-        description="Flies a grid or list of settings times seeds in simulation (fleet engine, no ROS), a result row "
-        "in Parquet for each mission as it finishes. Started again, it goes on where it stopped.\n\n"
+        description="Simulates a grid or list of settings over seeds (fleet engine, no ROS). Writes a result row in "
+        "Parquet for each\nmission as it finishes. Started again, it continues where it stopped.\n\n"
         "Exit codes: 0; 1 missions failed; 2 the request cannot be met, or a wrong command line; 130 Ctrl-C.",
         epilog=campaign_spec.__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -34,21 +33,21 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("spec", nargs="?", type=Path, metavar="SPEC.yaml", help="the campaign (below)")
     p.add_argument("--out", type=Path, metavar="DIR", help="the campaign's folder (default: runs/campaigns/NAME)")
     add_cluster_options(p)
-    p.add_argument("--retry-failed", action="store_true", help="fly missions that failed before again")
-    p.add_argument("--list", action="store_true", help="print the missions and which of them have a row, and end")
-    p.add_argument("--rerun", metavar="ID", help="fly the mission of one row of --out again, with full recording")
+    p.add_argument("--retry-failed", action="store_true", help="repeat missions that failed earlier")
+    p.add_argument("--list", action="store_true", help="list the missions with the status of their rows, and exit")
+    p.add_argument("--rerun", metavar="ID", help="repeat the mission of one row of --out with full recording")
     p.add_argument("--to", type=Path, metavar="DIR", help="run folder of --rerun (default: DIR/reruns/ID)")
     return p
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Flies a campaign. Returns 0; 1 if missions failed; 2 if it cannot be done; 130 after Ctrl-C."""
+    """Simulates a campaign; returns the exit code."""
     options = parser().parse_args(arguments)
     if options.rerun is not None:
         return _rerun(options)
     try:
         if options.spec is None:
-            raise CampaignError("SPEC.yaml: missing; expected a campaign file (or --rerun ID with --out DIR)")
+            raise CampaignError("SPEC.yaml: missing; expected a campaign file, or --rerun ID with --out DIR")
         spec = CampaignSpec.load(options.spec)
         folder = options.out or default_root() / "campaigns" / spec.name
         if options.list:
@@ -62,9 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)
+        print("\nstopped; finished missions are kept. Run the same command again to continue", file=sys.stderr)
         return 130
-    print(f"{state.done} missions flown, {state.before} flown before, {state.failed} failed; {page}")
+    print(f"{state.done} missions simulated, {state.before} already there, {state.failed} failed; {page}")
     return 1 if state.failed else 0
 
 
@@ -76,10 +75,10 @@ def _list(spec: CampaignSpec, folder: Path) -> int:
 
 
 def _rerun(options: argparse.Namespace) -> int:
-    """Flies one mission again. If it fails, the error is not caught: its traceback is what the user wants to see."""
+    """Repeats one mission. Its own errors are not caught, because the user wants their traceback."""
     try:
         if options.out is None:
-            raise CampaignError("--rerun: expected the campaign's folder in --out DIR")
+            raise CampaignError("--rerun: got no --out; expected the campaign's folder in --out DIR")
         to, changed = rerun(options.out, options.rerun, options.to)
     except CampaignError as error:
         print(f"error: {error_text(error)}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""The Dask cluster that missions are flown on: one elsewhere, or this machine's cores."""
+"""The Dask cluster that simulates missions: a remote one, or this machine's cores."""
 
 from __future__ import annotations
 
@@ -10,15 +10,17 @@ import tempfile
 from collections.abc import Iterator
 from typing import Any
 
-from auv_lse_shore.campaign.errors import CampaignError
+#: A mission is recorded as failed when more workers than this have died while simulating it.
+MAX_LOST_WORKERS = 2
 
-#: A mission is recorded as failed when more workers than this have died while flying it.
-LOST_WORKERS = 2
+
+class CampaignError(RuntimeError):
+    """A campaign that cannot continue: its folder is in use, its cluster is gone, a row is missing."""
 
 
 @contextlib.contextmanager
 def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
-    """A client of the cluster at `scheduler`, or of one of this machine's cores with `workers` processes.
+    """A client of the cluster at `scheduler`, or of a local one with `workers` processes.
 
     Raises:
         CampaignError: if the scheduler cannot be reached, or has no worker after a minute.
@@ -27,10 +29,10 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
     from distributed import Client, LocalCluster
 
     with contextlib.ExitStack() as stack:
-        stack.enter_context(_ended_in_order())
+        stack.enter_context(_clean_shutdown())
         stack.enter_context(
             dask.config.set(
-                {"distributed.scheduler.allowed-failures": LOST_WORKERS, "distributed.comm.timeouts.connect": "30s"}
+                {"distributed.scheduler.allowed-failures": MAX_LOST_WORKERS, "distributed.comm.timeouts.connect": "30s"}
             )
         )
         if scheduler is not None:
@@ -58,10 +60,10 @@ def cluster(scheduler: str | None, workers: int | None) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _ended_in_order() -> Iterator[None]:
-    """Treats SIGTERM (of a batch system, a service manager) as Ctrl-C, so that no worker and no scratch folder stays.
+def _clean_shutdown() -> Iterator[None]:
+    """Treats SIGTERM, as of a batch system, like Ctrl-C, so that workers end and scratch folders are removed.
 
-    A child of a process that ignores SIGINT (a script in the background) ignores it too; here it does not.
+    SIGINT is handled even if the parent process ignores it, as a script in the background does.
     """
     before = {s: signal.signal(s, signal.default_int_handler) for s in (signal.SIGTERM, signal.SIGINT)}
     try:
@@ -72,16 +74,16 @@ def _ended_in_order() -> Iterator[None]:
 
 
 def cores() -> int:
-    """Processor cores that this process may use."""
+    """Number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 @contextlib.contextmanager
 def lost_cluster_is_an_error() -> Iterator[None]:
-    """Raises a CampaignError for what Dask raises when its scheduler is gone."""
+    """Turns the errors of a lost scheduler into a CampaignError."""
     from distributed.client import CancelledError, ClosedClientError, CommClosedError
 
     try:
         yield
     except (CancelledError, ClosedClientError, CommClosedError) as error:
-        raise CampaignError(f"the cluster is gone ({error}); the same command goes on from here") from error
+        raise CampaignError(f"lost the cluster ({error}). Run the same command again to continue") from error

@@ -1,4 +1,4 @@
-"""One mission of a campaign: flown, judged, and summed up as a result row."""
+"""One mission of a campaign: simulated, evaluated, and summarized in a result row."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from auv_lse_sim.ground.chart import with_chart
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import fit_to_ground
 
-#: Steps at which a mission's bounds are recomputed for its row.
+#: Number of steps at which a mission's bounds are recomputed for its row.
 BOUNDS = 11
 
 
 def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str, folder: Path) -> RunData:
-    """Flies a mission in this process; its area and starts are fitted to the ground, as scripts/mission does.
+    """Simulates a mission in this process; area and starts are fitted to the ground, as scripts/mission does.
 
     Args:
         patterns: Its complete mission file.
-        where: Where that came from, for messages.
-        folder: An existing folder for the chart of `sim.chart`, which is needed as long as the run is judged.
+        where: Where it came from, for errors.
+        folder: An existing folder for the chart of `sim.chart`; the evaluation needs it too.
     """
     settings = Settings.from_patterns(patterns, where)
     ground = ground_of(settings)
@@ -44,22 +44,22 @@ def simulate(patterns: Mapping[str, Mapping[str, Any]], where: str, folder: Path
     return Fleet(with_chart(settings, folder), ground).run()
 
 
-def judged(patterns: Mapping[str, Mapping[str, Any]], where: str, bounds: int = 34) -> Evaluation:
-    """A mission flown in this process and judged; `bounds` as `evaluate` takes it."""
+def simulate_and_evaluate(patterns: Mapping[str, Mapping[str, Any]], where: str, bounds: int = 34) -> Evaluation:
+    """A mission simulated and evaluated in this process; `bounds` as for `evaluate`."""
     with tempfile.TemporaryDirectory(prefix="auv_lse_") as folder:
         return evaluate(simulate(patterns, where, Path(folder)), bounds)
 
 
 def mission_row(job: Job, bounds: int = BOUNDS) -> dict[str, Any]:
-    """The result row of one mission, flown and judged here. An error in it becomes part of the row."""
+    """Simulates and evaluates one mission; its result row. An error becomes part of the row."""
     began = time.perf_counter()
     row = row_head(job)
     try:
-        evaluation = judged(job.patterns, f"mission {job.id}", bounds)
+        evaluation = simulate_and_evaluate(job.patterns, f"mission {job.id}", bounds)
         row.update(_results(evaluation))
         row["status"] = "ok"
         row["error"] = "; ".join(evaluation.run.notes) or None
-    except Exception as error:  # whatever it is: it must not stop the other missions
+    except Exception as error:  # any error: the other missions continue
         row["status"] = "failed"
         row["error"] = f"{type(error).__name__}: {error}"
         row["traceback"] = traceback.format_exc()
@@ -70,7 +70,7 @@ def mission_row(job: Job, bounds: int = BOUNDS) -> dict[str, Any]:
 
 
 def failed_row(job: Job, error: BaseException) -> dict[str, Any]:
-    """The row of a mission that ended without one: its worker died."""
+    """The row of a mission whose workers died."""
     return {
         **row_head(job),
         "status": "failed",
@@ -80,7 +80,7 @@ def failed_row(job: Job, error: BaseException) -> dict[str, Any]:
 
 
 def row_head(job: Job) -> dict[str, Any]:
-    """The columns that are known before the mission is flown."""
+    """The columns that are known before the mission is simulated."""
     text = yaml.safe_dump(job.patterns, sort_keys=False)
     return {**names_of(job), "version": version(), "parameters": text}
 

@@ -9,10 +9,10 @@ from auv_lse_common.support.project_folder import project_folder
 
 
 def add_cluster_options(p: argparse.ArgumentParser) -> None:
-    """The options that say where missions are flown."""
+    """Adds the options that select the cluster."""
     where = p.add_mutually_exclusive_group()
     where.add_argument(
-        "--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster to fly on (default: this machine)"
+        "--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster to simulate on (default: this machine)"
     )
     where.add_argument(
         "--workers", type=_positive, metavar="N", help="processes on this machine (default: one per core)"
@@ -21,10 +21,10 @@ def add_cluster_options(p: argparse.ArgumentParser) -> None:
 
 def _positive(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"got {text}; expected 1 or more")
+        raise argparse.ArgumentTypeError(f"got {text}; expected a whole number from 1")
     return int(text)
 
 
 def default_root() -> Path:
-    """The folder of results, where no other is given."""
+    """The default folder of results."""
     return project_folder() / "runs"

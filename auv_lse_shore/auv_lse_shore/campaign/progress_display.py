@@ -1,4 +1,4 @@
-"""Shows how far a campaign has come: a live bar on a terminal, else a line every ten seconds."""
+"""Progress of a campaign: a live bar on a terminal, otherwise a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from auv_lse_shore.campaign.runner import CampaignState
 
 @contextlib.contextmanager
 def progress_display() -> Iterator[Callable[[CampaignState], None]]:
-    """Yields a function that displays a campaign's state; call it after each mission."""
+    """Yields a function that shows a campaign's state, to be called after each mission."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bars

@@ -1,4 +1,4 @@
-"""Flies the mission of one row again, with full recording."""
+"""Repeats the mission of one row with full recording."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ import pyarrow.parquet
 import yaml
 
 from auv_lse_record.run_writer import write_run
-from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.cluster import CampaignError
 from auv_lse_shore.campaign.mission_row import BOUNDS, simulate
 from auv_lse_shore.judge.evaluation import evaluate
 from auv_lse_shore.report.report import write_outputs
 
 
 def rerun(folder: Path, wanted: str, to: Path | None) -> tuple[Path, list[str]]:
-    """Flies the mission of one row again, with full recording: run folder with bag, summary, figures and report.
+    """Repeats the mission of one row with full recording, into a run folder with bag, summary, figures and report.
 
     Args:
         folder: The campaign's folder.
         wanted: The row's id, or its first characters.
-        to: Run folder, by default one in the campaign's.
+        to: Run folder; None for one in the campaign's folder.
 
     Returns:
-        The run folder, and the keys of the summary that differ from the row (times aside).
+        The run folder, and the summary keys that differ from the row (except times).
 
     Raises:
-        CampaignError: if there is no such row, or the id fits several.
-        Exception: whatever the mission fails with; nothing is caught here.
+        CampaignError: if no row or several rows match.
+        Exception: whatever the mission fails with.
     """
     paths = sorted((folder / "rows").glob(f"{wanted}*.parquet"))
     if len(paths) != 1:
-        raise CampaignError(f"{folder}: {len(paths)} rows have an id that begins with '{wanted}'; expected one")
+        raise CampaignError(f"--rerun {wanted}: got {len(paths)} rows of {folder} whose id begins so; expected one")
     (row,) = pyarrow.parquet.read_table(paths[0]).to_pylist()
     to = to or folder / "reruns" / str(row["id"])
     if to.exists() and any(to.iterdir()):
-        raise CampaignError(f"{to}: exists and is not empty; expected a new folder (--to)")
+        raise CampaignError(f"{to}: is not empty; expected a new folder. Choose another with --to")
     to.mkdir(parents=True, exist_ok=True)
     run = simulate(yaml.safe_load(row["parameters"]), f"mission {row['id']}", to)
     write_run(run, to)

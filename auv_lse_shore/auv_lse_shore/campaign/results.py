@@ -1,4 +1,4 @@
-"""Closes a run of a campaign: one table of its rows, its state, its page."""
+"""Results of a campaign: one table of its rows, its progress, its page."""
 
 from __future__ import annotations
 

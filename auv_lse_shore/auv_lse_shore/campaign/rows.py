@@ -1,7 +1,7 @@
 """Result rows of a campaign: one Parquet file per mission, written when it ends and never changed.
 
-A row file is written under another name and moved into place: it is there whole or not at all. A campaign that is
-killed loses only the missions that were being flown. `results.parquet` holds all rows in one table.
+A row file is written under another name and then renamed, so it is never incomplete. A campaign that is killed loses
+only the missions that were running. `results.parquet` holds all rows in one table.
 """
 
 from __future__ import annotations
@@ -63,13 +63,13 @@ def columns_of(spec: CampaignSpec) -> Any:
 
 
 def names_of(job: Job) -> dict[str, Any]:
-    """The columns that name a mission in its campaign; a changed campaign file changes them."""
+    """The columns that identify a mission in its campaign; they change with the campaign file."""
     varied = {name: _cell(value) for name, value in job.varied.items()}
     return {"id": job.id, "group": job.group, "seed": job.seed, **varied}
 
 
 def rows_of(spec: CampaignSpec, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The rows of a campaign's missions, in its order, with the names in its present file."""
+    """The rows of a campaign's missions, in its order, with the names of its current file."""
     by_id = {row["id"]: row for row in rows}
     return [{**by_id[job.id], **names_of(job)} for job in spec.jobs() if job.id in by_id]
 
@@ -107,7 +107,7 @@ class Rows:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def write(self, row: Mapping[str, Any]) -> Path:
-        """Writes one row; columns that it lacks are null."""
+        """Writes one row; missing columns are null."""
         values = {
             name: [_fit(row.get(name), kind)]
             for name, kind in zip(self._columns.names, self._columns.types, strict=True)
@@ -119,11 +119,11 @@ class Rows:
         return path
 
     def statuses(self) -> dict[str, str]:
-        """Status by id of every row there is ("ok", "failed"); a damaged file is put aside."""
+        """Status ("ok", "failed") of every row by id; a damaged file is renamed."""
         return {row["id"]: row["status"] for row in self._tables(["id", "status"])}
 
     def read(self) -> list[dict[str, Any]]:
-        """Every row there is as a mapping; a damaged file is put aside."""
+        """Every row as a mapping; a damaged file is renamed."""
         return list(self._tables(None))
 
     def _tables(self, columns: list[str] | None) -> Iterator[dict[str, Any]]:
@@ -138,7 +138,7 @@ class Rows:
                 path.rename(path.with_suffix(".broken"))
 
     def write_table(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Writes `results.parquet` with these rows; without rows there is no such file."""
+        """Writes `results.parquet` with these rows; without rows removes it."""
         if not rows:
             self.table_file.unlink(missing_ok=True)
             return
@@ -185,6 +185,6 @@ def mean_of(rows: Sequence[Row], column: str) -> Interval:
 
 
 def by_group(spec: CampaignSpec, rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Finished rows by setting, in the campaign's order; settings without any are left out."""
+    """Finished rows by setting, in the campaign's order; settings without rows are left out."""
     groups = {label: [r for r in rows if r["group"] == label and r["status"] == "ok"] for label, _ in spec.settings}
     return {label: found for label, found in groups.items() if found}

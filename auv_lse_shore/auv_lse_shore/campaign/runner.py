@@ -1,9 +1,9 @@
-"""Flies the missions of a campaign on a cluster, a result row for each as it finishes.
+"""Simulates the missions of a campaign on a cluster and writes a result row for each as it finishes.
 
-Missions are handed to the cluster a few per core ahead. A row is on disk before the next mission is handed out: a
-campaign that is killed at any moment and started again flies only the missions that have no row yet. If a worker dies,
-Dask gives its mission to another. A mission that raises an error, or whose workers die again and again, becomes a row
-of status "failed" with its error; the others go on.
+A few more missions than cores are submitted at any time. A row is on disk before the next mission is submitted: a
+campaign that is killed at any moment and restarted simulates only the missions without a row. If a worker dies, Dask
+gives its mission to another. A mission that raises an error, or whose workers die repeatedly, becomes a row of status
+"failed" with its error; the others continue.
 """
 
 from __future__ import annotations
@@ -17,28 +17,27 @@ from pathlib import Path
 from typing import Any
 
 from auv_lse_record.software import version
-from auv_lse_shore.campaign.cluster import lost_cluster_is_an_error
-from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.cluster import CampaignError, lost_cluster_is_an_error
 from auv_lse_shore.campaign.mission_row import failed_row, mission_row
 from auv_lse_shore.campaign.rows import Rows, columns_of, rows_of
 from auv_lse_shore.campaign.spec import CampaignSpec, Job
 
-#: Missions handed out beyond one per thread of the cluster, as a share of them (at least one): no thread waits.
+#: Missions submitted beyond one per thread of the cluster, as a share of the threads (at least one).
 AHEAD = 0.25
 
 
 @dataclasses.dataclass(slots=True, kw_only=True)
 class CampaignState:
-    """How far a campaign has come.
+    """Progress of a campaign.
 
     Attributes:
         total: Missions of the campaign.
-        before: Of these, missions with a row from an earlier run.
-        done: Missions flown in this run, failed ones included.
+        before: Missions with a row from an earlier run.
+        done: Missions simulated in this run, failed ones included.
         failed: Missions of this run that failed.
-        threads: Missions that the cluster flies at once.
-        elapsed_s: Wall-clock time since the first was handed out.
-        busy_s: Sum of the missions' own wall-clock times.
+        threads: Missions that the cluster simulates at once.
+        elapsed_s: Wall-clock time since the first was submitted.
+        busy_s: Sum of the missions' wall-clock times.
         left_s: Estimate of the time left, NaN before the first mission ended.
         last: Row of the mission that ended last.
     """
@@ -55,7 +54,7 @@ class CampaignState:
 
     @property
     def efficiency(self) -> float:
-        """Share of the cluster's time in which missions were flown."""
+        """Share of the cluster's time spent on missions."""
         return self.busy_s / (self.elapsed_s * self.threads) if self.elapsed_s > 0.0 else float("nan")
 
 
@@ -68,18 +67,18 @@ def run_campaign(
     budget_s: float = float("inf"),
     progress: Callable[[CampaignState], None] | None = None,
 ) -> CampaignState:
-    """Flies the missions of a campaign that have no row yet.
+    """Simulates the missions of a campaign that have no row yet.
 
     Args:
         spec: The campaign.
         folder: Its folder.
-        client: `distributed.Client` of the cluster to fly on.
-        retry_failed: Whether missions that failed before are flown again.
-        budget_s: No mission is handed out that would probably end later than this (s from now).
+        client: `distributed.Client` of the cluster.
+        retry_failed: Whether missions that failed earlier are repeated.
+        budget_s: Time (s) from now after which no mission should end; those that probably would are not started.
         progress: Called after each mission.
 
     Raises:
-        ParameterError: if a setting cannot be used; before anything is flown.
+        ParameterError: if a setting cannot be used; before anything is simulated.
         CampaignError: if another process works on the folder, or the cluster is gone.
     """
     from distributed import as_completed
@@ -89,39 +88,17 @@ def run_campaign(
         rows = Rows(folder, columns_of(spec))
         statuses = rows.statuses()
         todo = [job for job in jobs if statuses.get(job.id) not in (("ok",) if retry_failed else ("ok", "failed"))]
+        if todo and len(todo) < len(jobs):
+            _report_versions(rows_of(spec, rows.read()))
         threads = max(sum(client.nthreads().values()), 1)
         state = CampaignState(total=len(jobs), before=len(jobs) - len(todo), threads=threads)
-        _say_versions(rows_of(spec, rows.read()) if todo and len(todo) < len(jobs) else [])
-        waiting = iter(todo)
-        began = time.monotonic()
-        busy: dict[str, list[float]] = {}
-        flying: dict[str, Job] = {}
-
-        def hand_out() -> Any:
-            usual = state.busy_s / state.done if state.done else 0.0
-            job = next(waiting, None) if time.monotonic() - began + usual < budget_s else None
-            if job is None:
-                return None
-            future = client.submit(mission_row, job, key=f"mission-{job.id}-{time.time_ns()}", pure=False)
-            flying[future.key] = job
-            return future
-
+        queue = _Queue(todo, client, state, budget_s)
         with lost_cluster_is_an_error():
-            first = [f for f in (hand_out() for _ in range(threads + max(1, int(AHEAD * threads)))) if f is not None]
-            submitted = as_completed(first)
+            first = [queue.submit() for _ in range(threads + max(1, int(AHEAD * threads)))]
+            submitted = as_completed([future for future in first if future is not None])
             for future in submitted:
-                job = flying.pop(future.key)
-                row = _finished_row(future, job)
-                rows.write(row)
-                state.done += 1
-                state.failed += row["status"] == "failed"
-                state.busy_s += row.get("busy_s") or 0.0
-                state.elapsed_s = time.monotonic() - began
-                state.last = row
-                busy.setdefault(job.group, []).append(row.get("busy_s") or 0.0)
-                state.left_s = _left_s(busy, todo, state.done, threads)
-                future.release()
-                following = hand_out()
+                rows.write(queue.take(future))
+                following = queue.submit()
                 if following is not None:
                     submitted.add(following)
                 if progress is not None:
@@ -129,19 +106,59 @@ def run_campaign(
     return state
 
 
-def _say_versions(rows: Sequence[Mapping[str, Any]]) -> None:
+class _Queue:
+    """Submits missions to the cluster one by one, and keeps the state of the campaign."""
+
+    def __init__(self, todo: Sequence[Job], client: Any, state: CampaignState, budget_s: float) -> None:
+        self._todo, self._client, self._state, self._budget_s = todo, client, state, budget_s
+        self._waiting, self._running = iter(todo), dict[str, Job]()
+        self._began = time.monotonic()
+        self._busy: dict[str, list[float]] = {}
+
+    def submit(self) -> Any:
+        """The future of the next mission; None if there is none, or it would probably exceed the budget."""
+        usual = self._state.busy_s / self._state.done if self._state.done else 0.0
+        job = next(self._waiting, None) if time.monotonic() - self._began + usual < self._budget_s else None
+        if job is None:
+            return None
+        future = self._client.submit(mission_row, job, key=f"mission-{job.id}-{time.time_ns()}", pure=False)
+        self._running[future.key] = job
+        return future
+
+    def take(self, future: Any) -> dict[str, Any]:
+        """The row of a finished future, which is released; the state counts it."""
+        state, job = self._state, self._running.pop(future.key)
+        row = _finished_row(future, job)
+        busy_s = row.get("busy_s") or 0.0
+        state.done += 1
+        state.failed += row["status"] == "failed"
+        state.busy_s += busy_s
+        state.elapsed_s = time.monotonic() - self._began
+        state.last = row
+        self._busy.setdefault(job.group, []).append(busy_s)
+        state.left_s = self._left_s()
+        future.release()
+        return row
+
+    def _left_s(self) -> float:
+        """Estimate of the time left: each mission takes the mean time of its setting."""
+        done = [value for values in self._busy.values() for value in values]
+        means = {group: sum(values) / len(values) for group, values in self._busy.items()}
+        total = sum(means.get(job.group, sum(done) / len(done)) for job in self._todo)
+        return max(total - sum(done), 0.0) / self._state.threads if len(done) < len(self._todo) else 0.0
+
+
+def _report_versions(rows: Sequence[Mapping[str, Any]]) -> None:
     others = sorted({str(row.get("version") or "unknown") for row in rows} - {version()})
     if others:
-        print(
-            f"{len(rows)} rows are kept, of code {', '.join(others)}; what follows is flown by {version()}", flush=True
-        )
+        print(f"{len(rows)} rows come from version {', '.join(others)}; new ones from {version()}", flush=True)
 
 
 def _finished_row(future: Any, job: Job) -> dict[str, Any]:
-    """The row of a finished future; a mission that Dask gave up on has failed.
+    """The row of a finished future; a mission that Dask has given up has failed.
 
     Raises:
-        CampaignError: if the future was cancelled: without the cluster nothing is known of the mission.
+        CampaignError: if the future was cancelled because the cluster is gone.
     """
     if future.status == "finished":
         row: dict[str, Any] = future.result()
@@ -149,26 +166,16 @@ def _finished_row(future: Any, job: Job) -> dict[str, Any]:
     error = future.exception() if future.status == "error" else None
     if error is None:
         raise CampaignError(
-            f"the cluster is gone (mission {job.id} {future.status}); the same command goes on from here"
+            f"lost the cluster (mission {job.id} {future.status}). Run the same command again to continue"
         )
     return failed_row(job, error)
 
 
-def _left_s(busy: Mapping[str, list[float]], todo: Sequence[Job], done: int, threads: int) -> float:
-    """Time left: each mission takes what the others of its setting took, on average."""
-    everything = [value for values in busy.values() for value in values]
-    overall = sum(everything) / len(everything)
-    means = {group: sum(values) / len(values) for group, values in busy.items()}
-    total = sum(means.get(job.group, overall) for job in todo)
-    spent = sum(everything)
-    return max(total - spent, 0.0) / threads if done < len(todo) else 0.0
-
-
 def made_folder(folder: Path) -> Path:
-    """`folder`, made where it is missing.
+    """Makes a folder if it is missing; returns it.
 
     Raises:
-        CampaignError: if a file of that name is in the way.
+        CampaignError: if there is a file of that name.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -179,7 +186,7 @@ def made_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Holds a campaign's folder for this process.
+    """Locks a campaign's folder for this process.
 
     Raises:
         CampaignError: if another process holds it.
@@ -188,5 +195,5 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise CampaignError(f"{folder}: another process works on this campaign; wait for it or stop it") from error
+            raise CampaignError(f"{folder}: another process works on this campaign. Wait for it or stop it") from error
         yield

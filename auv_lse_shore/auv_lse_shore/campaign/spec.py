@@ -1,6 +1,6 @@
-"""What a campaign flies: settings times seeds, from a YAML file.
+"""A campaign: settings times seeds, from a YAML file.
 
-name: loss                          # the campaign's name; its folder, unless --out says otherwise
+name: loss                          # the campaign's name, and that of its folder without --out
 mission: ../missions/default.yaml   # optional: the mission file to start from (beside this file)
 set: {mission.steps: 50}            # optional: parameters of all missions, by dotted name
 grid:                               # every combination of these ...
@@ -30,11 +30,11 @@ from auv_lse_common.mission_file.settings import Patterns, Settings
 
 #: Keys of a campaign file.
 KEYS = ("name", "mission", "set", "grid", "list", "seeds")
-#: What names a folder: no path, no hidden file, nothing that does not print. Its length in bytes at most.
+#: A name for a folder: no path, not hidden, printable; and its largest length (bytes).
 _NAME = re.compile(r"[^\W.][^/\x00-\x1f\x7f]*")
-_LONGEST_NAME = 100
-#: More is a slip: weeks of flying, and a list of missions that no machine holds.
-_MOST_SEEDS = 100_000
+_MAX_NAME_BYTES = 100
+#: More seeds are a mistake: weeks of simulation, and a list of missions that exceeds the memory.
+_MAX_SEEDS = 100_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,8 +42,8 @@ class Job:
     """One mission of a campaign.
 
     Attributes:
-        id: Names the mission: a digest of its complete parameters and of the survey that it flies over, so that after a
-            change of the campaign file only changed missions are flown.
+        id: A digest of its complete parameters and of its survey file, so that after a change of the campaign file
+            only changed missions are simulated.
         group: Label of its setting; all seeds of one setting share it.
         varied: The parameters in which settings differ, with this mission's values.
         seed: Its seed.
@@ -64,11 +64,11 @@ class CampaignSpec:
     Attributes:
         name: Its name.
         settings: Parameters of each setting (dotted names), with its label.
-        seeds: Seeds that every setting is flown with.
+        seeds: Seeds of every setting.
         varied: Names of the parameters in which settings differ, in order.
         base: The mission file that all settings start from, as written: defaults that depend on the number of
-            vehicles are filled in with a setting's own number.
-        where: The file that it came from, for messages.
+            vehicles are filled in per setting.
+        where: The file that it came from, for errors.
     """
 
     name: str
@@ -89,7 +89,7 @@ class CampaignSpec:
 
     @classmethod
     def from_mapping(cls, content: Any, where: str, folder: Path, name: str = "campaign") -> CampaignSpec:
-        """The campaign that a mapping (as in the file) describes; `folder` is where its mission file is looked for.
+        """The campaign of a mapping (as in the file); the path of its mission file is relative to `folder`.
 
         Raises:
             ParameterError: naming the key, the value and what was expected.
@@ -114,20 +114,22 @@ class CampaignSpec:
             for values in itertools.product(*grid.values()):
                 chosen = dict(zip(grid, values, strict=True))
                 if both := set(own) & set(chosen):
-                    raise ParameterError(f"{where}: {', '.join(sorted(both))}: in grid and in list; expected in one")
+                    raise ParameterError(
+                        f"{where}: got {', '.join(sorted(both))} in grid and in list; expected in one of them"
+                    )
                 parts = [str(label)] if label is not None else [_short(k, v) for k, v in own.items()]
                 parts += [_short(k, v) for k, v in chosen.items()]
                 settings.append((", ".join(parts) or "all", {**common, **own, **chosen}))
         labels = [label for label, _ in settings]
         if len(set(labels)) != len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
-            raise ParameterError(f"{where}: two settings are called '{twice}'; expected different labels")
+            raise ParameterError(f"{where}: got two settings called '{twice}'; expected different labels")
         mission = content.get("mission")
         file = folder / str(mission) if mission else None
-        Settings.load(file)  # errors of the file itself come first
+        Settings.load(file)  # reports errors of the file itself first
         for label, values in settings:
             if "mission.seed" in values:
-                raise ParameterError(f"{where}: mission.seed in setting '{label}'; expected under `seeds`")
+                raise ParameterError(f"{where}: got mission.seed in setting '{label}'; expected seeds under `seeds`")
         names = dict.fromkeys(k for entry in listed for k in entry if k != "label") | dict.fromkeys(grid)
         return cls(
             name=_folder_name(content.get("name") or name, where),
@@ -139,7 +141,7 @@ class CampaignSpec:
         )
 
     def jobs(self) -> list[Job]:
-        """Every mission, seed by seed: a campaign that is cut short has the same seeds of every setting.
+        """Every mission, seed by seed: a campaign that is stopped early has the same seeds of every setting.
 
         Raises:
             ParameterError: if a setting cannot be used.
@@ -185,12 +187,12 @@ def _mapping(value: Any, where: str) -> Mapping[str, Any]:
 
 
 def _folder_name(value: Any, where: str) -> str:
-    """The campaign's name, which a folder gets."""
+    """The campaign's name, checked."""
     name = str(value)
-    if not isinstance(value, str | int) or not _NAME.fullmatch(name) or len(name.encode()) > _LONGEST_NAME:
+    if not isinstance(value, str | int) or not _NAME.fullmatch(name) or len(name.encode()) > _MAX_NAME_BYTES:
         raise ParameterError(
             f"{where}: name: got {value!r}; expected a name for a folder: without '/', not beginning with '.', at most "
-            f"{_LONGEST_NAME} bytes"
+            f"{_MAX_NAME_BYTES} bytes"
         )
     return name
 
@@ -200,8 +202,8 @@ def _seeds(value: Any, where: str) -> tuple[int, ...]:
     if isinstance(value, Mapping) and set(value) == {"first", "count"}:
         first, count = value["first"], value["count"]
     if _whole(first) and _whole(count) and count >= 1:
-        if count > _MOST_SEEDS:
-            raise ParameterError(f"{where}: seeds: got {value!r}; expected at most {_MOST_SEEDS} seeds")
+        if count > _MAX_SEEDS:
+            raise ParameterError(f"{where}: seeds: got {value!r}; expected at most {_MAX_SEEDS} seeds")
         return tuple(range(first, first + count))
     if isinstance(value, Sequence) and not isinstance(value, str) and _different_seeds(value):
         return tuple(value)

@@ -1,14 +1,14 @@
-"""How sure an estimated isobath is, piece by piece: found, likely, or guessed.
+"""Certainty of an estimated isobath, piece by piece: found, likely, or guessed.
 
-The mean depth of a Gaussian process crosses the level everywhere, also where nobody measured: there the line is the
-prior's, not the lake's. Three things decide what is claimed at a place of the line:
+The mean depth of a Gaussian process crosses the level everywhere, also where nothing was measured: there the line comes
+from the prior, not from the lake. The class of a place of the line follows from:
 
-- *Sideways error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the line is off by
-  s / g (m) to either side, in standard deviations. The vehicles' own place error p (m), which the map does not know,
-  moves the ground as a whole: together sqrt((s / g)^2 + p^2). p is that of the nearest sounding.
-- *Data.* The share 1 - s^2 / (c s0)^2 of the prior variance s0^2 that the soundings have removed, with c^2 the scale
-  by which the map is told. Without it a prior mean that is steep, as of a chart, would find isobaths by itself.
-- *Runs.* A stretch shorter than `SHORTEST_M` is not worth more than what is beside it.
+- *Horizontal error.* With a depth of standard deviation s (m) on ground of slope g (m per m), the standard deviation of
+  the line's position across itself is s / g (m). The vehicles' own position error p (m), that of the nearest sounding,
+  shifts the ground as a whole: together sqrt((s / g)^2 + p^2).
+- *Data.* The share 1 - s^2 / (c s0)^2 of the prior variance s0^2 that the soundings have removed, with c^2 the scale of
+  the published map. Without it a steep prior mean, as of a chart, would find isobaths by itself.
+- *Length.* A stretch shorter than `MIN_LENGTH_M` has no higher class than its neighbors.
 
 What is not found has a reason: `NOT_VISITED`, `PLACES_UNCERTAIN`, or `FLAT`.
 """
@@ -28,40 +28,40 @@ from auv_lse_gp.map.depth_map import DepthField
 
 Array = NDArray[np.float64]
 
-#: The classes of a piece, the surest first.
+#: The classes of a piece, the most certain first.
 FOUND, LIKELY, GUESSED = "found", "likely", "guessed"
 CLASSES = (FOUND, LIKELY, GUESSED)
 
-#: Largest sideways standard deviation (m) of a piece that is found, and of one that is likely.
-LARGEST_STD_M = {FOUND: 10.0, LIKELY: 30.0}
+#: Largest horizontal standard deviation (m) of a piece that is found, and of one that is likely.
+MAX_STD_M = {FOUND: 10.0, LIKELY: 30.0}
 
 #: Least share of the prior variance that the soundings must have removed there.
-LEAST_INFORMED = {FOUND: 0.75, LIKELY: 0.5}
+MIN_INFORMED = {FOUND: 0.75, LIKELY: 0.5}
 
-#: A stretch shorter than this (m) takes the class of the surer of its two neighbours if that is less sure than itself.
-SHORTEST_M = 15.0
+#: A stretch shorter than this (m) takes the higher class of its two neighbors if that is lower than its own.
+MIN_LENGTH_M = 15.0
 
-#: Spacing (m) of the places along a line at which its certainty is judged.
+#: Spacing (m) of the places along a line at which its class is computed.
 SPACING_M = 5.0
 
 #: A place counts as visited if a sounding was made within this distance (m).
 VISITED_M = 20.0
 
-#: Why a piece is not found: no sounding near it; soundings that do not know where they are; ground so flat there that
-#: a small error in depth moves the line far.
+#: Why a piece is not found: no sounding near it; soundings of uncertain position; ground so flat there that a small
+#: error in depth moves the line far.
 NOT_VISITED, PLACES_UNCERTAIN, FLAT = "not visited", "places uncertain", "flat ground"
 REASONS = (NOT_VISITED, PLACES_UNCERTAIN, FLAT)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """A stretch of the estimated isobath of one certainty.
+    """A stretch of the estimated isobath of one class.
 
     Attributes:
         line: Places (n, 2): north, east (m).
         kind: `FOUND`, `LIKELY` or `GUESSED`.
-        reason: Why it is not found, one of `REASONS`; "" for what is found.
-        std_m: Sideways standard deviation (m) at each place, shape (n,).
+        reason: Why it is not found, one of `REASONS`; "" if it is.
+        std_m: Horizontal standard deviation (m) at each place, shape (n,).
     """
 
     line: Array
@@ -76,12 +76,12 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Support:
-    """What a map knows about places of a line; arrays (n,).
+class Evidence:
+    """Evidence for places of a line; arrays (n,).
 
     Attributes:
-        depth_std_m: Sideways standard deviation (m) that comes from the depth's, s / g.
-        place_std_m: The vehicles' place error (m), per axis; 0 where they do not know it.
+        depth_std_m: Horizontal standard deviation (m) due to the depth's, s / g.
+        place_std_m: The vehicles' position error (m), per axis; 0 where it is unknown.
         informed: Share of the prior variance that the soundings have removed.
         nearest_m: Distance (m) to the nearest sounding.
     """
@@ -93,24 +93,24 @@ class Support:
 
     @property
     def std_m(self) -> Array:
-        """Sideways standard deviation (m), of both."""
+        """Horizontal standard deviation (m) due to both."""
         return np.hypot(self.depth_std_m, self.place_std_m)
 
 
 def classify(lines: Sequence[Array], field: DepthField, prior: DepthField, soundings: Array) -> list[Piece]:
-    """Splits an estimated isobath into pieces of one certainty each.
+    """Splits an estimated isobath into pieces of one class each.
 
     Args:
         lines: The isobath: lines, each of shape (n, 2): north, east (m).
         field: The map it was drawn from.
         prior: The same map before the first sounding.
-        soundings: Where it was measured: north, east, place error per axis (m; NaN where unknown), shape (S, 3).
+        soundings: Where it was measured: north, east, position error per axis (m; NaN where unknown), shape (S, 3).
     """
     pieces = []
     for line in lines:
         places = _densified(line)
-        known = support(places, field, prior, soundings)
-        ranks = _without_short_runs(_rank(known.std_m, known.informed), places)
+        known = evidence(places, field, prior, soundings)
+        ranks = _without_short_stretches(_rank(known.std_m, known.informed), places)
         edges = np.flatnonzero(np.diff(ranks)) + 1
         for start, stop in zip([0, *edges], [*edges, len(places)], strict=True):
             stretch = slice(start, min(stop + 1, len(places)))  # to the first place of the next: no gaps
@@ -136,8 +136,8 @@ def length_of(pieces: Sequence[Piece], kind: str, reason: str | None = None) -> 
     return sum((p.length_m for p in pieces if p.kind == kind and reason in (None, p.reason)), 0.0)
 
 
-def support(places: Array, field: DepthField, prior: DepthField, soundings: Array) -> Support:
-    """What the map knows about places (n, 2) of its isobath; other arguments as of `classify`."""
+def evidence(places: Array, field: DepthField, prior: DepthField, soundings: Array) -> Evidence:
+    """Evidence for places (n, 2) of the isobath; other arguments as of `classify`."""
     grid = field.grid
     at = [
         (places[:, 0] - grid.north_m[0]) / grid.resolution_m,
@@ -157,7 +157,7 @@ def support(places: Array, field: DepthField, prior: DepthField, soundings: Arra
         nearest, index = cKDTree(soundings[:, :2]).query(places)
         place_std = np.nan_to_num(soundings[index, 2], nan=0.0)
     with np.errstate(divide="ignore"):
-        return Support(
+        return Evidence(
             depth_std_m=np.divide(here, slope, out=np.full_like(here, np.inf), where=slope > 0.0),
             place_std_m=place_std,
             informed=1.0 - (here / value(prior_std)) ** 2 / field.variance_scale,
@@ -178,12 +178,12 @@ def _rank(std_m: Array, informed: Array) -> NDArray[np.int64]:
     """Index into `CLASSES` at each place (n,)."""
     rank = np.full(len(std_m), CLASSES.index(GUESSED))
     for kind in (LIKELY, FOUND):
-        rank[(std_m <= LARGEST_STD_M[kind]) & (informed >= LEAST_INFORMED[kind])] = CLASSES.index(kind)
+        rank[(std_m <= MAX_STD_M[kind]) & (informed >= MIN_INFORMED[kind])] = CLASSES.index(kind)
     return rank
 
 
-def _without_short_runs(ranks: NDArray[np.int64], places: Array) -> NDArray[np.int64]:
-    """Ranks (n,) in which no stretch shorter than `SHORTEST_M` is surer than both of its neighbours."""
+def _without_short_stretches(ranks: NDArray[np.int64], places: Array) -> NDArray[np.int64]:
+    """Ranks (n,) in which no stretch shorter than `MIN_LENGTH_M` has a higher class than both of its neighbors."""
     ranks = ranks.copy()
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
     closed = bool(np.all(places[0] == places[-1]))
@@ -194,25 +194,25 @@ def _without_short_runs(ranks: NDArray[np.int64], places: Array) -> NDArray[np.i
             break
         for number, (start, stop) in enumerate(runs):
             ends = number in (0, len(runs) - 1)
-            if ranks[start] != rank or along[min(stop, len(along) - 1)] - along[start] >= SHORTEST_M:
+            if ranks[start] != rank or along[min(stop, len(along) - 1)] - along[start] >= MIN_LENGTH_M:
                 continue
             if ends and closed:
-                continue  # the run goes on at the other end of a closed line
+                continue  # the stretch continues at the other end of a closed line
             beside = [ranks[i] for i in (start - 1, stop) if 0 <= i < len(ranks)]
             ranks[start:stop] = max(rank, min(beside))
     return ranks
 
 
-def _reason(known: Support, stretch: slice) -> str:
+def _reason(known: Evidence, stretch: slice) -> str:
     """Why most of a stretch is not found."""
     visited = known.nearest_m[stretch] <= VISITED_M
-    sure = (known.depth_std_m[stretch] <= LARGEST_STD_M[FOUND]) & (known.informed[stretch] >= LEAST_INFORMED[FOUND])
+    sure = (known.depth_std_m[stretch] <= MAX_STD_M[FOUND]) & (known.informed[stretch] >= MIN_INFORMED[FOUND])
     reasons = np.where(sure, 1, np.where(visited, 2, 0))
     return REASONS[int(np.bincount(reasons, minlength=3).argmax())]
 
 
 def _densified(line: Array) -> Array:
-    """A line's places with more between them, so that they are at most `SPACING_M` apart, and none twice in a row."""
+    """A line with places added so that they are at most `SPACING_M` apart, and repeated places removed."""
     steps = np.hypot(*np.diff(line, axis=0).T)
     line = line[np.concatenate([[True], steps > 0.0])]
     if len(line) < 2:

@@ -42,7 +42,7 @@ def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None) -> dic
     def uncertain(reason: str) -> float:
         return length_of(pieces, LIKELY, reason) + length_of(pieces, GUESSED, reason)
 
-    error = None if truth is None else isobath.judge_claim(lines_of(pieces, FOUND), truth)
+    error = None if truth is None else isobath.compare(lines_of(pieces, FOUND), truth)
     return {
         "isobath_found_m": length_of(pieces, FOUND),
         "isobath_likely_m": length_of(pieces, LIKELY),
@@ -51,8 +51,8 @@ def isobath_found(pieces: Sequence[Piece], truth: Sequence[Array] | None) -> dic
         "isobath_places_uncertain_m": uncertain(PLACES_UNCERTAIN),
         "isobath_flat_m": uncertain(FLAT),
         "isobath_found": error and error.found,
-        "isobath_found_error_m": error and error.mean_m,
-        "isobath_found_error_p95_m": error and error.percentile_95_m,
+        "isobath_found_error_m": error and error.estimate_mean_m,
+        "isobath_found_error_p95_m": error and error.estimate_percentile_95_m,
         "isobath_made_up": error and error.made_up,
         "isobath_true_m": None if truth is None else isobath.length_m(truth),
         "isobath_length_m": isobath.length_m(lines_of(pieces)),

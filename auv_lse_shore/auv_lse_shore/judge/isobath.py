@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 #: Spacing (m) of the points along isobaths between which distances are measured.
 POINT_SPACING_M = 2.0
 
-#: A place of the true isobath counts as found if the estimated one passes within this distance (m).
+#: A place of the true isobath counts as found if the estimate passes within this distance (m).
 FOUND_WITHIN_M = 10.0
 
 
@@ -48,7 +48,7 @@ def length_m(lines: Sequence[Array]) -> float:
 
 
 def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Array:
-    """Places (n, 2) at equal distances of about `spacing_m` along lines, each standing for as much of the line."""
+    """Places (n, 2) at equal distances of about `spacing_m` along lines, each for an equal length."""
     points = []
     for line in lines:
         along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
@@ -60,69 +60,40 @@ def resample(lines: Sequence[Array], spacing_m: float = POINT_SPACING_M) -> Arra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IsobathError:
-    """How far an estimated isobath is from the true one; NaN where one of the two does not exist.
+    """Distance between an estimated and the true isobath; NaN where one of the two does not exist.
 
     Attributes:
         mean_m: Mean distance between the two lines: half the mean from the estimate's points to the nearest of the
-            truth, half the mean from the truth's points to the nearest of the estimate. Missing pieces count by the
-            second half, made-up pieces by the first.
+            truth, half the mean from the truth's points to the nearest of the estimate. Missing pieces count in the
+            second half, invented pieces in the first.
         percentile_95_m: 95th percentile of the distances of both directions together.
+        estimate_mean_m: Mean distance of the estimate's points from the truth.
+        estimate_percentile_95_m: 95th percentile of it.
         found: Share of the true isobath within `FOUND_WITHIN_M` of the estimate.
         made_up: Share of the estimate farther than that from every true isobath.
     """
 
-    mean_m: float
-    percentile_95_m: float
-    found: float
-    made_up: float
+    mean_m: float = math.nan
+    percentile_95_m: float = math.nan
+    estimate_mean_m: float = math.nan
+    estimate_percentile_95_m: float = math.nan
+    found: float = math.nan
+    made_up: float = math.nan
 
 
 def compare(estimate: Sequence[Array], truth: Sequence[Array]) -> IsobathError:
     """Distance between two isobaths, each a list of lines (n, 2) of north, east (m)."""
     a, b = resample(estimate), resample(truth)
     if len(a) == 0 or len(b) == 0:
-        missing = 0.0 if len(b) else math.nan
-        return IsobathError(
-            mean_m=math.nan, percentile_95_m=math.nan, found=missing, made_up=1.0 if len(a) else math.nan
-        )
+        return IsobathError(found=0.0 if len(b) else math.nan, made_up=1.0 if len(a) else math.nan)
     to_truth, to_estimate = cKDTree(b).query(a)[0], cKDTree(a).query(b)[0]
     return IsobathError(
         mean_m=float(0.5 * (to_truth.mean() + to_estimate.mean())),
         percentile_95_m=float(np.percentile(np.concatenate([to_truth, to_estimate]), 95.0)),
+        estimate_mean_m=float(to_truth.mean()),
+        estimate_percentile_95_m=float(np.percentile(to_truth, 95.0)),
         found=float(np.mean(to_estimate <= FOUND_WITHIN_M)),
         made_up=float(np.mean(to_truth > FOUND_WITHIN_M)),
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClaimError:
-    """How good the pieces are that a map claims to have found; NaN where there is nothing to compare.
-
-    Attributes:
-        mean_m: Mean distance of the pieces from the true isobath. What is missing does not count here, but in `found`.
-        percentile_95_m: 95th percentile of that distance.
-        found: Share of the true isobath within `FOUND_WITHIN_M` of the pieces.
-        made_up: Share of the pieces farther than that from every true isobath.
-    """
-
-    mean_m: float
-    percentile_95_m: float
-    found: float
-    made_up: float
-
-
-def judge_claim(claimed: Sequence[Array], truth: Sequence[Array]) -> ClaimError:
-    """Compares what is claimed with the true isobath, each a list of lines (n, 2) of north, east (m)."""
-    a, b = resample(claimed), resample(truth)
-    both = compare(claimed, truth)
-    if len(a) == 0 or len(b) == 0:
-        return ClaimError(mean_m=math.nan, percentile_95_m=math.nan, found=both.found, made_up=both.made_up)
-    off = cKDTree(b).query(a)[0]
-    return ClaimError(
-        mean_m=float(off.mean()),
-        percentile_95_m=float(np.percentile(off, 95.0)),
-        found=both.found,
-        made_up=both.made_up,
     )
 
 
@@ -134,7 +105,7 @@ def write_geojson(
     """Writes isobaths as GeoJSON (RFC 7946).
 
     With an origin, coordinates are WGS84 longitude, latitude, as the standard demands. Without one they are local
-    metres, east then north, and every feature's properties say so.
+    metres, east then north, as every feature's property `coordinates` states.
 
     Args:
         path: File to write.

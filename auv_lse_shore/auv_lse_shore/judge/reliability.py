@@ -1,7 +1,7 @@
-"""How often it is so where the map says how probable it is: the reliability of P(safe) (Murphy and Winkler, 1977).
+"""Reliability of P(safe), the probability of being deep enough (Murphy and Winkler, 1977).
 
-A map is reliable if, of all places that it calls safe with a probability p, a share p is safe. Most places of a map
-are nearly sure, so that the classes of probability are narrow at both ends.
+A map is reliable if a share p of all places that it calls safe with probability p is safe. Most places of a map are
+nearly certain, so the classes of probability are narrow at both ends.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-#: Limits of the classes of probability; each holds its lower limit, the last one both.
+#: Limits of the classes of probability; each includes its lower limit, the last one both.
 EDGES = (0.0, 0.01, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 #: Number of classes.
 CLASSES = len(EDGES) - 1
@@ -26,8 +26,8 @@ class Reliability:
 
     Attributes:
         cells: Places in each class, shape (`CLASSES`,).
-        expected: How many of them should be safe: the sum of their probabilities, shape (`CLASSES`,).
-        safe: How many of them are safe, shape (`CLASSES`,).
+        expected: Expected number of safe places: the sum of their probabilities, shape (`CLASSES`,).
+        safe: Number of safe places, shape (`CLASSES`,).
     """
 
     cells: tuple[float, ...]
@@ -39,13 +39,13 @@ class Reliability:
         """The reliability of probabilities (P,) of being safe at places that are safe or not (P,).
 
         Raises:
-            ValueError: if there are not as many of the one as of the other, or a probability is not from 0 to 1.
+            ValueError: if the lengths differ, or a probability is not from 0 to 1.
         """
         p, is_safe = np.asarray(p_safe, dtype=float).ravel(), np.asarray(safe, dtype=bool).ravel()
         if p.shape != is_safe.shape:
-            raise ValueError(f"p_safe has {p.size} values, safe {is_safe.size}; expected as many of both")
+            raise ValueError(f"p_safe got {p.size} values, safe {is_safe.size}; expected as many of both")
         if not ((p >= 0.0) & (p <= 1.0)).all():
-            raise ValueError(f"p_safe: from {p.min()} to {p.max()}; expected probabilities from 0 to 1")
+            raise ValueError(f"p_safe got values from {p.min()} to {p.max()}; expected probabilities from 0 to 1")
         which = np.clip(np.searchsorted(EDGES, p, side="right") - 1, 0, CLASSES - 1)
 
         def sums(weights: Array) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Measures of vehicles' tracks: navigation error, length, distance to each other."""
+"""Measures of vehicles' tracks: position error, length, distance to each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from auv_lse_record.run_data import VehicleRun
 
 Array = NDArray[np.float64]
 
-#: Separation of vehicles is not judged before this time (s): they all start at one place, at their own depths.
+#: Separation counts from this time (s) on: all vehicles start at one place, at their own depths.
 SEPARATION_FROM_S = 60.0
 
 

@@ -1,8 +1,8 @@
 """The paper's claims, one by one, compared with what was measured here.
 
-A claim about a mean is called supported if the 95 % confidence interval of the paired difference over seeds lies on
-its side of zero, contradicted if it lies on the other, undecided if it contains zero. "At least as good" is also
-supported by an interval that contains zero but nothing worse than -5 %. Seeds share lakes, sensors' errors and channel,
+A claim about a mean is supported if the 95 % confidence interval of the paired difference over seeds lies on its side
+of zero, contradicted if it lies on the other side, and undecided if it contains zero. "At least as good" is also
+supported by an interval that contains zero but nothing worse than -5 %. Seeds share lakes, sensor errors and channel,
 so differences are taken seed by seed.
 """
 
@@ -17,15 +17,15 @@ from auv_lse_shore.reproduce.study import OURS
 
 SUPPORTED, CONTRADICTED, UNDECIDED = "supported", "contradicted", "undecided"
 
-#: What was known before the mission: a constant depth, or a coarse chart (`study.CHART`).
+#: The prior: a constant depth, or a coarse chart (`study.CHART`).
 FLAT, CHART = "flat", "chart"
 
 #: A local map counts as close to the map from all soundings if they differ by less than this share of the risk at
 #: the start. The paper says "small" and gives no number.
 SMALL = 0.05
 
-#: Fewer seeds than this decide nothing, whatever their interval.
-LEAST = 5
+#: With fewer seeds than this, verdicts are undecided.
+MIN_SEEDS = 5
 
 #: "At least as good" holds if the interval of the difference excludes being worse by more than this share.
 MARGIN = 0.05
@@ -33,13 +33,13 @@ MARGIN = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """One measurement that speaks for or against a claim.
+    """One measurement for or against a claim.
 
     Attributes:
         what: What was measured, with its unit.
         value: The result, as text.
         verdict: `SUPPORTED`, `CONTRADICTED` or `UNDECIDED`.
-        prior: What was known of the ground before the mission, `FLAT` or `CHART`.
+        prior: `FLAT` or `CHART`.
     """
 
     what: str
@@ -50,13 +50,13 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
-    """A claim of the paper (or of ours) and the evidence.
+    """A claim of the paper, or of this project, with its evidence.
 
     Attributes:
         text: The claim.
-        source: Where it is made.
+        source: Where the claim is made.
         evidence: What was measured.
-        remark: What limits the evidence.
+        remark: Limits of the evidence.
     """
 
     text: str
@@ -79,7 +79,7 @@ class Claim:
 
 def verdict(difference: Interval, more_is_better: bool) -> str:
     """Whether a difference (a - b, a claimed to be better) supports the claim."""
-    if difference.count < LEAST:
+    if difference.count < MIN_SEEDS:
         return UNDECIDED
     low, high = (difference.low, difference.high) if more_is_better else (-difference.high, -difference.low)
     return SUPPORTED if low > 0.0 else CONTRADICTED if high < 0.0 else UNDECIDED
@@ -88,7 +88,7 @@ def verdict(difference: Interval, more_is_better: bool) -> str:
 def not_worse(difference: Interval, other: float, more_is_better: bool) -> str:
     """Whether a difference supports "at least as good as `other`": no worse by more than `MARGIN` of it."""
     found = verdict(difference, more_is_better)
-    if found == UNDECIDED and difference.count >= LEAST:
+    if found == UNDECIDED and difference.count >= MIN_SEEDS:
         low = difference.low if more_is_better else -difference.high
         return SUPPORTED if low > -MARGIN * abs(other) else UNDECIDED
     return found
@@ -133,13 +133,13 @@ def _better(a: Mapping[int, float | None], b: Mapping[int, float | None], more: 
 
 
 def share(flags: Sequence[bool | None], what: str) -> Evidence | None:
-    """Evidence from how often something held: supported if always, contradicted if in fewer than 95 % of missions."""
+    """Evidence from a share of missions: supported if all, contradicted if fewer than 95 %."""
     known = [flag for flag in flags if flag is not None]
     if not known:
         return None
     held = sum(known)
     judged = SUPPORTED if held == len(known) else CONTRADICTED if held < 0.95 * len(known) else UNDECIDED
-    judged = judged if len(known) >= LEAST else UNDECIDED
+    judged = judged if len(known) >= MIN_SEEDS else UNDECIDED
     return Evidence(what=what, value=f"{held} of {len(known)} missions", verdict=judged)
 
 
@@ -198,7 +198,7 @@ def _above_the_bound(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Seq
         for column, name in (("team_reward", "stepwise reward"), ("path_reward", "path reward")):
             difference = paired(by_seed(rows, column), by_seed(lawn, column))
             if difference.count:
-                text = f"{team}{name} less that of a lawnmower flown over the same lakes (cost)"
+                text = f"{team}{name} less that of a lawnmower over the same lakes (cost)"
                 value = f"{difference} ({difference.count} seeds)"
                 floor = interval([value_of(r, column) for r in lawn]).mean
                 evidence.append(Evidence(what=text, value=value, verdict=not_worse(difference, floor, True)))
@@ -206,9 +206,9 @@ def _above_the_bound(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Seq
         text="The mission's reward stays above the lower bound, which is the reward of mowing the lawn.",
         source="section 6: 'the lower bound guarantee ... may be achieved despite non-idealities'",
         evidence=tuple(e for e in evidence if e is not None),
-        remark="The stepwise reward, the paper's literal sum, does not telescope: the bound credits the whole "
-        "naive part against the data of today, the reward credits each leg against all data before it. The first "
-        "line is the figure's literal comparison; the others are comparisons of like with like.",
+        remark="The stepwise reward does not telescope: the bound credits the whole naive part against today's data, "
+        "the reward credits each leg against all data before it. The first line is the figure's literal comparison; "
+        "the others compare like with like.",
     )
 
 
@@ -224,7 +224,7 @@ def _local_maps(groups: Mapping[tuple[int, str], Sequence[Row]], teams: Sequence
             after = interval([value_of(r, "risk_after") for r in rows]).mean
             delivery = interval([value_of(r, "delivery") for r in rows])
             judged = UNDECIDED
-            if error.count >= LEAST:
+            if error.count >= MIN_SEEDS:
                 limit = SMALL * before
                 judged = SUPPORTED if error.high < limit else CONTRADICTED if error.low > limit else UNDECIDED
             evidence.append(

@@ -1,4 +1,4 @@
-"""One mission of each kind of a study in full, for the paper's figures: flown once, then read from its run folder."""
+"""One fully recorded mission of each kind, for the paper's figures: simulated once, then read from its run folder."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from auv_lse_record import run_reader, run_writer
 from auv_lse_record.run_data import GroundGrid
-from auv_lse_shore.campaign.mission_row import judged
+from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from auv_lse_shore.judge.evaluation import Evaluation, evaluate
 from auv_lse_shore.report.report import write_outputs
 from auv_lse_shore.reproduce.study import Study, trial_name
@@ -19,14 +19,14 @@ from auv_lse_shore.reproduce.study import Study, trial_name
 def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], Evaluation]:
     """One mission of each of the study's `examples`, with full recording.
 
-    Its seed is the trials' first, chosen before anything was flown. Without a client, only those flown before.
+    Its seed is the trials' first, chosen in advance. Without a client, only those that are there already.
     """
     spec = study.campaigns["trials"]
     wanted = {trial_name(k, m): (k, m) for k, m in study.examples}
     jobs = {wanted[job.group]: job for job in spec.jobs() if job.seed == spec.seeds[0] and job.group in wanted}
     places = {key: folder / "examples" / f"{key[0]}_auvs_{key[1]}" for key in jobs}
     flights = {
-        key: client.submit(judged, job.patterns, f"example {job.group}", pure=False)
+        key: client.submit(simulate_and_evaluate, job.patterns, f"example {job.group}", pure=False)
         for key, job in jobs.items()
         if client is not None and not places[key].exists()
     }
@@ -41,7 +41,7 @@ def examples(study: Study, folder: Path, client: Any) -> dict[tuple[int, str], E
 
 
 def _keep(evaluation: Evaluation, place: Path) -> None:
-    """Writes a run folder, which is there whole or not at all."""
+    """Writes a run folder, complete or not at all."""
     place.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".part-", dir=place.parent) as part:
         run = Path(part) / place.name

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Knob:
-    """A parameter to show.
+    """A tunable parameter.
 
     Attributes:
         name: Short name, of its picture too.
         parameter: Its full name.
-        values: Little, about the default, much.
+        values: A low value, about the default, a high value.
         unit: Unit, "" for none.
-        method: The planning method that it is shown with.
-        own_map: Whether vehicle 1's own map is drawn in place of the team's: where it is the link that counts.
+        method: The planning method.
+        own_map: Whether to draw vehicle 1's own map instead of the team's, for parameters of the link.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """scripts/reproduce: the paper's results in simulation, over many seeds, with its claims checked one by one.
 
-The study's campaigns go on where they were stopped; then one mission of each kind is flown in full, for the figures.
+The study's campaigns continue where they were stopped; then one mission of each kind is recorded for the figures.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.support.user_error import error_text
-from auv_lse_shore.campaign.cluster import cluster
-from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.cluster import CampaignError, cluster
 from auv_lse_shore.campaign.options import add_cluster_options, default_root
 from auv_lse_shore.campaign.progress_display import duration
 from auv_lse_shore.campaign.results import write_results
@@ -22,7 +21,7 @@ from auv_lse_shore.campaign.runner import CampaignState, made_folder
 from auv_lse_shore.reproduce.examples import examples
 from auv_lse_shore.reproduce.reproduce_page import write_page
 from auv_lse_shore.reproduce.study import CAMPAIGNS, METHODS, SENSITIVE, SWEEP_NAMES, full_study, quick_study
-from auv_lse_shore.reproduce.study_runner import estimate_s, fly_study
+from auv_lse_shore.reproduce.study_runner import estimate_s, run_study
 
 
 def parser() -> argparse.ArgumentParser:
@@ -30,8 +29,8 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="scripts/reproduce",
         description="Reproduces the paper's results in simulation: figures, a table over seeds with confidence "
-        "intervals, and its claims, one by one, with what supports or contradicts them here. Can be interrupted; "
-        "started again, it goes on where it stopped.",
+        "intervals, and its claims, one by one, with the evidence for and against them. Started again after an "
+        "interruption, it continues.",
         epilog="Exit codes: 0; 1 missions failed; 2 the request cannot be met, or a wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("--quick", action="store_true", help="a small version, in about 3 minutes")
@@ -41,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
         type=int,
         default=50,
         metavar="N",
-        help="seeds of the field trials (default: 50, with a chart 20)",
+        help="seeds of the field trials (default: 50; with a chart 20)",
     )
     p.add_argument("--sweep-seeds", type=int, default=10, metavar="N", help="seeds of the sensitivities (default: 10)")
     p.add_argument(
@@ -65,26 +64,27 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         choices=CAMPAIGNS,
         default=CAMPAIGNS,
-        help="campaigns to fly (default: all); of what the paper does not claim: scripts/campaign "
-        "config/campaigns/places.yaml",
+        help="campaigns to simulate (default: all)",
     )
     add_cluster_options(p)
-    p.add_argument("--estimate", action="store_true", help="say how long it will take, and end")
-    p.add_argument("--page", action="store_true", help="write the page from the missions flown so far, and end")
+    p.add_argument("--estimate", action="store_true", help="estimate the time that it will take, and exit")
+    p.add_argument("--page", action="store_true", help="write the page from the missions simulated so far, and exit")
     return p
 
 
-#: Wall-clock time (s) that --quick gives to its missions; start, examples and page take the rest of its 3 minutes.
+#: Wall-clock time (s) for the missions of --quick; start, examples and page take the rest of its 3 minutes.
 QUICK_S = 90.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Reproduces the paper. Returns 0; 1 if missions failed; 2 if it cannot be done; 130 after Ctrl-C."""
+    """Reproduces the paper; returns the exit code."""
     began = time.monotonic()
     options = parser().parse_args(arguments)
     try:
         if options.seeds < 1 or options.sweep_seeds < 1:
-            raise CampaignError(f"--seeds {options.seeds}, --sweep-seeds {options.sweep_seeds}: expected at least 1")
+            raise CampaignError(
+                f"--seeds {options.seeds}, --sweep-seeds {options.sweep_seeds}: expected whole numbers from 1"
+            )
         study = (
             quick_study(QUICK_S)
             if options.quick
@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         folder = options.out or default_root() / ("reproduce-quick" if options.quick else "reproduce")
         if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
-            raise CampaignError(f"{folder}: no mission was flown here; fix: the same command without --page")
+            raise CampaignError(f"{folder}: has no simulated missions. Run the same command without --page")
         made_folder(folder)
         states: dict[str, CampaignState] = {}
         if options.page:
@@ -103,10 +103,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 if not options.quick:
                     print("estimating the time", flush=True)
                     left = duration(estimate_s(study, folder, client, threads))
-                    print(f"about {left} on {threads} cores; Ctrl-C stops, the same command goes on", flush=True)
+                    print(f"about {left} on {threads} cores. Ctrl-C stops; the same command continues", flush=True)
                     if options.estimate:
                         return 0
-                states = fly_study(
+                states = run_study(
                     study,
                     folder,
                     client,
@@ -118,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error_text(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("\nstopped; finished missions are kept: the same command goes on from here", file=sys.stderr)
+        print("\nstopped; finished missions are kept. Run the same command again to continue", file=sys.stderr)
         return 130
     failed = sum(state.failed for state in states.values())
     print(f"{page} ({failed} missions failed; {duration(time.monotonic() - began)})")

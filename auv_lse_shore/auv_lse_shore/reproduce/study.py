@@ -1,8 +1,8 @@
-"""The study that reproduces the paper: which settings are flown, over how many seeds.
+"""The study that reproduces the paper: its settings and seeds.
 
-Four campaigns: the field trials (teams of 2 and 3; the paper's two methods, the lawnmower and our own), the same where
-a coarse chart is known beforehand, the same in an area large enough that three vehicles do not saturate it, and
-sensitivity to one parameter at a time.
+Four campaigns: the field trials (teams of 2 and 3; the paper's two methods, the lawnmower and our own), the same with a
+coarse chart as prior, the same in an area that three vehicles cannot cover completely, and sensitivities to one
+parameter at a time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from auv_lse_shore.campaign.spec import CampaignSpec
 #: The project's own method.
 OURS = "tour"
 
-#: The methods compared: the paper's two, its floor, and ours.
+#: The methods compared: the paper's two, the lawnmower, and ours.
 METHODS = ("augmented", "plain", "lawnmower", OURS)
 
 #: The methods whose sensitivity is measured.
@@ -27,11 +27,11 @@ SENSITIVE = ("augmented", "plain", OURS)
 #: The campaigns of a full study.
 CAMPAIGNS = ("trials", "charted", "large", "sensitivity")
 
-#: A coarse chart as prior. The paper speaks of where the isobath is expected before the mission, so that its prior was
-#: not flat. What such charts leave of these lakes has a standard deviation of 3.8 to 4.9 m (seeds 8200 to 8205).
+#: A coarse chart as prior: the paper's prior was not flat. The lakes' deviations from such charts have a standard
+#: deviation of 3.8 to 4.9 m (seeds 8200 to 8205).
 CHART: Mapping[str, Any] = {"sim.chart.smoothing_m": 75.0, "sim.chart.error_m": 2.5, "gp.signal_std_m": 5.0}
 
-#: An area in which three vehicles cannot see everything in 100 steps: four times the field trial's.
+#: An area that three vehicles cannot cover in 100 steps: four times the field trial's.
 LARGE: Mapping[str, Any] = {
     "area.polygon_m": [-50.0, -50.0, 1150.0, -50.0, 1150.0, 1350.0, -50.0, 1350.0],
     "sim.lake.north_m": 550.0,
@@ -68,7 +68,7 @@ class Sweep:
         name: Short name.
         label: Name on the axis, with unit.
         points: Value on the axis, and the parameters that it stands for.
-        default: The value that the mission has anyway, flown once for all sweeps; None where methods differ in it.
+        default: The mission's default, simulated once for all sweeps; None where methods differ in it.
     """
 
     name: str
@@ -86,7 +86,7 @@ def _costs(ratio: float) -> Mapping[str, Any]:
     return {"level_set.cost_false_safe": ratio * share, "level_set.cost_false_unsafe": share}
 
 
-#: Every sensitivity asked for; the default's value is among each one's.
+#: The sensitivities; each includes the default value.
 SWEEPS = (
     _one("loss", "packets lost (share)", "sim.channel.packet_loss", [0.0, 0.2, 0.4, 0.6, 0.8, 1.0], 0.0),
     _one("slot", "slot length (s)", "tdma.slot_s", [5.0, 10.0, 20.0, 40.0], 10.0),
@@ -131,9 +131,9 @@ class Study:
         sweeps: The sensitivities that the last one holds.
         teams: Team sizes of the trials.
         large_team: Team size in the large area.
-        examples: Settings of the trials of which one mission is flown for the figures: team size, method.
-        budget_s: Time after which no further mission is handed out, over all campaigns.
-        only: Names of the campaigns that are flown now; the page has all of them.
+        examples: Settings of the trials of which one mission is recorded for the figures: team size, method.
+        budget_s: Time after which no further mission is started, over all campaigns.
+        only: Names of the campaigns to simulate now; the page has all of them.
     """
 
     name: str
@@ -147,7 +147,7 @@ class Study:
 
     @property
     def flown(self) -> dict[str, CampaignSpec]:
-        """The campaigns that are flown now."""
+        """The campaigns to simulate now."""
         return {name: spec for name, spec in self.campaigns.items() if name in self.only}
 
 
@@ -168,7 +168,7 @@ def full_study(
     Args:
         seeds: Seeds of the field trials.
         sweep_seeds: Seeds of the sensitivities.
-        only: Names of the campaigns that are flown.
+        only: Names of the campaigns to simulate.
         sweep_methods: Methods of the sensitivities.
         sweeps: Names of the sensitivities.
     """
@@ -195,7 +195,7 @@ def full_study(
 
 
 def quick_study(budget_s: float) -> Study:
-    """As many seeds of a small mission as fit the time, and three packet losses."""
+    """As many seeds of a small mission as the time allows, and three packet losses."""
     trials = [{"label": trial_name(k, m), "mission.vehicles": k, "planner.method": m} for k in (2, 3) for m in METHODS]
     sweeps = (_one("loss", "packets lost (share)", "sim.channel.packet_loss", [0.0, 0.5, 1.0], 0.0),)
     campaigns = {

@@ -1,4 +1,4 @@
-"""What a study has found: rows by setting, tables and claims as text, and as data."""
+"""The results of a study: rows by setting, tables and claims as text and as data."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def by_trial(rows: Sequence[Row], teams: Sequence[int]) -> dict[tuple[int, str],
 
 
 def by_sweep(study: Study, rows: Sequence[Row]) -> list[tuple[Sweep, Lines]]:
-    """The rows of each sensitivity, so far as it was flown."""
+    """The rows of each sensitivity so far."""
     swept = []
     for sweep in study.sweeps:
         lines: Lines = {}
@@ -115,7 +115,7 @@ def _markdown_table(groups: Groups) -> list[str]:
 
 
 def cell_of(rows: Sequence[Row], column: str) -> str:
-    """A column's mean with its interval; of how many missions, if some have no value (no isobath found at all)."""
+    """A column's mean with its interval, and the number of missions with a value if some have none."""
     values = [r.get(column) for r in rows]
     if any(isinstance(v, bool) for v in values):
         return proportion(values)

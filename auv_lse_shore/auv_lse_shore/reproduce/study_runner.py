@@ -1,4 +1,4 @@
-"""Flies a study: how long it will take, and its campaigns one after the other."""
+"""Simulates a study: an estimate of its time, and its campaigns one after the other."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from auv_lse_shore.campaign.mission_row import judged
+from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from auv_lse_shore.campaign.progress_display import progress_display
 from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import CampaignState, run_campaign
@@ -18,7 +18,7 @@ from auv_lse_shore.reproduce.study import Study
 def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
     """Time (s) that the missions without a row will take.
 
-    A setting with rows takes what they took. For the others a tenth of a mission is flown here, and counts ten times.
+    A setting with rows takes their mean time. For the others a tenth of a mission is simulated, and counts tenfold.
     """
     total = 0.0
     probes: dict[tuple[str, str], list[Any]] = {}
@@ -48,21 +48,21 @@ def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
 
 
 def _probe_s(patterns: Mapping[str, Any], factor: float) -> float:
-    judged(patterns, "probe", 3)  # compiles, and fills the caches
+    simulate_and_evaluate(patterns, "probe", 3)  # compiles and warms the caches
     began = time.perf_counter()
-    judged(patterns, "probe", 3)
+    simulate_and_evaluate(patterns, "probe", 3)
     return (time.perf_counter() - began) * factor
 
 
-def fly_study(
+def run_study(
     study: Study, folder: Path, client: Any, finished: Callable[[str, CampaignState], object]
 ) -> dict[str, CampaignState]:
-    """Flies all campaigns of a study; within a budget, each gets its share of the time that is left.
+    """Simulates all campaigns of a study; within a budget, each gets its share of the remaining time.
 
     Args:
         study: The study.
         folder: Its folder; each campaign has one of its name in it.
-        client: `distributed.Client` of the cluster to fly on.
+        client: `distributed.Client` of the cluster.
         finished: Called with the name and the state of each campaign when it has ended.
 
     Raises:

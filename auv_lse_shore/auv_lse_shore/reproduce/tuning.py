@@ -1,9 +1,9 @@
-"""What too little and too much of a parameter do to a mission: pictures and figures of merit for docs/guide/tuning.md.
+"""Effect of a low and a high value of each tunable parameter: pictures and figures of merit for docs/guide/tuning.md.
 
     python -m auv_lse_shore.reproduce.tuning --out docs/figures
 
-Each parameter is flown at three values over the same lakes, in a small mission (the quick study's), all else as in the
-default mission. One lake is drawn; the figures of merit are means over all of them.
+Each parameter is simulated at three values over the same lakes, in the quick study's small mission, all else as in the
+default mission. One lake is drawn; the figures of merit are means over all lakes.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from auv_lse_shore.reproduce.study import SMALL, base_mission
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 
-#: The figures of merit of a mission that are shown, by their names here.
+#: Names of the figures of merit shown.
 MERITS = ("risk", "loss", "isobath_m", "own_risk", "planning_s")
 
 
-def fly(knob: Knob, value: float, seed: int) -> Evaluation:
+def simulate(knob: Knob, value: float, seed: int) -> Evaluation:
     """One small mission with a parameter set."""
     wanted: Mapping[str, Any] = {**SMALL, "planner.method": knob.method, "mission.seed": seed, knob.parameter: value}
     settings = Settings.load(base_mission(), wanted)
@@ -60,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Flies and draws. Returns 0; 2 if it cannot be done; 130 after Ctrl-C."""
+    """Simulates and draws; returns the exit code."""
     options = parser().parse_args(arguments)
     try:
         if options.seeds < 1:
@@ -92,9 +92,9 @@ def heading(knob: Knob) -> str:
 
 
 def _show(knob: Knob, seeds: int, folder: Path) -> None:
-    """Flies one parameter's missions, draws them, and prints its rows of the table."""
+    """Simulates one parameter's missions, draws them, and prints its rows of the table."""
     from auv_lse_shore.report.figures import save
-    from auv_lse_shore.reproduce.tuning_figure import tuning_figure  # draws: a second to load
+    from auv_lse_shore.reproduce.tuning_figure import tuning_figure  # matplotlib takes a second to load
 
     drawn: list[Evaluation] = []
     means: list[dict[str, float]] = []
@@ -102,7 +102,7 @@ def _show(knob: Knob, seeds: int, folder: Path) -> None:
         found: list[dict[str, float]] = []
         for seed in range(1, seeds + 1):
             print(f"{knob.parameter} {shown(knob, value)}: lake {seed} of {seeds}", file=sys.stderr, flush=True)
-            mission = fly(knob, value, seed)
+            mission = simulate(knob, value, seed)
             found.append(merits(mission))
             if seed == 1:
                 drawn.append(mission)

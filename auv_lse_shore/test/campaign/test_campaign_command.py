@@ -18,11 +18,11 @@ from auv_lse_shore.campaign.runner import run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
 
 
-def test_the_command_flies_and_lists(tmp_path, capsys):
+def test_the_command_simulates_and_lists(tmp_path, capsys):
     file = tmp_path / "tiny.yaml"
     file.write_text(yaml.safe_dump({"set": TINY, "seeds": 1}))
     assert main([str(file), "--out", str(tmp_path / "out"), "--workers", "1"]) == 0
-    assert "1 missions flown, 0 flown before, 0 failed" in capsys.readouterr().out
+    assert "1 missions simulated, 0 already there, 0 failed" in capsys.readouterr().out
     assert main([str(file), "--out", str(tmp_path / "out"), "--list"]) == 0
     assert re.match(r"[0-9a-f]{16}  ok      seed 1", capsys.readouterr().out)
 
@@ -84,7 +84,7 @@ def test_a_campaign_that_is_ended_at_any_moment_goes_on(tmp_path, client, sign):
     if sign != signal.SIGKILL:
         assert process.returncode == 130
         assert not list(scratch.glob("auv_lse_dask_*")), "its workers' folder is gone"
-        assert "the same command goes on from here" in errors
+        assert "Run the same command again to continue" in errors
     spec = CampaignSpec.load(spec_file)
     rows = Rows(out, columns_of(spec))
     kept = {p: p.stat().st_mtime_ns for p in rows.folder.glob("*.parquet")}

@@ -7,7 +7,7 @@ from auv_lse_common.mission_file.sections.world import ChartConfig
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.extent import Extent
 from auv_lse_gp.covariance.prior_mean import prior_mean
-from auv_lse_shore.campaign.mission_row import judged
+from auv_lse_shore.campaign.mission_row import simulate_and_evaluate
 from auv_lse_sim.ground.chart import coarse_chart, with_chart
 from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_source import ground_of
@@ -75,8 +75,10 @@ def test_vehicles_and_judge_start_from_the_same_chart():
         "area.raster_m": 5.0,
         "sim.ideal": True,
     }
-    flat = judged(settings(**small).to_patterns(), "flat").summary
-    charted = judged(settings(**small, **{"sim.chart.smoothing_m": 75.0}).to_patterns(), "charted").summary
+    flat = simulate_and_evaluate(settings(**small).to_patterns(), "flat").summary
+    charted = simulate_and_evaluate(
+        settings(**small, **{"sim.chart.smoothing_m": 75.0}).to_patterns(), "charted"
+    ).summary
     assert charted.risk_before < 0.9 * flat.risk_before
     assert charted.steps == flat.steps == 3
 

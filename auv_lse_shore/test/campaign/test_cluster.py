@@ -2,8 +2,7 @@
 
 import pytest
 
-from auv_lse_shore.campaign.cluster import cluster
-from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.cluster import CampaignError, cluster
 
 
 def test_an_unreachable_scheduler_is_named(monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from sim_helpers import spec_of
 
 from auv_lse_shore.campaign import runner
-from auv_lse_shore.campaign.errors import CampaignError
+from auv_lse_shore.campaign.cluster import CampaignError
 from auv_lse_shore.campaign.rerun import rerun
 from auv_lse_shore.campaign.results import write_results
 from auv_lse_shore.campaign.rows import Rows, columns_of
@@ -48,7 +48,7 @@ def test_a_campaign_flies_resumes_and_repeats(tmp_path, client):
     assert json.loads((folder / "summary.json").read_text())["risk_after"] == row["risk_after"]
     with pytest.raises(CampaignError, match="not empty"):
         rerun(tmp_path, row["id"], tmp_path / "again")
-    with pytest.raises(CampaignError, match="0 rows have an id that begins with 'zz'"):
+    with pytest.raises(CampaignError, match="--rerun zz: got 0 rows of"):
         rerun(tmp_path, "zz", None)
 
 
@@ -113,7 +113,7 @@ class _Lost:
 
 def test_a_lost_cluster_makes_no_row(tmp_path):
     (job,) = spec_of(tmp_path, seeds=1).jobs()
-    with pytest.raises(CampaignError, match=r"the cluster is gone .*cancelled.*the same command goes on"):
+    with pytest.raises(CampaignError, match=r"lost the cluster .*cancelled.*Run the same command again"):
         runner._finished_row(_Lost(), job)
 
 

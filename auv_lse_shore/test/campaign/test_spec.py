@@ -55,7 +55,7 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"seeds": 0}, "seeds: got 0"),
         ({"seeds": 99999999999}, "seeds: got 99999999999; expected at most 100000 seeds"),
         ({"seeds": {"first": 1, "count": 100001}}, "seeds: got .*; expected at most 100000 seeds"),
-        ({"list": [{"label": "a"}, {"label": "a"}]}, "two settings are called 'a'"),
+        ({"list": [{"label": "a"}, {"label": "a"}]}, "two settings called 'a'"),
         ({"list": [{"label": "a"}, {"label": "b"}]}, "the same mission as another"),
         ({"list": [{"planner.method": "plain"}], "grid": {"planner.method": ["plain"]}}, "in grid and in list"),
         ({"set": ["x"]}, r"set: got \['x'\]; expected parameters by dotted name"),
@@ -64,7 +64,7 @@ def test_a_mission_file_beside_the_campaign_is_the_base(tmp_path):
         ({"seeds": {"first": 1.9, "count": 2}}, r"seeds: got .*expected a number of seeds"),
         ({"seeds": {"first": "a", "count": 2}}, r"seeds: got .*expected a number of seeds"),
         ({"seeds": [True, 2]}, r"seeds: got .*expected a number of seeds"),
-        ({"set": {**TINY, "mission.seed": 9}}, r"mission\.seed in setting 'all'; expected under `seeds`"),
+        ({"set": {**TINY, "mission.seed": 9}}, r"mission\.seed in setting 'all'; expected seeds under `seeds`"),
         ({"set": {**TINY, "sim.bathymetry.file": "nope.csv"}}, r"'all'.*bathymetry\.file: nope\.csv: No such file"),
     ],
 )

@@ -98,7 +98,7 @@ def test_a_short_stretch_is_worth_no_more_than_what_is_beside_it():
     ranks = np.full(21, 2)
     ranks[5:7] = 0  # 10 m
     ranks[12:18] = 1  # 30 m
-    out = certainty._without_short_runs(ranks, places)
+    out = certainty._without_short_stretches(ranks, places)
     assert set(out[:12]) == {2}
     assert set(out[12:18]) == {1}
 

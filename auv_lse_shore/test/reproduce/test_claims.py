@@ -83,7 +83,7 @@ def test_the_claims_follow_the_measurements():
     bound = {e.what: e for e in found[1].evidence}
     assert bound["3 AUVs: stepwise reward at least the largest time-varying lower bound"].verdict == CONTRADICTED
     assert bound["3 AUVs: path reward at least the value expected of the lawnmower"].value == "20 of 20 missions"
-    flown = bound["3 AUVs: stepwise reward less that of a lawnmower flown over the same lakes (cost)"]
+    flown = bound["3 AUVs: stepwise reward less that of a lawnmower over the same lakes (cost)"]
     assert flown.verdict == SUPPORTED
     local = found[2].evidence[0]
     assert local.verdict == SUPPORTED  # 0.1 is 2 % of 5
