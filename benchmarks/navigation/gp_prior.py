@@ -38,7 +38,7 @@ FIRST_LAKE = 8200
 MEASURES = (
     ("loss", "true loss"),
     ("risk", "risk"),
-    ("loss_expected", "loss expected"),
+    ("loss_expected", "expected loss"),
     ("isobath_error_m", "isobath error (m)"),
     ("depth_rmse_m", "depth error (m, RMS)"),
     ("reliability_error", "reliability error"),

@@ -171,7 +171,7 @@ def rows_of(seeds: Sequence[int], path: Path, steps: int = 100) -> Iterator[dict
 def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """The table's lines, in Markdown: means with 95 % intervals, and the change of the isobath's error, paired."""
     lines = [
-        "| drift | places | missions | isobath error (m) | against before, paired (m) | places off (m) "
+        "| drift | places | missions | isobath error (m) | against before, paired (m) | place error (m) "
         "| NEES of places | final risk | true loss | (error/std)^2 |",
         "|---" * 10 + "|",
     ]

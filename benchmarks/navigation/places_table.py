@@ -26,9 +26,9 @@ from benchmarks.command import end_with
 COLUMNS = (
     ("isobath_error_m", "isobath error (m)"),
     ("isobath_error_true_positions_m", "at true places (m)"),
-    ("place_error_m", "places off (m)"),
+    ("place_error_m", "place error (m)"),
     ("risk_after", "final risk"),
-    ("loss_expected", "loss expected"),
+    ("loss_expected", "expected loss"),
     ("loss_after", "true loss"),
     ("error_over_std", "(error/std)^2"),
 )

@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     first, count = options.seeds
     names = ("surfacings", "isobath_m", "true_m", *FIGURES[1:])
     print(
-        "| drift | surfaces | missions | surfacings | isobath error (m) | at true places (m) | places off (m) "
+        "| drift | surfaces | missions | surfacings | isobath error (m) | at true places (m) | place error (m) "
         "| final risk | true loss | (error/std)^2 | NEES |"
     )
     print("|---" * 11 + "|", flush=True)

@@ -80,7 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     first, count = options.seeds
     print(
-        "| fix at | missions | isobath above true places (m) | without the fix | places off (m) | without "
+        "| fix at | missions | isobath above true places (m) | without the fix | place error (m) | without "
         "| risk saved | loss saved | led off (m) |"
     )
     print("|---" * 9 + "|")

@@ -20,11 +20,11 @@ COLUMNS = (
     ("risk_third", "risk at 1/3", 2),
     ("risk_after", "at the end", 3),
     ("loss_after", "true loss", 3),
-    ("isobath_error_m", "isobath m", 1),
-    ("loss_expected", "loss expected", 3),
+    ("isobath_error_m", "isobath error (m)", 1),
+    ("loss_expected", "expected loss", 3),
     ("isobath_found", "found", 2),
-    ("isobath_found_error_m", "found: off by m", 1),
-    ("place_error_m", "places off m", 1),
+    ("isobath_found_error_m", "error of found (m)", 1),
+    ("place_error_m", "place error (m)", 1),
     ("error_over_std", "(error/std)^2", 2),
 )
 #: What is compared in pairs.
@@ -39,7 +39,8 @@ def _mean(rows: Mapping[int, Row], name: str) -> float:
 
 def means(groups: Groups) -> list[str]:
     """Means of all settings, and how many missions ended above what mowing was expected to leave, in Markdown."""
-    lines = ["| setting | lakes | " + " | ".join(title for _, title, _ in COLUMNS) + " | above mowing's expected end |"]
+    titles = " | ".join(title for _, title, _ in COLUMNS)
+    lines = [f"| setting | lakes | {titles} | above lawnmower's expected end |"]
     lines.append("|---" * (len(COLUMNS) + 3) + "|")
     for label, rows in groups.items():
         cells = [f"{_mean(rows, name):.{places}f}" for name, _, places in COLUMNS]

@@ -1,4 +1,4 @@
-"""Hindsight as a yardstick: how much of the way from mowing to the best paths in hindsight a method has gone.
+"""Hindsight as a yardstick: how much of the way from lawnmower to the best paths in hindsight a method has gone.
 
     python -m benchmarks.planning.hindsight --lakes 2 [--methods tour fixed_tour] [--vehicles 1] [--mutations 400]
 
@@ -217,7 +217,7 @@ def table(lakes: Sequence[dict[str, Judged]]) -> str:
     mowing, best = (means[name][:2].sum() for name in (MOWING, "hindsight"))
     mown_m, best_m = (means[name][2] for name in (MOWING, "hindsight on the isobath"))
     text = [
-        "| paths | risk at the end | true loss | sum | way from mowing to hindsight | isobath m | way |",
+        "| paths | risk at the end | true loss | sum | way from lawnmower to hindsight | isobath error (m) | way |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, (risk, loss, isobath_m) in sorted(means.items(), key=lambda item: -item[1][:2].sum()):

@@ -165,7 +165,7 @@ def table(lines: list[dict[str, Any]]) -> str:
         title = (
             f"{vehicles} vehicle{'s' if vehicles > 1 else ''}, {where} area, packet loss {loss:.0%}, {len(base)} lakes"
         )
-        head = ["method", "lakes", *FIGURES.values(), "risk at 1/3 vs mowing", "at end vs mowing", "worst lake"]
+        head = ["method", "lakes", *FIGURES.values(), "risk at 1/3 vs lawnmower", "at end vs lawnmower", "worst lake"]
         text += [f"### {title}", "", "| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
         for method in METHODS:
             mine = [r for r in rows if r["method"] == method and r["lake"] in base]
