@@ -1,7 +1,7 @@
-"""Looks over an autopilot before the dive: what it sends and how often, its origin, its mode, its parameters.
+"""Checks an autopilot before the dive: its messages and their rates, its origin, mode and parameters.
 
-`AutopilotCheck` knows no port and no clock: `receive` takes bytes and times, `outgoing` has what to send, `findings`
-says what was seen and what is missing. It owns a `VehicleLink`, so that what it finds is what the link will find.
+`AutopilotCheck` opens no port and reads no clock: `receive` takes bytes and times, `outgoing` returns datagrams to
+send, `findings` lists what was seen and what is missing. It uses a `VehicleLink`, so it finds what the link will find.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from auv_lse_comms.mavlink.messages.events import AutopilotEstimate, Event, Link
 from auv_lse_comms.mavlink.messages.modes import obeying_modes
 from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
 
-#: Messages that the link needs, with the least rate (1/s) at which they must come, and what they are for.
+#: Required messages: their lowest rate (1/s) and their purpose.
 NEEDED = {
-    "HEARTBEAT": (0.5, "the link counts as lost without it"),
+    "HEARTBEAT": (0.5, "the link, which counts as lost without it"),
     "LOCAL_POSITION_NED": (1.0, "odometry"),
     "ATTITUDE": (1.0, "odometry"),
-    "DISTANCE_SENSOR": (0.5, "altitude and soundings (orientation 25: down); without it another node has to sound"),
+    "DISTANCE_SENSOR": (0.5, "altitude and soundings (orientation 25: down), unless another node publishes soundings"),
 }
-#: Messages that are of use: what is not there without them.
+#: Optional messages: the consequence of their absence.
 USEFUL = {
     "SYSTEM_TIME": "stamps are times of receipt",
-    "SYS_STATUS": "the safety watch does not know the battery",
+    "SYS_STATUS": "the safety watch cannot check the battery",
     "SCALED_PRESSURE2": "no pressure is published",
     "GLOBAL_POSITION_INT": "the origin is not checked against the global position",
 }
@@ -39,12 +39,7 @@ LEG_M, LEG_S = 20.0, 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One thing that was looked at.
-
-    Attributes:
-        ok: Whether it is as it should be; None: a hint.
-        text: What was seen, and what was expected if it is not.
-    """
+    """One result of the check: whether it is as expected (None: a note), and a text with what was seen and expected."""
 
     ok: bool | None
     text: str
@@ -52,7 +47,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class _Parameter:
-    """A parameter of an autopilot: its name, the values that will do (None: any), why."""
+    """A parameter of an autopilot: its name, the accepted values (None: any), and the reason."""
 
     name: str
     good: tuple[float, ...] | None
@@ -62,13 +57,13 @@ class _Parameter:
 def _parameters(kind: tuple[int, int], system_id: int) -> tuple[_Parameter, ...]:
     """The parameters to ask an autopilot of this kind for (docs/guide/mavlink-vehicle.md)."""
     autopilot, vehicle = kind
-    own = _Parameter("SYSID_MYGCS", (float(system_id),), "whose silence FS_GCS_ENABLE acts on: link.system_id")
+    own = _Parameter("SYSID_MYGCS", (float(system_id),), "FS_GCS_ENABLE watches this system: link.system_id")
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle == mavlink.MAV_TYPE_SUBMARINE:
         return (
             _Parameter("FS_PILOT_INPUT", (0.0, 1.0), "2 disarms after 3 s without a pilot"),
             _Parameter("FS_GCS_ENABLE", None, "what it does when the link is lost"),
             own,
-            _Parameter("FS_LEAK_ENABLE", (1.0, 2.0), "0 says nothing of a leak"),
+            _Parameter("FS_LEAK_ENABLE", (1.0, 2.0), "0 does not report a leak"),
             _Parameter("RNGFND1_ORIENT", (25.0,), "the range finder looks down"),
             _Parameter("WPNAV_SPEED", None, "cm/s"),
         )
@@ -90,22 +85,22 @@ def _parameters(kind: tuple[int, int], system_id: int) -> tuple[_Parameter, ...]
 
 
 class AutopilotCheck:
-    """Listens to one autopilot, asks it, and flies three legs with it if told to.
+    """Listens to one autopilot, requests its parameters, and optionally travels three legs.
 
     Attributes:
         link: The link to it.
-        messages: Messages of the autopilot, by type; DISTANCE_SENSOR only those that look down.
-        problems: What the link has reported.
+        messages: Number of its messages by type; DISTANCE_SENSOR only those that look down.
+        problems: Problems that the link has reported.
     """
 
     def __init__(self, config: LinkConfig, vehicle: int, mission: bool = False, key: bytes | None = None) -> None:
-        """For the autopilot of vehicle number `vehicle`.
+        """Prepares the check of vehicle number `vehicle`.
 
         Args:
-            config: Section `link`; legs are flown by position targets.
+            config: Section `link`; legs use position targets.
             vehicle: Number of the vehicle.
-            mission: Whether missions are to be uploaded to it later: another mode is expected then.
-            key: Key with which messages are signed; None: they are not.
+            mission: Whether the mission will use uploads, which need another flight mode.
+            key: Key with which messages are signed; None: they are not signed.
         """
         self.link = VehicleLink(config, vehicle, None, key=key)
         self._mission = mission
@@ -124,7 +119,7 @@ class AutopilotCheck:
         self._legs: list[Target] = []
         self._leg_since_s = math.nan
         self._flown = 0
-        self._flight = ""  # why the flight has ended before its end
+        self._flight = ""  # why the legs were not completed
 
     @property
     def heard(self) -> bool:
@@ -133,11 +128,11 @@ class AutopilotCheck:
 
     @property
     def flying(self) -> bool:
-        """Whether legs are left to fly."""
+        """Whether legs remain."""
         return bool(self._legs) and not self._flight
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Takes bytes of the autopilot (none, too: time passes)."""
+        """Processes bytes from the autopilot, possibly none, and lets time pass."""
         self._now_s = now_s
         self._reader.set_time(now_s)
         for message in self._reader.decode(data):
@@ -156,21 +151,21 @@ class AutopilotCheck:
         return self.link.outgoing()
 
     def ask(self) -> None:
-        """Asks for the parameters that are not known yet; several times, since datagrams get lost."""
+        """Requests the parameters that are still unknown; call it repeatedly, because datagrams get lost."""
         for parameter in _parameters(self._kind, self._config.system_id):
             if parameter.name not in self._values:
                 request = mavlink.MAVLink_param_request_read_message(
                     self._system, self._config.autopilot_component_id, parameter.name.encode(), -1
                 )
-                self.link.say(request)
+                self.link.send(request)
 
     def fly(self, now_s: float) -> str:
-        """Begins three legs: ahead, to starboard, and back to here.
+        """Begins three legs: ahead, to starboard, and back.
 
         Returns:
-            Why it cannot begin; "" if it does.
+            Why they cannot begin; "" if they do.
         """
-        problem = self.link.says.problem or ("" if self._place is not None else "there is no odometry")
+        problem = self.link.report.problem or ("" if self._place is not None else "there is no odometry")
         if problem or self._place is None:
             self._flight = problem
             return problem
@@ -182,15 +177,8 @@ class AutopilotCheck:
             places.append((north_m + LEG_M * math.cos(way), east_m + LEG_M * math.sin(way)))
         places.append(places[0])
         for step, ((n0, e0), (n1, e1)) in enumerate(itertools.pairwise(places)):
-            self._legs.append(
-                Target(
-                    north_m=n1,
-                    east_m=e1,
-                    depth_m=here.depth_m,
-                    heading_rad=math.atan2(e1 - e0, n1 - n0),
-                    step=step,
-                )
-            )
+            way = math.atan2(e1 - e0, n1 - n0)
+            self._legs.append(Target(north_m=n1, east_m=e1, depth_m=here.depth_m, heading_rad=way, step=step))
         self._leg_since_s = now_s
         self.link.command(now_s, self._legs[0])
         return ""
@@ -254,14 +242,14 @@ class AutopilotCheck:
         return found
 
     def _states(self) -> list[Finding]:
-        says = self.link.says
+        report = self.link.report
         modes = self._config.modes or obeying_modes(*self._kind, self._mission)
-        obeys = says.mode in modes if modes else None
-        expected = f"expected one of {list(modes)}" if modes else "which modes obey is not known: set link.modes"
+        obeys = report.mode in modes if modes else None
+        expected = f"expected one of {list(modes)}" if modes else "unknown which modes follow targets: set link.modes"
         return [
             Finding(ok=self._origin, text="origin known" if self._origin else "no GPS_GLOBAL_ORIGIN: expected one"),
-            Finding(ok=says.armed, text="armed" if says.armed else "not armed: the mission waits until it is"),
-            Finding(ok=obeys, text=f"mode {says.mode}; {expected}"),
+            Finding(ok=report.armed, text="armed" if report.armed else "not armed: the mission waits until it is"),
+            Finding(ok=obeys, text=f"mode {report.mode}; {expected}"),
             *(Finding(ok=None, text=problem) for problem in dict.fromkeys(self.problems)),
         ]
 
@@ -285,7 +273,7 @@ class AutopilotCheck:
 
 
 def _value(message: Message, autopilot: int) -> float:
-    """The value of a PARAM_VALUE; PX4 puts an integer's bytes into the float."""
+    """The value of a PARAM_VALUE; PX4 stores an integer's bytes in the float."""
     if autopilot == mavlink.MAV_AUTOPILOT_PX4 and message.param_type == mavlink.MAV_PARAM_TYPE_INT32:
         return float(int.from_bytes(struct.pack("<f", message.param_value), "little", signed=True))
     return float(message.param_value)

@@ -1,4 +1,4 @@
-"""scripts/autopilot-check: connects to an autopilot, or a simulation of one, and says what is missing."""
+"""scripts/autopilot-check: connects to an autopilot, or a simulation of one, and reports what is missing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from auv_lse_comms.transport import AddressError, Connection, open_transport, re
 
 _BAUD = 115200
 _STEP_S = 0.02
-#: Longest wait for a heartbeat (s); parameters not answered are asked for again this often (s).
+#: Longest wait for a heartbeat (s); period of the requests for unanswered parameters (s).
 _HEARD_S, _ASK_S = 10.0, 2.0
 _MARKS = {True: "ok", False: "MISSING", None: "note"}
 
@@ -26,9 +26,9 @@ def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(
         prog="scripts/autopilot-check",
-        description="Connects to a MAVLink autopilot, or a simulation of one (SITL), looks at its streams and their "
-        "rates, origin, mode, arming and parameters, and says what this stack misses. It neither arms the vehicle nor "
-        "changes a mode or a parameter.",
+        description="Connects to a MAVLink autopilot, or a simulation of one (SITL), checks its message rates, origin, "
+        "mode, arming and parameters, and reports what is missing. It neither arms the vehicle nor changes a mode or a "
+        "parameter.",
         epilog="Exit codes: 0 nothing is missing; 1 something is, or the autopilot is not heard; 2 a wrong command "
         "line; 130 Ctrl-C. What to set: docs/guide/mavlink-vehicle.md.",
     )
@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         default="position_target",
         help="as link.mode: what is expected",
     )
-    p.add_argument("--key", type=Path, metavar="FILE", help="as link.key_file: sign, and believe only signed messages")
+    p.add_argument("--key", type=Path, metavar="FILE", help="as link.key_file: sign, and accept only signed messages")
     p.add_argument("--seconds", type=float, default=10.0, metavar="S", help="how long to listen (10)")
     p.add_argument(
         "--legs",
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(check: AutopilotCheck, connection: Connection, listen_s: float, legs: bool) -> list[Finding]:
-    """Listens, asks, and flies if wanted; what was found."""
+    """Listens, requests parameters, and travels the legs if wanted; returns the findings."""
     began_s = asked_s = time.monotonic()
     heard_s: float | None = None
     asked_to_fly = False
@@ -91,7 +91,7 @@ def _run(check: AutopilotCheck, connection: Connection, listen_s: float, legs: b
     while True:
         steady_s = time.monotonic()
         connection.poll(steady_s)
-        now_s = datetime.now(tz=UTC).timestamp()  # signatures count it
+        now_s = datetime.now(tz=UTC).timestamp()  # for signatures
         check.receive(now_s, connection.read(steady_s))
         if steady_s - asked_s >= _ASK_S:
             asked_s = steady_s
@@ -106,7 +106,7 @@ def _run(check: AutopilotCheck, connection: Connection, listen_s: float, legs: b
         if heard_s is not None and steady_s - heard_s >= listen_s:
             if legs and not asked_to_fly:
                 asked_to_fly = True
-                print("flying three legs", flush=True)
+                print("travelling three legs", flush=True)
                 check.fly(now_s)
             if not check.flying:
                 return check.findings()

@@ -2,24 +2,24 @@
 
 Theory of operation
 -------------------
-The owner (a node) calls `receive` with bytes, `command` with each new leg's end, `stop` when the vehicle is to stop,
-and `poll` often; after each it takes `outgoing` (datagrams) and `events`. `now_s` is the host's clock, s since 1970
-(UTC, or simulated).
+The owner (a node) calls `receive` with bytes, `command` with each new leg's end, `stop` to stop the vehicle, and `poll`
+often; after each call it takes `outgoing` (datagrams) and `events`. `now_s` is the host's clock, s since 1970 (UTC, or
+simulated).
 
     state   cause                                               next
-    DOWN    HEARTBEAT of the autopilot                          UP      asks for its origin, sets it if it has none
-    UP      no HEARTBEAT for `lost_after_s`                     DOWN    the upload under way is dropped
+    DOWN    HEARTBEAT of the autopilot                          UP      requests its origin, sets it if it has none
+    UP      no HEARTBEAT for `lost_after_s`                     DOWN    an upload in progress is aborted
     UP      HEARTBEAT                                           UP
 
-Own heartbeats go out in both states. Every LOCAL_POSITION_NED gives one odometry if an ATTITUDE not older than
-`stale_after_s` is there. Stamps are the autopilot's own (`clock.py`) where its UTC is known, else times of receipt.
+The link sends its own heartbeats in both states. Every LOCAL_POSITION_NED gives one odometry if the last ATTITUDE is at
+most `stale_after_s` old. Stamps are the autopilot's own (`clock.py`) where its UTC is known, else times of receipt.
 
-Nothing is said of places before they are in the mission's frame: until the autopilot's origin is known, and after one
-that was refused, neither odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs
-backwards, or the link is lost) may have another origin and clock: both are asked for anew.
+Until the autopilot's origin is known, and after one that was refused, places are not in the mission's frame, so neither
+odometry nor targets pass (`origin.py`). An autopilot that reboots (its time since boot runs backwards, or the link is
+lost) may have another origin and clock: both are requested again.
 
-Waypoints come as ends of legs (`targets.py`). While the link is down targets are kept; the vehicle does what its
-autopilot's own failsafe says, and when the link is up again the current target, or the mission, is sent again.
+Waypoints arrive as ends of legs (`targets.py`). While the link is down, targets are kept and the autopilot's own
+failsafe acts. When it is up again, the current target, or the mission, is sent again.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_comms.mavlink.raw_track import RawTrack
 from auv_lse_comms.mavlink.targets import TargetLimits, TargetSender
 
-#: ArduSub tells of a leak by text alone, every 20 s while it lasts: after this time (s) without one it is over. The
-#: safety watch keeps the limit tripped all the same, until RESET.
-LEAK_TOLD_S = 50.0
+#: ArduSub reports a leak by text only, every 20 s while it lasts: after this time (s) without one it is over. The
+#: safety watch keeps the limit tripped until RESET.
+LEAK_REPORTED_S = 50.0
 
 
 class LinkState(enum.Enum):
@@ -64,13 +64,13 @@ class LinkState(enum.Enum):
 
 
 class VehicleLink:
-    """One vehicle's link to its autopilot; see the module's text for how it works.
+    """One vehicle's link to its autopilot.
 
     Attributes:
         state: Whether the autopilot is heard.
         armed: Whether it reports to be armed.
-        custom_mode: Its flight mode's number, by its own numbering; -1 while unknown.
-        counts: What happened, by name.
+        custom_mode: Number of its flight mode, in its own numbering; -1 while unknown.
+        counts: Event counts by name.
     """
 
     def __init__(
@@ -81,21 +81,22 @@ class VehicleLink:
         limits: TargetLimits | None = None,
         key: bytes | None = None,
     ) -> None:
-        """For vehicle number `vehicle`, whose mission has `origin` (None: local places only, no missions).
+        """Starts in state DOWN.
 
         Args:
             config: Section `link`.
             vehicle: Number of the vehicle.
-            origin: The mission's origin.
-            limits: What no target may exceed; None: any passes.
-            key: Key with which messages are signed, both ways; None: they are not.
+            origin: The mission's origin; None: local places only, no missions.
+            limits: Limits of targets; None: any target passes.
+            key: Key with which messages are signed, both ways; None: they are not signed.
 
         Raises:
-            ValueError: if missions are to be uploaded and there is no origin, or the key is none.
+            ValueError: if missions are to be uploaded and there is no origin, or the key has a wrong length.
         """
         if config.mode == "mission" and origin is None:
             raise ValueError(
-                "link.mode 'mission' needs area.origin_lat_deg and area.origin_lon_deg: items are geodetic"
+                "link.mode: got 'mission' without an origin; expected area.origin_lat_deg and area.origin_lon_deg, "
+                "because mission items are geodetic"
             )
         self.state = LinkState.DOWN
         self.armed = False
@@ -107,13 +108,20 @@ class VehicleLink:
         self._out: list[bytes] = []
         self._events: list[Event] = []
         self._clock = AutopilotClock()
-        self._origin = OriginExchange(origin, self._autopilot, config.set_origin, self._send, self._report, self.counts)
+        self._origin = OriginExchange(
+            origin, self._autopilot, config.set_origin, self.send, self._report_problem, self.counts
+        )
         self._targets = TargetSender(
-            config, self._autopilot, limits or TargetLimits(), self._send, self._events_of_targets, self.counts
+            config,
+            self._autopilot,
+            limits or TargetLimits(),
+            self.send,
+            lambda event: self._events.append(event),
+            self.counts,
         )
         self._kind = (mavlink.MAV_AUTOPILOT_INVALID, mavlink.MAV_TYPE_GENERIC)
         self._battery, self._battery_v = math.nan, math.nan
-        self._leak_s = -math.inf  # when the autopilot last told of a leak
+        self._leak_s = -math.inf  # when the autopilot last reported a leak
         self._heard_s = -math.inf
         self._beat_s = -math.inf
         self._now_s = -math.inf
@@ -125,7 +133,7 @@ class VehicleLink:
     # ------------------------------------------------------------------ calls of the owner
 
     def receive(self, now_s: float, data: bytes) -> None:
-        """Takes bytes that came from the endpoint."""
+        """Processes bytes from the endpoint."""
         self._tick(now_s)
         for message in self._codec.decode(data):
             if (message.get_srcSystem(), message.get_srcComponent()) != self._autopilot:
@@ -140,37 +148,29 @@ class VehicleLink:
         """Queues the end of the next leg; it replaces a queued end of the same step, and all that follow.
 
         Raises:
-            ValueError: if a number in it is not finite, or it is too deep or too far outside.
+            ValueError: if a number in it is not finite, or it is too deep or too far outside the area.
         """
         self._tick(now_s)
         self._targets.add(target, self._place)
         self._advance()
 
     def stop(self, now_s: float, stop: Stop | None) -> None:
-        """Stops the vehicle, or lets it travel on (None)."""
+        """Stops the vehicle, or lets it continue (None)."""
         self._tick(now_s)
         self._targets.stop(stop)
         self._advance()
 
-    def say(self, message: Message) -> None:
-        """Sends the autopilot a message of the owner's."""
-        self._send(message)
+    def send(self, message: Message) -> None:
+        """Sends a message to the autopilot."""
+        self._out.append(self._codec.encode(message))
 
     def poll(self, now_s: float) -> None:
-        """Lets time pass: heartbeats, link loss, repeats. Call at least ten times a second, or once a tick."""
+        """Lets time pass: heartbeats, link loss, repeats. Call at least ten times a second, or once per tick."""
         self._tick(now_s)
         if now_s - self._beat_s >= self._config.heartbeat_period_s:
             self._beat_s = now_s
-            self._send(
-                mavlink.MAVLink_heartbeat_message(
-                    mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
-                    mavlink.MAV_AUTOPILOT_INVALID,
-                    0,
-                    0,
-                    mavlink.MAV_STATE_ACTIVE,
-                    3,
-                )
-            )
+            kind = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
+            self.send(mavlink.MAVLink_heartbeat_message(*kind, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
         if self.state is LinkState.UP and now_s - self._heard_s >= self._config.lost_after_s:
             self.state = LinkState.DOWN
             self.counts["lost"] += 1
@@ -183,24 +183,24 @@ class VehicleLink:
         self._advance()
 
     def recognizes(self, datagram: bytes) -> bool:
-        """Whether a datagram holds a whole message of this vehicle's autopilot; counts it if not."""
+        """Whether a datagram contains a message of this vehicle's autopilot; counts it if not."""
         senders = {(m.get_srcSystem(), m.get_srcComponent()) for m in self._codec.would_decode(datagram)}
         self.counts["strangers"] += self._autopilot not in senders
         return self._autopilot in senders
 
     def outgoing(self) -> list[bytes]:
-        """The datagrams to send now, one message each; they are handed out once."""
+        """The datagrams to send now, one message each; each is returned once."""
         data, self._out = self._out, []
         return data
 
     def events(self) -> list[Event]:
-        """What has happened since the last call."""
+        """The events since the last call."""
         events, self._events = self._events, []
         return events
 
     @property
     def quiet(self) -> bool:
-        """No answer of the autopilot is awaited that would come at once (so a lockstep tick may end)."""
+        """Whether no immediate answer of the autopilot is pending (so a lockstep tick may end)."""
         return self.state is LinkState.UP and self._targets.settled
 
     @property
@@ -215,17 +215,17 @@ class VehicleLink:
 
     @property
     def placed(self) -> bool:
-        """Places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        """Whether places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
         return self._origin.placed
 
     @property
     def obeying_modes(self) -> tuple[int, ...]:
-        """The flight modes in which the autopilot follows targets; empty: any, as far as is known."""
+        """The flight modes in which the autopilot follows targets; empty: unknown, any may be right."""
         return self._config.modes or obeying_modes(*self._kind, self._config.mode == "mission")
 
     @property
-    def says(self) -> AutopilotReport:
-        """What the autopilot says of itself."""
+    def report(self) -> AutopilotReport:
+        """The autopilot's state as it reports it."""
         modes = self.obeying_modes
         return AutopilotReport(
             heard=self.state is LinkState.UP,
@@ -233,18 +233,18 @@ class VehicleLink:
             mode=self.custom_mode,
             mode_obeys=not modes or self.custom_mode in modes,
             battery=self._battery,
-            leak=1 if self._now_s - self._leak_s < LEAK_TOLD_S else -1,
+            leak=1 if self._now_s - self._leak_s < LEAK_REPORTED_S else -1,
         )
 
     @property
     def wire(self) -> Counter[str]:
-        """What the wire did: messages, bad bytes, gaps."""
+        """Counts of messages, bad bytes and gaps on the wire."""
         return self._codec.counts
 
     # ------------------------------------------------------------------ helpers
 
     def _tick(self, now_s: float) -> None:
-        if now_s < self._now_s:  # the clock was stepped back: waits start anew
+        if now_s < self._now_s:  # the clock was stepped back: waits restart
             self.counts["clock_steps"] += 1
             self._heard_s = min(self._heard_s, now_s)
             self._beat_s = min(self._beat_s, now_s)
@@ -252,33 +252,30 @@ class VehicleLink:
             self._leak_s = min(self._leak_s, now_s)
             self._targets.host_stepped(now_s)
             self._origin.host_stepped(now_s)
-            self._clock.host_stepped()
+            self._clock.forget_utc()
         self._now_s = now_s
         self._codec.set_time(now_s)
 
     def _forget_autopilot(self, rebooted: bool) -> None:
-        """Drops what holds only until the autopilot reboots: its clock, its origin, where it said to be."""
-        self._clock.forget()
+        """Discards what a reboot of the autopilot invalidates: its clock, its origin, its position."""
+        self._clock.forget_utc()
         self._origin.forget(rebooted)
         self._attitude, self._place = None, None
         self._raw.interrupt()
         self._targets.resend()
 
     def _watch_boot(self, boot_ms: int) -> None:
-        """Notices by its time since boot that the autopilot has rebooted."""
-        if self._clock.rebooted(boot_ms):
+        """Detects a reboot of the autopilot from its time since boot."""
+        if self._clock.detect_reboot(boot_ms):
             self.counts["reboots"] += 1
-            self._report(f"the autopilot has rebooted: its time since boot went back to {boot_ms / 1000.0:.1f} s")
+            self._report_problem(f"the autopilot rebooted: its time since boot went back to {boot_ms / 1000.0:.1f} s")
             self._forget_autopilot(rebooted=True)
 
-    def _send(self, message: Message) -> None:
-        self._out.append(self._codec.encode(message))
-
-    def _report(self, text: str) -> None:
-        self._events.append(Problem(text=text))
-
-    def _events_of_targets(self, event: Event) -> None:
+    def _report_event(self, event: Event) -> None:
         self._events.append(event)
+
+    def _report_problem(self, text: str) -> None:
+        self._events.append(Problem(text=text))
 
     def _advance(self) -> None:
         self._targets.pass_reached(self._now_s, self._place)
@@ -287,7 +284,7 @@ class VehicleLink:
             self._targets.send(self._now_s, self._clock.boot_ms_at(self._now_s), self.datum, ardupilot)
 
     def _autopilot_state(self) -> AutopilotState:
-        return AutopilotState(stamp_s=self._heard_s, says=self.says, battery_v=self._battery_v)
+        return AutopilotState(stamp_s=self._heard_s, report=self.report, battery_v=self._battery_v)
 
     # ------------------------------------------------------------------ messages
 
@@ -306,7 +303,7 @@ class VehicleLink:
     def _on_system_time(self, message: Message) -> None:
         self._watch_boot(message.time_boot_ms)
         if not self._clock.set_utc(self._now_s, message.time_unix_usec, message.time_boot_ms):
-            self.counts["clock_off"] += message.time_unix_usec != 0  # 0: it does not know it
+            self.counts["clock_off"] += message.time_unix_usec != 0  # 0: unknown
 
     def _on_attitude(self, message: Message) -> None:
         self._watch_boot(message.time_boot_ms)
@@ -357,7 +354,7 @@ class VehicleLink:
             self._raw.gps(message.h_acc / 1000.0)
 
     def _on_global_position(self, message: Message) -> None:
-        """A second opinion on the datum: the two positions must agree."""
+        """Checks the datum: local and global position must agree."""
         if self._place is None or self.datum.mission is None:
             return
         north_m, east_m = self.datum.from_geodetic(message.lat, message.lon)
@@ -366,8 +363,8 @@ class VehicleLink:
         if apart_m > ORIGIN_TOLERANCE_M + moved_m + 1e-3 * math.hypot(north_m, east_m):
             self.counts["datum_mismatch"] += 1
             if self.counts["datum_mismatch"] == 1:
-                self._report(
-                    f"local and global position are {apart_m:.1f} m apart: another origin? (datum {self.datum})"
+                self._report_problem(
+                    f"local and global position are {apart_m:.1f} m apart: check the origin (datum {self.datum})"
                 )
 
     def _on_origin(self, message: Message) -> None:
@@ -407,12 +404,12 @@ class VehicleLink:
 
     def _on_text(self, message: Message) -> None:
         if message.severity <= mavlink.MAV_SEVERITY_WARNING:
-            self._report(f"autopilot: {message.text}")
+            self._report_problem(f"autopilot: {message.text}")
         if message.severity <= mavlink.MAV_SEVERITY_CRITICAL and "leak" in message.text.lower():
             self._leak_s = self._now_s
 
 
-#: What is done with each message of the autopilot; others are ignored.
+#: Handler of each message of the autopilot; others are ignored.
 HANDLERS: dict[str, Callable[[VehicleLink, Message], None]] = {
     "HEARTBEAT": VehicleLink._on_heartbeat,
     "SYSTEM_TIME": VehicleLink._on_system_time,

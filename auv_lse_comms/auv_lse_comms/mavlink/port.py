@@ -1,4 +1,4 @@
-"""A vehicle's MAVLink link on its endpoint, with the sounder: what `vehicle_link_node` owns. Knows no ROS."""
+"""A vehicle's MAVLink link on its endpoint, with the sounder; `vehicle_link_node` owns one."""
 
 from __future__ import annotations
 
@@ -7,29 +7,30 @@ from collections.abc import Iterator
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.vocabulary.health import Health, Level
 from auv_lse_common.vocabulary.mission_run import Stop
+from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
 from auv_lse_comms.mavlink.messages.conversion import Target
 from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_comms.mavlink.messages.events import Altitude, AutopilotEstimate, Problem
 from auv_lse_comms.mavlink.messages.events import Event as LinkEvent
-from auv_lse_comms.mavlink.sounder import Sounder, Sounding
+from auv_lse_comms.mavlink.sounder import Sounder
 from auv_lse_comms.mavlink.targets import TargetLimits
 from auv_lse_comms.transport import Connection, Transport, open_transport, read_address
 
-#: Speed of a serial endpoint that names none.
-_BAUD = 115200
+#: Default speed of a serial endpoint.
+BAUD = 115200
 
-#: Why the endpoint is closed at the end.
+#: Reason for closing the endpoint at the end.
 CLOSING = "shutting down"
 
 Event = LinkEvent | Sounding
 
 
 class AutopilotPort:
-    """The link and the endpoint it speaks on, which is opened again whenever it fails.
+    """The link and its endpoint, which is reopened whenever it fails.
 
-    `step` carries bytes both ways; `now_s` is the host's clock (UTC or simulated), `steady_s` one that never jumps, for
-    the waits before the endpoint is opened again.
+    `step` transfers bytes both ways. `now_s` is the host's clock (UTC or simulated); `steady_s` is a clock that never
+    jumps and times the waits before the endpoint is reopened.
 
     Attributes:
         link: The link.
@@ -44,45 +45,38 @@ class AutopilotPort:
         limits: TargetLimits | None = None,
         key: bytes | None = None,
     ) -> None:
-        """For the autopilot of vehicle number `vehicle`; opens nothing yet.
-
-        Args:
-            config: Section `link`.
-            vehicle: Number of the vehicle.
-            origin: The mission's origin.
-            limits: What no target may exceed.
-            key: Key with which messages are signed.
+        """Prepares the link with the arguments of `VehicleLink`; opens nothing yet.
 
         Raises:
-            ValueError: if `link.endpoint` is no address, or missions are to be uploaded and there is no origin.
+            ValueError: if `link.endpoint` is not an address; see also `VehicleLink`.
         """
-        address = read_address(config.endpoint, _BAUD)
+        address = read_address(config.endpoint, BAUD)
         self.link = VehicleLink(config, vehicle, origin, limits, key)
         self.connection = Connection(
             lambda: open_transport(address, self.link.recognizes), config.backoff_min_s, config.backoff_max_s
         )
         self._sounder = Sounder(config.sounding_every_s, config.sounding_least_pings) if config.soundings else None
         self._sounded_from = self.link.datum
-        self._told = self.connection.problem
+        self._reported = self.connection.problem
         self._sent = "uploads" if config.mode == "mission" else "target_messages"
 
     @property
     def transport(self) -> Transport | None:
-        """The open endpoint, to wait on for bytes; None if it is closed."""
+        """The open endpoint, for waiting on bytes; None if it is closed."""
         return self.connection.transport
 
     @property
     def quiet(self) -> bool:
-        """True if the autopilot is heard and owes no answer that would come at once."""
+        """Whether the autopilot is heard and no immediate answer is pending."""
         return self.link.quiet
 
     @property
     def sent(self) -> int:
-        """Targets, or missions, that the autopilot has been sent so far."""
+        """Number of target messages, or missions, sent so far."""
         return self.link.counts[self._sent]
 
     def command(self, now_s: float, target: Target) -> None:
-        """Queues the end of the next leg; `step` puts it on the wire.
+        """Queues the end of the next leg; `step` sends it.
 
         Raises:
             ValueError: see `VehicleLink.command`.
@@ -90,11 +84,11 @@ class AutopilotPort:
         self.link.command(now_s, target)
 
     def stop(self, now_s: float, stop: Stop | None) -> None:
-        """Stops the vehicle, or lets it travel on (None); `step` puts it on the wire."""
+        """Stops the vehicle, or lets it continue (None); `step` sends it."""
         self.link.stop(now_s, stop)
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
-        """Opens the endpoint if it is time, takes what has come, lets time pass (if `poll`), writes; tells events."""
+        """Opens the endpoint if it is time, reads, lets time pass (if `poll`), writes; returns the events."""
         self.connection.poll(steady_s)
         data = self.connection.read(steady_s)
         if data:
@@ -115,10 +109,10 @@ class AutopilotPort:
         link = self.link
         up = link.state is LinkState.UP
         text = ("armed" if link.armed else "not armed") if up else self.connection.problem or "no autopilot heard"
-        if up and not link.says.mode_obeys:
+        if up and not link.report.mode_obeys:
             text += f"; mode {link.custom_mode}, expected one of {list(link.obeying_modes)} (link.modes)"
         if up and not link.placed:
-            text += "; the autopilot's origin is not known: no odometry, no targets"
+            text += "; the autopilot's origin is unknown: no odometry, no targets"
         values = {"mode": link.custom_mode, "targets waiting": len(link.targets), **link.counts}
         values |= {f"wire {name}": count for name, count in link.wire.items()}
         if self._sounder is not None:
@@ -126,10 +120,10 @@ class AutopilotPort:
         return Health(level=Level.OK if up and link.placed else Level.ERROR, text=text, values=values)
 
     def _events(self) -> Iterator[Event]:
-        if self.connection.problem != self._told:
-            self._told = self.connection.problem
-            if self._told and self._told != CLOSING:
-                yield Problem(text=f"link.endpoint: {self._told}; it is tried again")
+        if self.connection.problem != self._reported:
+            self._reported = self.connection.problem
+            if self._reported and self._reported != CLOSING:
+                yield Problem(text=f"link.endpoint: {self._reported}; trying again")
         for event in self.link.events():
             yield event
             if self._sounder is not None and isinstance(event, Altitude):
@@ -138,7 +132,7 @@ class AutopilotPort:
                 yield from self._soundings(self._sounder, event)
 
     def _soundings(self, sounder: Sounder, odometry: AutopilotEstimate) -> list[Sounding]:
-        """The soundings that are complete now."""
+        """The soundings that an estimate completes."""
         if self._sounded_from != self.link.datum:  # places have shifted with the origin
             self._sounded_from = self.link.datum
             sounder.reset()

@@ -1,9 +1,9 @@
-"""The raw place of a vehicle with an autopilot: its estimate without what fixes did to it.
+"""The raw place of a vehicle with an autopilot: its estimate without the corrections by GPS fixes.
 
-An autopilot's estimator moves with the vehicle, and jumps or creeps to the place that GPS says at the surface. The raw
-place takes the estimate's steps, but for these: a step that the reported velocity does not explain, and all steps at
-the surface after the first dive, are replaced by velocity times time. When the vehicle dives again after GPS had a fix,
-estimate and raw place are told as a fix.
+At the surface an autopilot's estimator jumps or drifts to the GPS position. The raw place follows the estimate's steps
+with two exceptions, which are replaced by velocity times time: steps that the reported velocity does not explain, and
+all steps at the surface after the first dive. When the vehicle dives after a GPS fix, estimate and raw place are
+reported as a fix.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ import math
 
 from auv_lse_common.vocabulary.dead_reckoning import Fix
 
-#: What a step may be off from velocity times time (m), and as a share of it. An estimator that learns of its heading
-#: far from its start moves by a metre or two, which is its dead reckoning and no jump.
+#: Largest deviation of a step from velocity times time: in m, plus a share of the distance. An estimator that corrects
+#: its heading far from its start moves by a metre or two, which is dead reckoning and not a jump.
 JUMP_M = 3.0
 JUMP_SHARE = 0.2
-#: Shallower than this (m) GPS may be heard.
+#: Above this depth (m) GPS may be received.
 SURFACE_M = 0.5
-#: Deeper than this (m) the vehicle has dived.
+#: Below this depth (m) the vehicle has dived.
 DIVED_M = 1.0
-#: After a gap like this (s) velocity says too little: the vehicle may have turned back, which is off by twice its way.
+#: After a gap of this length (s) the vehicle may have turned back: the deviation may be twice the distance.
 GAP_S = 5.0
 TURNED_BACK_SHARE = 2.0
-#: Standard deviation of a fix that GPS says nothing about (m).
+#: Standard deviation of a fix if GPS does not report it (m).
 FIX_STD_M = 2.5
 
 
@@ -33,29 +33,29 @@ class RawTrack:
     Attributes:
         north_m: North of the raw place; NaN before the first estimate.
         east_m: East of it.
-        jumps: Steps that were undone.
+        jumps: Number of steps that were replaced because velocity does not explain them.
     """
 
     def __init__(self) -> None:
-        """Nothing is known yet."""
+        """Starts without an estimate."""
         self.north_m = self.east_m = math.nan
         self.jumps = 0
         self._last: tuple[float, float, float, float, float] | None = None  # stamp, place, velocity
         self._dived = False
-        self._std_m = math.nan  # of GPS in this surfacing; NaN: it had no fix
+        self._std_m = math.nan  # of GPS in this surfacing; NaN without a fix
 
     def gps(self, std_m: float) -> None:
-        """GPS has a fix, of this standard deviation (m; not positive: it does not say)."""
+        """GPS has a fix with this standard deviation (m; not positive: unknown)."""
         self._std_m = std_m if std_m > 0.0 else FIX_STD_M
 
     def interrupt(self) -> None:
-        """The next estimate has another frame, or comes after another start: its step is none."""
+        """The next estimate is in another frame, or follows a restart: its step is ignored."""
         self._last = None
 
     def move(
         self, stamp_s: float, north_m: float, east_m: float, depth_m: float, north_mps: float, east_mps: float
     ) -> Fix | None:
-        """Takes an estimate of place (m), depth (m) and velocity (m/s); gives the fix that is complete with it."""
+        """Adds an estimate of place (m), depth (m) and velocity (m/s); returns the fix that it completes, if any."""
         if math.isnan(self.north_m):
             self.north_m, self.east_m = north_m, east_m
         elif self._last is not None:

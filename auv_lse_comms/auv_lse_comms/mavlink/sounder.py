@@ -11,62 +11,50 @@ from __future__ import annotations
 import bisect
 import math
 from collections import Counter, deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.vocabulary.pings import by_period, period_of, sounding_of
+from auv_lse_common.vocabulary.sounding import Sounding
 
 Array = NDArray[np.float64]
 
-#: A ping needs odometry before and after it, not farther apart than this (s): 1 Hz with some jitter will do.
+#: A ping needs odometry before and after it, not farther apart than this (s): 1 Hz with some jitter suffices.
 MAX_GAP_S = 1.5
-#: Altitudes may come so much later than odometry of the same time (s).
+#: Altitudes may arrive this much later than odometry of the same time (s).
 LATE_S = 0.25
-#: Pings and odometries kept; more than come in the longest period.
+#: Number of pings and odometries kept; more than arrive in the longest period.
 MAX_KEPT = 10_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sounding:
-    """Depth of water (m, positive down) at north, east (m) and the raw place, mean time of its pings (s)."""
-
-    stamp_s: float
-    north_m: float
-    east_m: float
-    depth_m: float
-    raw_north_m: float = math.nan
-    raw_east_m: float = math.nan
-
-
 class Sounder:
-    """One vehicle's pings until they are soundings; see the module's text.
+    """Turns one vehicle's pings into soundings.
 
     Attributes:
         counts: "soundings"; "periods_short" had too few pings; "pings_blind" saw no ground, "pings_unplaced" had no
-            odometry about them, "pings_late" came after their period, "pings_dropped" were more than are kept;
-            "bad_odometry", "clock_steps" of odometry back in time.
+            odometry around them, "pings_late" came after their period, "pings_dropped" exceeded the limit;
+            "bad_odometry", and "clock_steps" of odometry back in time.
     """
 
     def __init__(self, every_s: float, least_pings: int) -> None:
-        """One sounding per `every_s` (s) in which at least `least_pings` came back."""
+        """Gives one sounding per `every_s` (s) with at least `least_pings` echoes."""
         self.counts: Counter[str] = Counter()
         self._every_s = every_s
         self._least_pings = least_pings
         # stamp, north, east, depth, raw north, raw east
         self._odometry: deque[tuple[float, float, float, float, float, float]] = deque(maxlen=MAX_KEPT)
-        self._pings: list[tuple[float, float]] = []  # stamp, altitude, of periods that are not over
-        self._over = -math.inf  # number of the last period that is over
+        self._pings: list[tuple[float, float]] = []  # stamp, altitude, of unfinished periods
+        self._over = -math.inf  # number of the last finished period
 
     def reset(self) -> None:
-        """Forgets what is not yet a sounding: places before and after this are not to be mixed."""
+        """Discards unfinished periods: places before and after this must not be mixed."""
         self._odometry.clear()
         self._pings.clear()
         self._over = -math.inf
 
     def altitude(self, stamp_s: float, altitude_m: float) -> None:
-        """Takes a height over ground (m); one that is not positive and finite saw no ground."""
+        """Adds a height over ground (m); one that is not positive and finite saw no ground."""
         if not (math.isfinite(stamp_s / self._every_s) and math.isfinite(altitude_m) and altitude_m > 0.0):
             self.counts["pings_blind"] += 1
         elif self._period(stamp_s) <= self._over:
@@ -84,10 +72,10 @@ class Sounder:
         depth_m: float,
         raw_m: tuple[float, float] = (math.nan, math.nan),
     ) -> list[Sounding]:
-        """Takes where the vehicle is (m; depth positive down), and its raw place: north, east (m), NaN if unknown.
+        """Adds the vehicle's place (m; depth positive down), and its raw place: north, east (m), NaN if unknown.
 
         Returns:
-            The soundings of periods that are over now.
+            The soundings of the periods that are finished now.
         """
         if not all(map(math.isfinite, (stamp_s / self._every_s, north_m, east_m, depth_m))):
             self.counts["bad_odometry"] += 1
@@ -105,7 +93,7 @@ class Sounder:
         placed = [row for ping in pings if (row := self._placed(*ping)) is not None]
         if len(placed) < len(pings):
             self.counts["pings_unplaced"] += len(pings) - len(placed)
-        # the odometry before the end of the last period that is over is the first that is still needed
+        # the last odometry before the end of the last finished period is the first one that is still needed
         while len(self._odometry) > 1 and self._odometry[1][0] <= over * self._every_s:
             self._odometry.popleft()
         periods = by_period(np.array(placed).reshape(-1, 6), self._every_s)
@@ -132,12 +120,4 @@ class Sounder:
             self.counts["periods_short"] += 1
             return None
         self.counts["soundings"] += 1
-        stamp_s, north_m, east_m, depth_m, raw_north_m, raw_east_m = sounding_of(pings).tolist()
-        return Sounding(
-            stamp_s=stamp_s,
-            north_m=north_m,
-            east_m=east_m,
-            depth_m=depth_m,
-            raw_north_m=raw_north_m,
-            raw_east_m=raw_east_m,
-        )
+        return Sounding._make((*sounding_of(pings).tolist(), 0))

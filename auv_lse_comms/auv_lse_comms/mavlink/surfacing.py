@@ -1,8 +1,8 @@
-"""A surfacing for a fix where a leg ends: up, a fix for some time, down again, and only then on to the next leg.
+"""A surfacing for a fix at the end of a leg: up, wait for a fix, down again; the next leg follows after that.
 
 stage   until                                                              next
 UP      shallower than `SURFACED_M`, and GPS has had a fix for `FIX_S`     DOWN
-        `LONGEST_S` after its begin, fix or none                           DOWN, reported
+        `LONGEST_S` after its begin, with or without a fix                 DOWN, reported
 DOWN    within `AT_DEPTH_M` of the leg's depth                             over
 """
 
@@ -14,18 +14,18 @@ import math
 
 from auv_lse_comms.mavlink.messages.conversion import Target
 
-#: Shallower than this (m) the vehicle is at the surface.
+#: Above this depth (m) the vehicle is at the surface.
 SURFACED_M = 0.5
-#: GPS has told of a fix for so long (s): what it says first is worth less.
+#: GPS must have had a fix for this long (s), because its first positions are less accurate.
 FIX_S = 20.0
-#: A vehicle dives again after so long (s) even without a fix.
+#: The vehicle dives again after this time (s) even without a fix.
 LONGEST_S = 120.0
-#: So near to its depth (m) it travels on.
+#: Within this distance (m) of its depth the vehicle continues.
 AT_DEPTH_M = 0.5
 
 
 class Stage(enum.Enum):
-    """Where a surfacing is."""
+    """Stage of a surfacing."""
 
     UP = "up"
     DOWN = "down"
@@ -36,7 +36,7 @@ class Surfacing:
     """One surfacing.
 
     Attributes:
-        stage: Where it is.
+        stage: Its stage.
         fixed: Whether GPS had a fix for long enough.
     """
 
@@ -46,11 +46,11 @@ class Surfacing:
         self.fixed = False
         self._end = dataclasses.replace(end, surface=False)
         self._begun_s = now_s
-        self._fix_s = math.nan  # since when GPS has a fix
+        self._fix_s = math.nan  # time since which GPS has a fix
 
     @property
     def target(self) -> Target:
-        """Where the vehicle is to go now."""
+        """The vehicle's present target."""
         return dataclasses.replace(self._end, depth_m=0.0) if self.stage is Stage.UP else self._end
 
     def host_stepped(self, now_s: float) -> None:
@@ -58,14 +58,14 @@ class Surfacing:
         self._begun_s, self._fix_s = min(self._begun_s, now_s), math.nan
 
     def gps(self, now_s: float, has_fix: bool) -> None:
-        """What GPS says at `now_s`: whether it has a fix."""
+        """Tells whether GPS has a fix at `now_s`."""
         if not has_fix:
             self._fix_s = math.nan
         elif math.isnan(self._fix_s):
             self._fix_s = now_s
 
     def proceed(self, now_s: float, depth_m: float) -> bool:
-        """The vehicle is at a depth (m) at `now_s`; returns whether the stage has changed."""
+        """Updates the stage for a vehicle at a depth (m) at `now_s`; returns whether it has changed."""
         if self.stage is Stage.UP:
             self.fixed = depth_m < SURFACED_M and now_s - self._fix_s >= FIX_S
             if self.fixed or now_s - self._begun_s >= LONGEST_S:

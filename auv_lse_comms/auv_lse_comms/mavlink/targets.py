@@ -1,21 +1,21 @@
-"""The ends of legs on their way to the autopilot, one after another or as an uploaded mission, and stops.
+"""Sends targets, the ends of legs, to the autopilot: one after another or as an uploaded mission; and stops.
 
 Theory of operation
 -------------------
-Targets come in order, each before the one before it is reached; one with the step of an earlier one replaces it and
-all after it. One whose leg begins elsewhere than at the last target (by more than `acceptance_m`) replaces all: the
-planner has given up that leg, and plans from where the vehicle is. The first is the current one; the next replaces it
-when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current one is sent at
-once and every `target_period_s`. In mode "mission" all are uploaded whenever one is added, and the first becomes the
-current item, for autopilots keep their index.
+Targets arrive in order, each before the previous one is reached. A target with the step of an earlier one replaces it
+and all later ones. A target whose leg begins elsewhere than at the last target (by more than `acceptance_m`) replaces
+all: the planner has dropped that leg and plans from the vehicle's place. The first target is the current one; the next
+replaces it when the vehicle is within `acceptance_m` of it or has passed it. In mode "position_target" the current one
+is sent at once and every `target_period_s`. In mode "mission" all are uploaded whenever one is added, and the first is
+made the current item, because autopilots keep their index.
 
-Where a target asks for it, the vehicle surfaces there for a fix before it goes on (`surfacing.py`): the same place at
-the surface is sent, then at its depth, and what follows waits.
+If a target requires it, the vehicle surfaces there for a fix before it continues (`surfacing.py`): the same place is
+sent at the surface, then at its depth, and later targets wait.
 
-A stop takes the place of them all until it is lifted: a target where the vehicle was when it was told to hold, the same
-at the surface, or the place to go to. Then the current target, or the mission, is sent again.
+A stop replaces all targets until it is lifted: it is a target at the vehicle's place when the stop arrived, the same at
+the surface, or a place to go to. Then the current target, or the mission, is sent again.
 
-A target too deep, or outside of the fence and farther out than the vehicle itself, is refused.
+A target that is too deep, or outside the fence and farther out than the vehicle itself, is refused.
 """
 
 from __future__ import annotations
@@ -40,34 +40,29 @@ from auv_lse_comms.mavlink.messages.wire import Message
 from auv_lse_comms.mavlink.surfacing import LONGEST_S, Stage, Surfacing
 from auv_lse_comms.mavlink.upload import MissionUpload, UploadState
 
-#: Greatest depth (m) that a vehicle without one of its own may take.
-DEEPEST_TURN_M = 5.0
-#: Legs' ends kept while the link is down or the vehicle slow; a mission has at most this many ahead.
+#: Default depth (m) of a vehicle without `vehicle.depth_m`.
+DEFAULT_DEPTH_M = 5.0
+#: Largest number of waiting targets, and of the items of an uploaded mission.
 MAX_TARGETS = 64
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class TargetLimits:
-    """What no target may exceed.
-
-    Attributes:
-        fence: Where targets may lie; None: anywhere.
-        deepest_m: Greatest depth (m).
-    """
+    """Limits of targets: the fence that they must lie in (None: anywhere) and the greatest depth (m)."""
 
     fence: Fence | None = None
     deepest_m: float = math.inf
 
     def check(self, target: Target, place: AutopilotEstimate | None) -> None:
-        """Refuses a target beyond the limits; one that leads a vehicle outside of the fence back towards it passes.
+        """Checks a target; one that leads a vehicle outside the fence back towards it passes.
 
         Raises:
             ValueError: naming the limit and the value.
         """
         if target.depth_m > self.deepest_m:
             raise ValueError(
-                f"target of step {target.step}: {target.depth_m:.1f} m deep; expected at most {self.deepest_m:.1f} m "
-                "(safety.max_depth_m)"
+                f"target of step {target.step}: got depth {target.depth_m:.1f} m; expected at most "
+                f"{self.deepest_m:.1f} m (safety.max_depth_m)"
             )
         if self.fence is None:
             return
@@ -77,13 +72,14 @@ class TargetLimits:
             allowed_m = max(allowed_m, self.fence.outside_m(place.north_m, place.east_m))
         if outside_m > allowed_m:
             raise ValueError(
-                f"target of step {target.step}: {outside_m:.0f} m outside of the area (north {target.north_m:.0f}, "
-                f"east {target.east_m:.0f} m); expected at most {allowed_m:.0f} m (safety.fence_margin_m)"
+                f"target of step {target.step}: got a place {outside_m:.0f} m outside the area (north "
+                f"{target.north_m:.0f}, east {target.east_m:.0f} m); expected at most {allowed_m:.0f} m "
+                "(safety.fence_margin_m)"
             )
 
 
 def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
-    """The limits of a vehicle's targets, by its parameters.
+    """The limits of a vehicle's targets, from its parameters.
 
     Args:
         parameters: Nested parameters, of which `area`, `safety` and `vehicle` are read.
@@ -95,14 +91,14 @@ def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
     safety = section(SafetyConfig, parameters, "safety", where)
     area = section(AreaConfig, parameters, "area", where)
     vehicle = section(VehicleConfig, parameters, "vehicle", where)
-    depth_m = vehicle.depth_m if is_given(parameters, "vehicle.depth_m") else DEEPEST_TURN_M
+    depth_m = vehicle.depth_m if is_given(parameters, "vehicle.depth_m") else DEFAULT_DEPTH_M
     has_fence = is_given(parameters, "area.polygon_m")
     fence = Fence(area.polygon_m, safety.fence_margin_m) if has_fence else None
     return TargetLimits(fence=fence, deepest_m=safety.deepest_m(depth_m))
 
 
 class TargetSender:
-    """The targets of one vehicle; see the module's text."""
+    """The targets of one vehicle."""
 
     def __init__(
         self,
@@ -113,25 +109,25 @@ class TargetSender:
         report: Callable[[Event], None],
         counts: Counter[str],
     ) -> None:
-        """No target yet.
+        """Starts without targets.
 
         Args:
             config: Section `link`.
             autopilot: The autopilot's system and component id.
-            limits: What no target may exceed.
-            send: Takes messages to the autopilot.
-            report: Takes events.
-            counts: Where targets are counted.
+            limits: Limits of targets.
+            send: Sends a message to the autopilot.
+            report: Reports an event.
+            counts: Counter for targets.
         """
         self._config, self._autopilot, self._limits = config, autopilot, limits
         self._send, self._report, self._counts = send, report, counts
         self._upload = MissionUpload(send, *autopilot, timeout_s=config.upload_timeout_s, retries=config.upload_retries)
         self._targets: deque[Target] = deque(maxlen=MAX_TARGETS)
         self._surfacing: Surfacing | None = None
-        self._surfaced_at = -1  # step of the target at which it surfaced last
+        self._surfaced_at = -1  # step of the target at which the vehicle surfaced last
         self._stop: Stop | None = None
         self._stopped_at: Target | None = None
-        self._unsent = False  # the first target, or the mission, has not been sent as it is now
+        self._unsent = False  # whether the current target, or the mission, must be sent
         self._target_s = -math.inf
         self._uploading: tuple[Target, ...] = ()
         self._speed_mps = math.nan  # the last one sent
@@ -143,7 +139,7 @@ class TargetSender:
 
     @property
     def settled(self) -> bool:
-        """No answer is awaited, and nothing waits to be sent."""
+        """Whether no answer is pending and nothing waits to be sent."""
         return not self._upload.busy and not self._unsent
 
     def add(self, target: Target, place: AutopilotEstimate | None) -> None:
@@ -153,7 +149,7 @@ class TargetSender:
             ValueError: if a number in it is not finite, or it is beyond the limits.
         """
         if not all(map(math.isfinite, (target.north_m, target.east_m, target.depth_m, target.heading_rad))):
-            raise ValueError(f"target {target}: expected finite numbers")
+            raise ValueError(f"target: got {target}; expected finite numbers")
         try:
             self._limits.check(target, place)
         except ValueError:
@@ -166,30 +162,30 @@ class TargetSender:
             self._counts["targets_replaced"] += 1
         if len(self._targets) == MAX_TARGETS:
             self._counts["targets_dropped"] += 1
-            self._report(Problem(text=f"more than {MAX_TARGETS} legs wait: the oldest is dropped"))
+            self._report(Problem(text=f"more than {MAX_TARGETS} targets wait: dropped the oldest"))
         self._targets.append(target)
         self._counts["targets"] += 1
         if self._config.mode == "mission" or len(self._targets) == 1:
             self._unsent = True
-        if target.then is not None and target.then.action is not Action.HOLD:  # it holds at its last target anyway
+        if target.then is not None and target.then.action is not Action.HOLD:  # autopilots hold at the last target
             self._targets.append(_follows(target, target.then))
 
     def _begins_elsewhere(self, target: Target) -> bool:
-        """Whether a leg begins away from the last target, which the vehicle then need not reach."""
+        """Whether a leg begins away from the last target, so that the vehicle need not reach that."""
         last = self._targets[-1]
         if target.begins_m is None or last.surface or self._surfacing is not None:
             return False
         return math.dist(target.begins_m, (last.north_m, last.east_m)) > self._config.acceptance_m
 
     def stop(self, stop: Stop | None) -> None:
-        """Stops the vehicle, or lets it travel on (None)."""
+        """Stops the vehicle, or lets it continue (None)."""
         if stop == self._stop:
             return
         self._stop, self._stopped_at = stop, None
         self._unsent = stop is None and bool(self._targets)
 
     def resend(self) -> None:
-        """The autopilot has to be told again: it was lost, or has rebooted."""
+        """Sends the present targets again: the autopilot was lost, or has rebooted."""
         self._upload.abandon("link lost, or autopilot rebooted")
         self._watch_upload()
         self._unsent = bool(self._targets) if self._stop is None else self._stopped_at is not None
@@ -202,12 +198,12 @@ class TargetSender:
             self._surfacing.host_stepped(now_s)
 
     def poll(self, now_s: float) -> None:
-        """Lets time pass: repeats what an upload lacks an answer to."""
+        """Lets time pass: repeats unanswered messages of an upload."""
         self._upload.poll(now_s)
         self._watch_upload()
 
     def requested(self, now_s: float, number: int) -> None:
-        """The autopilot asks for an item of the mission."""
+        """The autopilot requests an item of the mission."""
         self._upload.request(now_s, number)
         self._watch_upload()
 
@@ -218,17 +214,17 @@ class TargetSender:
             self._watch_upload()
 
     def now_at_item(self, number: int) -> None:
-        """The autopilot says which item it flies."""
+        """The autopilot reports its current item."""
         self._upload.current(number)
         self._watch_upload()
 
     def gps(self, now_s: float, has_fix: bool) -> None:
-        """What GPS says at `now_s` (s): whether it has a fix."""
+        """Tells whether GPS has a fix at `now_s` (s)."""
         if self._surfacing is not None:
             self._surfacing.gps(now_s, has_fix)
 
     def pass_reached(self, now_s: float, place: AutopilotEstimate | None) -> None:
-        """Drops targets that are reached, surfaces where one asks for it, and finds the place of a stop."""
+        """Drops reached targets, begins surfacings, and determines the place of a stop."""
         if self._stop is not None:
             if self._stopped_at is None and place is not None:
                 self._stopped_at = self._place_of(self._stop, place)
@@ -250,19 +246,19 @@ class TargetSender:
                 self._unsent = True
 
     def _surfaced(self, now_s: float, surfacing: Surfacing, place: AutopilotEstimate) -> bool:
-        """Goes on with a surfacing; returns whether it is over."""
+        """Advances a surfacing; returns whether it is over."""
         if not surfacing.proceed(now_s, place.depth_m):
             return False
         if surfacing.stage is Stage.DOWN and not surfacing.fixed:
             self._counts["surfacings_without_fix"] += 1
-            self._report(Problem(text=f"surfaced for {LONGEST_S:.0f} s without a fix of GPS: diving again"))
+            self._report(Problem(text=f"surfaced for {LONGEST_S:.0f} s without a GPS fix: diving again"))
         if surfacing.stage is Stage.OVER:
             self._surfacing, self._surfaced_at = None, self._targets[0].step
         self._unsent = True
         return surfacing.stage is Stage.OVER
 
     def send(self, now_s: float, boot_ms: int, datum: Datum, ardupilot: bool) -> None:
-        """Sends what is due now; the autopilot is there, and its frame is known.
+        """Sends what is due; call it only if the autopilot is heard and its frame is known.
 
         Args:
             now_s: The host's clock.
@@ -303,7 +299,7 @@ class TargetSender:
         self._target_s = now_s
         self._uploading = wanted
         self._send_speed(wanted[0])
-        ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot keeps its home in item 0, flies from item 1
+        ends = [wanted[0], *wanted] if ardupilot else wanted  # ArduPilot: item 0 is the home
         items = [
             mission_item(end, datum, number, self._config.acceptance_m, *self._autopilot)
             for number, end in enumerate(ends)
@@ -326,7 +322,7 @@ class TargetSender:
         else:
             self._counts["uploads_failed"] += 1
             self._report(Problem(text=f"mission upload: {self._upload.problem}"))
-            self._unsent = True  # tried again after upload_timeout_s, with what is then to be flown
+            self._unsent = True  # tried again after upload_timeout_s, with the targets of that time
         self._uploading = ()
 
     def _place_of(self, stop: Stop, place: AutopilotEstimate) -> Target:
@@ -335,18 +331,18 @@ class TargetSender:
         return _follows(here, stop)
 
     def _reached(self, target: Target, place: AutopilotEstimate) -> bool:
-        if target.step == self._surfaced_at:  # wherever it has drifted at the surface: it goes on from there
+        if target.step == self._surfaced_at:  # it may have drifted at the surface, and continues from there
             return True
         north, east = target.north_m - place.north_m, target.east_m - place.east_m
         ahead_m = north * math.cos(target.heading_rad) + east * math.sin(target.heading_rad)
         aside_m = abs(east * math.cos(target.heading_rad) - north * math.sin(target.heading_rad))
-        # near it, or past the line across its end at no more than twice the acceptance to the side
+        # near it, or past the line across the leg's end, at most twice the acceptance aside
         acceptance_m = self._config.acceptance_m
         return math.hypot(north, east) <= acceptance_m or (ahead_m <= 0.0 and aside_m <= 2.0 * acceptance_m)
 
 
 def _follows(target: Target, stop: Stop) -> Target:
-    """The target of a stop that begins at `target`."""
+    """The target of a stop that follows `target`."""
     if stop.action is Action.GO_TO:
         north_m, east_m = stop.place_m
         heading_rad = math.atan2(east_m - target.east_m, north_m - target.north_m)

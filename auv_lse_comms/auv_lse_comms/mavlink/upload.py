@@ -1,11 +1,11 @@
-"""Upload of a mission over MAVLink: a state machine from the autopilot's requests to items (MAVLink mission protocol).
+"""Upload of a mission over MAVLink: a state machine for the MAVLink mission protocol.
 
 state      what happens                          next
 IDLE       start(items)                          COUNTED    MISSION_COUNT sent
 COUNTED    MISSION_REQUEST_INT 0                 GIVING     item 0 sent
 GIVING     MISSION_REQUEST_INT n                 GIVING     item n sent; a repeated request is answered again
 COUNTED, GIVING
-           MISSION_ACK accepted                  SELECTING  MISSION_SET_CURRENT sent: autopilots keep their index
+           MISSION_ACK accepted                  SELECTING  MISSION_SET_CURRENT sent, as autopilots keep their index
            MISSION_ACK other                     FAILED     with the result
 SELECTING  MISSION_CURRENT of that item          DONE
 COUNTED, GIVING, SELECTING
@@ -27,7 +27,7 @@ RESULTS = {value: entry.name for value, entry in mavlink.enums["MAV_MISSION_RESU
 
 
 class UploadState(enum.Enum):
-    """Where an upload is."""
+    """State of an upload."""
 
     IDLE = "idle"
     COUNTED = "counted"
@@ -41,15 +41,15 @@ class MissionUpload:
     """Uploads one mission after another to one autopilot.
 
     Attributes:
-        state: Where it is.
+        state: State of the current upload.
         problem: Why it failed.
-        uploads: Missions accepted so far.
+        uploads: Number of missions accepted.
     """
 
     def __init__(
         self, send: Callable[[Message], None], system: int, component: int, timeout_s: float, retries: int
     ) -> None:
-        """Sends with `send` to the autopilot `system`, `component`."""
+        """Uploads with `send` to the autopilot `system`, `component`."""
         self.state = UploadState.IDLE
         self.problem = ""
         self.uploads = 0
@@ -65,20 +65,20 @@ class MissionUpload:
 
     @property
     def busy(self) -> bool:
-        """An upload is under way."""
+        """Whether an upload is in progress."""
         return self.state in (UploadState.COUNTED, UploadState.GIVING, UploadState.SELECTING)
 
     def start(self, now_s: float, items: Sequence[Message], first: int = 0) -> None:
-        """Begins to upload `items` (MISSION_ITEM_INT, numbered from 0), of which item `first` is to be flown first.
+        """Begins to upload `items` (MISSION_ITEM_INT, numbered from 0); the vehicle begins with item `first`.
 
         Raises:
             ValueError: if there are none.
-            RuntimeError: if an upload is under way.
+            RuntimeError: if an upload is in progress.
         """
         if not items:
             raise ValueError("mission: got no items; expected at least one")
         if self.busy:
-            raise RuntimeError("mission upload: started while one is under way")
+            raise RuntimeError("mission upload: started while another is in progress")
         self._items, self._first = tuple(items), first
         self.state = UploadState.COUNTED
         self.problem = ""
@@ -87,18 +87,18 @@ class MissionUpload:
         self._ask(now_s, count)
 
     def request(self, now_s: float, number: int) -> None:
-        """The autopilot asks for an item."""
+        """The autopilot requests an item."""
         if not self.busy or self.state is UploadState.SELECTING:
             return
         if not 0 <= number < len(self._items):
-            self._fail(f"the autopilot asks for item {number} of {len(self._items)}")
+            self._fail(f"the autopilot requested item {number} of {len(self._items)}")
             return
         self.state = UploadState.GIVING
         self._repeats = 0
         self._ask(now_s, self._items[number])
 
     def acknowledge(self, now_s: float, result: int) -> None:
-        """The autopilot accepts or refuses."""
+        """The autopilot accepts or refuses the mission."""
         if not self.busy or self.state is UploadState.SELECTING:
             return
         if result == mavlink.MAV_MISSION_ACCEPTED:
@@ -106,16 +106,16 @@ class MissionUpload:
             self._repeats = 0
             self._ask(now_s, mavlink.MAVLink_mission_set_current_message(*self._to, self._first))
         else:
-            self._fail(f"the autopilot refuses the mission: {RESULTS.get(result, result)}")
+            self._fail(f"the autopilot refused the mission: {RESULTS.get(result, result)}")
 
     def current(self, number: int) -> None:
-        """The autopilot says which item it flies."""
+        """The autopilot reports its current item."""
         if self.state is UploadState.SELECTING and number == self._first:
             self.state = UploadState.DONE
             self.uploads += 1
 
     def poll(self, now_s: float) -> None:
-        """Lets time pass: repeats what was not answered."""
+        """Repeats the last message if it was not answered in time."""
         if now_s < self._sent_s:
             self._sent_s = now_s  # the clock was stepped back
         if not self.busy or self._last is None or now_s - self._sent_s < self._timeout_s:
@@ -127,7 +127,7 @@ class MissionUpload:
         self._ask(now_s, self._last)
 
     def abandon(self, reason: str) -> None:
-        """Gives up an upload that is under way."""
+        """Aborts an upload in progress."""
         if self.busy:
             self._fail(reason)
 

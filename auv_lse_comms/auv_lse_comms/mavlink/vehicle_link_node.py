@@ -1,4 +1,4 @@
-"""Links the stack to the autopilot over MAVLink: odometry, altitude, pressure and soundings in, waypoints out."""
+"""Connects the stack to the autopilot over MAVLink: odometry, altitude, pressure and soundings in, waypoints out."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.node.entry_point import Main
 from auv_lse_common.topics.records import RunReport, Waypoint
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix
+from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.driver_node import DriverNode
-from auv_lse_comms.mavlink import sounder
 from auv_lse_comms.mavlink.messages import events
 from auv_lse_comms.mavlink.messages.conversion import Target
 from auv_lse_comms.mavlink.messages.datum import origin_of
@@ -22,7 +22,7 @@ class VehicleLinkNode(DriverNode):
     """vehicle_link_node: MAVLink to the autopilot of one vehicle. Namespace: the vehicle's (/auv1)."""
 
     def __init__(self) -> None:
-        """Makes the link from the parameters, wires the topics and begins to open the endpoint."""
+        """Creates the link from the parameters, wires the topics and begins to open the endpoint."""
         super().__init__("vehicle_link_node", "vehicle_link")
         config = section(LinkConfig, self.parameters, "link", self.where)
         if config.kind != "mavlink":
@@ -39,8 +39,8 @@ class VehicleLinkNode(DriverNode):
         self._status = self.publisher("autopilot")
         self._started_s = self.now_s()
         self._last: tuple[int, float] | None = None  # step and stamp of the last waypoint
-        self._late: list[Waypoint] = []
-        self._told = False  # how it stands with the mission
+        self._late: list[Waypoint] = []  # received after a restart, not commanded yet
+        self._has_state = False  # whether mission/state was received
         self._odometry = self.publisher("odometry")
         self._fix = self.publisher("fix")
         self._dead_reckoning = self.publisher("dead_reckoning")
@@ -57,18 +57,18 @@ class VehicleLinkNode(DriverNode):
         step = waypoint.leg.step
         decided = step, waypoint.stamp_s
         if decided == self._last:
-            return  # planner_node was started again, and has said its last one again
+            return  # planner_node was restarted and has repeated its last waypoint
         first, self._last = self._last is None, decided
         if self._late or (first and (step or decided[1] < self._started_s)):
-            self._late.append(waypoint)  # this node was started again under way: place and mission's state decide
+            self._late.append(waypoint)  # this node was restarted during the mission: wait for place and state
         else:
             self._command(step, [target_of(waypoint)])
-        self.answer_again("vehicle_link")  # what was answered for this tick did not count the waypoint
+        self.answer_again("vehicle_link")  # the answer to this tick did not count the waypoint
 
     def _on_state(self, report: RunReport) -> None:
         try:
             self._autopilot.stop(self.now_s(), report.status.stop)
-            self._told = True
+            self._has_state = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
 
@@ -80,15 +80,15 @@ class VehicleLinkNode(DriverNode):
             self.get_logger().error(f"waypoint of step {step}: {error}")
 
     def polls(self) -> bool:
-        """Before the first tick time passes by the timer: the autopilot has to be found."""
+        """Before the first tick, time passes with the timer: the autopilot must be found."""
         return super().polls() or self.last_tick("vehicle_link") == 0
 
     def totals(self) -> tuple[int, ...]:
-        """What the autopilot has been sent, and the waypoints taken until then."""
+        """Number of messages sent to the autopilot, and of waypoints received."""
         return self._autopilot.sent, self._waypoints
 
     def on_event(self, event: Event) -> None:
-        """Publishes or logs what has come from the autopilot."""
+        """Publishes or logs an event of the link."""
         log = self.get_logger()
         match event:
             case events.AutopilotEstimate():
@@ -101,7 +101,7 @@ class VehicleLinkNode(DriverNode):
                     depth_m=event.depth_m,
                 )
                 self._dead_reckoning.publish(raw)
-                if self._late and self._told:
+                if self._late and self._has_state:
                     (first, *later), self._late = self._late, []
                     self._command(first.leg.step, ends_to_reach(first, event.north_m, event.east_m))
                     for waypoint in later:
@@ -115,13 +115,13 @@ class VehicleLinkNode(DriverNode):
                 self._altitude.publish(event)
             case events.Pressure():
                 self._pressure.publish(event)
-            case sounder.Sounding():
+            case Sounding():
                 self._sounding.publish(event)
             case events.LinkUp():
                 log.info(f"autopilot heard: MAV_AUTOPILOT {event.autopilot}, MAV_TYPE {event.vehicle_type}")
                 self.diagnose()
             case events.LinkLost():
-                log.error(f"link lost: nothing from the autopilot for {event.silent_s:.1f} s")
+                log.error(f"link lost: no heartbeat from the autopilot for {event.silent_s:.1f} s")
                 self.diagnose()
             case events.Problem():
                 log.warning(event.text)

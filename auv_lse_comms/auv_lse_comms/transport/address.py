@@ -1,12 +1,12 @@
-"""Addresses of ports, as they stand in the parameters.
+"""Addresses of ports, as written in the parameters.
 
     /dev/ttyUSB0, serial:///dev/ttyUSB0[:BAUD]     a serial device (8N1, no flow control), or a pty
-    tcp://HOST:PORT                                calls a TCP server
-    udpin://BIND:PORT                              waits on a UDP port; answers the last sender that is expected
-    udpout://HOST:PORT                             sends to a UDP port; takes answers from there
+    tcp://HOST:PORT                                connects to a TCP server
+    udpin://BIND:PORT                              listens on a UDP port; answers the last expected sender
+    udpout://HOST:PORT                             sends to a UDP port; accepts answers from there
 
-A path in /dev/ may hold colons (/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0): only a number of 3 to 7 digits
-after the last one is a baud rate.
+A path in /dev/ may contain colons (/dev/serial/by-path/pci-0000:00:14.0-usb-0:1:1.0-port0): only a number of 3 to 7
+digits after the last one is a baud rate.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ _SERIAL = re.compile(r"(?:serial://)?(/dev/\S+?|/(?!dev/)[^\0\n:]*[^\s:])(?::([1
 
 
 class AddressError(ValueError):
-    """A text that is no address of a port; names it and what was expected."""
+    """A text that is not an address of a port; names it and what was expected."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Address:
-    """Where a port is: kind ("serial", "tcp", "udpin", "udpout"), device or host, port number or baud rate."""
+    """Address of a port: kind ("serial", "tcp", "udpin", "udpout"), device or host, port number or baud rate."""
 
     kind: str
     place: str
@@ -36,14 +36,10 @@ class Address:
 
 
 def read_address(text: str, baud: int = 19200) -> Address:
-    """The address that `text` names (see the module's text).
-
-    Args:
-        text: The address.
-        baud: Speed of a serial device whose address names none.
+    """The address that `text` describes; `baud` is the default speed of a serial device.
 
     Raises:
-        AddressError: naming the text and the forms that are known.
+        AddressError: naming the text and the allowed forms.
     """
     match = _HOST_PORT.match(text)
     if match and 0 <= int(match[3]) <= 65535:
@@ -52,6 +48,6 @@ def read_address(text: str, baud: int = 19200) -> Address:
     if match:
         return Address(kind="serial", place=match[1], number=int(match[2] or baud))
     raise AddressError(
-        f"address {text!r}: expected /dev/NAME or serial:///dev/NAME, with :BAUD (3 to 7 digits) after it or without, "
+        f"address {text!r}: expected /dev/NAME or serial:///dev/NAME, optionally with :BAUD (3 to 7 digits), "
         "tcp://HOST:PORT, udpin://BIND:PORT or udpout://HOST:PORT"
     )

@@ -1,4 +1,4 @@
-"""A port that is opened again whenever it fails."""
+"""A port that is reopened whenever it fails."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from auv_lse_comms.transport.ports import Transport, TransportError
 
 
 class Connection:
-    """A port that is opened again and again whenever it fails, after a wait that grows with each failure in a row.
+    """A port that is reopened whenever it fails, after a wait that doubles with each successive failure.
 
-    `poll` with a steady clock opens it when it is time; `read` and `write` close it when it fails.
+    `poll` opens it when it is time, by a steady clock; `read` and `write` close it when it fails.
 
     Attributes:
         transport: The open port, or None.
         problem: Why it is not open, for messages; "" while it is.
-        failures: Failures in a row: to open, or of a port that was open.
+        failures: Number of successive failures, of opening or of the open port.
     """
 
     def __init__(self, open_port: Callable[[], Transport], backoff_min_s: float, backoff_max_s: float) -> None:
-        """Opens with `open_port`, which raises TransportError."""
+        """Starts closed; `open_port` opens the port or raises TransportError."""
         self.transport: Transport | None = None
         self.problem = "not opened yet"
         self.failures = 0
@@ -28,7 +28,7 @@ class Connection:
         self._retry_s: float | None = None
 
     def poll(self, steady_s: float) -> bool:
-        """Opens the port if it is closed and the wait is over; returns True if it has just been opened."""
+        """Opens the port if it is closed and the wait is over; returns whether it was opened."""
         if self.transport is not None or (self._retry_s is not None and steady_s < self._retry_s):
             return False
         try:
@@ -40,7 +40,7 @@ class Connection:
         return True
 
     def read(self, steady_s: float) -> bytes:
-        """The bytes that have come; b"" if none have, or the port has just failed."""
+        """The bytes that have arrived; b"" if none have, or the port is closed or fails."""
         if self.transport is None:
             return b""
         try:
@@ -62,7 +62,7 @@ class Connection:
             self.close(steady_s, str(error))
 
     def close(self, steady_s: float, reason: str) -> None:
-        """Closes the port; it is opened again after the wait."""
+        """Closes the port; it is reopened after the wait."""
         if self.transport is not None:
             self.transport.close()
             self.transport = None
@@ -70,7 +70,7 @@ class Connection:
 
     @property
     def wait_s(self) -> float:
-        """The wait after the failures so far, s."""
+        """The wait after the present number of failures (s)."""
         low, high = self._backoff_s
         return min(high, low * 2.0 ** min(self.failures - 1, 60)) if self.failures else 0.0
 

@@ -13,7 +13,7 @@ from auv_lse_comms.transport.address import Address
 
 READ_BYTES = 65536
 CONNECT_TIMEOUT_S = 3.0
-#: A peer that takes nothing for so long is taken for dead (s).
+#: A peer that accepts no data for this long counts as dead (s).
 WRITE_TIMEOUT_S = 2.0
 
 
@@ -25,11 +25,11 @@ class Transport(Protocol):
     """An open port."""
 
     def fileno(self) -> int:
-        """File descriptor to wait on for bytes."""
+        """File descriptor for waiting on bytes."""
         ...
 
     def read(self) -> bytes:
-        """The bytes that are there, b"" if none are. Raises TransportError."""
+        """The bytes that have arrived, b"" if none have. Raises TransportError."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -37,41 +37,20 @@ class Transport(Protocol):
         ...
 
     def close(self) -> None:
-        """Closes the port; a second time does nothing."""
+        """Closes the port; calling it twice is allowed."""
         ...
 
 
-class SerialPort:
-    """A serial device, or a pty."""
+class _StreamPort:
+    """A `Transport` over a stream of bytes."""
 
-    def __init__(self, device: str, baud: int, lines_low: bool = False) -> None:
-        """Opens `device` at `baud`, 8N1, exclusively; `lines_low` keeps RTS and DTR low.
-
-        Raises:
-            TransportError: if it is not there, is no serial device, another process has it, or pyserial is missing.
-        """
-        try:
-            import serial  # here so that TCP and UDP work without it
-        except ImportError as error:
-            raise TransportError(
-                f"{device}: cannot be opened: the Python package pyserial is not installed ({error}); expected "
-                "python3-serial (apt) or pyserial (pip)"
-            ) from error
-
-        self._name = device
-        self._failures: tuple[type[BaseException], ...] = (serial.SerialException, OSError, ValueError)
-        try:
-            self._port: Any = serial.Serial(None, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
-            self._port.port = device
-            if lines_low:  # before it is opened: to open it raises both
-                self._port.rts = self._port.dtr = False
-            self._port.open()
-        except self._failures as error:
-            raise TransportError(f"{device}: cannot be opened: {error}") from error
+    def __init__(self, name: str, stream: Any, write: Callable[[bytes], Any], lost: str) -> None:
+        """Uses the open `stream`, writes with `write`; `lost` describes a stream that has ended."""
+        self._name, self._stream, self._write, self._lost = name, stream, write, lost
 
     def fileno(self) -> int:
         """See `Transport`."""
-        return int(self._port.fileno())
+        return int(self._stream.fileno())
 
     def read(self) -> bytes:
         """See `Transport`."""
@@ -80,26 +59,53 @@ class SerialPort:
             if not readable:
                 return b""
             data = os.read(self.fileno(), READ_BYTES)
-        except self._failures as error:
+        except (OSError, ValueError) as error:  # pyserial's SerialException is an OSError
             raise TransportError(f"{self._name}: cannot be read: {error}") from error
-        if not data:  # readable, yet nothing there: the device is gone
-            raise TransportError(f"{self._name}: the device is gone")
+        if not data:  # readable, yet without data: the stream has ended
+            raise TransportError(f"{self._name}: {self._lost}")
         return data
 
     def write(self, data: bytes) -> None:
         """See `Transport`."""
         try:
-            self._port.write(data)
-        except self._failures as error:
+            self._write(data)
+        except (OSError, ValueError) as error:
             raise TransportError(f"{self._name}: cannot be written: {error}") from error
 
     def close(self) -> None:
         """See `Transport`."""
-        with contextlib.suppress(*self._failures):
-            self._port.close()
+        with contextlib.suppress(OSError, ValueError):
+            self._stream.close()
 
 
-class TcpPort:
+class SerialPort(_StreamPort):
+    """A serial device, or a pty."""
+
+    def __init__(self, device: str, baud: int, lines_low: bool = False) -> None:
+        """Opens `device` at `baud`, 8N1, exclusively; `lines_low` keeps RTS and DTR low.
+
+        Raises:
+            TransportError: if it does not exist, is not a serial device, is in use, or pyserial is missing.
+        """
+        try:
+            import serial  # here, so that TCP and UDP work without it
+        except ImportError as error:
+            raise TransportError(
+                f"{device}: cannot be opened: the Python package pyserial is not installed ({error}); expected "
+                "python3-serial (apt) or pyserial (pip)"
+            ) from error
+        try:
+            port = serial.Serial(None, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+            port.port = device
+            if lines_low:  # before opening, which would raise both lines
+                port.rts = port.dtr = False
+            port.open()
+        except (OSError, ValueError) as error:
+            raise TransportError(f"{device}: cannot be opened: {error}") from error
+        super().__init__(device, port, port.write, "the device is gone")
+
+
+class TcpPort(_StreamPort):
     """A TCP connection to a server."""
 
     def __init__(self, host: str, port: int) -> None:
@@ -108,52 +114,25 @@ class TcpPort:
         Raises:
             TransportError: if there is no server.
         """
-        self._name = f"tcp://{host}:{port}"
+        name = f"tcp://{host}:{port}"
         try:
-            self._socket = socket.create_connection((host, port), timeout=CONNECT_TIMEOUT_S)
-        except (OSError, UnicodeError) as error:  # UnicodeError: a name that no host can have
-            raise TransportError(f"{self._name}: cannot connect: {error}") from error
-        self._socket.settimeout(WRITE_TIMEOUT_S)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-
-    def fileno(self) -> int:
-        """See `Transport`."""
-        return self._socket.fileno()
-
-    def read(self) -> bytes:
-        """See `Transport`."""
-        try:
-            readable, _, _ = select.select([self._socket], [], [], 0.0)
-            if not readable:
-                return b""
-            data = self._socket.recv(READ_BYTES)
-        except (OSError, ValueError) as error:
-            raise TransportError(f"{self._name}: cannot be read: {error}") from error
-        if not data:
-            raise TransportError(f"{self._name}: the other side has closed")
-        return data
-
-    def write(self, data: bytes) -> None:
-        """See `Transport`."""
-        try:
-            self._socket.sendall(data)
-        except OSError as error:
-            raise TransportError(f"{self._name}: cannot be written: {error}") from error
-
-    def close(self) -> None:
-        """See `Transport`."""
-        self._socket.close()
+            connection = socket.create_connection((host, port), timeout=CONNECT_TIMEOUT_S)
+        except (OSError, UnicodeError) as error:  # UnicodeError: an impossible host name
+            raise TransportError(f"{name}: cannot connect: {error}") from error
+        connection.settimeout(WRITE_TIMEOUT_S)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        super().__init__(name, connection, connection.sendall, "the other side has closed")
 
 
 class UdpPort:
-    """A UDP socket: bound and answering its peer (`udpin`), or sending to one place (`udpout`).
+    """A UDP socket: bound and answering its peer (`udpin`), or sending to one address (`udpout`).
 
-    The peer of `udpin` is the last sender of a datagram that is expected; others' datagrams are dropped.
+    The peer of `udpin` is the last sender of an expected datagram; others' datagrams are dropped.
     """
 
     def __init__(self, kind: str, host: str, port: int, expected: Callable[[bytes], bool] | None = None) -> None:
-        """Binds or aims.
+        """Binds or connects.
 
         Args:
             kind: "udpin" or "udpout".
@@ -162,7 +141,7 @@ class UdpPort:
             expected: Whether a datagram of a new sender makes that the peer (`udpin`); None: any does.
 
         Raises:
-            TransportError: if the address is taken or not one of this machine's.
+            TransportError: if the address is in use or does not belong to this machine.
         """
         self._name = f"{kind}://{host}:{port}"
         self._peer: Any = None
@@ -178,7 +157,7 @@ class UdpPort:
                 self._socket.bind(address)
             else:
                 self._peer = address
-                # only what comes from the peer is taken; also makes the local port known
+                # accepts only the peer's datagrams; also determines the local port
                 self._socket.connect(address)
         except OSError as error:
             self._socket.close()
@@ -196,7 +175,7 @@ class UdpPort:
         return self._socket.fileno()
 
     def read(self) -> bytes:
-        """The payloads of the datagrams that are there, one after another."""
+        """The payloads of the datagrams that have arrived, joined."""
         parts: list[bytes] = []
         while True:
             try:
@@ -204,7 +183,7 @@ class UdpPort:
             except BlockingIOError:
                 break
             except ConnectionRefusedError:
-                continue  # nobody listened when we last wrote, which UDP allows
+                continue  # nobody listened at the last write, which UDP allows
             except OSError as error:
                 raise TransportError(f"{self._name}: cannot be read: {error}") from error
             if not self._connected and peer != self._peer:
@@ -215,7 +194,7 @@ class UdpPort:
         return b"".join(parts)
 
     def write(self, data: bytes) -> None:
-        """Sends one datagram; nowhere, before anything has come in."""
+        """Sends one datagram; does nothing until there is a peer."""
         if self._peer is None:
             return
         try:
@@ -224,7 +203,7 @@ class UdpPort:
             else:
                 self._socket.sendto(data, self._peer)
         except (ConnectionRefusedError, BlockingIOError):
-            pass  # nobody listens, or the buffer is full: a datagram may be lost
+            pass  # nobody listens, or the buffer is full: datagrams may get lost
         except OSError as error:
             raise TransportError(f"{self._name}: cannot be written: {error}") from error
 
@@ -236,12 +215,7 @@ class UdpPort:
 def open_transport(
     address: Address, expected: Callable[[bytes], bool] | None = None, lines_low: bool = False
 ) -> Transport:
-    """Opens the port at `address`.
-
-    Args:
-        address: Where it is.
-        expected: For `udpin`: whether a datagram of a new sender makes that the peer; None: any does.
-        lines_low: For a serial device: RTS and DTR stay low.
+    """Opens the port at `address`; `expected` is that of `UdpPort`, `lines_low` that of `SerialPort`.
 
     Raises:
         TransportError: if it cannot be opened.

@@ -1,4 +1,4 @@
-"""Wakes a port's owner when bytes have come."""
+"""Wakes a port's owner when bytes have arrived."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class Readable(Protocol):
 
 
 class PortWatcher:
-    """A thread that waits for bytes on a port and calls `wake` (from that thread) when there are some.
+    """A thread that waits for bytes on a port and then calls `wake` (from that thread).
 
-    The owner reads them and calls `handled`, after which the thread waits again. `stop` ends it.
+    The owner reads the bytes and calls `handled`; the thread then waits again. `stop` ends it.
     """
 
     def __init__(self, transport: Readable, wake: Callable[[], None]) -> None:
@@ -34,11 +34,11 @@ class PortWatcher:
         self._thread.start()
 
     def handled(self) -> None:
-        """What was there has been read."""
+        """The bytes have been read."""
         self._handled.set()
 
     def stop(self) -> None:
-        """Ends the thread and waits for it; to be called before the port is closed."""
+        """Ends the thread and waits for it; call it before closing the port."""
         if self._stopped:
             return
         self._stopped = True
@@ -53,7 +53,7 @@ class PortWatcher:
             try:
                 readable, _, _ = select.select([self._transport.fileno(), self._stop_read], [], [])
             except (OSError, ValueError):
-                return  # the port was closed under us
+                return  # the port was closed
             if self._stop_read in readable:
                 return
             self._handled.clear()

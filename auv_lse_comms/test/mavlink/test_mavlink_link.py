@@ -160,7 +160,7 @@ def test_setting_the_origin_warns_that_the_vehicles_start_is_then_taken_for_it()
     pilot.beat()
     pilot.wait(10.0)
     (problem,) = pilot.of(events.Problem)
-    assert "without GPS the place where its estimator started is then taken for latitude 46.5" in problem.text
+    assert "its estimator will place its start at latitude 46.5" in problem.text
 
 
 def test_an_autopilot_whose_origin_is_refused_is_asked_again_and_its_origin_is_not_set():
@@ -214,7 +214,7 @@ def test_targets_survive_both_kinds_of_message(north, east, depth, heading, shif
     ("change", "words"),
     [
         ({"coordinate_frame": mavlink.MAV_FRAME_BODY_NED}, "expected MAV_FRAME_LOCAL_NED"),
-        ({"type_mask": 0xFFF}, "ignores the position"),
+        ({"type_mask": 0xFFF}, "without the position"),
         ({"x": math.nan}, "expected finite"),
     ],
 )
@@ -305,7 +305,7 @@ def test_an_autopilot_that_reboots_has_another_origin_until_it_tells():
     pilot.say(mavlink.MAVLink_attitude_message(2000, 0, 0, 0.0, 0, 0, 0.0))
     assert not pilot.link.placed
     assert pilot.link.counts["reboots"] == 1
-    assert any("has rebooted" in problem.text for problem in pilot.of(events.Problem))
+    assert any("the autopilot rebooted" in problem.text for problem in pilot.of(events.Problem))
     pilot.heard()
     pilot.wait(0.2)
     assert len(pilot.heard("COMMAND_LONG")) == 1  # asked for at once
@@ -626,7 +626,7 @@ def test_an_item_that_does_not_exist_ends_the_upload():
     pilot = Autopilot(mode="mission").up()
     pilot.link.command(pilot.now_s, A)
     request(pilot, 9)
-    assert any("asks for item 9 of 2" in p.text for p in pilot.of(events.Problem))
+    assert any("requested item 9 of 2" in p.text for p in pilot.of(events.Problem))
 
 
 def test_an_upload_is_dropped_with_the_link_and_begun_anew():
@@ -771,7 +771,7 @@ def test_a_leg_that_ends_with_a_surfacing_waits_for_the_fix_and_for_the_depth(mo
     assert pilot.link.counts["surfacings_without_fix"] == (not gps)
     assert depths[-1] == 4.0
     assert [t.step for t in pilot.link.targets] == [2], "it goes on"
-    assert len([e for e in pilot.of(events.Problem) if "without a fix" in e.text]) == (not gps)
+    assert len([e for e in pilot.of(events.Problem) if "without a GPS fix" in e.text]) == (not gps)
     assert len(pilot.of(Fix)) == gps
 
 
@@ -791,8 +791,8 @@ def test_a_target_too_deep_or_far_outside_never_reaches_the_autopilot(mode):
     pilot = Autopilot(limits=target_limits(parameters, "test"), mode=mode).up()
     pilot.at(10.0, 10.0)
     for bad, words in (
-        (dataclasses.replace(A, depth_m=9.5), r"9.5 m deep; expected at most 9.0 m \(safety.max_depth_m\)"),
-        (dataclasses.replace(A, north_m=300.0), r"200 m outside of the area.*expected at most 150 m"),
+        (dataclasses.replace(A, depth_m=9.5), r"got depth 9.5 m; expected at most 9.0 m \(safety.max_depth_m\)"),
+        (dataclasses.replace(A, north_m=300.0), r"200 m outside the area.*expected at most 150 m"),
     ):
         with pytest.raises(ValueError, match=words):
             pilot.link.command(pilot.now_s, bad)
@@ -813,23 +813,23 @@ def test_limits_that_are_none_are_named():
 def test_the_autopilot_tells_whether_it_obeys_its_charge_and_a_leak():
     pilot = Autopilot().up()
     (state,) = pilot.of(events.AutopilotState)
-    assert (state.says.heard, state.says.armed, state.says.mode, state.says.mode_obeys) == (True, True, 4, True)
-    assert math.isnan(state.says.battery)
-    assert state.says.leak == -1
+    assert (state.report.heard, state.report.armed, state.report.mode, state.report.mode_obeys) == (True, True, 4, True)
+    assert math.isnan(state.report.battery)
+    assert state.report.leak == -1
     flags = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
     pilot.say(mavlink.MAVLink_heartbeat_message(12, 3, flags, 19, mavlink.MAV_STATE_ACTIVE, 3))  # ArduSub: MANUAL
-    assert not pilot.link.says.mode_obeys
+    assert not pilot.link.report.mode_obeys
     pilot.say(mavlink.MAVLink_sys_status_message(0, 0, 0, 500, 14800, -1, 64, 0, 0, 0, 0, 0, 0))
     pilot.say(mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_CRITICAL, b"Leak Detected"))
     pilot.beat(armed=False)
     state = pilot.of(events.AutopilotState)[-1]
-    assert (state.says.armed, state.says.battery, state.battery_v, state.says.leak) == (False, 0.64, 14.8, 1)
+    assert (state.report.armed, state.report.battery, state.battery_v, state.report.leak) == (False, 0.64, 14.8, 1)
     pilot.wait(30.0)
-    assert pilot.link.says.leak == 1, "it tells of a leak every 20 s"
+    assert pilot.link.report.leak == 1, "it tells of a leak every 20 s"
     pilot.wait(25.0)
-    assert pilot.link.says.leak == -1, "after a RESET the limit does not trip again of itself"
+    assert pilot.link.report.leak == -1, "after a RESET the limit does not trip again of itself"
     pilot.wait(6.0, beat=False)
-    assert not pilot.of(events.AutopilotState)[-1].says.heard
+    assert not pilot.of(events.AutopilotState)[-1].report.heard
 
 
 @pytest.mark.parametrize(
@@ -896,5 +896,5 @@ def test_a_signed_message_is_believed_once_and_a_forged_one_does_not_silence_the
 
 
 def test_a_key_of_another_length_is_refused():
-    with pytest.raises(ValueError, match="a key of 16 bytes; expected 32"):
+    with pytest.raises(ValueError, match="key: got 16 bytes; expected 32"):
         VehicleLink(LinkConfig(kind="mavlink"), 2, ORIGIN, key=bytes(16))

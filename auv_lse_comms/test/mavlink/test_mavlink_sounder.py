@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from auv_lse_comms.mavlink.sounder import Sounder, Sounding
+from auv_lse_common.vocabulary.sounding import Sounding
+from auv_lse_comms.mavlink.sounder import Sounder
 
 EPOCH_S = 1.7e9
 

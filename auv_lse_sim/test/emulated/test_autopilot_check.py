@@ -112,11 +112,11 @@ def test_what_is_missing_is_named() -> None:
         "not armed: the mission waits until it is",
         "mode 19; expected one of [4]",
         "FS_PILOT_INPUT = 2; expected 0 or 1: 2 disarms after 3 s without a pilot",
-        "SYSID_MYGCS = 255; expected 245: whose silence FS_GCS_ENABLE acts on: link.system_id",
+        "SYSID_MYGCS = 255; expected 245: FS_GCS_ENABLE watches this system: link.system_id",
     ):
         assert texts[words] is False, texts
     assert texts["RNGFND1_ORIENT = 25 (the range finder looks down)"] is True
-    assert texts["FS_LEAK_ENABLE: no answer (0 says nothing of a leak)"] is None
+    assert texts["FS_LEAK_ENABLE: no answer (0 does not report a leak)"] is None
     assert sub.check.fly(sub.now_s) == "the autopilot is not armed"
     assert not sub.check.flying
     assert sub.check.findings()[-1].text == "flight: the autopilot is not armed"

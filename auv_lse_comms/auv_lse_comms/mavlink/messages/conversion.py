@@ -9,8 +9,8 @@
 | altitude over ground | DISTANCE_SENSOR, orientation 25 (down): cm | m |
 | pressure | SCALED_PRESSURE2.press_abs: hPa | Pa |
 
-The autopilot's origin is that of its estimator (GPS_GLOBAL_ORIGIN); if it is not the mission's, places are shifted by
-the distance between the two. Both planes are taken as parallel: within 1 km that is wrong by less than 0.1 m.
+The autopilot's origin is that of its estimator (GPS_GLOBAL_ORIGIN). If it differs from the mission's, places are
+shifted by the offset. Both planes are assumed parallel: within 1 km the error is below 0.1 m.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ DOWN = mavlink.MAV_SENSOR_ROTATION_PITCH_270
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """Where the vehicle is to go next: the end of a leg.
+    """The vehicle's next destination: the end of a leg.
 
     Attributes:
         north_m: North of the mission's origin.
@@ -46,10 +46,10 @@ class Target:
         depth_m: Below the surface, positive down.
         heading_rad: Heading there, clockwise from north.
         step: Mission step of the leg's start, for messages.
-        speed_mps: Speed on the way there; NaN: as the autopilot is set.
+        speed_mps: Speed on the leg; NaN: the autopilot's setting.
         then: What follows the mission's last target; None: it is not the last.
-        surface: Whether the vehicle surfaces there for a fix before it goes on.
-        begins_m: North, east where its leg begins; None: where the target before it is.
+        surface: Whether the vehicle surfaces there for a fix before it continues.
+        begins_m: North, east of the leg's start; None: at the previous target.
     """
 
     north_m: float
@@ -82,7 +82,7 @@ def position_target(target: Target, datum: Datum, boot_ms: int, system: int, com
 
 
 def speed_command(speed_mps: float, system: int, component: int) -> Message:
-    """DO_CHANGE_SPEED to a speed over ground (m/s), throttle as it is, to the autopilot `system`, `component`."""
+    """DO_CHANGE_SPEED to a speed over ground (m/s), without a change of throttle, to the autopilot."""
     ground, throttle = 1.0, -1.0
     return mavlink.MAVLink_command_long_message(
         system, component, mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, ground, speed_mps, throttle, *(0.0,) * 4
@@ -113,17 +113,17 @@ def mission_item(
 
 
 def target_of_position(message: Message, datum: Datum) -> Target:
-    """The target that a SET_POSITION_TARGET_LOCAL_NED names.
+    """The target of a SET_POSITION_TARGET_LOCAL_NED.
 
     Raises:
-        ValueError: if its frame is another, or it names no position.
+        ValueError: if it is in another frame, or has no position.
     """
     if message.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
-        raise ValueError(f"frame {message.coordinate_frame}; expected MAV_FRAME_LOCAL_NED (1)")
+        raise ValueError(f"frame: got {message.coordinate_frame}; expected MAV_FRAME_LOCAL_NED (1)")
     if message.type_mask & 0b111:
-        raise ValueError(f"type_mask {message.type_mask:#x} ignores the position; expected one with it")
+        raise ValueError(f"type_mask: got {message.type_mask:#x}, without the position; expected one with it")
     if not all(map(math.isfinite, (message.x, message.y, message.z))):
-        raise ValueError(f"position ({message.x}, {message.y}, {message.z}); expected finite numbers")
+        raise ValueError(f"position: got ({message.x}, {message.y}, {message.z}); expected finite numbers")
     north, east = datum.from_local_ned(message.x, message.y)
     ignored = message.type_mask & mavlink.POSITION_TARGET_TYPEMASK_YAW_IGNORE
     heading = math.nan if ignored else float(message.yaw)
@@ -131,22 +131,22 @@ def target_of_position(message: Message, datum: Datum) -> Target:
 
 
 def target_of_item(message: Message, datum: Datum) -> Target:
-    """The target that a MISSION_ITEM_INT names.
+    """The target of a MISSION_ITEM_INT.
 
     Raises:
-        ValueError: if it is no waypoint, or its frame is not global with relative altitude.
+        ValueError: if it is not a waypoint, or its frame is not global with relative altitude.
     """
     if message.command != mavlink.MAV_CMD_NAV_WAYPOINT:
-        raise ValueError(f"command {message.command}; expected MAV_CMD_NAV_WAYPOINT (16)")
+        raise ValueError(f"command: got {message.command}; expected MAV_CMD_NAV_WAYPOINT (16)")
     if message.frame not in (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT):
-        raise ValueError(f"frame {message.frame}; expected MAV_FRAME_GLOBAL_RELATIVE_ALT_INT (6)")
+        raise ValueError(f"frame: got {message.frame}; expected MAV_FRAME_GLOBAL_RELATIVE_ALT_INT (6)")
     north, east = datum.from_geodetic(message.x, message.y)
     heading = math.radians(message.param4) if math.isfinite(message.param4) else math.nan
     return Target(north_m=north, east_m=east, depth_m=-float(message.z), heading_rad=heading)
 
 
 def altitude_m(message: Message) -> float | None:
-    """Altitude over ground (m) of a DISTANCE_SENSOR that looks down and sees the ground; None of any other."""
+    """Altitude over ground (m) of a DISTANCE_SENSOR, NaN without an echo; None if it does not look down."""
     if message.orientation != DOWN:
         return None
     if not message.min_distance <= message.current_distance <= message.max_distance:

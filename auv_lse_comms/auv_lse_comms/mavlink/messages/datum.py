@@ -1,4 +1,4 @@
-"""The mission's origin and the autopilot's: places in one local plane to places in the other, and to WGS84."""
+"""The mission's origin and the autopilot's: conversion of places between their local planes, and to WGS84."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Datum:
 
     def _origin(self) -> Origin:
         if self.mission is None:
-            raise ValueError("the mission has no origin; expected area.origin_lat_deg and area.origin_lon_deg")
+            raise ValueError("mission origin: got none; expected area.origin_lat_deg and area.origin_lon_deg")
         return self.mission
 
 

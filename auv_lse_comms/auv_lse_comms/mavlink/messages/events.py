@@ -1,4 +1,4 @@
-"""What the link to the autopilot reports to its owner."""
+"""Events that the link to the autopilot reports to its owner."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from auv_lse_comms.mavlink.messages.conversion import Target
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotEstimate:
-    """The autopilot's estimate of where its vehicle is, in the mission's frame; NaN where it does not report it.
+    """The autopilot's estimate of its vehicle's state, in the mission's frame; NaN where it is not reported.
 
     Attributes:
         stamp_s: Time of the estimate, s since 1970 (UTC, or simulated).
@@ -22,7 +22,7 @@ class AutopilotEstimate:
         depth_m: Below the surface, positive down.
         speed_mps: Over ground, horizontal.
         yaw_rate_radps: Positive to starboard.
-        raw_north_m: North of the raw place: without what fixes did to the estimate.
+        raw_north_m: North of the raw place, without corrections by fixes.
         raw_east_m: East of it.
     """
 
@@ -54,7 +54,7 @@ class LinkLost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Altitude:
-    """Height over ground (m) by the sensor that looks down; NaN: no ground in its range."""
+    """Height over ground (m) from the sensor that looks down; NaN: no ground in its range."""
 
     stamp_s: float
     altitude_m: float
@@ -72,22 +72,22 @@ class Pressure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotState:
-    """What the autopilot says of itself, told with each of its heartbeats and when they stop.
+    """The autopilot's state, reported with each heartbeat and when they stop.
 
     Attributes:
         stamp_s: When it was last heard (s, the host's clock).
-        says: What it says.
+        report: Its report.
         battery_v: Voltage of its battery (V); NaN unknown.
     """
 
     stamp_s: float
-    says: AutopilotReport
+    report: AutopilotReport
     battery_v: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetSent:
-    """The autopilot has been sent a new target (position_target) or has accepted a mission that ends there."""
+    """A new target was sent (position_target), or the autopilot has accepted a mission that ends there."""
 
     target: Target
 

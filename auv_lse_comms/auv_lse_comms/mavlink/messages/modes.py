@@ -1,4 +1,4 @@
-"""Flight modes in which autopilots follow targets, by their own numbers (HEARTBEAT.custom_mode)."""
+"""Flight modes in which autopilots follow targets (HEARTBEAT.custom_mode)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ _ROVERS = (mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_TYPE_SURFACE_BOAT)
 
 
 def obeying_modes(autopilot: int, vehicle_type: int, mission: bool) -> tuple[int, ...]:
-    """The modes in which an autopilot follows what the link sends; empty: not known, so any may be right.
+    """The modes in which an autopilot follows the link's targets; empty if unknown: any may be right.
 
     Args:
         autopilot: MAV_AUTOPILOT of its heartbeat.
         vehicle_type: MAV_TYPE of its heartbeat.
-        mission: Whether missions are uploaded to it, not position targets.
+        mission: Whether missions are uploaded, not position targets.
     """
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type == mavlink.MAV_TYPE_SUBMARINE:
         return (3,) if mission else (4,)  # AUTO, GUIDED

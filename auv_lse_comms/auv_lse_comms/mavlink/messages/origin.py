@@ -1,4 +1,4 @@
-"""The autopilot's origin: asked for until it is known, set if there is none, refused if it cannot be right."""
+"""The autopilot's origin: requested until it is known, set if there is none, refused if it is implausible."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from collections.abc import Callable
 from auv_lse_comms.mavlink.messages.datum import Datum, Origin
 from auv_lse_comms.mavlink.messages.wire import Message, mavlink
 
-#: The autopilot's origin is asked for this often until it is known (s).
+#: Period of the requests for the autopilot's origin until it is known (s).
 ORIGIN_PERIOD_S = 2.0
-#: An autopilot that had an origin before the link was lost is asked for so long (s) before one is set again.
+#: An autopilot that had an origin before the link was lost is asked for this long (s) before one is set again.
 ASK_AGAIN_S = 30.0
-#: The autopilot's origin may lie this far from the mission's before it is reported (m).
+#: Distance from the mission's origin above which the autopilot's origin is reported (m).
 ORIGIN_TOLERANCE_M = 1.0
-#: An origin of the autopilot's farther than this from the mission's is refused (m): garbage, or another place.
+#: Distance from the mission's origin above which the autopilot's origin is refused (m).
 MAX_ORIGIN_OFFSET_M = 10_000.0
 
 
 class OriginExchange:
-    """Finds out one autopilot's origin.
+    """Requests one autopilot's origin, or sets it.
 
     Attributes:
         datum: The mission's origin and the autopilot's.
@@ -35,31 +35,31 @@ class OriginExchange:
         report: Callable[[str], None],
         counts: Counter[str],
     ) -> None:
-        """Knows the mission's origin alone.
+        """Starts without the autopilot's origin.
 
         Args:
-            mission: The mission's origin; None: local places are used as they are.
+            mission: The mission's origin; None: local places are used unchanged.
             autopilot: The autopilot's system and component id.
-            set_origin: Whether to set the mission's origin where the autopilot has none.
-            send: Takes messages to the autopilot.
-            report: Takes what an operator should read.
-            counts: "origin_set" and "origins_refused" are counted here.
+            set_origin: Whether to set the mission's origin if the autopilot has none.
+            send: Sends a message to the autopilot.
+            report: Reports a text to the operator.
+            counts: Counter for "origin_set" and "origins_refused".
         """
         self.datum = Datum(mission)
         self._autopilot, self._set_origin = autopilot, set_origin
         self._send, self._report, self._counts = send, report, counts
         self._asked_s = -math.inf
-        self._had = False  # the autopilot had an origin before the link was lost
-        self._asking_s = -math.inf  # since when it is asked, after that
+        self._had = False  # whether the autopilot had an origin before the link was lost
+        self._asking_s = -math.inf  # time of the first request after that
         self._refused: Origin | None = None  # the last one refused
 
     @property
     def placed(self) -> bool:
-        """Places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
+        """Whether places are in the mission's frame: the autopilot's origin is known, or the mission has none."""
         return self.datum.mission is None or self.datum.autopilot is not None
 
     def forget(self, rebooted: bool) -> None:
-        """The autopilot may have another origin now, and if it has rebooted none."""
+        """The autopilot may have another origin now, or none if it has rebooted."""
         self._had = not rebooted and (self._had or self.datum.autopilot is not None)
         self._asking_s = -math.inf
         self.datum = Datum(self.datum.mission)
@@ -72,12 +72,12 @@ class OriginExchange:
         self._asking_s = min(self._asking_s, now_s)
 
     def ask_at_once(self, now_s: float) -> None:
-        """Asks now, if the origin is not known: the autopilot has just been found."""
+        """Requests the origin now if it is unknown: the autopilot has just been found."""
         self._asked_s = -math.inf
         self.poll(now_s)
 
     def poll(self, now_s: float) -> None:
-        """Asks for the origin if it is time; sets it if the autopilot did not answer before."""
+        """Requests the origin if it is time; sets it if the autopilot did not answer before."""
         if self.datum.autopilot is not None or now_s - self._asked_s < ORIGIN_PERIOD_S:
             return
         first = math.isinf(self._asked_s)
@@ -102,9 +102,9 @@ class OriginExchange:
         self._counts["origin_set"] += 1
         if self._counts["origin_set"] == 1:
             self._report(
-                "the autopilot has no origin: the mission's is set; without GPS the place where its estimator "
-                f"started is then taken for latitude {mission.lat_deg:.7f}, longitude {mission.lon_deg:.7f} deg "
-                "(fix: start it there, or wait for its GPS and set link.set_origin to false)"
+                "the autopilot has no origin: setting the mission's; without GPS its estimator will place its start at "
+                f"latitude {mission.lat_deg:.7f}, longitude {mission.lon_deg:.7f} deg (start it there, or wait for its "
+                "GPS and set link.set_origin to false)"
             )
         self._send(
             mavlink.MAVLink_set_gps_global_origin_message(
@@ -113,7 +113,7 @@ class OriginExchange:
         )
 
     def take(self, lat_e7: int, lon_e7: int) -> None:
-        """The autopilot tells its origin (1e-7 deg); 0, 0: it has none."""
+        """Processes the autopilot's origin (1e-7 deg); 0, 0: it has none."""
         if lat_e7 == 0 and lon_e7 == 0:
             return
         origin = Origin(lat_deg=lat_e7 * 1e-7, lon_deg=lon_e7 * 1e-7)
@@ -130,11 +130,11 @@ class OriginExchange:
         self._refused = None
         if self.datum.mission is not None and offset_m > ORIGIN_TOLERANCE_M:
             self._report(
-                f"the autopilot's origin lies {north_m:.1f} m north, {east_m:.1f} m east of the mission's: allowed for"
+                f"the autopilot's origin lies {north_m:.1f} m north, {east_m:.1f} m east of the mission's: corrected"
             )
 
     def _refuse(self, origin: Origin, offset_m: float) -> None:
-        """Counts an origin that cannot be right, and reports it once; the autopilot's frame is not known then."""
+        """Counts an implausible origin, and reports it once; the autopilot's frame is unknown then."""
         self._counts["origins_refused"] += 1
         self.datum = Datum(self.datum.mission)
         if origin == self._refused:
