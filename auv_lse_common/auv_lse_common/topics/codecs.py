@@ -227,7 +227,7 @@ def decode_pressure(message: Any) -> Pressure:
 
 
 def encode_autopilot(state: Any, vehicle: int) -> Fields:
-    """AutopilotStatus of anything with `stamp_s`, `says` (an AutopilotReport) and `battery_v`."""
+    """AutopilotStatus of anything with `stamp_s`, `report` (an AutopilotReport) and `battery_v`."""
     report: AutopilotReport = state.report
     values = {f.name: getattr(report, f.name) for f in fields(report)}
     return {"header": header_fields(state.stamp_s), **values, "battery_v": float(state.battery_v)}
