@@ -1,4 +1,4 @@
-"""The fence: the operating area's polygon, widened by a margin."""
+"""The fence: the operating area's polygon plus a margin."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from collections.abc import Sequence
 
 
 class Fence:
-    """A polygon that vehicles and waypoints may leave by no more than a margin.
+    """A polygon with a margin that vehicles and waypoints must not leave.
 
     Attributes:
         margin_m: The margin.
     """
 
     def __init__(self, polygon_m: Sequence[float], margin_m: float) -> None:
-        """Around corners north, east (m), north, east, ... in order; a last corner that repeats the first is dropped.
+        """Takes corners in order: north, east (m), north, east, ...; a last corner equal to the first is dropped.
 
         Raises:
-            ValueError: if they are no polygon.
+            ValueError: if there are fewer than three finite corners.
         """
         flat = [float(x) for x in polygon_m]
         corners = list(zip(flat[::2], flat[1::2], strict=False))
@@ -31,7 +31,7 @@ class Fence:
         self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
 
     def outside_m(self, north_m: float, east_m: float) -> float:
-        """How far (m) a place lies outside of the polygon; 0 within. More than the margin is beyond the fence."""
+        """Distance (m) of a place outside the polygon; 0 inside. More than the margin is beyond the fence."""
         inside, nearest = False, math.inf
         for (n0, e0), (n1, e1) in self._edges:
             if (n0 > north_m) != (n1 > north_m) and east_m < e0 + (north_m - n0) / (n1 - n0) * (e1 - e0):

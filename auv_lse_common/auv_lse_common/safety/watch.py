@@ -1,15 +1,17 @@
-"""The safety watch of one vehicle: what it is told of the vehicle, against the limits. Knows no ROS and no clock.
+"""The safety watch of one vehicle: compares reports with the limits. No ROS, no clock.
 
 Theory of operation
 -------------------
-`odometry`, `altitude` and `autopilot` take what has come in since the last step; `step` looks at every limit. A limit
-that is exceeded is warned of at once. When it has been exceeded for `patience_s` without a break and its response is
-not "warn", it trips: `MissionRun.trip`, which latches it until RESET. Before the mission has started nothing
-trips while the vehicle is afloat; one that is found submerged, after its computer has started again, is watched.
-After a RESET outside of the fence the vehicle may come back: the fence holds again once it is inside.
+`odometry`, `altitude` and `autopilot` take the reports since the last step; `step` checks every limit. An exceeded
+limit is a warning at once. When it has been exceeded for `patience_s` without a break and its response is not "warn",
+it trips: `MissionRun.trip` latches it until RESET. Two exceptions:
 
-Ages count from the step at which something came in, by the step's clock: a clock that is set, back or forward, shifts
-them and makes nothing old.
+- Before the mission has started nothing trips while the vehicle is at the surface. A submerged vehicle, after a restart
+  of its computer, is watched.
+- After a RESET outside the fence the vehicle may come back: the fence holds again once it is inside.
+
+Ages are counted by the step's clock from the step that took the report. A clock that is set shifts them, so that
+nothing becomes old.
 """
 
 from __future__ import annotations
@@ -26,28 +28,28 @@ from auv_lse_common.vocabulary.frozen_sensor import FrozenSensor
 from auv_lse_common.vocabulary.mission_run import STOPS, MissionRun, RunState, Stop
 from auv_lse_common.vocabulary.sounding_gate import FLATTEST
 
-#: A step this long (s) after the last one, or before it, is a clock that was set.
+#: A longer step (s), or a negative one, means that the clock was set.
 LONGEST_STEP_S = 10.0
-#: A vehicle that is told to be this far (m) from where it began has moved: before, its estimate may stand still.
+#: Distance (m) from the first position after which the vehicle has moved; before, its estimate may stand still.
 MOVED_M = 1.0
-#: A vehicle is afloat, or on deck, as long as it is no deeper than this (m).
+#: A vehicle is at the surface, or on deck, up to this depth (m).
 AFLOAT_M = 2.0
-#: Slower than this (m/s) a vehicle may stand still.
+#: Below this speed (m/s) a vehicle may stand still.
 STANDING_MPS = 0.05
-#: No vehicle keeps its depth better than this (m per m of way), nor to the last digit of its gauge for so long (m).
+#: No vehicle keeps its depth better than this (m per m of way), or to the last digit over this distance (m).
 STEADIEST = 0.0005
 STEADY_M = 50.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotReport:
-    """What an autopilot says of itself.
+    """State of an autopilot, as it reports it.
 
     Attributes:
-        heard: Whether its heartbeat comes.
+        heard: Whether its heartbeat arrives.
         armed: Whether its motors may turn.
         mode: Its flight mode's number; -1 unknown.
-        mode_obeys: Whether it follows targets in that mode, as far as is known.
+        mode_obeys: Whether it follows targets in that mode; True if unknown.
         battery: Charge left, 0 to 1; NaN unknown.
         leak: 1 water inside, 0 none, -1 unknown.
     """
@@ -61,7 +63,7 @@ class AutopilotReport:
 
     @property
     def problem(self) -> str:
-        """What keeps it from following targets; "" if nothing is known to."""
+        """Why it does not follow targets; "" if no reason is known."""
         if not self.heard:
             return "the autopilot is not heard"
         if not self.armed:
@@ -73,17 +75,17 @@ class SafetyWatch:
     """Watches the limits of one vehicle; see the module's text.
 
     Attributes:
-        warnings: Limits that are exceeded and have not tripped, with the reason of each.
+        warnings: Exceeded limits that have not tripped, with the reason of each.
     """
 
     def __init__(self, config: SafetyConfig, fence: Fence, deepest_m: float, has_autopilot: bool = False) -> None:
-        """Nothing has come in yet.
+        """Starts without reports.
 
         Args:
             config: The limits.
             fence: Where the vehicle may be.
-            deepest_m: Greatest depth that is allowed (m).
-            has_autopilot: Whether an autopilot is to be heard; the mission waits for it then.
+            deepest_m: Largest allowed depth (m).
+            has_autopilot: Whether there is an autopilot; the mission then waits for it.
         """
         self.warnings: dict[str, str] = {}
         self._config, self._fence, self._deepest_m = config, fence, deepest_m
@@ -100,10 +102,10 @@ class SafetyWatch:
             "mission time": config.mission_time_response,
         }
         self._place: tuple[float, float, float] | None = None  # north, east, depth (m)
-        self._first: tuple[float, float, float] | None = None  # heading (rad), north, east (m), as first told
+        self._first: tuple[float, float, float] | None = None  # first heading (rad), north, east (m)
         self._has_moved = False
         self._altitude_m = math.nan
-        self._altitude_s = math.nan  # when it came; NaN before the first
+        self._altitude_s = math.nan  # time of the last one; NaN before the first
         self._new_altitude = False
         self._altimeter = FrozenSensor(FLATTEST)
         self._depth_gauge = FrozenSensor(STEADIEST, STEADY_M)
@@ -114,17 +116,17 @@ class SafetyWatch:
         self._was_inside = False
         self._fenced = False  # the fence had tripped at the last step
         self._now_s = math.nan
-        self._odometry_s = math.nan  # when it came; at first when the watch began
+        self._odometry_s = math.nan  # time of the last one, or of the first step
         self._link_s = math.nan
         self._since_s: dict[str, float] = {}  # since when each limit has been exceeded
         self._ran_s = 0.0
 
     def odometry(self, heading_rad: float, north_m: float, east_m: float, depth_m: float, speed_mps: float) -> None:
-        """Takes the vehicle's estimate of where it is; one that no vehicle can have counts as none.
+        """Takes an estimate of the vehicle's state.
 
-        So does one whose place is the last one's to the last digit and that tells of motion, once the vehicle has
-        moved: its estimator hangs. A depth that has varied and then stays the same under water, however far the vehicle
-        moves, is warned of.
+        Impossible estimates are ignored. So are estimates of a frozen estimator: the same position to the last digit
+        with a speed, once the vehicle has moved. A depth that has varied and then stays the same under water while the
+        vehicle moves is a warning.
         """
         if not is_possible(heading_rad, north_m, east_m) or not math.isfinite(depth_m):
             return
@@ -140,39 +142,39 @@ class SafetyWatch:
         self._depth_frozen = frozen and self._depth_gauge.has_varied and not self._afloat
 
     def altitude(self, altitude_m: float) -> None:
-        """Takes the height over the ground (m); NaN or infinite: no echo. Once told, it is missed when it stops.
+        """Takes the height above the ground (m); NaN or infinite: no echo.
 
-        One that stays the same to the last digit, farther than ground can be flat, is warned of.
+        Warns when altitudes stop arriving, and when one repeats itself over more ground than can be flat.
         """
         self._altitude_m = altitude_m
         self._new_altitude = True
         north_m, east_m, _ = self._place or (0.0, 0.0, 0.0)
         self._altitude_frozen = math.isfinite(altitude_m) and self._altimeter.update(altitude_m, north_m, east_m)
 
-    def autopilot(self, says: AutopilotReport) -> None:
-        """Takes what the autopilot says of itself."""
-        self._autopilot = says
-        self._link_known = self._link_known or says.heard
+    def autopilot(self, report: AutopilotReport) -> None:
+        """Takes the autopilot's state."""
+        self._autopilot = report
+        self._link_known = self._link_known or report.heard
 
     @property
     def autopilot_known(self) -> bool:
-        """The autopilot has been heard, or there is none."""
+        """Whether the autopilot has been heard, or there is none."""
         return self._autopilot is None or self._link_known
 
     def snapshot(self) -> dict[str, Any]:
-        """What the limits go by that the vehicle does not tell anew, for a journal."""
+        """State for a journal that reports do not restore."""
         return {"ran_s": self._ran_s, "was_inside": self._was_inside}
 
     def restore(self, values: Mapping[str, Any]) -> None:
-        """Goes on from what `snapshot` gave."""
+        """Continues from a `snapshot`."""
         self._ran_s, self._was_inside = values["ran_s"], values["was_inside"]
 
     def step(self, now_s: float, run: MissionRun) -> None:
-        """Looks at every limit; those that trip are told to `run`, and whether the autopilot is ready.
+        """Checks every limit.
 
         Args:
-            now_s: The step's clock.
-            run: The vehicle's mission.
+            now_s: Time (s).
+            run: The vehicle's mission: takes the tripped limits, and whether the autopilot is ready.
         """
         passed_s = self._pass_time(now_s)
         run.set_ready(self._autopilot.problem if self._autopilot is not None else "")
@@ -194,11 +196,11 @@ class SafetyWatch:
 
     @property
     def _afloat(self) -> bool:
-        """Whether the vehicle is at the surface, as far as is known."""
+        """Whether the vehicle is at the surface; True if its depth is unknown."""
         return self._place is None or self._place[2] <= AFLOAT_M
 
     def _pass_time(self, now_s: float) -> float:
-        """Takes the step's time; returns how long (s) it is since the last step."""
+        """Takes the time; returns the time (s) since the last step."""
         if math.isnan(self._now_s):
             self._now_s = self._odometry_s = self._link_s = now_s
         passed_s = now_s - self._now_s
@@ -218,7 +220,7 @@ class SafetyWatch:
         return passed_s
 
     def _exceeded(self) -> dict[str, str]:
-        """The limits that are exceeded now, each with the reason."""
+        """The exceeded limits, each with the reason."""
         config, found = self._config, {}
         if self._place is not None:
             north_m, east_m, depth_m = self._place
@@ -228,7 +230,7 @@ class SafetyWatch:
             self._was_inside = self._was_inside or outside_m <= self._fence.margin_m
             if self._was_inside and outside_m > self._fence.margin_m:
                 found["fence"] = (
-                    f"{outside_m:.0f} m outside of the area (north {north_m:.0f}, east {east_m:.0f} m); expected at "
+                    f"{outside_m:.0f} m outside the area (north {north_m:.0f}, east {east_m:.0f} m); expected at "
                     f"most {self._fence.margin_m:.0f} m"
                 )
         if 0.0 < self._altitude_m < config.min_altitude_m:
@@ -240,17 +242,17 @@ class SafetyWatch:
         if (age_s := self._now_s - self._altitude_s) > config.odometry_age_s:
             found["altimeter"] = f"no altitude for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._odometry_s) > config.odometry_age_s:
-            found["odometry"] = f"no usable odometry for {age_s:.0f} s; expected some every {config.odometry_age_s:g} s"
+            found["odometry"] = f"no usable odometry for {age_s:.0f} s; expected one every {config.odometry_age_s:g} s"
         if (age_s := self._now_s - self._link_s) > config.link_age_s:
-            found["link"] = f"no heartbeat of the autopilot for {age_s:.0f} s; expected one in {config.link_age_s:g} s"
+            found["link"] = f"no autopilot heartbeat for {age_s:.0f} s; expected one every {config.link_age_s:g} s"
         if self._autopilot is not None and self._autopilot.battery < config.min_battery:
             found["battery"] = f"battery {self._autopilot.battery:.0%}; expected at least {config.min_battery:.0%}"
         if self._autopilot is not None and self._autopilot.leak == 1:
             found["leak"] = "the autopilot reports a leak"
         if 0.0 < config.mission_time_s < self._ran_s:
-            found["mission time"] = f"it has run {self._ran_s:.0f} s; expected at most {config.mission_time_s:g} s"
+            found["mission time"] = f"running for {self._ran_s:.0f} s; expected at most {config.mission_time_s:g} s"
         return found
 
 
 def _frozen_text(what: str, value_m: float, sensor: FrozenSensor) -> str:
-    return f"the {what} is {value_m:g} m to the last digit for {sensor.moved_m:.0f} m of way: it hangs"
+    return f"{what} frozen at {value_m:g} m for {sensor.moved_m:.0f} m of way"

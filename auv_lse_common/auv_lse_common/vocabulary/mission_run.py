@@ -1,22 +1,15 @@
-"""How it stands with the mission of one vehicle: waiting, running, holding, aborted, ended. Knows no ROS and no clock.
+"""The state machine of one vehicle's mission: waiting, running, holding, aborted, ended. No ROS, no clock.
 
 Theory of operation
 -------------------
-Somebody gives commands; limits of the safety watch trip; the autopilot may not be ready (disarmed, or in a mode in
-which it does not follow targets). `MissionRun.status` is what follows for the vehicle.
+Operators and team mates send commands, limits of the safety watch trip, and the autopilot may not be ready (disarmed,
+or in a mode in which it ignores targets). `TRANSITIONS` has the next state for each command and state. A tripped limit
+acts like the command HOLD, SURFACE or ABORT, and is remembered until RESET: GO is refused until then.
+`MissionRun.status` is the result for the vehicle.
 
-    state     GO         HOLD, SURFACE   ABORT     RESET        END     a limit trips: hold, surface / abort
-    WAITING   RUNNING    HOLDING         ABORTED   -            ENDED   HOLDING / ABORTED
-    RUNNING   -          HOLDING         ABORTED   -            ENDED   HOLDING / ABORTED
-    HOLDING   RUNNING*   HOLDING         ABORTED   HOLDING      -       HOLDING / ABORTED
-    ABORTED   refused    refused         ABORTED   HOLDING      -       -
-    ENDED     refused    ENDED           ABORTED   -            -       ENDED / ABORTED
-
-    * refused while a limit has tripped: RESET forgets the limits first.
-
-While RUNNING is asked for and the autopilot is not ready, the vehicle is WAITING if it has not travelled yet, else
-HOLDING; it goes on by itself when the autopilot is ready again. A tripped limit's action is the least that is done: an
-operator may ask for more, as the surface instead of a hold.
+In state RUNNING, while the autopilot is not ready, the status is WAITING if the vehicle has not moved yet, else
+HOLDING; the mission continues by itself when the autopilot is ready again. Commands can only strengthen the response
+to a tripped limit: HOLD does not replace SURFACE.
 """
 
 from __future__ import annotations
@@ -29,7 +22,7 @@ from typing import Any
 
 
 class RunState(enum.IntEnum):
-    """Where a vehicle's mission is; the numbers are those of auv_lse_msgs/MissionState."""
+    """State of a vehicle's mission; numbers as in auv_lse_msgs/MissionState."""
 
     WAITING = 0
     RUNNING = 1
@@ -39,7 +32,7 @@ class RunState(enum.IntEnum):
 
 
 class Action(enum.IntEnum):
-    """What a vehicle is to do; the numbers are those of auv_lse_msgs/MissionState."""
+    """What a vehicle does; numbers as in auv_lse_msgs/MissionState."""
 
     TRAVEL = 0
     HOLD = 1
@@ -48,7 +41,7 @@ class Action(enum.IntEnum):
 
 
 class Command(enum.IntEnum):
-    """What somebody wants of a mission; the numbers are those of auv_lse_msgs/MissionCommand."""
+    """A command to a vehicle's mission; numbers as in auv_lse_msgs/MissionCommand."""
 
     GO = 1
     HOLD = 2
@@ -58,13 +51,40 @@ class Command(enum.IntEnum):
     END = 6
 
 
-#: Stops by the names that parameters have for them.
+#: Next state by command and state. A state that is missing stays as it is; None: the command is refused.
+TRANSITIONS: dict[Command, dict[RunState, RunState | None]] = {
+    Command.GO: {
+        RunState.WAITING: RunState.RUNNING,
+        RunState.RUNNING: RunState.RUNNING,
+        RunState.HOLDING: RunState.RUNNING,
+        RunState.ABORTED: None,
+        RunState.ENDED: None,
+    },
+    Command.HOLD: {
+        RunState.WAITING: RunState.HOLDING,
+        RunState.RUNNING: RunState.HOLDING,
+        RunState.HOLDING: RunState.HOLDING,
+        RunState.ABORTED: None,
+        RunState.ENDED: RunState.ENDED,
+    },
+    Command.ABORT: {
+        RunState.WAITING: RunState.ABORTED,
+        RunState.RUNNING: RunState.ABORTED,
+        RunState.HOLDING: RunState.ABORTED,
+        RunState.ENDED: RunState.ABORTED,
+    },
+    Command.RESET: {RunState.HOLDING: RunState.HOLDING, RunState.ABORTED: RunState.HOLDING},
+    Command.END: {RunState.WAITING: RunState.ENDED, RunState.RUNNING: RunState.ENDED},
+}
+TRANSITIONS[Command.SURFACE] = TRANSITIONS[Command.HOLD]
+
+#: Stops by their names in parameters.
 STOPS = {"hold": Action.HOLD, "surface": Action.SURFACE, "go_to": Action.GO_TO}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stop:
-    """What a vehicle does in place of travelling.
+    """What a vehicle does instead of travelling.
 
     Attributes:
         action: HOLD, SURFACE or GO_TO.
@@ -75,37 +95,37 @@ class Stop:
     place_m: tuple[float, float] = (math.nan, math.nan)
 
     def __post_init__(self) -> None:
-        """Refuses what is no stop.
+        """Refuses TRAVEL, and GO_TO without a place.
 
         Raises:
             ValueError: naming the action or the place.
         """
         if self.action is Action.TRAVEL:
-            raise ValueError("stop: TRAVEL is none; expected HOLD, SURFACE or GO_TO")
+            raise ValueError("stop: got TRAVEL; expected HOLD, SURFACE or GO_TO")
         if self.action is Action.GO_TO and not all(map(math.isfinite, self.place_m)):
-            raise ValueError(f"stop: GO_TO the place {self.place_m}; expected its north and east in m")
+            raise ValueError(f"stop: got GO_TO with the place {self.place_m}; expected its north and east (m)")
 
     def __eq__(self, other: object) -> bool:
-        """Equal in action and, for GO_TO, in place."""
+        """Compares the action and, for GO_TO, the place."""
         if not isinstance(other, Stop):
             return NotImplemented
         return self.action is other.action and (self.action is not Action.GO_TO or self.place_m == other.place_m)
 
     def __hash__(self) -> int:
-        """As it is equal."""
+        """Hashes the action."""
         return hash(self.action)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunStatus:
-    """How it stands with a vehicle's mission, and what the vehicle is to do.
+    """The status of a vehicle's mission, and what the vehicle does.
 
     Attributes:
-        state: Where the mission is.
-        stop: What the vehicle does in place of travelling; None: it follows its waypoints.
-        team_abort: Whether the team mates are to be told of the abort by acoustic packet.
-        reason: Why it is so, for people.
-        limits: Limits that have tripped, each with the reason.
+        state: State of the mission.
+        stop: What the vehicle does instead of travelling; None: it follows its waypoints.
+        team_abort: Whether the abort is sent to the team mates by acoustic packet.
+        reason: Why the mission is in this state, for people.
+        limits: Tripped limits, each with the reason.
     """
 
     state: RunState
@@ -116,7 +136,7 @@ class RunStatus:
 
     @property
     def blocked_reason(self) -> str:
-        """Why nothing is to be planned now; "" if the mission goes, or has gone to its end."""
+        """Why the planner must not plan now; "" if the mission runs, or has ended."""
         if self.state in (RunState.RUNNING, RunState.ENDED):
             return ""
         return f"the mission is {self.state.name}: {self.reason}"
@@ -149,36 +169,28 @@ class MissionRun:
         self._team_abort = False
 
     def command(self, command: Command, source: str, team: bool = False) -> str:
-        """Takes a command.
+        """Executes a command.
 
         Args:
-            command: What is wanted.
-            source: Who wants it, for people.
-            team: With ABORT: whether the team mates are to be told.
+            command: The command.
+            source: Who sent it, for people.
+            team: With ABORT: whether to send it to the team mates.
 
         Returns:
-            Why it is refused; "" if it is taken.
+            Why it is refused; "" if it is accepted.
         """
-        state = self._state
-        if state is RunState.ABORTED and command not in (Command.ABORT, Command.RESET, Command.END):
-            return f"{command.name}: the mission is aborted ({self._reason}); expected RESET first"
-        match command:
-            case Command.GO:
-                return self._go(source)
-            case Command.HOLD | Command.SURFACE:
-                self._hold(_HOLD if command is Command.HOLD else _SURFACE, f"{command.name} by {source}")
-            case Command.ABORT:
-                self._team_abort = self._team_abort or team
-                self._abort(f"ABORT by {source}")
-            case Command.RESET:
-                self._reset(source)
-            case Command.END:
-                if state in (RunState.WAITING, RunState.RUNNING):
-                    self._state, self._stop, self._reason = RunState.ENDED, None, "the last leg is travelled"
+        if refusal := self._refusal(command):
+            return f"{command.name}: {refusal}"
+        if command is Command.RESET:
+            self.limits.clear()
+            self._team_abort = False
+        self._team_abort = self._team_abort or (command is Command.ABORT and team)
+        reason = "the last leg is complete" if command is Command.END else f"{command.name} by {source}"
+        self._apply(command, reason)
         return ""
 
     def trip(self, limit: str, stop: Stop | None, reason: str) -> None:
-        """A limit of the safety watch has tripped; nothing happens if it had already.
+        """Responds to a limit of the safety watch; one that has already tripped is ignored.
 
         Args:
             limit: Its name.
@@ -187,16 +199,13 @@ class MissionRun:
         """
         if limit in self.limits:
             return
-        if self._state is RunState.ABORTED:
-            pass
-        elif stop is None:
-            self._abort(reason)
-        else:
-            self._hold(_SURFACE if self._stop == _SURFACE else stop, reason)
+        if self._state is not RunState.ABORTED:
+            command = Command.ABORT if stop is None else Command.SURFACE if stop == _SURFACE else Command.HOLD
+            self._apply(command, reason, keep_surface=True)
         self.limits[limit] = reason
 
     def snapshot(self) -> dict[str, Any]:
-        """How it stands, for a journal; the autopilot tells anew whether it is ready."""
+        """The state for a journal; the autopilot reports again whether it is ready."""
         stop = None if self._stop is None else [int(self._stop.action), *self._stop.place_m]
         return {
             "state": int(self._state),
@@ -208,7 +217,7 @@ class MissionRun:
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
-        """Goes on from what `snapshot` gave."""
+        """Continues from a `snapshot`."""
         self._state, self._reason = RunState(values["state"]), values["reason"]
         self._stop = None
         if values["stop"] is not None:
@@ -218,14 +227,14 @@ class MissionRun:
         self._team_abort, self._travelled = values["team_abort"], values["travelled"]
 
     def set_ready(self, problem: str) -> None:
-        """Whether the autopilot follows targets: "" if so, else what keeps it from that."""
+        """Takes why the autopilot does not follow targets; "" if it does."""
         self._not_ready = problem
         if not problem and self._state is RunState.RUNNING:
             self._travelled = True
 
     @property
     def status(self) -> RunStatus:
-        """How it stands now."""
+        """The present status."""
         state, stop, reason = self._state, self._stop, self._reason
         if state is RunState.RUNNING and self._not_ready:
             state = RunState.HOLDING if self._travelled else RunState.WAITING
@@ -238,27 +247,23 @@ class MissionRun:
             limits=tuple(f"{name}: {reason}" for name, reason in self.limits.items()),
         )
 
-    def _go(self, source: str) -> str:
-        if self._state is RunState.ENDED:
-            return "GO: the mission has ended; expected a new one (the nodes started again)"
-        if self.limits:
-            return f"GO: limits have tripped: {'; '.join(self.limits.values())}; expected RESET first"
-        self._state, self._stop, self._reason = RunState.RUNNING, None, f"GO by {source}"
+    def _refusal(self, command: Command) -> str:
+        """Why a command is refused; "" if it is not."""
+        if TRANSITIONS[command].get(self._state, self._state) is None:
+            if self._state is RunState.ABORTED:
+                return f"the mission is aborted ({self._reason}); expected RESET first"
+            return "the mission has ended; expected a new one (the nodes started again)"
+        if command is Command.GO and self.limits:
+            return f"limits have tripped: {'; '.join(self.limits.values())}; expected RESET first"
         return ""
 
-    def _hold(self, stop: Stop, reason: str) -> None:
-        if self.limits and self._stop == _SURFACE:
+    def _apply(self, command: Command, reason: str, keep_surface: bool = False) -> None:
+        """Enters the next state of a command that is not refused."""
+        state = TRANSITIONS[command].get(self._state)
+        if state is None:
+            return
+        stops = {Command.HOLD: _HOLD, Command.SURFACE: _SURFACE, Command.RESET: _HOLD, Command.ABORT: self._on_abort}
+        stop = stops.get(command)
+        if command is Command.HOLD and self._stop == _SURFACE and (keep_surface or self.limits):
             stop = _SURFACE
-        if self._state is not RunState.ENDED:
-            self._state = RunState.HOLDING
-        self._stop, self._reason = stop, reason
-
-    def _abort(self, reason: str) -> None:
-        if self._state is not RunState.ABORTED:
-            self._state, self._stop, self._reason = RunState.ABORTED, self._on_abort, reason
-
-    def _reset(self, source: str) -> None:
-        self.limits.clear()
-        self._team_abort = False
-        if self._state in (RunState.HOLDING, RunState.ABORTED):
-            self._state, self._stop, self._reason = RunState.HOLDING, _HOLD, f"RESET by {source}"
+        self._state, self._stop, self._reason = state, stop, reason
