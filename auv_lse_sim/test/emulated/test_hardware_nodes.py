@@ -92,7 +92,8 @@ def test_micromodem_node_sends_receives_and_finds_its_port_again(tmp_path: Path)
         until(ready, "the modem was not found again")
         tx.publish(ModemTx(header=header(time.time()), source=2, destination=0, payload=PAYLOAD))
         until(lambda: len(sent) == 2, "the second packet did not reach the water")
-        b.group.stop()
+        for keeper in b.keepers:
+            keeper.stop()
         rack.close()
     with log.open() as lines:
         again = replay_log(read_entries(lines), ModemConfig(kind="micromodem", port=str(link)))

@@ -242,7 +242,8 @@ def test_planner_node_plans_says_so_when_odometry_stops_and_goes_on_when_started
         b.until(future.done, "answer")
         iterations, radius, seed = future.result().values
         assert (iterations.integer_value, radius.double_value, seed.integer_value) == (77, 15.0, 7)
-        os.kill(b.group._running["auv1.planner_node"].pid, signal.SIGKILL)
+        (process,) = b.keepers[-1].running.values()
+        os.kill(process, signal.SIGKILL)
         b.start("auv_lse_planner", "planner_node", PARAMETERS)
         again = b.collect(Waypoint, "/auv1/waypoint", LATCHED)
         b.until(lambda: again, "the last waypoint, for a link that was started again, too")
@@ -280,8 +281,11 @@ def test_a_wrong_parameter_ends_the_node_with_words(
 ) -> None:
     with bench(tmp_path) as b:
         b.start("auv_lse_planner", "planner_node", parameters, namespace)
-        b.until(b.group.ended, "the end of the node")
-        ((name, code),) = b.group.ended()
+        (keeper,) = b.keepers
+        ended: list[tuple[str, int]] = []
+        b.until(lambda: ended.extend(keeper.tick(time.monotonic())) or ended, "the end of the node")
+        ((name, code),) = ended
         assert code == 2
-        assert expected in b.group.last_words(name)
-        assert "Traceback" not in b.group.last_words(name)
+        words = keeper.log(name).read_text()
+        assert expected in words
+        assert "Traceback" not in words
