@@ -26,31 +26,12 @@ from auv_lse_comms.micromodem.events import Event, ModemLost, Problem
 from auv_lse_comms.micromodem.pinging import Pinging
 from auv_lse_comms.micromodem.receiving import Receiving
 from auv_lse_comms.micromodem.sending import Sending
+from auv_lse_comms.micromodem.sentences import ping_messages as ping
+from auv_lse_comms.micromodem.sentences import receive_messages as rx
+from auv_lse_comms.micromodem.sentences import status_messages as status
+from auv_lse_comms.micromodem.sentences import transmit_messages as tx
 from auv_lse_comms.micromodem.sentences.fields import SentenceError
 from auv_lse_comms.micromodem.sentences.messages import read_message
-from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard, PingReply
-from auv_lse_comms.micromodem.sentences.receive_messages import (
-    Detection,
-    FrameHeard,
-    ReceptionStart,
-    ReceptionStatistics,
-)
-from auv_lse_comms.micromodem.sentences.status_messages import (
-    ClockSet,
-    ClockTime,
-    ErrorReport,
-    Notice,
-    Revision,
-    Setting,
-)
-from auv_lse_comms.micromodem.sentences.transmit_messages import (
-    Cycle,
-    DataRequest,
-    FrameTaken,
-    TransmitEnd,
-    TransmitStart,
-    TransmitStatistics,
-)
 from auv_lse_comms.micromodem.sentences.wire import SentenceReader, TypeCounts
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
@@ -88,25 +69,25 @@ class Micromodem:
         self._pinging = Pinging(self._session)
         self._receiving = Receiving(self._session, self._clock)
         self.handlers: dict[type[Any], Callable[[Any], None]] = {
-            Revision: self._on_revision,
-            Setting: self._on_setting,
-            Notice: self._on_notice,
-            ErrorReport: self._on_error,
-            ClockTime: self._clock.on_time,
-            ClockSet: self._clock.on_set,
-            Cycle: self._on_cycle,
-            DataRequest: self._sending.on_request,
-            FrameTaken: self._sending.on_taken,
-            TransmitStart: self._sending.on_start,
-            TransmitEnd: self._sending.on_end,
-            TransmitStatistics: self._sending.on_statistics,
-            PingEcho: self._pinging.on_echo,
-            PingHeard: self._pinging.on_heard,
-            PingReply: self._pinging.on_reply,
-            ReceptionStart: self._receiving.on_start,
-            Detection: self._receiving.on_detection,
-            FrameHeard: self._receiving.on_frame,
-            ReceptionStatistics: self._receiving.on_statistics,
+            status.Revision: self._on_revision,
+            status.Setting: self._on_setting,
+            status.Notice: self._on_notice,
+            status.ErrorReport: self._on_error,
+            status.ClockTime: self._clock.on_time,
+            status.ClockSet: self._clock.on_set,
+            tx.Cycle: self._on_cycle,
+            tx.DataRequest: self._sending.on_request,
+            tx.FrameTaken: self._sending.on_taken,
+            tx.TransmitStart: self._sending.on_start,
+            tx.TransmitEnd: self._sending.on_end,
+            tx.TransmitStatistics: self._sending.on_statistics,
+            ping.PingEcho: self._pinging.on_echo,
+            ping.PingHeard: self._pinging.on_heard,
+            ping.PingReply: self._pinging.on_reply,
+            rx.ReceptionStart: self._receiving.on_start,
+            rx.Detection: self._receiving.on_detection,
+            rx.FrameHeard: self._receiving.on_frame,
+            rx.ReceptionStatistics: self._receiving.on_statistics,
         }
 
     # ------------------------------------------------------------------ calls of the owner
@@ -255,7 +236,7 @@ class Micromodem:
         session.move(Cause.REBOOTED)
         self._configuration.begin()
 
-    def _on_revision(self, message: Revision) -> None:
+    def _on_revision(self, message: status.Revision) -> None:
         configuration = self._configuration
         if message.ident == "INIT":
             if self.state is State.CONFIGURING and configuration.rebooting:
@@ -269,19 +250,19 @@ class Micromodem:
                 configuration.rebooting = False
                 configuration.write()
 
-    def _on_setting(self, message: Setting) -> None:
+    def _on_setting(self, message: status.Setting) -> None:
         if self.state is State.CONFIGURING and not self._configuration.rebooting:
             self._configuration.answer(message)
         elif message.name == "SRC" and message.value != str(self.address):
             self._reboot(f"the modem's address is {message.value}, not {self.address}: it has rebooted")
 
-    def _on_cycle(self, message: Cycle) -> None:
+    def _on_cycle(self, message: tx.Cycle) -> None:
         if message.source == self.address:
             self._sending.on_echo()
         else:
             self._receiving.on_cycle(message)
 
-    def _on_notice(self, message: Notice) -> None:
+    def _on_notice(self, message: status.Notice) -> None:
         self.counts[f"notice: {message.kind if message.kind in NOTICES else 'other'}"] += 1
         if message.kind == "BAD_CRC":
             self._receiving.on_bad_frame()
@@ -290,7 +271,7 @@ class Micromodem:
         else:
             self._session.report(Problem(text=f"modem: {message.kind} {message.detail}".rstrip()))
 
-    def _on_error(self, message: ErrorReport) -> None:
+    def _on_error(self, message: status.ErrorReport) -> None:
         self.counts[f"error: {message.module if message.module in MODULES else 'other'}"] += 1
         text = f"{message.module} {message.number} {message.detail}".rstrip()
         if message.module == "DATA_TIMEOUT":

@@ -12,16 +12,7 @@ from dataclasses import dataclass
 
 from auv_lse_common.vocabulary.modem_rates import RATES
 from auv_lse_comms.micromodem.events import Problem, TransmitDone, TransmitFailed, TransmitStarted
-from auv_lse_comms.micromodem.sentences.transmit_messages import (
-    NOT_SENT,
-    Cycle,
-    DataRequest,
-    FrameGiven,
-    FrameTaken,
-    TransmitEnd,
-    TransmitStart,
-    TransmitStatistics,
-)
+from auv_lse_comms.micromodem.sentences import transmit_messages as tx
 from auv_lse_comms.micromodem.session import Session
 from auv_lse_comms.micromodem.state import STARTING, TRANSMITTING, Cause, State
 
@@ -85,7 +76,7 @@ class Sending:
         self._current, self._waiting = self._waiting, None
         session.start("packet", since="waiting")
         session.move(Cause.SEND)
-        cycle = Cycle(
+        cycle = tx.Cycle(
             source=session.address,
             destination=self._current.destination,
             rate=session.config.rate,
@@ -136,7 +127,7 @@ class Sending:
         if self._session.state is State.CYCLING:
             self._session.move(Cause.ECHO)
 
-    def on_request(self, message: DataRequest) -> None:
+    def on_request(self, message: tx.DataRequest) -> None:
         """The modem requests a frame: sends it."""
         session, packet = self._session, self._current
         if packet is None or session.state not in STARTING or message.source != session.address:
@@ -150,10 +141,10 @@ class Sending:
             self.abort(f"the modem accepts {message.max_bytes} bytes, the frame has {len(data)}")
             return
         session.move(Cause.REQUEST)
-        frame = FrameGiven(source=session.address, destination=packet.destination, ack=message.ack, data=data)
+        frame = tx.FrameGiven(source=session.address, destination=packet.destination, ack=message.ack, data=data)
         session.write(frame.sentence())
 
-    def on_taken(self, message: FrameTaken) -> None:
+    def on_taken(self, message: tx.FrameTaken) -> None:
         """The modem has accepted a frame: checks that it received all its bytes."""
         session, packet = self._session, self._current
         if packet is None or session.state is not State.GIVING:
@@ -165,14 +156,14 @@ class Sending:
             session.counts["short_frames"] += 1
             session.report(Problem(text=f"the modem accepted {message.count} of the frame's {expected} bytes"))
 
-    def on_start(self, message: TransmitStart) -> None:
+    def on_start(self, message: tx.TransmitStart) -> None:
         """The transducer is on."""
         if self._current is None or self._session.state is not State.GIVING:
             self._session.counts["unasked_transmissions"] += 1
             return
         self._started(self._current)
 
-    def on_end(self, message: TransmitEnd) -> None:
+    def on_end(self, message: tx.TransmitEnd) -> None:
         """The transducer is off."""
         session, packet = self._session, self._current
         if packet is None or session.state not in (State.GIVING, State.SENDING):
@@ -184,10 +175,10 @@ class Sending:
         session.counts["sent"] += 1
         session.report(TransmitDone(number=packet.number))
 
-    def on_statistics(self, message: TransmitStatistics) -> None:
+    def on_statistics(self, message: tx.TransmitStatistics) -> None:
         """The statistics of a transmission, or of one that never began."""
         if message.mode != 0:
-            reason = NOT_SENT.get(message.mode, f"mode {message.mode}")
+            reason = tx.NOT_SENT.get(message.mode, f"mode {message.mode}")
             self.abort(f"the modem did not send it: {reason} (CAXST)")
 
     def _started(self, packet: _Packet) -> None:

@@ -8,37 +8,19 @@ Sources: WHOI Micromodem-2 User's Guide, and the sentences as WHOI's `acomms` an
 
 from __future__ import annotations
 
+from auv_lse_comms.micromodem.sentences import ping_messages as ping
+from auv_lse_comms.micromodem.sentences import receive_messages as rx
+from auv_lse_comms.micromodem.sentences import status_messages as status
+from auv_lse_comms.micromodem.sentences import transmit_messages as tx
 from auv_lse_comms.micromodem.sentences.fields import SentenceError
 from auv_lse_comms.micromodem.sentences.layout import Message
-from auv_lse_comms.micromodem.sentences.ping_messages import PingEcho, PingHeard, PingReply
-from auv_lse_comms.micromodem.sentences.receive_messages import (
-    Detection,
-    FrameHeard,
-    ReceptionStart,
-    ReceptionStatistics,
-)
-from auv_lse_comms.micromodem.sentences.status_messages import (
-    ClockSet,
-    ClockTime,
-    ErrorReport,
-    Notice,
-    Revision,
-    Setting,
-)
-from auv_lse_comms.micromodem.sentences.transmit_messages import (
-    Cycle,
-    DataRequest,
-    FrameTaken,
-    TransmitEnd,
-    TransmitStart,
-    TransmitStatistics,
-)
 from auv_lse_comms.micromodem.sentences.wire import Sentence
 
 _UNDERSTOOD: tuple[type[Message], ...] = (
-    Revision, Setting, ClockSet, ClockTime, Cycle, DataRequest, FrameTaken, TransmitStart, TransmitEnd,
-    TransmitStatistics, ReceptionStart, Detection, FrameHeard, ReceptionStatistics, PingEcho, PingHeard, PingReply,
-    Notice, ErrorReport,
+    status.Revision, status.Setting, status.ClockSet, status.ClockTime, status.Notice, status.ErrorReport,
+    tx.Cycle, tx.DataRequest, tx.FrameTaken, tx.TransmitStart, tx.TransmitEnd, tx.TransmitStatistics,
+    rx.ReceptionStart, rx.Detection, rx.FrameHeard, rx.ReceptionStatistics,
+    ping.PingEcho, ping.PingHeard, ping.PingReply,
 )  # fmt: skip
 
 #: Every message that the driver understands, by its sentence's type.
