@@ -162,7 +162,12 @@ def test_modem_node_refuses_a_slot_order_with_a_stranger_and_goes_on(tmp_path: P
 @pytest.mark.parametrize(
     ("make", "namespace", "parameters", "message"),
     [
-        (ModemNode, "/auv4", "mission: {vehicles: 3, steps: 10}", "address: got 4; expected a vehicle of the mission, 1..3"),
+        (
+            ModemNode,
+            "/auv4",
+            "mission: {vehicles: 3, steps: 10}",
+            "address: got 4; expected a vehicle of the mission, 1..3",
+        ),
         (MicromodemNode, "/auv200", "modem: {kind: micromodem, port: /dev/x}", "modem address: got 200"),
         (MicromodemNode, "/auv2", "modem: {kind: micromodem, port: x}", "address 'x': expected /dev/NAME"),
         (VehicleLinkNode, "/auv2", "link: {kind: mavlink, endpoint: x}", "address 'x': expected /dev/NAME"),
