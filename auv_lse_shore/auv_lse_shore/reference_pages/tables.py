@@ -58,6 +58,21 @@ def topics() -> str:
     )
 
 
+def nodes() -> str:
+    """Every node with an executable: its package, what it reads and what it writes, lockstep aside."""
+    rows = []
+    for setup in sorted(project_folder().glob("auv_lse_*/setup.py")):
+        for node in re.findall(r"\b(\w+_node) = auv_lse", setup.read_text()):
+            recorder = node == "recorder_node"
+            named = {**VEHICLE_TOPICS, **MISSION_TOPICS}.items()
+            shown = [(code(name), topic) for name, topic in named if not topic.lockstep and name != "/clock"]
+            reads = [name for name, topic in shown if any(node in reader.split("|") for reader in topic.readers)]
+            writes = [name for name, topic in shown if node in topic.writer.split("|")]
+            reading = "every recorded topic" if recorder else ", ".join(reads)
+            rows.append((code(node), code(setup.parent.name), reading, ", ".join(writes)))
+    return table(("node", "package", "reads", "writes"), rows)
+
+
 def phases() -> str:
     """The phases of a lockstep tick."""
     rows = [
