@@ -8,7 +8,7 @@ setup(
     packages=find_packages(exclude=["test", "test.*"]),
     package_data={
         f"{package}.live.viewers": ["page_files/*"],
-        **{f"{package}.{room}": ["templates/*"] for room in ("campaign", "export", "report", "reproduce")},
+        **{f"{package}.{room}": ["templates/*"] for room in ("adjust", "campaign", "export", "report", "reproduce")},
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package}"]),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from auv_lse_common.support.user_error import error_text
 from auv_lse_record.run_reader import read_run
-from auv_lse_shore.adjust.report import lines, write_before_and_after
+from auv_lse_shore.adjust.report import report, write_before_and_after
 from auv_lse_shore.export.export import write_export
 from auv_lse_shore.judge.team_map import adjusted_map, mission_settings
 from auv_lse_shore.places.adjustment import adjust
@@ -69,10 +69,10 @@ def adjusted(paths: Sequence[Path], folder: Path, mission: Path | None = None) -
     vehicles = [vehicle for run in runs for vehicle in run.vehicles]
     yield f"estimating positions: {sum(len(v.soundings) for v in vehicles)} soundings of {len(vehicles)} vehicles"
     adjustment = adjust(runs)
-    report = lines(adjustment, runs, names)
-    yield from report
+    text = report(adjustment, runs, names)
+    yield text.rstrip("\n")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "moved.md").write_text("\n".join(report) + "\n")
+    (folder / "moved.md").write_text(text)
     yield f"written: {folder / 'moved.md'}"
     count = write_before_and_after(folder / "before_and_after.csv", adjustment, runs, names)
     yield f"written: {folder / 'before_and_after.csv'} ({count} soundings)"

@@ -13,71 +13,33 @@ from auv_lse_gp.places.correction import Correction
 from auv_lse_gp.places.error_model import STATIC
 from auv_lse_record.run_data import RunData, VehicleRun
 from auv_lse_shore.judge.tracks import true_positions
-from auv_lse_shore.places.adjustment import Adjustment, VehicleAdjustment
-
-#: Columns of the table of positions, and of the table of errors of dead reckoning.
-POSITIONS = (
-    "run", "vehicle", "soundings", "mean shift (m)", "largest shift (m)", "std now, per axis (m)", "fixes", "ranges",
-    "RMS error before, now (m)",
-)  # fmt: skip
-DEAD_RECKONING = (
-    "run", "vehicle", "start north (m)", "start east (m)", "heading (deg)", "heading × sine (deg)",
-    "heading × cosine (deg)", "DVL scale (%)",
-)  # fmt: skip
+from auv_lse_shore.places.adjustment import Adjustment
+from auv_lse_shore.report.page import render
 
 #: Columns of the table of soundings before and after.
 COLUMNS = ("run", "vehicle", "time_s", "north_m", "east_m", "adjusted_north_m", "adjusted_east_m", "depth_m")
 
 
-def lines(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str]) -> list[str]:
-    """The report, as text with tables in Markdown.
+def report(adjustment: Adjustment, before: Sequence[RunData], names: Sequence[str]) -> str:
+    """The report as Markdown.
 
     Args:
         adjustment: The adjustment.
         before: The runs as they were recorded.
         names: A name for each run.
     """
-    text = [
-        "# Adjusted positions",
-        "",
-        *_table_head(POSITIONS),
-        *(_row(v, adjustment, before, names[v.run]) for v in adjustment.vehicles),
-        "",
-        f"{adjustment.ranges} ranges used; {adjustment.refused} ranges and fixes rejected as outliers.",
-    ]
-    if not any(v.fixes for v in adjustment.vehicles):
-        text += [
-            "",
-            "No fix under way: a translation, rotation or scale error common to all tracks remains as uncertain as "
-            "before the dive.",
-        ]
-    text += [
-        "",
-        "# Estimated errors of dead reckoning",
-        "",
-        *_table_head(DEAD_RECKONING),
-    ]
+    vehicles = []
     for v in adjustment.vehicles:
-        if not v.missing:
-            text.append(_markdown_row(names[v.run], f"auv{v.vehicle}", *_unknowns(adjustment.correction, v.key)))
-    return [*text, "", "Values are mean ± standard deviation. Drift under way comes on top."]
-
-
-def _markdown_row(*cells: object) -> str:
-    return f"| {' | '.join(map(str, cells))} |"
-
-
-def _table_head(names: Sequence[str]) -> list[str]:
-    return [_markdown_row(*names), "|---" * len(names) + "|"]
-
-
-def _row(v: VehicleAdjustment, adjustment: Adjustment, before: Sequence[RunData], name: str) -> str:
-    if v.missing:
-        return _markdown_row(name, f"auv{v.vehicle}", v.soundings, f"not moved: {v.missing}", *[""] * 5)
-    old, new = (_vehicle(runs[v.run], v.vehicle) for runs in (before, adjustment.runs))
-    errors = f"{_rms_error(old, old):.2f}, {_rms_error(new, old):.2f}" if len(old.truth) else ""
-    numbers = (f"{v.mean_m:.2f}", f"{v.largest_m:.2f}", f"{v.std_m:.2f}", v.fixes, v.ranges, errors)
-    return _markdown_row(name, f"auv{v.vehicle}", v.soundings, *numbers)
+        old, new = (_vehicle(runs[v.run], v.vehicle) for runs in (before, adjustment.runs))
+        errors = f"{_rms_error(old, old):.2f}, {_rms_error(new, old):.2f}" if len(old.truth) else ""
+        vehicles.append((v, names[v.run], errors))
+    return render(
+        "moved.md",
+        "auv_lse_shore.adjust",
+        adjustment=adjustment,
+        vehicles=vehicles,
+        unknowns=lambda v: _unknowns(adjustment.correction, v.key),
+    )
 
 
 def _vehicle(run: RunData, number: int) -> VehicleRun:

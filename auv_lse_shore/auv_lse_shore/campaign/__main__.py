@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
 from auv_lse_shore.campaign import spec as campaign_spec
-from auv_lse_shore.campaign.cluster import CampaignError, cluster
-from auv_lse_shore.campaign.options import add_cluster_options, default_root
+from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, cluster
+from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.progress_display import progress_display
 from auv_lse_shore.campaign.rerun import rerun
-from auv_lse_shore.campaign.results import write_results
 from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import locked, run_campaign
 from auv_lse_shore.campaign.spec import CampaignSpec
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.spec is None:
             raise CampaignError("SPEC.yaml: missing; expected a campaign file, or --rerun ID with --out DIR")
         spec = CampaignSpec.load(options.spec)
-        folder = options.out or default_root() / "campaigns" / spec.name
+        folder = options.out or project_folder() / "runs" / "campaigns" / spec.name
         if options.list:
             return _list(spec, folder)
         with locked(folder):  # an error here comes before a cluster is started

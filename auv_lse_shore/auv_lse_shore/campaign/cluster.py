@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import logging
 import os
@@ -87,3 +88,20 @@ def lost_cluster_is_an_error() -> Iterator[None]:
         yield
     except (CancelledError, ClosedClientError, CommClosedError) as error:
         raise CampaignError(f"lost the cluster ({error}). Run the same command again to continue") from error
+
+
+def add_cluster_options(p: argparse.ArgumentParser) -> None:
+    """Adds the options that select the cluster."""
+    where = p.add_mutually_exclusive_group()
+    where.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="Dask cluster to simulate on (default: this machine)"
+    )
+    where.add_argument(
+        "--workers", type=_positive, metavar="N", help="processes on this machine (default: one per core)"
+    )
+
+
+def _positive(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"got {text}; expected a whole number from 1")
+    return int(text)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +20,8 @@ from auv_lse_shore.campaign.comparison_figures import (
     sweep_figure,
 )
 from auv_lse_shore.campaign.reliability_figure import reliability_figure
-from auv_lse_shore.campaign.rows import Row, by_group, mean_of, value_of
+from auv_lse_shore.campaign.rows import Row, Rows, by_group, columns_of, mean_of, rows_of, value_of
+from auv_lse_shore.campaign.runner import CampaignState
 from auv_lse_shore.campaign.spec import CampaignSpec
 from auv_lse_shore.report.figures import save
 from auv_lse_shore.report.page import embed, number, render
@@ -33,6 +36,18 @@ _RELIABILITY = (
     "calibrated, above it conservative, below it overconfident. Right: how the places spread over P(safe). All places "
     "of all missions of a setting; 95 % bootstrap interval over missions."
 )
+
+
+def write_results(spec: CampaignSpec, folder: Path, state: CampaignState) -> Path:
+    """Writes all rows in one table, the progress and the page of a campaign; returns the page's path."""
+    kept = Rows(folder, columns_of(spec))
+    rows = rows_of(spec, kept.read())
+    kept.write_table(rows)
+    if state.done:
+        facts = {k: v for k, v in dataclasses.asdict(state).items() if k != "last"}
+        facts["efficiency"] = state.efficiency
+        (folder / "progress.json").write_text(json.dumps(facts, indent=2) + "\n")
+    return write_page(spec, rows, folder)
 
 
 def write_page(spec: CampaignSpec, rows: Sequence[Row], folder: Path) -> Path:

@@ -43,7 +43,7 @@ class Interval:
         """`0.123 ± 0.004`, with as many digits as the interval warrants."""
         if not self.count:
             return "–"
-        if not math.isfinite(self.half) or self.half <= 0.0:
+        if not math.isfinite(self.half) or self.half <= 1e-12 * abs(self.mean):
             return f"{self.mean:.4g}"
         places = max(0, min(6, 1 - math.floor(math.log10(self.half))))
         return f"{self.mean:.{places}f} ± {self.half:.{places}f}"

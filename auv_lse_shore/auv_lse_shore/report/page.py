@@ -32,15 +32,19 @@ def embed(image: Path, caption: str) -> Picture:
 def render(template: str, room: str = _HERE, **values: Any) -> str:
     """A page from the template of that name in the folder `templates` of a room (a package).
 
-    The room's templates can extend and import those of the report: `page.html` and `parts.html`. Every value is
-    escaped.
+    The room's templates can extend and import those of the report: `page.html` and `parts.html`. Values are escaped,
+    except in Markdown.
 
     Raises:
         jinja2.UndefinedError: if the template uses a value that was not given.
     """
     loader = ChoiceLoader([PackageLoader(room), PackageLoader(_HERE)])
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=loader,
+        autoescape=not template.endswith(".md"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     return environment.get_template(template).render(**values) + "\n"
 

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auv_lse_common.mission_file.parameters import ParameterError
+from auv_lse_common.support.project_folder import project_folder
 from auv_lse_common.support.user_error import error_text
-from auv_lse_shore.campaign.cluster import CampaignError, cluster
-from auv_lse_shore.campaign.options import add_cluster_options, default_root
+from auv_lse_shore.campaign.cluster import CampaignError, add_cluster_options, cluster
+from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.progress_display import duration
-from auv_lse_shore.campaign.results import write_results
 from auv_lse_shore.campaign.runner import CampaignState, made_folder
 from auv_lse_shore.reproduce.examples import examples
 from auv_lse_shore.reproduce.reproduce_page import write_page
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if options.quick
             else full_study(options.seeds, options.sweep_seeds, options.only, options.sweep_methods, options.sweeps)
         )
-        folder = options.out or default_root() / ("reproduce-quick" if options.quick else "reproduce")
+        folder = options.out or project_folder() / "runs" / ("reproduce-quick" if options.quick else "reproduce")
         if options.page and not any((folder / name / "rows").is_dir() for name in study.campaigns):
             raise CampaignError(f"{folder}: has no simulated missions. Run the same command without --page")
         made_folder(folder)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 
 from auv_lse_shore.campaign.rows import Row, Rows, columns_of, mean_of, rows_of
 from auv_lse_shore.campaign.statistics import proportion
+from auv_lse_shore.report.page import render
 from auv_lse_shore.reproduce.claims import Claim
 from auv_lse_shore.reproduce.study import METHODS, Study, Sweep, sweep_name, trial_name
 
@@ -76,42 +77,29 @@ def by_sweep(study: Study, rows: Sequence[Row]) -> list[tuple[Sweep, Lines]]:
     return swept
 
 
-def markdown(
-    found: Sequence[Claim],
-    groups: Mapping[str, Groups],
-    swept: SweptRows,
-    subtitle: str,
-) -> str:
+def markdown(found: Sequence[Claim], groups: Mapping[str, Groups], swept: SweptRows, subtitle: str) -> str:
     """Tables and claims as text, for a document."""
-    lines = [subtitle, "Mean ± half the 95 % confidence interval over seeds.", "", *_markdown_table(groups["trials"])]
-    for claim in found:
-        lines += ["", f"**{claim.text}** ({claim.source}) {claim.remark} Verdicts: {claim.verdicts()}", ""]
-        lines += ["| prior | measured here | result | verdict |", "|---|---|---|---|"]
-        lines += [
-            f"| {e.prior} | {e.what.replace('|', chr(92) + '|')} | {e.value} | {e.verdict} |" for e in claim.evidence
-        ]
-    for name, heading in (("charted", "With a coarse chart as prior"), ("large", "In an area four times as large")):
-        if groups[name]:
-            lines += ["", f"**{heading}**", "", *_markdown_table(groups[name])]
-    for sweep, by_method in swept:
-        lines += ["", f"**Sensitivity to {sweep.label}**: " + "; ".join(SWEPT.values()), ""]
-        lines.append(f"| {sweep.label} | seeds | " + " | ".join(by_method) + " |")
-        lines.append("|---" * (len(by_method) + 2) + "|")
-        for value, _ in sweep.points:
-            at = [dict(points).get(value, ()) for points in by_method.values()]
-            cells = ["; ".join(cell_of(rows, column) for column in SWEPT) for rows in at]
-            lines.append(f"| {value:g} | {max(map(len, at))} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+    return render(
+        "results.md",
+        "auv_lse_shore.reproduce",
+        subtitle=subtitle,
+        claims=found,
+        groups=groups,
+        swept=swept,
+        columns={key: heading for key, heading in COLUMNS if key not in ("bound_kept", "isobath_found")},
+        measures=SWEPT,
+        trial_name=trial_name,
+        cell_of=cell_of,
+        points=_points,
+    )
 
 
-def _markdown_table(groups: Groups) -> list[str]:
-    columns = [(key, heading) for key, heading in COLUMNS if key not in ("bound_kept", "isobath_found")]
-    lines = ["| setting | seeds | " + " | ".join(heading for _, heading in columns) + " |"]
-    lines.append("|---" * (len(columns) + 2) + "|")
-    for (vehicles, method), rows in groups.items():
-        cells = [cell_of(rows, key) for key, _ in columns]
-        lines.append(f"| {trial_name(vehicles, method)} | {len(rows)} | " + " | ".join(cells) + " |")
-    return lines
+def _points(sweep: Sweep, lines: Lines) -> Iterator[tuple[str, list[str], int]]:
+    """Value, a cell for each method, and number of seeds of each point of a sensitivity."""
+    for value, _ in sweep.points:
+        at = [dict(points).get(value, ()) for points in lines.values()]
+        cells = ["; ".join(cell_of(rows, column) for column in SWEPT) for rows in at]
+        yield f"{value:g}", cells, max(map(len, at))
 
 
 def cell_of(rows: Sequence[Row], column: str) -> str:

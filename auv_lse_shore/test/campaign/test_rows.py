@@ -6,7 +6,7 @@ import yaml
 from sim_helpers import TINY, spec_of
 
 from auv_lse_shore.campaign.mission_row import mission_row, row_head
-from auv_lse_shore.campaign.results import write_results
+from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.rows import Rows, columns_of, rows_of
 from auv_lse_shore.campaign.runner import CampaignState
 from auv_lse_shore.campaign.spec import CampaignSpec

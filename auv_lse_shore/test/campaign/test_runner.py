@@ -11,8 +11,8 @@ from sim_helpers import spec_of
 
 from auv_lse_shore.campaign import runner
 from auv_lse_shore.campaign.cluster import CampaignError
+from auv_lse_shore.campaign.page import write_results
 from auv_lse_shore.campaign.rerun import rerun
-from auv_lse_shore.campaign.results import write_results
 from auv_lse_shore.campaign.rows import Rows, columns_of
 from auv_lse_shore.campaign.runner import locked, run_campaign
 
