@@ -19,7 +19,7 @@ from auv_lse_comms.transport import AddressError, read_address
 from auv_lse_sim.emulated.host_ports import HostPort, PtyPort, TcpServerPort
 from auv_lse_sim.emulated.mavlink_dock import MavlinkDock
 from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
-from auv_lse_sim.emulated.modem_emulator import HeardPacket
+from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack
 from auv_lse_sim.vehicle.vehicle import tightest_radius_m
 from auv_lse_sim.water.channel import Arrival

@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping
 
 from auv_lse_common.vocabulary.modem_rates import packet_duration_s
 from auv_lse_sim.emulated.host_ports import HostPort
-from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator, Transmission
+from auv_lse_sim.emulated.modem_emulator import ModemEmulator
+from auv_lse_sim.emulated.modem_packets import HeardPacket, Transmission
 
 
 class ModemRack:

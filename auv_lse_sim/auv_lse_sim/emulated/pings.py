@@ -19,10 +19,10 @@ class MiniPacket:
 
     Attributes:
         source: The sender's modem address.
-        destination: Whom it is for.
+        destination: The receiver's modem address.
         answer: Whether it answers a ping.
-        turn_s: How long after the ping arrived its answer began (s). Real modems answer after a time that both know;
-            an emulated one answers when a tick lets it, and says so.
+        turn_s: Time (s) from the ping's arrival to its answer. Real modems answer after a fixed delay; an emulated one
+            answers in the next tick and reports the delay here.
     """
 
     source: int
@@ -31,12 +31,12 @@ class MiniPacket:
     turn_s: float = 0.0
 
     def to_bytes(self) -> bytes:
-        """Its bytes in the water."""
+        """The bytes that travel through the water."""
         return _LAYOUT.pack(_MARK, self.source, self.destination, self.answer, self.turn_s)
 
     @classmethod
     def read(cls, data: bytes) -> MiniPacket | None:
-        """The mini-packet that bytes are; None if they are another packet."""
+        """Decodes a mini-packet; None for any other packet."""
         if len(data) != _LAYOUT.size or not data.startswith(_MARK):
             return None
         _, source, destination, answer, turn_s = _LAYOUT.unpack(data)
@@ -44,7 +44,7 @@ class MiniPacket:
 
 
 class Pings:
-    """The pings of one emulated modem: those it sends for its host, and those that it answers by itself."""
+    """The pings of one emulated modem: those that its host requests, and those that it answers itself."""
 
     def __init__(
         self,
@@ -52,15 +52,15 @@ class Pings:
         write: Callable[[Message], None],
         transmit: Callable[[float, MiniPacket], None],
     ) -> None:
-        """Nothing is asked yet.
+        """Starts without a pending ping.
 
         Args:
-            address: Gives the modem's address.
-            write: Takes what the host is told.
+            address: Returns the modem's address.
+            write: Sends a message to the host.
             transmit: Takes (start (s), mini-packet) into the water.
         """
         self._address, self._write, self._transmit = address, write, transmit
-        self._asked: tuple[int, float] | None = None  # whom, and when (s)
+        self._asked: tuple[int, float] | None = None  # destination and time (s) of the pending ping
 
     def ask(self, now_s: float, ping: PingEcho) -> None:
         """Pings another modem for the host."""
@@ -68,17 +68,17 @@ class Pings:
         self._asked = (ping.destination, now_s)
         self._transmit(now_s, MiniPacket(source=ping.source, destination=ping.destination))
 
-    def hear(self, now_s: float, mini: MiniPacket, heard_s: float, free: bool) -> bool:
-        """Answers a ping at once, or takes the answer to the own one.
+    def receive(self, now_s: float, mini: MiniPacket, heard_s: float, free: bool) -> bool:
+        """Receives a mini-packet: answers a ping at once, or reports the travel time of this modem's own ping.
 
         Args:
             now_s: Time (s).
-            mini: What was heard.
-            heard_s: When its first sound arrived, as the modems measure it (s).
+            mini: The mini-packet.
+            heard_s: Measured arrival time of its first sound (s).
             free: Whether the modem can answer.
 
         Returns:
-            Whether the host was told a travel time.
+            Whether it reported a travel time to the host.
         """
         own = self._address()
         if mini.destination != own:

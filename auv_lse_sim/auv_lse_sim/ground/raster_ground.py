@@ -43,23 +43,14 @@ def raster_ground(
         GroundError: if the projection is not understood, or the raster lies far from the origin or is too large.
     """
     grid, notes = grid_depths(grid, path, "values", None, config)
-    degrees = crs is None and x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
+    degrees = x[0] >= -360 and x[-1] <= 360 and y[0] >= -90 and y[-1] <= 90 and x[1] - x[0] < 0.1
     if crs is None and not degrees:
-        far = max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0
-        if not far:
-            return GridGround(
-                y, x, grid, name=path.name, origin=None, notes=(*notes, "coordinates taken as local metres")
-            )
-        x0, y0 = float(x[0] + x[-1]) / 2.0, float(y[0] + y[-1]) / 2.0
-        shifted = f"no projection given: local origin put at its {x0:.1f}, {y0:.1f}"
-        return GridGround(y - y0, x - x0, grid, name=path.name, origin=None, notes=(*notes, shifted))
+        return _local_raster(path, x, y, grid, notes)
     from pyproj import CRS, Transformer
     from pyproj.exceptions import CRSError
 
     try:
-        to_raster = Transformer.from_crs(
-            "EPSG:4326", CRS.from_user_input("EPSG:4326" if crs is None else crs), always_xy=True
-        )
+        to_raster = Transformer.from_crs("EPSG:4326", CRS.from_user_input(crs or "EPSG:4326"), always_xy=True)
     except CRSError as error:
         raise GroundError(f"{path}: projection not understood: {error}") from error
     corners_x, corners_y = np.meshgrid([x[0], x[-1]], [y[0], y[-1]])
@@ -68,19 +59,37 @@ def raster_ground(
         origin = checked_origin(np.mean(lat), longitude_180(float(np.mean(lon))), f"{path}: the middle of the raster")
     north, east = local_from_geodetic(lat, lon, *origin)
     check_near(path, north, east, lat, lon, origin)
-    ny, nx = grid.shape
-    step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))
-    north_m = north.min() + step * np.arange(int(np.ptp(north) / step) + 1)
-    east_m = east.min() + step * np.arange(int(np.ptp(east) / step) + 1)
-    if len(north_m) * len(east_m) > 25_000_000:
-        raise GroundError(f"{path}: {len(north_m)} x {len(east_m)} nodes; expected at most 25 million: cut the raster")
-    node_north, node_east = np.meshgrid(north_m, east_m, indexing="ij")
-    lat, lon = geodetic_from_local(node_north, node_east, *origin)
+    north_m, east_m = _local_axes(path, north, east, grid.shape)
+    lat, lon = geodetic_from_local(*np.meshgrid(north_m, east_m, indexing="ij"), *origin)
     rx, ry = to_raster.transform(lon, lat)
     rows = (np.asarray(ry) - y[0]) / (y[1] - y[0])
     columns = (np.asarray(rx) - x[0]) / (x[1] - x[0])
     # Bilinear with NaN outside: a node that mixes in an unknown one is unknown.
     local = ndimage.map_coordinates(grid, [rows, columns], order=1, mode="constant", cval=np.nan)
-    return GridGround(
-        north_m, east_m, local, name=path.name, origin=origin, notes=(*notes, "reprojected to local metres")
-    )
+    notes = [*notes, "reprojected to local metres"]
+    return GridGround(north_m, east_m, local, name=path.name, origin=origin, notes=tuple(notes))
+
+
+def _local_raster(path: Path, x: Array, y: Array, grid: Array, notes: list[str]) -> GridGround:
+    """A raster without a projection: in local metres, or, with large coordinates, in metres about its middle."""
+    note = "coordinates taken as local metres"
+    if max(abs(x[0]), abs(x[-1]), abs(y[0]), abs(y[-1])) > 50_000.0:
+        x0, y0 = float(x[0] + x[-1]) / 2.0, float(y[0] + y[-1]) / 2.0
+        x, y = x - x0, y - y0
+        note = f"no projection given: local origin put at its {x0:.1f}, {y0:.1f}"
+    return GridGround(y, x, grid, name=path.name, origin=None, notes=(*notes, note))
+
+
+def _local_axes(path: Path, north: Array, east: Array, shape: tuple[int, ...]) -> tuple[Array, Array]:
+    """Axes (m) of a local grid that covers a raster's corners as finely as the raster of `shape`.
+
+    Raises:
+        GroundError: if the grid is too large.
+    """
+    ny, nx = shape
+    step = min(float(np.ptp(north)) / (ny - 1), float(np.ptp(east)) / (nx - 1))
+    north_m = north.min() + step * np.arange(int(np.ptp(north) / step) + 1)
+    east_m = east.min() + step * np.arange(int(np.ptp(east) / step) + 1)
+    if len(north_m) * len(east_m) > 25_000_000:
+        raise GroundError(f"{path}: {len(north_m)} x {len(east_m)} nodes; expected at most 25 million: cut the raster")
+    return north_m, east_m

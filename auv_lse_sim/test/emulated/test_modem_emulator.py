@@ -26,7 +26,8 @@ from auv_lse_comms.micromodem.sentences.messages import read_message
 from auv_lse_comms.micromodem.sentences.transmit_messages import Cycle
 from auv_lse_comms.micromodem.sentences.wire import Sentence, SentenceReader
 from auv_lse_comms.micromodem.state import State
-from auv_lse_sim.emulated.modem_emulator import HeardPacket, ModemEmulator
+from auv_lse_sim.emulated.modem_emulator import ModemEmulator
+from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.pings import MiniPacket
 
 NOW_S = 5000.0
@@ -36,10 +37,10 @@ PAYLOAD = bytes(range(252))
 class Wire:
     """A driver and an emulated modem, joined; `spoil` may change bytes on their way."""
 
-    def __init__(self, vehicle=3, spoil=lambda data: data, clock_error_s=0.0, pps=True, **values):
+    def __init__(self, vehicle=3, spoil=lambda data: data, clock_error_s=0.0, pps=True, transmit=None, **values):
         self.sent = []
         self.spoil = spoil
-        self.modem = ModemEmulator(self.sent.append, clock_error_s=clock_error_s, pps=pps)
+        self.modem = ModemEmulator(transmit or self.sent.append, clock_error_s=clock_error_s, pps=pps)
         self.driver = Micromodem(ModemConfig(kind="micromodem", port="pty", **values), vehicle)
         self.events = []
         self.now_s = NOW_S
@@ -94,8 +95,7 @@ def test_no_time_need_pass_to_configure_and_to_start_a_packet():
 
 
 def test_the_channels_duration_ends_the_transmission():
-    wire = Wire()
-    wire.modem._transmit = lambda packet: 7.0
+    wire = Wire(transmit=lambda packet: 7.0)
     wire.driver.send(wire.now_s, PAYLOAD)
     wire.pass_time(6.5)
     assert wire.driver.state is State.SENDING

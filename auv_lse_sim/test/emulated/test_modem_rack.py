@@ -15,7 +15,7 @@ from auv_lse_comms.micromodem.events import (
 from auv_lse_comms.micromodem.port import ModemPort
 from auv_lse_comms.micromodem.state import State
 from auv_lse_sim.emulated.host_ports import MAX_UNREAD_BYTES, PtyPort, TcpServerPort
-from auv_lse_sim.emulated.modem_emulator import HeardPacket
+from auv_lse_sim.emulated.modem_packets import HeardPacket
 from auv_lse_sim.emulated.modem_rack import ModemRack, perfect_water
 
 NOW_S = 5000.0
