@@ -33,7 +33,7 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.point_posteriors import join_by_path
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from benchmarks.rows import Row, row
@@ -160,7 +160,7 @@ def anytime(sizes: Sizes = FULL) -> list[Row]:
     rng = np.random.default_rng(3)
     paths = [_walk(rng, legs) for _ in range(1 + TOUR_MATES)]
     mates = [(np.arange(legs) + 0.4 * number, path) for number, path in enumerate(paths[1:], 1)]
-    reward = AnytimeReward(fine, LevelSet(), mates, legs, 0, legs, 1.5, coarse)
+    reward = AnytimeReward(fine, LevelSet(), mates, Weighting(legs, 0, legs, 1.5), coarse)
     own = paths[0]
     value_ms = 1e3 / per_second(lambda: reward.value(own[:, None]), 1, sizes.least_s)
     gradient_ms = 1e3 / per_second(lambda: reward.value_and_gradient(own), 1, sizes.least_s)

@@ -33,9 +33,9 @@ def lines_of_the_tree() -> list[str]:
     nodes: list[tuple[tuple[int, ...], int]] = [((), 0)]
     while nodes:
         sequence, node = nodes.pop(0)
-        children = tree._children[node]
+        children = tree._nodes.children[node]
         choices = int(np.count_nonzero(children != FORBIDDEN)) if len(sequence) < 5 else 0
-        lines.append(f"{sequence}: {tree._visits[node]}, {tree._totals[node]:g}, {choices}")
+        lines.append(f"{sequence}: {tree._nodes.visits[node]}, {tree._nodes.totals[node]:g}, {choices}")
         nodes += [((*sequence, a), int(child)) for a, child in enumerate(children) if child >= 0]
     return lines
 

@@ -21,8 +21,8 @@ from auv_lse_planner.paths.free_space import (
     clearance_at,
     feasible_mask,
     leg_clearance,
-    loop_clearance,
     random_actions,
+    room_to_loop,
 )
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_planner.paths.naive import NaivePaths
@@ -132,19 +132,19 @@ def track_of(motion, state, action, spacing_m):
 
 def clearance_m(space, places):
     """Clearance of places as planning sees it."""
-    return np.array([clearance_at(*space.arguments()[:4], *place) for place in places])
+    return np.array([clearance_at(space.arguments(), *place) for place in places])
 
 
 def is_safe(space, state):
     """Whether a turning loop of a state is free."""
     a = space.arguments()
-    return loop_clearance(*a[:4], a.loops, *state) >= 0.5 * a.spacing
+    return room_to_loop(a, *state) >= 0.5 * a.spacing
 
 
 def is_free(space, state, action):
     """Whether the leg of an action from a state stays clear."""
     a = space.arguments()
-    return leg_clearance(*a[:4], *state, a.tracks[action], a.spacing) >= 0.5 * a.spacing
+    return leg_clearance(a, *state, action) >= 0.5 * a.spacing
 
 
 def feasible_by_area(space, state):

@@ -54,7 +54,7 @@ class ObjectTree:
         self._paths = []
         return np.array([self._descend([int(a) for a in f if a >= 0], r) for f, r in zip(forced, randoms, strict=True)])
 
-    def credit(self, values: Array) -> None:
+    def back_up(self, values: Array) -> None:
         """See `Tree`."""
         for path, value in zip(self._paths, values, strict=True):
             for node in path:

@@ -24,9 +24,10 @@ from auv_lse_common.vocabulary.naive_ids import FITTED, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_planner.methods.tour_candidates import LINE_PLACES
+from auv_lse_planner.paths.polyline import arc_m
 from auv_lse_planner.paths.steering import Steering
-from auv_lse_planner.reward.anytime import AnytimeReward
-from auv_lse_planner.search.tour import TourSearch, arc_m
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
+from auv_lse_planner.search.tour import TourSearch
 from auv_lse_planner.vehicle.vehicle_planner import COARSE_M, VehiclePlanner
 from benchmarks.command import end_with
 from benchmarks.planning.planner_loop import settings_for
@@ -58,7 +59,7 @@ class Frontier:
 
     def _reward(self, weight: float) -> AnytimeReward:
         legs = self._legs
-        return AnytimeReward(self._kept, self._level_set, [], legs, 0, legs, weight, self._coarse)
+        return AnytimeReward(self._kept, self._level_set, [], Weighting(legs, 0, legs, weight), self._coarse)
 
     def naive(self, naive_path: int) -> Plan:
         """A naive path from the start."""

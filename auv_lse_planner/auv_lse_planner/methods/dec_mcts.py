@@ -25,7 +25,7 @@ from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_planner.methods.method import Situation
 from auv_lse_planner.methods.tree_search import TreeSearch
 from auv_lse_planner.paths.rollout import Rollout
-from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 from auv_lse_planner.reward.path import PathReward
 from auv_lse_planner.search.path_search import Proposal, SearchProblem
 from auv_lse_planner.search.tree import ActionTree
@@ -110,7 +110,7 @@ class DecMcts(TreeSearch):
         rewards = []
         for places in draws:
             points = CachedPoints(context.posterior.with_planned(places), context.map_grid.places_m)
-            rewards.append(AnytimeReward(points, reward.level_set, (), legs, p.step, context.rollout.steps, 0.0))
+            rewards.append(AnytimeReward(points, reward.level_set, (), Weighting(legs, p.step, context.rollout.steps)))
         joint = JointDraws(rewards, context.rollout, p)
         budget = max(planner.batch, planner.iterations // len(draws))  # shared among the draws
         tree = ActionTree(context.space, p.state, p.horizon, planner.exploration)

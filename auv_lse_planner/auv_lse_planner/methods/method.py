@@ -29,7 +29,7 @@ from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
-from auv_lse_planner.reward.anytime import AnytimeReward, Value
+from auv_lse_planner.reward.anytime import AnytimeReward, Value, Weighting
 from auv_lse_planner.reward.doubt import doubt
 from auv_lse_planner.reward.fix import worth_of_fix
 from auv_lse_planner.reward.path import PathReward
@@ -86,10 +86,7 @@ class PlanningContext:
             self.map_points,
             self.settings.level_set,
             self.team.in_time_order(situation.now_s + planner.replan_lead_s),
-            steps - situation.step,
-            situation.step,
-            steps,
-            planner.anytime_weight,
+            Weighting(steps - situation.step, situation.step, steps, planner.anytime_weight),
             self.coarse_points,
             doubt(self.posterior),
         )

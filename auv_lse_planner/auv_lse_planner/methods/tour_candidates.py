@@ -23,10 +23,11 @@ from auv_lse_common.mission_file.methods import MAP_PLACES_PER_LEG
 from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, LAWNMOWERS, STRIPS
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_planner.methods.method import Candidate, PlanningContext, Situation
+from auv_lse_planner.paths.polyline import arc_m
 from auv_lse_planner.paths.rollout import PlannedPath
 from auv_lse_planner.paths.steering import DETOUR_LEGS, Steering
 from auv_lse_planner.reward.anytime import AnytimeReward
-from auv_lse_planner.search.tour import Found, TourSearch, arc_m
+from auv_lse_planner.search.tour import Found, TourSearch
 from auv_lse_planner.search.uct import Actions
 
 Array = NDArray[np.float64]

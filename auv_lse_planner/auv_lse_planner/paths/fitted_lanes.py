@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.compiled import compiled
+from auv_lse_planner.paths.polyline import places_along
 
 Array = NDArray[np.float64]
 
@@ -140,28 +141,6 @@ def fit(places, grid, begin, length, sides, ends):
     return best_across, best_count, best_side, best_end
 
 
-@compiled
-def points(corners, spacing, count):
-    """Points (count + 1, 2) at every `spacing` (m of arc) of a polyline (n, 2); behind its end straight on."""
-    result = np.empty((count + 1, 2))
-    result[0] = corners[0]
-    k, begin = 0, 0.0
-    du, dv, size = 1.0, 0.0, 0.0
-    for i in range(1, count + 1):
-        while k + 1 < corners.shape[0] and i * spacing > begin + size:
-            ahead_u, ahead_v = corners[k + 1, 0] - corners[k, 0], corners[k + 1, 1] - corners[k, 1]
-            begin += size
-            size = math.sqrt(ahead_u * ahead_u + ahead_v * ahead_v)
-            if size > 0.0:
-                du, dv = ahead_u / size, ahead_v / size
-            k += 1
-        along = i * spacing - begin
-        base = max(k - 1, 0)
-        result[i, 0] = corners[base, 0] + along * du
-        result[i, 1] = corners[base, 1] + along * dv
-    return result
-
-
 def fitted_points(places_m: Array, grid_m: Array, axis_rad: float, start_m: Array, leg_m: float, legs: int) -> Array:
     """Points (legs + 1, 2), north and east, a leg apart along the fitted lanes of a strip.
 
@@ -181,5 +160,5 @@ def fitted_points(places_m: Array, grid_m: Array, axis_rad: float, start_m: Arra
     order = [1, 0] if turned else [0, 1]
     corners = np.empty((4 * count - 1, 2))
     lay(np.ascontiguousarray(places_m[:, order]), grid_m[order], begin[order], count, side, end, corners)
-    along = points(corners, leg_m, legs)[:, order]
+    along = places_along(corners, 0.0, leg_m, legs + 1)[0][:, order]
     return np.column_stack([along[:, 0] * c - along[:, 1] * s, along[:, 0] * s + along[:, 1] * c])

@@ -76,113 +76,131 @@ class Space(NamedTuple):
 
 
 @compiled
-def clearance_at(raster, north0, east0, cell, north, east):
+def bilinear(field, x, y):
+    """Row, column, and shares u, v of the cell of a field (N, E) that holds node coordinates x, y inside of it.
+
+    Also the values at that v on the cell's low and high side: the field's value is low (1 - u) + high u.
+    """
+    i = min(int(x), field.shape[0] - 2)
+    j = min(int(y), field.shape[1] - 2)
+    u = x - i
+    v = y - j
+    low = field[i, j] * (1.0 - v) + field[i, j + 1] * v
+    high = field[i + 1, j] * (1.0 - v) + field[i + 1, j + 1] * v
+    return i, j, u, v, low, high
+
+
+@compiled
+def clearance_at(space, north, east):
     """Bilinear clearance (m) at a place; off the raster the nearest node's, less the distance to it."""
-    x = (north - north0) / cell
-    y = (east - east0) / cell
+    raster = space.raster
+    x = (north - space.north0) / space.cell
+    y = (east - space.east0) / space.cell
     rows, columns = raster.shape
     if not (x >= 0.0 and y >= 0.0 and x <= rows - 1 and y <= columns - 1):
         row = min(max(x, 0.0), rows - 1.0)
         column = min(max(y, 0.0), columns - 1.0)
-        return raster[int(row), int(column)] - cell * math.hypot(x - row, y - column)
-    i = min(int(x), rows - 2)
-    j = min(int(y), columns - 2)
-    u = x - i
-    v = y - j
-    low = raster[i, j] * (1.0 - v) + raster[i, j + 1] * v
-    high = raster[i + 1, j] * (1.0 - v) + raster[i + 1, j + 1] * v
+        return raster[int(row), int(column)] - space.cell * math.hypot(x - row, y - column)
+    _, _, u, _, low, high = bilinear(raster, x, y)
     return low * (1.0 - u) + high * u
 
 
 @compiled
-def leg_clearance(raster, north0, east0, cell, heading, north, east, track, spacing):
-    """Least clearance (m) along a body-frame track (T, 2); skips ahead where the clearance allows it.
+def leg_clearance(space, heading, north, east, action):
+    """Least clearance (m) along the leg of an action; skips ahead where the clearance allows it.
 
     Exact up to half the spacing wherever it is small enough to matter (clearance is 1-Lipschitz).
     """
-    c = math.cos(heading)
-    s = math.sin(heading)
+    c, s = math.cos(heading), math.sin(heading)
+    track, spacing = space.tracks[action], space.spacing
     least = 1.0e9
     i = 0
-    count = track.shape[0]
-    while i < count:
-        ahead = track[i, 0]
-        starboard = track[i, 1]
-        here = clearance_at(
-            raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard
-        )
+    while i < track.shape[0]:
+        ahead, starboard = track[i, 0], track[i, 1]
+        here = clearance_at(space, north + c * ahead - s * starboard, east + s * ahead + c * starboard)
         least = min(least, here)
-        if here < 0.5 * spacing:
-            # the least of a blocked track is only needed roughly: its sign decides
-            i += 1
-        else:
-            i += max(1, int(here / spacing))
+        # the least of a blocked track is only needed roughly: its sign decides
+        i += 1 if here < 0.5 * spacing else max(1, int(here / spacing))
     return least
 
 
 @compiled
-def loop_clearance(raster, north0, east0, cell, loops, heading, north, east):
-    """Clearance (m) of the freer turning loop of a state: the state is safe where it is at least half a spacing."""
-    c = math.cos(heading)
-    s = math.sin(heading)
-    best = -1.0e9
-    for side in range(2):
-        ahead = loops[side, 0]
-        starboard = loops[side, 1]
-        room = (
-            clearance_at(
-                raster, north0, east0, cell, north + c * ahead - s * starboard, east + s * ahead + c * starboard
-            )
-            - loops[side, 2]
-        )
-        best = max(best, room)
-    return best
+def loop_clearance(space, heading, north, east, side):
+    """Clearance (m) of the turning loop to port (side 0) or starboard (1) of a state."""
+    c, s = math.cos(heading), math.sin(heading)
+    ahead, starboard = space.loops[side, 0], space.loops[side, 1]
+    there = clearance_at(space, north + c * ahead - s * starboard, east + s * ahead + c * starboard)
+    return there - space.loops[side, 2]
 
 
 @compiled
-def safe_reach(spacing, loops, tracks):
+def room_to_loop(space, heading, north, east):
+    """Clearance (m) of the freer turning loop of a state: the state is safe where it is at least half a spacing."""
+    return max(loop_clearance(space, heading, north, east, 0), loop_clearance(space, heading, north, east, 1))
+
+
+@compiled
+def safe_reach(space):
     """Clearance (m) of a place from which every action is feasible: more than its leg and its end's loops reach to.
 
     Clearances are 1-Lipschitz, and read bilinearly off a raster sqrt(2)-Lipschitz.
     """
-    leg = spacing * (tracks.shape[1] - 1)  # the longest
-    reach = 1.5 * leg + 0.5 * spacing
-    for side in range(loops.shape[0]):
-        center = math.hypot(loops[side, 0], loops[side, 1])
-        reach = max(reach, 1.5 * (leg + center) + loops[side, 2] + 0.5 * spacing)
+    leg = space.spacing * (space.tracks.shape[1] - 1)  # the longest
+    reach = 1.5 * leg + 0.5 * space.spacing
+    for side in range(2):
+        center = math.hypot(space.loops[side, 0], space.loops[side, 1])
+        reach = max(reach, 1.5 * (leg + center) + space.loops[side, 2] + 0.5 * space.spacing)
     return reach
+
+
+@compiled
+def end_of_leg(space, heading, north, east, action):
+    """The state after an action: heading, north, east."""
+    return advance(heading, north, east, space.turns[action], space.steps[action, 0], space.steps[action, 1])
 
 
 @compiled
 def is_feasible(space, heading, north, east, action):
     """Whether the leg of `action` is free and its end state safe."""
-    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
-    h, n, e = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
-    if loop_clearance(raster, north0, east0, cell, loops, h, n, e) < 0.5 * spacing:
+    h, n, e = end_of_leg(space, heading, north, east, action)
+    if room_to_loop(space, h, n, e) < 0.5 * space.spacing:
         return False
-    return leg_clearance(raster, north0, east0, cell, heading, north, east, tracks[action], spacing) >= 0.5 * spacing
+    return leg_clearance(space, heading, north, east, action) >= 0.5 * space.spacing
 
 
 @compiled
 def escape_action(space, heading, north, east):
     """The action to take where none is feasible; see the module's theory of operation."""
-    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
-    if clearance_at(raster, north0, east0, cell, north, east) < -HOLD_BEYOND_M:
-        return np.argmax(np.abs(turns))  # repeated, it is the tightest loop
+    if clearance_at(space, north, east) < -HOLD_BEYOND_M:
+        return np.argmax(np.abs(space.turns))  # repeated, it is the tightest loop
     best = 0
     best_safe = False
     best_room = -1.0e18
-    for action in range(turns.shape[0]):
-        h, n, e = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
-        room = loop_clearance(raster, north0, east0, cell, loops, h, n, e)
-        safe = room >= 0.5 * spacing
+    for action in range(space.turns.shape[0]):
+        h, n, e = end_of_leg(space, heading, north, east, action)
+        room = room_to_loop(space, h, n, e)
+        safe = room >= 0.5 * space.spacing
         if safe:
-            room = leg_clearance(raster, north0, east0, cell, heading, north, east, tracks[action], spacing)
+            room = leg_clearance(space, heading, north, east, action)
         if (safe and not best_safe) or (safe == best_safe and room > best_room):
             best = action
             best_safe = safe
             best_room = room
     return best
+
+
+@compiled
+def cheapest_action(space, heading, north, east, costs, roomy):
+    """The feasible action with the least of `costs` (A,), which is overwritten; the escape where none is feasible.
+
+    `roomy` states that all are feasible, since the place's clearance is at least `safe_reach`.
+    """
+    for _ in range(costs.shape[0]):
+        action = int(np.argmin(costs))
+        if roomy or is_feasible(space, heading, north, east, action):
+            return action
+        costs[action] = np.inf
+    return escape_action(space, heading, north, east)
 
 
 @compiled
@@ -200,33 +218,30 @@ def random_actions(space, heading, north, east, randoms):
 
     By rejection: most actions are feasible, and to test one is cheaper than to test all.
     """
-    turns, steps = space.turns, space.steps
-    kinds = turns.shape[0]
+    kinds = space.turns.shape[0]
     actions = np.zeros(randoms.shape[0], dtype=np.int64)
-    open_ = np.ones(kinds, dtype=np.bool_)
+    untested = np.ones(kinds, dtype=np.bool_)
     for index in range(randoms.shape[0]):
-        open_[:] = True
-        remaining = kinds
+        untested[:] = True
         action = -1
         r = randoms[index]
-        while remaining > 0:
+        for remaining in range(kinds, 0, -1):
             pick = min(int(r * remaining), remaining - 1)
             r = r * remaining - pick
             for a in range(kinds):
-                if open_[a]:
+                if untested[a]:
                     if pick == 0:
                         action = a
                         break
                     pick -= 1
             if is_feasible(space, heading, north, east, action):
                 break
-            open_[action] = False
-            remaining -= 1
+            untested[action] = False
             action = -1
         if action < 0:
             action = escape_action(space, heading, north, east)
         actions[index] = action
-        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+        heading, north, east = end_of_leg(space, heading, north, east, action)
     return actions
 
 
@@ -304,8 +319,7 @@ class FreeSpace:
 
     def clearance_m(self, north_m: float, east_m: float) -> float:
         """Distance of a place to the border of the area that vehicles keep to, negative outside (m)."""
-        a = self.arguments(static=True)
-        return float(clearance_at(a.raster, a.north0, a.east0, a.cell, north_m, east_m))
+        return float(clearance_at(self.arguments(static=True), north_m, east_m))
 
     def feasible(self, state: Array) -> Ints:
         """Indices of the feasible actions of a state (3,), in ascending order; empty if there is none."""

@@ -25,6 +25,7 @@ from __future__ import annotations
 # mypy: disable-error-code="no-untyped-def"
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,13 +39,14 @@ from auv_lse_common.vocabulary.plan import NONE
 from auv_lse_planner.paths.fitted_lanes import PLACES, fitted_points
 from auv_lse_planner.paths.free_space import (
     FreeSpace,
+    bilinear,
+    cheapest_action,
     clearance_at,
-    escape_action,
+    end_of_leg,
     is_feasible,
     loop_clearance,
     safe_reach,
 )
-from auv_lse_planner.paths.motion import advance
 from auv_lse_planner.paths.steering import Steering
 
 Array = NDArray[np.float64]
@@ -54,6 +56,21 @@ Ints = NDArray[np.int64]
 HEADING_WEIGHT_M = 20.0
 #: Fitted lanes that are kept: a decision asks several times for those from the same place, and fitting takes 2 ms.
 FITS_KEPT = 16
+
+
+class Lanes(NamedTuple):
+    """The lanes of a lawnmower.
+
+    Attributes:
+        axis: Their direction (rad, clockwise from north).
+        spacing: Distance between them (m).
+        low, high: Range of positions across the axis that they can have (m, to starboard of the axis).
+    """
+
+    axis: float
+    spacing: float
+    low: float
+    high: float
 
 
 @compiled
@@ -66,166 +83,131 @@ def _wrap(angle):
 
 
 @compiled
-def _lane_cost(offset, error):
-    return abs(offset) + HEADING_WEIGHT_M * abs(error)
+def next_lane(lanes, lane, first, side, sweeps):
+    """The lane after `lane`, the side it lies to, and the number of sweeps done.
+
+    Sweep 0 covers the side of the first lane that is swept first, 1 the other; later ones lead back between the lanes.
+    """
+    lane += side * lanes.spacing
+    low, high = lanes.low - 0.25 * lanes.spacing, lanes.high + 0.25 * lanes.spacing
+    if lane > high or lane < low:
+        sweeps += 1
+        if sweeps == 1:
+            side = -side
+            lane = first + side * lanes.spacing
+            if lane > high or lane < low:
+                sweeps = 2
+                lane = (lanes.high if side < 0 else lanes.low) + 0.5 * side * lanes.spacing
+        else:
+            lane -= 0.5 * side * lanes.spacing
+            side = -side
+    return min(max(lane, lanes.low), lanes.high), side, sweeps
 
 
 @compiled
-def lawnmower(
-    space,
-    state,
-    count,
-    axis,
-    lanes,
-    side,
-    low,
-    high,
-    straight,
-):
+def lane_costs(space, offset, error, work, costs):
+    """Costs (A,) of the actions at an offset to starboard of a lane (m), and off its course by an error (rad).
+
+    Two legs of look-ahead; `work` is room of shape (6, A), whose last rows are the actions' cosines and sines.
+    """
+    turns, steps = space.turns, space.steps
+    o1, e1, c1, s1, cos_t, sin_t = work[0], work[1], work[2], work[3], work[4], work[5]
+    c0, s0 = math.cos(error), math.sin(error)
+    for a in range(turns.shape[0]):
+        o1[a] = offset + s0 * steps[a, 0] + c0 * steps[a, 1]
+        c1[a] = c0 * cos_t[a] - s0 * sin_t[a]
+        s1[a] = s0 * cos_t[a] + c0 * sin_t[a]
+        e1[a] = _wrap(error + turns[a])
+        costs[a] = 1e18
+    for b in range(turns.shape[0]):
+        ahead, starboard, turn = steps[b, 0], steps[b, 1], turns[b]
+        for a in range(turns.shape[0]):  # no branch: this loop runs in vectors
+            o2 = o1[a] + s1[a] * ahead + c1[a] * starboard
+            e2 = e1[a] + turn
+            e2 = e2 - 2.0 * math.pi if e2 >= math.pi else (e2 + 2.0 * math.pi if e2 < -math.pi else e2)
+            cost = abs(o2) + HEADING_WEIGHT_M * abs(e2)
+            costs[a] = cost if cost < costs[a] else costs[a]
+    for a in range(turns.shape[0]):
+        costs[a] += 0.25 * (abs(o1[a]) + HEADING_WEIGHT_M * abs(e1[a]))
+
+
+@compiled
+def lawnmower(space, state, count, lanes, side, straight):
     """Actions of a lawnmower.
 
     Args:
         space: `FreeSpace.arguments(static=True)`.
         state: Heading, north, east, shape (3,).
         count: Number of actions.
-        axis: Direction of the lanes (rad, clockwise from north).
-        lanes: Distance between lanes (m).
+        lanes: `Lanes`.
         side: Side to sweep to first: +1 to starboard of the axis, -1 to port.
-        low, high: Range of positions across the axis that lanes can have (m).
         straight: Index of the straight-on action.
     """
-    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
     actions = np.zeros(count, dtype=np.int64)
-    kinds = turns.shape[0]
+    costs, work = np.empty(space.turns.shape[0]), np.empty((6, space.turns.shape[0]))
+    work[4], work[5] = np.cos(space.turns), np.sin(space.turns)
     heading, north, east = state[0], state[1], state[2]
-    axis_c, axis_s = math.cos(axis), math.sin(axis)
-    cos_t = np.cos(turns)
-    sin_t = np.sin(turns)
-    costs = np.empty(kinds)
-    o1, e1, c1, s1 = np.empty(kinds), np.empty(kinds), np.empty(kinds), np.empty(kinds)
-    lane = min(max(-north * axis_s + east * axis_c, low), high)
-    first = lane
-    direction = 1.0 if math.cos(heading - axis) >= 0.0 else -1.0
-    reach = safe_reach(spacing, loops, tracks)
-    sweeps = 0  # 0: the sweep's side, 1: the other side, 2 and more: back over the area between the lanes
-    settled = False
+    axis_c, axis_s = math.cos(lanes.axis), math.sin(lanes.axis)
+    first = min(max(-north * axis_s + east * axis_c, lanes.low), lanes.high)
+    lane, sweeps, settled = first, 0, False
+    direction = 1.0 if math.cos(heading - lanes.axis) >= 0.0 else -1.0
+    reach = safe_reach(space)
     for index in range(count):
-        course = axis if direction > 0.0 else _wrap(axis + math.pi)
+        course = lanes.axis if direction > 0.0 else _wrap(lanes.axis + math.pi)
         across = -north * axis_s + east * axis_c
         error = _wrap(heading - course)
-        roomy = clearance_at(raster, north0, east0, cell, north, east) >= reach
-        if not settled and abs(across - lane) < 0.5 * lanes and abs(error) < 0.8:
-            settled = True
-        if settled:
-            # The lane ends where a straight leg in its direction is not feasible.
-            free = roomy or is_feasible(space, course, north, east, straight)
-            if not free:
-                direction = -direction
-                settled = False
-                course = axis if direction > 0.0 else _wrap(axis + math.pi)
-                error = _wrap(heading - course)
-                lane += side * lanes
-                if lane > high + 0.25 * lanes or lane < low - 0.25 * lanes:
-                    sweeps += 1
-                    if sweeps == 1:
-                        side = -side
-                        lane = first + side * lanes
-                        if lane > high + 0.25 * lanes or lane < low - 0.25 * lanes:
-                            sweeps = 2
-                            lane = (high if side < 0 else low) + 0.5 * side * lanes
-                    else:
-                        lane -= 0.5 * side * lanes
-                        side = -side
-                lane = min(max(lane, low), high)
+        roomy = clearance_at(space, north, east) >= reach
+        settled = settled or (abs(across - lane) < 0.5 * lanes.spacing and abs(error) < 0.8)
+        # the lane ends where a straight leg in its direction is not feasible
+        if settled and not (roomy or is_feasible(space, course, north, east, straight)):
+            direction, settled = -direction, False
+            course = lanes.axis if direction > 0.0 else _wrap(lanes.axis + math.pi)
+            error = _wrap(heading - course)
+            lane, side, sweeps = next_lane(lanes, lane, first, side, sweeps)
         if settled and abs(across - lane) < 1.5 and abs(error) < 0.009:
             action = straight  # on the lane, and found free above
         else:
-            # Two legs of look-ahead; cos and sin of the lane's frame, turned by each action.
-            rel_c, rel_s = math.cos(error), math.sin(error)
-            offset = (across - lane) * direction  # to starboard of the course
-            for a in range(kinds):
-                o1[a] = offset + rel_s * steps[a, 0] + rel_c * steps[a, 1]
-                c1[a] = rel_c * cos_t[a] - rel_s * sin_t[a]
-                s1[a] = rel_s * cos_t[a] + rel_c * sin_t[a]
-                e1[a] = _wrap(error + turns[a])
-                costs[a] = 1e18
-            for b in range(kinds):
-                ahead, starboard, turn = steps[b, 0], steps[b, 1], turns[b]
-                for a in range(kinds):  # no branch: this loop runs in vectors
-                    o2 = o1[a] + s1[a] * ahead + c1[a] * starboard
-                    e2 = e1[a] + turn
-                    e2 = e2 - 2.0 * math.pi if e2 >= math.pi else (e2 + 2.0 * math.pi if e2 < -math.pi else e2)
-                    cost = abs(o2) + HEADING_WEIGHT_M * abs(e2)
-                    costs[a] = cost if cost < costs[a] else costs[a]
-            for a in range(kinds):
-                costs[a] += 0.25 * _lane_cost(o1[a], e1[a])
-            action = -1
-            for _ in range(kinds):
-                a = int(np.argmin(costs))
-                if roomy or is_feasible(space, heading, north, east, a):
-                    action = a
-                    break
-                costs[a] = 1e30
-            if action < 0:
-                action = escape_action(space, heading, north, east)
+            lane_costs(space, (across - lane) * direction, error, work, costs)
+            action = cheapest_action(space, heading, north, east, costs, roomy)
         actions[index] = action
-        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+        heading, north, east = end_of_leg(space, heading, north, east, action)
     return actions
 
 
 @compiled
-def sum_along(state, actions, turns, steps, field, north0_f, east0_f, cell_f):
-    """Sum of a gridded field, bilinear and clamped at its border, over the ends of legs from a state (3,)."""
-    heading, north, east = state[0], state[1], state[2]
-    total = 0.0
-    for index in range(actions.shape[0]):
-        a = actions[index]
-        heading, north, east = advance(heading, north, east, turns[a], steps[a, 0], steps[a, 1])
-        x = min(max((north - north0_f) / cell_f, 0.0), field.shape[0] - 1.001)
-        y = min(max((east - east0_f) / cell_f, 0.0), field.shape[1] - 1.001)
-        i = int(x)
-        j = int(y)
-        u = x - i
-        v = y - j
-        total += (field[i, j] * (1.0 - v) + field[i, j + 1] * v) * (1.0 - u)
-        total += (field[i + 1, j] * (1.0 - v) + field[i + 1, j + 1] * v) * u
-    return total
-
-
-@compiled
-def lawnmowers(space, states, count, axis, lanes, sides, low, high, straight):
+def lawnmowers(space, states, count, lanes, sides, straight):
     """Actions (B, count) of a `lawnmower` from each of `states` (B, 3), sweeping to each of `sides` (B,) first."""
     actions = np.empty((states.shape[0], count), dtype=np.int64)
     for b in range(states.shape[0]):
-        actions[b] = lawnmower(space, states[b], count, axis, lanes, sides[b], low, high, straight)
+        actions[b] = lawnmower(space, states[b], count, lanes, sides[b], straight)
     return actions
 
 
 @compiled
-def sums_along(states, actions, turns, steps, field, north0_f, east0_f, cell_f):
-    """`sum_along` actions (B, L) from each of `states` (B, 3): sums (B,)."""
-    sums = np.empty(states.shape[0])
+def sums_along(space, states, actions, field, north0, east0, cell):
+    """Sums (B,) of a gridded field, bilinear and clamped at its border, at the ends of legs from states (B, 3)."""
+    sums = np.zeros(states.shape[0])
     for b in range(states.shape[0]):
-        sums[b] = sum_along(states[b], actions[b], turns, steps, field, north0_f, east0_f, cell_f)
+        heading, north, east = states[b, 0], states[b, 1], states[b, 2]
+        for action in actions[b]:
+            heading, north, east = end_of_leg(space, heading, north, east, action)
+            x = min(max((north - north0) / cell, 0.0), field.shape[0] - 1.001)
+            y = min(max((east - east0) / cell, 0.0), field.shape[1] - 1.001)
+            _, _, u, _, low, high = bilinear(field, x, y)
+            sums[b] += low * (1.0 - u)
+            sums[b] += high * u
     return sums
 
 
 @compiled
-def straight_on(space, state, count, order):
-    """Actions that turn as little as possible; `order` lists the actions by the size of their turn."""
-    turns, steps = space.turns, space.steps
+def turn_least(space, state, count, ranks):
+    """Actions that are the first feasible one of each leg, by their ranks (A,)."""
     actions = np.zeros(count, dtype=np.int64)
     heading, north, east = state[0], state[1], state[2]
     for index in range(count):
-        action = -1
-        for a in order:
-            if is_feasible(space, heading, north, east, a):
-                action = a
-                break
-        if action < 0:
-            action = escape_action(space, heading, north, east)
+        action = cheapest_action(space, heading, north, east, ranks.copy(), False)
         actions[index] = action
-        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+        heading, north, east = end_of_leg(space, heading, north, east, action)
     return actions
 
 
@@ -269,8 +251,8 @@ class NaivePaths:
         self._strip_places = [self._places_of_strip(polygon_m, number) for number in range(self._strips)]
         self._fits: dict[tuple[int, float, float, int], Array] = {}  # the last lanes fitted, the oldest first
         self._steering = Steering(space)
-        size = np.abs(space.motion.turns_rad)
-        self._by_size = np.argsort(size, kind="stable").astype(np.int64)
+        order = np.argsort(np.abs(space.motion.turns_rad), kind="stable")
+        self._by_size = np.argsort(order).astype(float)  # rank of each action by the size of its turn
 
     def _frame(self, axis: float) -> LaneFrame:
         space = self.space
@@ -307,14 +289,15 @@ class NaivePaths:
             points = self._fitted(state, naive_path, steps)
             return self._steering.actions(state, points, 1, steps, around_shallows)
         if naive_path in MOWING:
-            return np.asarray(lawnmower(space, state, steps, *self._lanes(state, naive_path, steps)))
+            lanes, side = self._lanes(state, naive_path, steps)
+            return np.asarray(lawnmower(space, state, steps, lanes, side, motion.straight_on))
         if naive_path == STRAIGHT_ON:
-            return np.asarray(straight_on(space, state, steps, self._by_size))
+            return np.asarray(turn_least(space, state, steps, self._by_size))
         if naive_path == HOLD:
-            loops = motion.loop_actions
-            side_first = self._freer_side(state)
-            order = np.array([loops[side_first], loops[1 - side_first], *self._by_size], dtype=np.int64)
-            return np.asarray(straight_on(space, state, steps, order))
+            ranks, freer = self._by_size.copy(), self._freer_side(state)
+            ranks[motion.loop_actions[1 - freer]] = -1.0
+            ranks[motion.loop_actions[freer]] = -2.0
+            return np.asarray(turn_least(space, state, steps, ranks))
         raise ValueError(f"naive_path: got {naive_path:#04x}; expected 0xff or one of {[hex(i) for i in IDS]}")
 
     def actions_from(self, states: Array, naive_path: int, steps: int) -> Ints:
@@ -323,13 +306,13 @@ class NaivePaths:
         if naive_path not in MOWING or naive_path in FITTED or steps <= 0:
             rows = [self.actions(state, naive_path, steps) for state in states]
             return np.array(rows, dtype=np.int64).reshape(len(states), -1)
-        lanes = [self._lanes(state, naive_path, steps) for state in states] if naive_path in STRIPS else []
-        axis, spacing, side, low, high, straight = lanes[0] if lanes else self._lanes(states[0], naive_path, steps)
-        sides = np.array([own[2] for own in lanes]) if lanes else np.full(len(states), side)
-        return np.asarray(lawnmowers(self._arguments, states, steps, axis, spacing, sides, low, high, straight))
+        own = [self._lanes(state, naive_path, steps) for state in (states if naive_path in STRIPS else states[:1])]
+        sides = np.array([side for _, side in own]) if len(own) == len(states) else np.full(len(states), own[0][1])
+        straight = self.space.motion.straight_on
+        return np.asarray(lawnmowers(self._arguments, states, steps, own[0][0], sides, straight))
 
-    def _lanes(self, state: Array, naive_path: int, steps: int) -> tuple[float, float, float, float, float, int]:
-        """Axis, spacing, side, range, straight-on action of a lawnmower; only a strip's side depends on the state."""
+    def _lanes(self, state: Array, naive_path: int, steps: int) -> tuple[Lanes, float]:
+        """Lanes of a lawnmower, and the side that it sweeps to first; only a strip's side depends on the state."""
         motion = self.space.motion
         kind = (naive_path - LAWNMOWERS[0]) % 4 if naive_path not in STRIPS else 0
         frame = self._frames[kind // 2]
@@ -346,7 +329,7 @@ class NaivePaths:
             across = -state[1] * math.sin(frame.axis_rad) + state[2] * math.cos(frame.axis_rad)
             side = 1.0 if across < 0.5 * (low + high) else -1.0  # from the near side to the far one
         spacing = max(spacing, 2.0 * motion.radius_m)
-        return frame.axis_rad, spacing, side, low, high, motion.straight_on
+        return Lanes(frame.axis_rad, spacing, low, high), side
 
     def _fitted(self, state: Array, naive_path: int, steps: int) -> Array:
         """Points a leg apart along the lanes that are fitted to a strip and to so many legs from a state."""
@@ -395,9 +378,8 @@ class NaivePaths:
             grid: The nodes.
         """
         north0, east0, cell = float(grid.north_m[0]), float(grid.east_m[0]), float(grid.resolution_m)
-        motion = self.space.motion
         actions = self.actions_from(states, naive_path, steps)
-        return np.asarray(sums_along(states, actions, motion.turns_rad, motion.steps_m, field, north0, east0, cell))
+        return np.asarray(sums_along(self._arguments, states, actions, field, north0, east0, cell))
 
     def different(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
         """`naive_paths` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
@@ -406,6 +388,5 @@ class NaivePaths:
 
     def _freer_side(self, state: Array) -> int:
         """0 if the loop to port has more room than the one to starboard, else 1."""
-        a = self._arguments
-        rooms = [loop_clearance(*a[:4], np.stack([loop, loop]), state[0], state[1], state[2]) for loop in a.loops]
+        rooms = [loop_clearance(self._arguments, state[0], state[1], state[2], side) for side in (0, 1)]
         return int(rooms[1] > rooms[0])

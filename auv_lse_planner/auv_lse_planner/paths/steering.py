@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.compiled import compiled
-from auv_lse_planner.paths.free_space import FreeSpace, clearance_at, escape_action, is_feasible, safe_reach
-from auv_lse_planner.paths.motion import advance
+from auv_lse_planner.paths.free_space import FreeSpace, cheapest_action, clearance_at, end_of_leg, safe_reach
+from auv_lse_planner.paths.polyline import SHORTEST_M, places_along
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,8 +30,6 @@ Ints = NDArray[np.int64]
 LOOK_AHEAD = 3
 #: Legs of a new plan that are checked against the map, and legs that lead around shallow ground as explicit actions.
 DETOUR_LEGS = 8
-#: Least length of a segment (m): below it a direction means nothing.
-SHORTEST_M = 1e-3
 #: What a squared error along the polyline counts, of one across it.
 ALONG = 0.2
 #: What the first and the third target count, of the second.
@@ -65,23 +63,58 @@ def due_on_tour(waypoints, segment, leg, count):
 @compiled
 def due_on_line(waypoints, leg, count):
     """Points due (count, 4) at every `leg` (m of arc) of any polyline (n + 1, 2); straight on behind it."""
+    places, segments, _ = places_along(waypoints, 0.0, leg, count + 1)
     due = np.empty((count, 4))
-    k, begin = 0, 0.0
-    last = waypoints.shape[0] - 2
-    north, east = waypoints[1, 0] - waypoints[0, 0], waypoints[1, 1] - waypoints[0, 1]
-    length = max(math.sqrt(north * north + east * east), SHORTEST_M)
     for i in range(count):
-        at = (i + 1) * leg
-        while at > begin + length and k < last:
-            begin += length
-            k += 1
-            north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
-            length = max(math.sqrt(north * north + east * east), SHORTEST_M)
-        due[i, 0] = waypoints[k, 0] + (at - begin) / length * north
-        due[i, 1] = waypoints[k, 1] + (at - begin) / length * east
-        due[i, 2] = north / length
-        due[i, 3] = east / length
+        k = segments[i + 1]
+        north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
+        length = max(math.sqrt(north * north + east * east), SHORTEST_M)
+        due[i, 0], due[i, 1] = places[i + 1, 0], places[i + 1, 1]
+        due[i, 2], due[i, 3] = north / length, east / length
     return due
+
+
+@compiled
+def off_track(north, east, due):
+    """Squared distance from a point due (4,), of which the error along the polyline counts `ALONG`."""
+    dn, de = north - due[0], east - due[1]
+    ahead = dn * due[2] + de * due[3]
+    return dn * dn + de * de - (1.0 - ALONG) * ahead * ahead
+
+
+@compiled
+def steering_costs(space, heading, north, east, due, cos_t, sin_t, costs):
+    """Costs (A,) of the actions in a state: with the best next two, the distances from three points due (3, 4).
+
+    `cos_t`, `sin_t` are those of the actions' turns.
+    """
+    steps, kinds = space.steps, costs.shape[0]
+    n3, e3, north3, east3 = due[2, 0], due[2, 1], due[2, 2], due[2, 3]
+    c0, s0 = math.cos(heading), math.sin(heading)
+    for a in range(kinds):
+        na = north + c0 * steps[a, 0] - s0 * steps[a, 1]
+        ea = east + s0 * steps[a, 0] + c0 * steps[a, 1]
+        ca = c0 * cos_t[a] - s0 * sin_t[a]
+        sa = s0 * cos_t[a] + c0 * sin_t[a]
+        best = 1.0e30
+        for b in range(kinds):
+            nb = na + ca * steps[b, 0] - sa * steps[b, 1]
+            eb = ea + sa * steps[b, 0] + ca * steps[b, 1]
+            second = off_track(nb, eb, due[1])
+            if second >= best:
+                continue
+            cb = ca * cos_t[b] - sa * sin_t[b]
+            sb = sa * cos_t[b] + ca * sin_t[b]
+            least = 1.0e30
+            for c in range(kinds):  # no branch: this loop runs in vectors
+                dn = nb + cb * steps[c, 0] - sb * steps[c, 1] - n3
+                de = eb + sb * steps[c, 0] + cb * steps[c, 1] - e3
+                ahead = dn * north3 + de * east3
+                off = FARTHEST * (dn * dn + de * de - (1.0 - ALONG) * ahead * ahead)
+                least = off if off < least else least
+            if second + least < best:
+                best = second + least
+        costs[a] = NEAREST * off_track(na, ea, due[0]) + best
 
 
 @compiled
@@ -95,64 +128,19 @@ def steer(space, state, count, due):
         due: Where the vehicle should be after each leg and after two more, and the polyline's direction there, shape
             (count + 2, 4): north, east (m), ahead to the north and to the east.
     """
-    raster, north0, east0, cell, tracks, spacing, loops, turns, steps = space
-    kinds = turns.shape[0]
     actions = np.zeros(count, dtype=np.int64)
-    costs = np.empty(kinds)
-    cos_t, sin_t = np.empty(kinds), np.empty(kinds)
+    kinds = space.turns.shape[0]
+    costs, cos_t, sin_t = np.empty(kinds), np.empty(kinds), np.empty(kinds)
     for a in range(kinds):
-        cos_t[a], sin_t[a] = math.cos(turns[a]), math.sin(turns[a])
+        cos_t[a], sin_t[a] = math.cos(space.turns[a]), math.sin(space.turns[a])
     heading, north, east = state[0], state[1], state[2]
-    reach = safe_reach(spacing, loops, tracks)
+    reach = safe_reach(space)
     for index in range(count):
-        n1, e1, north1, east1 = due[index, 0], due[index, 1], due[index, 2], due[index, 3]
-        n2, e2, north2, east2 = due[index + 1, 0], due[index + 1, 1], due[index + 1, 2], due[index + 1, 3]
-        n3, e3, north3, east3 = due[index + 2, 0], due[index + 2, 1], due[index + 2, 2], due[index + 2, 3]
-        c0 = math.cos(heading)
-        s0 = math.sin(heading)
-        for a in range(kinds):
-            na = north + c0 * steps[a, 0] - s0 * steps[a, 1]
-            ea = east + s0 * steps[a, 0] + c0 * steps[a, 1]
-            ca = c0 * cos_t[a] - s0 * sin_t[a]
-            sa = s0 * cos_t[a] + c0 * sin_t[a]
-            dn = na - n1
-            de = ea - e1
-            ahead = dn * north1 + de * east1
-            first = NEAREST * (dn * dn + de * de - (1.0 - ALONG) * ahead * ahead)
-            best = 1.0e30
-            for b in range(kinds):
-                nb = na + ca * steps[b, 0] - sa * steps[b, 1]
-                eb = ea + sa * steps[b, 0] + ca * steps[b, 1]
-                dn = nb - n2
-                de = eb - e2
-                ahead = dn * north2 + de * east2
-                second = dn * dn + de * de - (1.0 - ALONG) * ahead * ahead
-                if second >= best:
-                    continue
-                cb = ca * cos_t[b] - sa * sin_t[b]
-                sb = sa * cos_t[b] + ca * sin_t[b]
-                least = 1.0e30
-                for c in range(kinds):  # no branch: this loop runs in vectors
-                    dn = nb + cb * steps[c, 0] - sb * steps[c, 1] - n3
-                    de = eb + sb * steps[c, 0] + cb * steps[c, 1] - e3
-                    ahead = dn * north3 + de * east3
-                    off = FARTHEST * (dn * dn + de * de - (1.0 - ALONG) * ahead * ahead)
-                    least = off if off < least else least
-                if second + least < best:
-                    best = second + least
-            costs[a] = first + best
-        roomy = clearance_at(raster, north0, east0, cell, north, east) >= reach
-        action = -1
-        for _ in range(kinds):
-            a = int(np.argmin(costs))
-            if roomy or is_feasible(space, heading, north, east, a):
-                action = a
-                break
-            costs[a] = 1.0e31
-        if action < 0:
-            action = escape_action(space, heading, north, east)
+        steering_costs(space, heading, north, east, due[index : index + 3], cos_t, sin_t, costs)
+        roomy = clearance_at(space, north, east) >= reach
+        action = cheapest_action(space, heading, north, east, costs, roomy)
         actions[index] = action
-        heading, north, east = advance(heading, north, east, turns[action], steps[action, 0], steps[action, 1])
+        heading, north, east = end_of_leg(space, heading, north, east, action)
     return actions
 
 

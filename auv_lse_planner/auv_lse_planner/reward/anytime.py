@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.mission_file.sections.level_set import LevelSetConfig
 from auv_lse_gp.inference.cached_points import CachedPoints
+from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.reward.joint import Cells, Joint, Measured, Timetable
 
@@ -65,6 +66,23 @@ class Value:
 
 
 @dataclass(frozen=True, slots=True)
+class Weighting:
+    """How much a drop of risk counts leg by leg: w in J.
+
+    Attributes:
+        legs: Legs that the own vehicle has still to travel.
+        step: Its mission step.
+        steps: Steps of the mission.
+        weight: How much more a drop of risk counts at the mission's start than at its end.
+    """
+
+    legs: int
+    step: int
+    steps: int
+    weight: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class _Schedule:
     """When places are measured, in legs from now.
 
@@ -77,10 +95,10 @@ class _Schedule:
     weights: Array
 
     @classmethod
-    def of(cls, legs: int, step: int, steps: int, weight: float, count: int) -> _Schedule:
-        """`count` checkpoints or fewer over `legs` legs."""
-        ends = np.unique(np.rint(np.linspace(0.0, legs, min(count, legs) + 1)).astype(np.int64))[1:]
-        of_leg = 1.0 + weight * (1.0 - (step + np.arange(1, legs + 1)) / steps)
+    def of(cls, w: Weighting, count: int) -> _Schedule:
+        """`count` checkpoints or fewer."""
+        ends = np.unique(np.rint(np.linspace(0.0, w.legs, min(count, w.legs) + 1)).astype(np.int64))[1:]
+        of_leg = 1.0 + w.weight * (1.0 - (w.step + np.arange(1, w.legs + 1)) / w.steps)
         sums = np.concatenate([[0.0], np.cumsum(of_leg)])[np.concatenate([[0], ends])]
         return cls(ends, np.diff(sums) / np.diff(ends, prepend=0))
 
@@ -111,56 +129,54 @@ class AnytimeReward:
 
     def __init__(
         self,
-        kept: CachedPoints,
+        fine: CachedPoints,
         level_set: LevelSetConfig,
         mates: Sequence[tuple[Array, Array]],
-        legs: int,
-        step: int,
-        steps: int,
-        weight: float,
+        weighting: Weighting,
         coarse: CachedPoints | None = None,
         doubt: float = 1.0,
     ) -> None:
         """Takes the posterior as it stands; places planned on it are taken as measured before the first leg.
 
         Args:
-            kept: The map's places, kept up to date with the posterior.
+            fine: The map's places, kept up to date with the posterior.
             level_set: Level and costs; the expected risk is always the exact one.
             mates: Of each mate, the number of legs (P,) that the own vehicle will have travelled when the mate measures
                 (it need not be whole), and the places (P, 2) where it does.
-            legs: Legs that the own vehicle has still to travel.
-            step: Its mission step.
-            steps: Steps of the mission.
-            weight: How much more a drop of risk counts at the mission's start than at its end.
-            coarse: Places of the gradient's map, of the same posterior; None: those of `kept`.
-            doubt: `weighted` takes the posterior's standard deviations for so many times as large (`reward/doubt.py`).
+            weighting: Legs that the own vehicle has still to travel, and how much each counts.
+            coarse: Places of the gradient's map, of the same posterior; None: those of `fine`.
+            doubt: Factor on the posterior's standard deviations in `weighted` (`reward/doubt.py`).
         """
-        self.legs = legs
-        self._kept, self._coarse = kept, coarse or kept
+        self.legs = weighting.legs
+        self._fine, self._coarse = fine, coarse or fine
         self._level_set = replace(LevelSet.of(level_set), method="exact")
         self.mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
-        self._time = (legs, step, steps, weight)
-        self._doubt = doubt
-        self._exact = self._drop(self._kept, 1, -(-legs // LEGS_APART), NO_RISK, often=False)
+        self._weighting, self._doubt = weighting, doubt
+        checkpoints = -(-self.legs // LEGS_APART)
+        self._exact = self._drop(fine, 1, _Schedule.of(weighting, checkpoints), NO_RISK, cache_inverse=False)
         self._rough: _Drop | None = None
         self.risk_before = self._exact.risk_before
 
     def weighing(self, share: float) -> AnytimeReward:
         """The same with this share of the anytime weight; 0: no more for an early drop of risk than for a late one."""
-        legs, step, steps, weight = self._time
         other = copy.copy(self)
-        other._time = (legs, step, steps, share * weight)
-        other._exact = self._exact.at_weights(*other._time)
-        other._rough = self._coarsely().at_weights(*other._time)
+        other._weighting = replace(self._weighting, weight=share * self._weighting.weight)
+        other._exact = self._exact.weighted_by(other._weighting)
+        other._rough = self._coarsely().weighted_by(other._weighting)
         return other
 
-    def _drop(self, kept: CachedPoints, every: int, checkpoints: int, share: float, often: bool) -> _Drop:
+    def _drop(
+        self, points: CachedPoints, every: int, schedule: _Schedule, least_share: float, *, cache_inverse: bool
+    ) -> _Drop:
+        """The drop of risk at some points, with one in `every` of the mates' places."""
         mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in self.mates]
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
-        scale = len(self._kept.places_m) / len(kept.places_m)
-        schedule = _Schedule.of(*self._time, checkpoints)
-        return _Drop(kept, self._level_set, legs, places, schedule, share, scale, often, self._doubt)
+        scale = len(self._fine.places_m) / len(points.places_m)
+        counted = _Counted.of(points, self._level_set, self._doubt, least_share, scale)
+        measured = Measured(points.posterior, points.posterior.kernel.scale(places), cache_inverse)
+        groups = schedule.after(legs)
+        return _Drop(points.posterior, self._level_set, counted, schedule, measured, groups, cache_inverse)
 
     def value(self, places_m: Array) -> Value:
         """Value of a path, on all of the map.
@@ -203,8 +219,8 @@ class AnytimeReward:
 
     def _coarsely(self) -> _Drop:
         if self._rough is None:
-            count = min(GRADIENT_CHECKPOINTS, -(-self.legs // LEGS_APART))
-            self._rough = self._drop(self._coarse, GRADIENT_MATES_EVERY, count, LITTLE_RISK, often=True)
+            schedule = _Schedule.of(self._weighting, min(GRADIENT_CHECKPOINTS, -(-self.legs // LEGS_APART)))
+            self._rough = self._drop(self._coarse, GRADIENT_MATES_EVERY, schedule, LITTLE_RISK, cache_inverse=True)
         return self._rough
 
     def _timed(self, places_m: Array) -> tuple[Array, Array]:
@@ -216,66 +232,85 @@ class AnytimeReward:
         return places.reshape(-1, 2), np.repeat(np.arange(1.0, len(places) + 1.0), each)
 
 
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    """The cells of a map whose risk counts.
+
+    Attributes:
+        cells: The cells; with doubt their means are as much nearer to the level.
+        places_m: Where they are, (M, 2).
+        risk: Their risk before, (M,).
+        undoubted: Without doubt, their means (M,) and the sum of their risk; None where nothing is doubted.
+        scale: Weight of a cell.
+        total: Risk of all cells of the map, without doubt and weighted.
+    """
+
+    cells: Cells
+    places_m: Array
+    risk: Array
+    undoubted: tuple[Array, float] | None
+    scale: float
+    total: float
+
+    @classmethod
+    def of(cls, points: CachedPoints, level_set: LevelSet, doubt: float, least_share: float, scale: float) -> _Counted:
+        """Cells with at least this share of the largest risk."""
+        now = points.current()
+        after = np.minimum(now.planned_var_m2, now.data_var_m2)
+        std_known, std_left = np.sqrt(now.data_var_m2 - after), np.sqrt(after)
+        known_risk = risk = level_set.expected_risk(now.mean_m, std_known, std_left)
+        mean = now.mean_m
+        if doubt != 1.0:  # the risk depends on (mean - level) / standard deviation alone
+            mean = level_set.level_m + (now.mean_m - level_set.level_m) / doubt
+            risk = level_set.expected_risk(mean, std_known, std_left)
+        kept = np.flatnonzero(risk > least_share * level_set.largest_risk)
+        cells = Cells(
+            now.scaled[kept],
+            np.take(now.white.T, kept, axis=1),
+            mean[kept],
+            now.data_var_m2[kept],
+            now.planned_var_m2[kept],
+        )
+        total = scale * float(known_risk.sum())
+        undoubted = None if doubt == 1.0 else (now.mean_m[kept], float(known_risk[kept].sum()))
+        return cls(cells, points.places_m[kept], np.asarray(risk[kept]), undoubted, scale, total)
+
+
 class _Drop:
     """The drop of risk over one set of cells, checkpoint by checkpoint, with one set of mates' places."""
 
     def __init__(
         self,
-        kept: CachedPoints,
+        posterior: Posterior,
         level_set: LevelSet,
-        mate_legs: Array,
-        mates_m: Array,
+        counted: _Counted,
         schedule: _Schedule,
-        least_share: float,
-        scale: float,
-        often: bool,
-        doubt: float,
+        mates: Measured,
+        mate_groups: Ints,
+        cache_inverse: bool,
     ) -> None:
         """Prepares what does not depend on the own path.
 
         Args:
-            kept: The cells.
+            posterior: The posterior.
             level_set: Level and costs.
-            mate_legs: Own legs travelled when mates measure, (Q,).
-            mates_m: Where they do, (Q, 2).
+            counted: The cells.
             schedule: Checkpoints and their weights.
-            least_share: Cells of a smaller share of the largest risk are left out.
-            scale: What a cell counts.
-            often: Whether it is asked about so many paths that it pays to invert the posterior's factor.
-            doubt: How many times as large standard deviations are taken to be for J.
+            mates: Where mates measure, (Q,).
+            mate_groups: Number of the first checkpoint that includes each of their places, (Q,).
+            cache_inverse: Whether to invert the posterior's factor, which pays for many paths.
         """
-        self.schedule = schedule
-        self._often = often
-        self._level_set, self._scale = level_set, scale
-        self._posterior = kept.posterior
-        columns = kept.current()
-        after = np.minimum(columns.planned_var_m2, columns.data_var_m2)
-        risk = level_set.expected_risk(columns.mean_m, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
-        self.risk_before = scale * float(risk.sum())
-        doubted, known_risk = columns.mean_m, risk
-        if doubt != 1.0:  # the risk depends on (mean - level) / standard deviation alone
-            doubted = level_set.level_m + (columns.mean_m - level_set.level_m) / doubt
-            risk = level_set.expected_risk(doubted, np.sqrt(columns.data_var_m2 - after), np.sqrt(after))
-        counted = np.flatnonzero(risk > least_share * level_set.largest_risk)
-        self._places_m = kept.places_m[counted]
-        self._risk = np.asarray(risk[counted])
-        self._before = float(self._risk.sum())
-        self._undoubted = None if doubt == 1.0 else (columns.mean_m[counted], float(known_risk[counted].sum()))
-        self._cells = Cells(
-            columns.scaled[counted],
-            np.take(columns.white.T, counted, axis=1),
-            doubted[counted],
-            columns.data_var_m2[counted],
-            columns.planned_var_m2[counted],
-        )
-        self._mate_groups = schedule.after(mate_legs)
-        self._mates = Measured(self._posterior, self._posterior.kernel.scale(mates_m), often)
+        self.schedule, self.risk_before = schedule, counted.total
+        self._posterior, self._level_set, self._cache_inverse = posterior, level_set, cache_inverse
+        self._counted, self._cells, self._scale = counted, counted.cells, counted.scale
+        self._before = float(counted.risk.sum())
+        self._mates, self._mate_groups = mates, mate_groups
         self._timetables: dict[bytes, Timetable] = {}
 
-    def at_weights(self, legs: int, step: int, steps: int, weight: float) -> _Drop:
+    def weighted_by(self, weighting: Weighting) -> _Drop:
         """The same with other weights of its checkpoints."""
         other = copy.copy(self)
-        other.schedule = _Schedule.of(legs, step, steps, weight, len(self.schedule.checkpoints))
+        other.schedule = _Schedule.of(weighting, len(self.schedule.checkpoints))
         return other
 
     def value(self, places_m: Array, legs: Array) -> Value:
@@ -287,8 +322,8 @@ class _Drop:
         risks = self._level_set.risk_sums(self._cells.mean_m, variance, left)
         drops = -self._scale * np.diff(risks, prepend=self._before)
         end = float(drops.sum())
-        if self._undoubted is not None:
-            mean, before = self._undoubted
+        if self._counted.undoubted is not None:
+            mean, before = self._counted.undoubted
             end = self._scale * (before - float(self._level_set.risk_sums(mean, variance, left[-1:])[0]))
         return Value(float(self.schedule.weights @ drops), end)
 
@@ -312,16 +347,16 @@ class _Drop:
 
     def risk_near(self, places_m: Array) -> float:
         """Risk of the cells that lie near places (P, 2)."""
-        off = self._places_m[:, None] - places_m
+        off = self._counted.places_m[:, None] - places_m
         near = (np.einsum("mpi,mpi->mp", off, off) < NEAR_M**2).any(axis=1)
-        return float(self._risk[near].sum())
+        return float(self._counted.risk[near].sum())
 
     def _joint(self, places_m: Array, legs: Array) -> Joint:
         key = legs.tobytes()
         if key not in self._timetables:
             groups = self.schedule.after(legs), self._mate_groups
             self._timetables[key] = Timetable(self._posterior, self._cells, self._mates, *groups)
-        own = Measured(self._posterior, self._posterior.kernel.scale(places_m), self._often)
+        own = Measured(self._posterior, self._posterior.kernel.scale(places_m), self._cache_inverse)
         return Joint(self._posterior, self._cells, own, self._timetables[key])
 
     def _weighted(self, risks: Array) -> float:

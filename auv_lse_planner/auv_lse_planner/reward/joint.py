@@ -69,12 +69,12 @@ class Measured:
         white: Their whitened covariance with data and planned places, (P, n).
     """
 
-    def __init__(self, posterior: Posterior, scaled: Array, often: bool) -> None:
-        """Takes places (P, 2) already scaled; asked `often`, it pays to invert the posterior's factor."""
+    def __init__(self, posterior: Posterior, scaled: Array, cache_inverse: bool) -> None:
+        """Takes places (P, 2) already scaled; `cache_inverse` inverts the posterior's factor, for many paths."""
         self._kernel = posterior.kernel
         self.scaled = scaled
         covariance = posterior.kernel.of_scaled(scaled, posterior.scaled)
-        if often and covariance.size:
+        if cache_inverse and covariance.size:
             dtrmm(1.0, posterior.factor.inverse, covariance.T, lower=1, overwrite_b=1)  # BLAS takes rows for columns
             self.white = covariance
         else:

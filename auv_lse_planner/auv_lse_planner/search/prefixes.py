@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.motion import MotionTable, advance
+from auv_lse_planner.search.tree import grown
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,7 +60,9 @@ class Prefixes:
 
     def enter(self, sequences: Ints) -> Ints:
         """Numbers (B, L) of all prefixes of sequences (B, L), new ones in the order of their first appearance."""
-        self._reserve(self.count + sequences.size)
+        room = self.count + sequences.size
+        self._children, self._states = grown(self._children, room, -1), grown(self._states, room)
+        self._origins = grown(self._origins, room)
         numbers = np.empty(sequences.shape, dtype=np.int64)
         turns, steps = self._motion.turns_rad, self._motion.steps_m
         self.count = enter(self._children, self._states, self._origins, self.count, turns, steps, sequences, numbers)
@@ -77,12 +80,3 @@ class Prefixes:
         """
         origins = self._origins[first : self.count]
         return self._states[origins[:, 0]], origins[:, 1], self._states[first : self.count]
-
-    def _reserve(self, size: int) -> None:
-        old = len(self._states)
-        if size <= old:
-            return
-        more = max(size, 2 * old) - old
-        self._children = np.concatenate([self._children, np.full((more, self._children.shape[1]), -1)])
-        self._states = np.concatenate([self._states, np.zeros((more, 3))])
-        self._origins = np.concatenate([self._origins, np.zeros((more, 2), dtype=np.int64)])

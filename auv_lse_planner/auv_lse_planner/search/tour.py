@@ -28,7 +28,8 @@ from scipy.optimize import minimize
 
 from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour
-from auv_lse_planner.paths.free_space import FreeSpace
+from auv_lse_planner.paths.free_space import FreeSpace, bilinear
+from auv_lse_planner.paths.polyline import SHORTEST_M, arc_m, places_along, pull_back
 
 Array = NDArray[np.float64]
 
@@ -47,8 +48,6 @@ LEAST_GAIN, LEAST_BENT = 1e-6, 1e-7
 CUT_CORNERS = 1.25
 #: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
 LONGEST = 50
-#: Least length of a segment (m): below it a direction means nothing.
-SHORTEST_M = 1e-3
 
 
 class Differentiable(Protocol):
@@ -59,80 +58,16 @@ class Differentiable(Protocol):
 
 
 @compiled
-def places_along(waypoints, first, spacing, count):
-    """Places (count, 2) of a polyline (n + 1, 2), at `first`, then every `spacing` (m of arc); straight on behind it.
-
-    Also the segment of each place, shape (count,), and its distance from that segment's first corner.
-    """
-    places = np.empty((count, 2))
-    segments = np.empty(count, dtype=np.int64)
-    along = np.empty(count)
-    last = waypoints.shape[0] - 2
-    k = 0
-    begin = 0.0
-    north, east = waypoints[1, 0] - waypoints[0, 0], waypoints[1, 1] - waypoints[0, 1]
-    length = max(math.sqrt(north * north + east * east), SHORTEST_M)
-    for i in range(count):
-        at = first + i * spacing
-        while at > begin + length and k < last:
-            begin += length
-            k += 1
-            north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
-            length = max(math.sqrt(north * north + east * east), SHORTEST_M)
-        t = (at - begin) / length
-        places[i, 0] = waypoints[k, 0] + t * north
-        places[i, 1] = waypoints[k, 1] + t * east
-        segments[i] = k
-        along[i] = at - begin
-    return places, segments, along
-
-
-@compiled
-def pull_back(waypoints, segments, along, gradient):
-    """Derivative (n + 1, 2) by the waypoints from that by the places (P, 2) of `places_along`."""
-    result = np.zeros(waypoints.shape)
-    count = waypoints.shape[0] - 1
-    units = np.empty((count, 2))
-    lengths = np.empty(count)
-    pushed = np.zeros(count)  # by segment: sum of its places' gradients along it
-    for k in range(count):
-        north, east = waypoints[k + 1, 0] - waypoints[k, 0], waypoints[k + 1, 1] - waypoints[k, 1]
-        lengths[k] = max(math.sqrt(north * north + east * east), SHORTEST_M)
-        units[k, 0], units[k, 1] = north / lengths[k], east / lengths[k]
-    for i in range(segments.shape[0]):
-        k = segments[i]
-        ahead = gradient[i, 0] * units[k, 0] + gradient[i, 1] * units[k, 1]
-        t = along[i] / lengths[k]
-        turn_n = t * (gradient[i, 0] - ahead * units[k, 0])
-        turn_e = t * (gradient[i, 1] - ahead * units[k, 1])
-        result[k, 0] += gradient[i, 0] - turn_n
-        result[k, 1] += gradient[i, 1] - turn_e
-        result[k + 1, 0] += turn_n
-        result[k + 1, 1] += turn_e
-        pushed[k] += ahead
-    behind = 0.0  # what lengthening a segment takes from all places behind it
-    for k in range(count - 1, -1, -1):
-        result[k + 1, 0] -= behind * units[k, 0]
-        result[k + 1, 1] -= behind * units[k, 1]
-        result[k, 0] += behind * units[k, 0]
-        result[k, 1] += behind * units[k, 1]
-        behind += pushed[k]
-    return result
-
-
-@compiled
-def lack_of_room(raster, north0, east0, cell, room, places):
+def lack_of_room(space, room, places):
     """Sum of squares of the room (m) that places (P, 2) lack, and its derivative (P, 2); raster read bilinearly."""
+    raster, cell = space.raster, space.cell
     total = 0.0
     gradient = np.zeros(places.shape)
     rows, columns = raster.shape
     for p in range(places.shape[0]):
-        x = min(max((places[p, 0] - north0) / cell, 0.0), rows - 1.001)
-        y = min(max((places[p, 1] - east0) / cell, 0.0), columns - 1.001)
-        i, j = int(x), int(y)
-        u, v = x - i, y - j
-        low = raster[i, j] * (1.0 - v) + raster[i, j + 1] * v
-        high = raster[i + 1, j] * (1.0 - v) + raster[i + 1, j + 1] * v
+        x = min(max((places[p, 0] - space.north0) / cell, 0.0), rows - 1.001)
+        y = min(max((places[p, 1] - space.east0) / cell, 0.0), columns - 1.001)
+        i, j, u, _, low, high = bilinear(raster, x, y)
         lack = room - (low * (1.0 - u) + high * u)
         if lack > 0.0:
             total += lack * lack
@@ -161,11 +96,6 @@ def unevenness(waypoints, length):
     return total, gradient
 
 
-def arc_m(line_m: Array) -> float:
-    """Length of a polyline (n + 1, 2): a little less than that of the path whose bends it cuts."""
-    return float(np.hypot(*np.diff(line_m, axis=0).T).sum())
-
-
 class OutOfTimeError(Exception):
     """The deadline has passed: the search goes back to the best it has seen."""
 
@@ -185,6 +115,26 @@ class Found:
     value: float
     evaluations: int
     deadline_hit: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Deformation:
+    """How a polyline depends on the unknowns of an optimization.
+
+    Attributes:
+        first: Where it begins, in unknowns of the size of 1.
+        corners_of: The polyline (n + 1, 2) of unknowns.
+        pulled: Of unknowns and the gradient by corners (n + 1, 2): what their shape is charged, as a part of the value,
+            and the gradient by unknowns of the value less that.
+        least_gain: It ends with the first iteration that gains less, as a part of the value.
+        bounds: Of the unknowns.
+    """
+
+    first: Array
+    corners_of: Callable[[Array], Array]
+    pulled: Callable[[Array, Array], tuple[float, Array]]
+    least_gain: float
+    bounds: list[tuple[float, float]] | None
 
 
 class TourSearch:
@@ -316,7 +266,8 @@ class TourSearch:
 
         first = np.clip(waypoints_m[1:], self._low, self._high).ravel() / unit
         bounds = [(low / unit, high / unit) for low, high in zip(self._low, self._high, strict=True)] * shape[0]
-        return self._uphill(first, corners, pulled, self._leg_m, legs, reward, iterations, deadline, LEAST_GAIN, bounds)
+        deformation = Deformation(first, corners, pulled, LEAST_GAIN, bounds)
+        return self._uphill(deformation, self._leg_m, legs, reward, iterations, deadline)
 
     def bend(
         self,
@@ -361,40 +312,23 @@ class TourSearch:
             slope[1:-1] += 2.0 * BEND_WEIGHT / length * steps[1:]
             return BEND_WEIGHT * float(np.sum(steps * steps)), unit * slope[1:].ravel()
 
-        first, leg_m = np.zeros(2 * knots), arc_m(line) / legs
-        return self._uphill(first, corners, pulled, leg_m, legs, reward, iterations, deadline, LEAST_BENT, None)
+        deformation = Deformation(np.zeros(2 * knots), corners, pulled, LEAST_BENT, None)
+        return self._uphill(deformation, arc_m(line) / legs, legs, reward, iterations, deadline)
 
     def _uphill(
         self,
-        first: Array,
-        corners_of: Callable[[Array], Array],
-        pulled: Callable[[Array, Array], tuple[float, Array]],
+        deformation: Deformation,
         leg_m: float,
         legs: int,
         reward: Differentiable,
         iterations: int,
         deadline: Callable[[], bool] | None,
-        least_gain: float,
-        bounds: list[tuple[float, float]] | None,
     ) -> Found:
-        """The best polyline that L-BFGS-B comes by.
-
-        Args:
-            first: Where it begins, in unknowns of the size of 1.
-            corners_of: The polyline (n + 1, 2) of unknowns.
-            pulled: Of unknowns and the gradient by corners (n + 1, 2): what their shape is charged, as a part of the
-                value, and the gradient by unknowns of the value less that.
-            leg_m: Length of a leg along the polyline (m).
-            legs: Legs of the path.
-            reward: What places are worth.
-            iterations: At most.
-            deadline: Says when to stop.
-            least_gain: It ends with the first iteration that gains less, as a part of the value.
-            bounds: Of the unknowns.
-        """
+        """The best polyline that L-BFGS-B comes by, with legs of `leg_m` along it."""
+        d = deformation
         spacing, count = leg_m / self._samples, legs * self._samples
-        raster = (self._space.raster, self._space.north0_m, self._space.east0_m, self._space.cell_m)
-        best, best_m = -math.inf, corners_of(first)
+        room = self._space.arguments()
+        best, best_m = -math.inf, d.corners_of(d.first)
         scale, calls = 0.0, 0
 
         def downhill(x: Array) -> tuple[float, Array]:
@@ -402,14 +336,14 @@ class TourSearch:
             if deadline is not None and calls and deadline():
                 raise OutOfTimeError
             calls += 1
-            corners = corners_of(x)
+            corners = d.corners_of(x)
             places, segments, along = places_along(corners, 0.5 * spacing, spacing, count)
             value, gradient = reward.value_and_gradient(places)
             if not scale:
                 scale = max(abs(value), 1e-9)
-            lack, push = lack_of_room(*raster, ROOM_M, places)
+            lack, push = lack_of_room(room, ROOM_M, places)
             up = pull_back(corners, segments, along, gradient / scale - ROOM_WEIGHT * push)
-            charged, slope = pulled(x, up)
+            charged, slope = d.pulled(x, up)
             value = value / scale - ROOM_WEIGHT * lack - charged
             if value > best:
                 best, best_m = value, corners
@@ -417,14 +351,8 @@ class TourSearch:
 
         hit = False
         try:
-            minimize(
-                downhill,
-                first,
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": least_gain, "gtol": 1e-7},
-            )
+            options = {"maxiter": iterations, "maxfun": 2 * iterations + 2, "ftol": d.least_gain, "gtol": 1e-7}
+            minimize(downhill, d.first, jac=True, method="L-BFGS-B", bounds=d.bounds, options=options)
         except OutOfTimeError:
             hit = True
         return Found(best_m, best * scale, calls, hit)

@@ -5,13 +5,13 @@ from __future__ import annotations
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auv_lse_common.support.compiled import compiled
-from auv_lse_planner.paths.free_space import FreeSpace, escape_action, is_feasible, random_actions
-from auv_lse_planner.paths.motion import advance
+from auv_lse_planner.paths.free_space import FreeSpace, end_of_leg, escape_action, is_feasible, random_actions
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,20 +48,18 @@ def is_choice(space, heading, north, east, action):
 @compiled
 def admissible(space, state, actions):
     """Whether all of `actions` (L,) may be taken one after another from `state` (3,)."""
-    turns, steps = space.turns, space.steps
     h, n, e = state[0], state[1], state[2]
     for a in actions:
         if not is_choice(space, h, n, e, a):
             return False
-        h, n, e = advance(h, n, e, turns[a], steps[a, 0], steps[a, 1])
+        h, n, e = end_of_leg(space, h, n, e, a)
     return True
 
 
 @compiled
 def single_changes(space, state, sequence):
     """Admissible sequences (M, L) from `state` (3,) that differ from `sequence` (L,) in one action, in order."""
-    turns, steps = space.turns, space.steps
-    kinds, length = turns.shape[0], sequence.shape[0]
+    kinds, length = space.turns.shape[0], sequence.shape[0]
     found = np.empty((length * kinds, length), dtype=np.int64)
     count = 0
     choices = np.empty(kinds, dtype=np.int64)
@@ -72,20 +70,19 @@ def single_changes(space, state, sequence):
         for a in range(kinds):
             if a == old or choices[a] == FORBIDDEN:
                 continue
-            end = np.array(advance(h, n, e, turns[a], steps[a, 0], steps[a, 1]))
+            end = np.array(end_of_leg(space, h, n, e, a))
             if admissible(space, end, sequence[i + 1 :]):
                 found[count] = sequence
                 found[count, i] = a
                 count += 1
-        h, n, e = advance(h, n, e, turns[old], steps[old, 0], steps[old, 1])
+        h, n, e = end_of_leg(space, h, n, e, old)
     return found[:count]
 
 
 @compiled
 def every_sequence(space, state, horizon):
     """All admissible sequences (N, horizon) from `state` (3,), in lexical order."""
-    turns, steps = space.turns, space.steps
-    kinds = turns.shape[0]
+    kinds = space.turns.shape[0]
     sequences = np.empty((1, 0), dtype=np.int64)
     states = np.empty((1, 3))
     states[0] = state
@@ -101,43 +98,60 @@ def every_sequence(space, state, horizon):
                 if choices[a] == UNTRIED:
                     longer[count, :depth] = sequences[i]
                     longer[count, depth] = a
-                    ends[count] = advance(h, n, e, turns[a], steps[a, 0], steps[a, 1])
+                    ends[count] = end_of_leg(space, h, n, e, a)
                     count += 1
         sequences, states = longer[:count].copy(), ends[:count].copy()
     return sequences
 
 
+class Nodes(NamedTuple):
+    """The nodes of a tree; the root is number 0.
+
+    Attributes:
+        children: Node that each action leads to, UNTRIED or FORBIDDEN, shape (N, A).
+        states: State of each node, shape (N, 3).
+        visits, valued, totals: Visits, visits with a value, and sum of values of each node, shape (N,).
+    """
+
+    children: Ints
+    states: Array
+    visits: Ints
+    valued: Ints
+    totals: Array
+
+
 @compiled
-def select(children, visits, valued, totals, node, low, high, exploration):
-    """The tried action of a node with the largest upper confidence bound."""
+def select(nodes, node, low, high, exploration):
+    """The tried action of a node with the largest upper confidence bound, on values scaled by least and largest."""
     spread = high - low
-    log_visits = math.log(max(visits[node], 1))
+    log_visits = math.log(max(nodes.visits[node], 1))
     best, best_score = -1, -math.inf
-    for action in range(children.shape[1]):
-        child = children[node, action]
+    for action in range(nodes.children.shape[1]):
+        child = nodes.children[node, action]
         if child < 0:
             continue
+        visits, valued = nodes.visits[child], nodes.valued[child]
         mean = 0.5
-        if valued[child] > 0 and spread > 0.0:
-            mean = (totals[child] / valued[child] - low) / spread
-        if visits[child] > 0:
-            mean *= valued[child] / visits[child]  # visits without a value yet count as 0
-        score = mean + exploration * math.sqrt(log_visits / max(visits[child], 1))
+        if valued > 0 and spread > 0.0:
+            mean = (nodes.totals[child] / valued - low) / spread
+        if visits > 0:
+            mean *= valued / visits  # visits without a value yet count as 0
+        score = mean + exploration * math.sqrt(log_visits / max(visits, 1))
         if score > best_score:
             best, best_score = action, score
     return best
 
 
 @compiled
-def untried_action(children, node, random):
-    """An untried action of a node by chance, -1 if there is none."""
+def untried_action(children, random):
+    """An untried action by chance, by a node's `children` (A,); -1 if there is none."""
     count = 0
-    for action in range(children.shape[1]):
-        if children[node, action] == UNTRIED:
+    for child in children:
+        if child == UNTRIED:
             count += 1
     pick = min(int(random * count), count - 1)
-    for action in range(children.shape[1]):
-        if children[node, action] == UNTRIED:
+    for action in range(children.shape[0]):
+        if children[action] == UNTRIED:
             if pick == 0:
                 return action
             pick -= 1
@@ -145,48 +159,45 @@ def untried_action(children, node, random):
 
 
 @compiled
-def grow(space, children, states, visits, valued, totals, count, low, high, exploration, forced, randoms, paths, out):
+def grow(space, nodes, count, ucb, forced, randoms, paths, out):
     """One descent for each row of `forced` (B, H) and `randoms` (B, H); returns the number of nodes then.
 
     Args:
         space: `FreeSpace.arguments()`.
-        children: Node that each action leads to, UNTRIED or FORBIDDEN, shape (N, A).
-        states: State of each node, shape (N, 3).
-        visits, valued, totals: Visits, visits with a value, and sum of values of each node, shape (N,).
+        nodes: `Nodes`, with room for more.
         count: Number of nodes.
-        low, high: Least and largest value seen.
-        exploration: Exploration constant.
+        ucb: Least and largest value seen, exploration constant.
         forced: Actions to begin with, -1 after their end.
         randoms: Uniform numbers.
         paths: Receives the nodes of each descent after the root, -1 after their end, shape (B, H).
         out: Receives the sequences, shape (B, H).
     """
-    turns, steps = space.turns, space.steps
+    low, high, exploration = ucb
+    children, states = nodes.children, nodes.states
     horizon = out.shape[1]
     paths[:] = -1
     for b in range(out.shape[0]):
         node, depth, used = 0, 0, 0
         added = False
-        visits[0] += 1
+        nodes.visits[0] += 1
         while depth < horizon and not added:
             action = forced[b, depth]
             if action < 0:
-                action = untried_action(children, node, randoms[b, used])
+                action = untried_action(children[node], randoms[b, used])
                 if action >= 0:
                     used += 1
                     added = True
                 else:
-                    action = select(children, visits, valued, totals, node, low, high, exploration)
+                    action = select(nodes, node, low, high, exploration)
             if children[node, action] < 0:
-                h, n, e = states[node, 0], states[node, 1], states[node, 2]
-                h, n, e = advance(h, n, e, turns[action], steps[action, 0], steps[action, 1])
+                h, n, e = end_of_leg(space, states[node, 0], states[node, 1], states[node, 2], action)
                 states[count, 0], states[count, 1], states[count, 2] = h, n, e
                 if depth + 1 < horizon:
                     mark_choices(space, h, n, e, children[count])
                 children[node, action] = count
                 count += 1
             node = children[node, action]
-            visits[node] += 1
+            nodes.visits[node] += 1
             out[b, depth] = action
             paths[b, depth] = node
             depth += 1
@@ -197,15 +208,23 @@ def grow(space, children, states, visits, valued, totals, count, low, high, expl
 
 
 @compiled
-def credit(valued, totals, paths, values):
+def back_up(nodes, paths, values):
     """Adds values (B,) to the nodes of their descents, `paths` (B, H), and to the root."""
     for b in range(paths.shape[0]):
-        valued[0] += 1
-        totals[0] += values[b]
+        nodes.valued[0] += 1
+        nodes.totals[0] += values[b]
         for node in paths[b]:
             if node >= 0:
-                valued[node] += 1
-                totals[node] += values[b]
+                nodes.valued[node] += 1
+                nodes.totals[node] += values[b]
+
+
+def grown(array: Any, rows: int, fill: int = 0) -> Any:
+    """An array (N, ...) with room for so many rows: itself, or a copy of twice the length at least."""
+    if rows <= len(array):
+        return array
+    more = max(rows, 2 * len(array)) - len(array)
+    return np.concatenate([array, np.full((more, *array.shape[1:]), fill, array.dtype)])
 
 
 class ActionTree:
@@ -218,59 +237,33 @@ class ActionTree:
         self._horizon, self._exploration = horizon, exploration
         self._count = 1
         self._low, self._high = math.inf, -math.inf
-        kinds = space.motion.actions
-        self._children = np.full((64, kinds), FORBIDDEN, dtype=np.int64)
-        self._states = np.zeros((64, 3))
-        self._states[0] = self._state
-        self._visits, self._valued = np.zeros(64, dtype=np.int64), np.zeros(64, dtype=np.int64)
-        self._totals = np.zeros(64)
+        counts = np.zeros(64, dtype=np.int64)
+        children = np.full((64, space.motion.actions), FORBIDDEN, dtype=np.int64)
+        self._nodes = Nodes(children, np.zeros((64, 3)), counts, counts.copy(), np.zeros(64))
+        self._nodes.states[0] = self._state
         self._paths = np.empty((0, horizon), dtype=np.int64)
-        mark_choices(self._space, *self._state, self._children[0])
+        mark_choices(self._space, *self._state, children[0])
 
     def admissible(self, actions: tuple[int, ...]) -> bool:
         """Whether the actions may be taken one after another from the root."""
         own = np.array(actions[: self._horizon], dtype=np.int64)
-        return bool(((own >= 0) & (own < self._children.shape[1])).all() and admissible(self._space, self._state, own))
+        return bool(((own >= 0) & (own < len(self._space.turns))).all() and admissible(self._space, self._state, own))
 
     def grow(self, forced: Ints, randoms: Array) -> Ints:
         """See `uct.Tree`."""
-        self._reserve(self._count + forced.size)
-        sequences = np.empty(forced.shape, dtype=np.int64)
-        self._paths = np.empty(forced.shape, dtype=np.int64)
-        self._count = grow(
-            self._space,
-            self._children,
-            self._states,
-            self._visits,
-            self._valued,
-            self._totals,
-            self._count,
-            self._low,
-            self._high,
-            self._exploration,
-            forced,
-            randoms,
-            self._paths,
-            sequences,
-        )
+        room = self._count + forced.size
+        children, *rest = self._nodes
+        self._nodes = Nodes(grown(children, room, FORBIDDEN), *(grown(array, room) for array in rest))
+        sequences, self._paths = np.empty(forced.shape, dtype=np.int64), np.empty(forced.shape, dtype=np.int64)
+        ucb = self._low, self._high, self._exploration
+        self._count = grow(self._space, self._nodes, self._count, ucb, forced, randoms, self._paths, sequences)
         return sequences
 
-    def credit(self, values: Array) -> None:
+    def back_up(self, values: Array) -> None:
         """See `uct.Tree`."""
-        credit(self._valued, self._totals, self._paths, values)
+        back_up(self._nodes, self._paths, values)
         self._low, self._high = min(self._low, float(values.min())), max(self._high, float(values.max()))
 
     def changes(self, sequence: tuple[int, ...]) -> Ints:
         """See `uct.Tree`."""
         return np.asarray(single_changes(self._space, self._state, np.array(sequence, dtype=np.int64)))
-
-    def _reserve(self, nodes: int) -> None:
-        old = len(self._visits)
-        if nodes <= old:
-            return
-        more = max(nodes, 2 * old) - old
-        self._children = np.concatenate([self._children, np.full((more, self._children.shape[1]), FORBIDDEN)])
-        self._states = np.concatenate([self._states, np.zeros((more, 3))])
-        self._visits = np.concatenate([self._visits, np.zeros(more, dtype=np.int64)])
-        self._valued = np.concatenate([self._valued, np.zeros(more, dtype=np.int64)])
-        self._totals = np.concatenate([self._totals, np.zeros(more)])

@@ -82,7 +82,7 @@ class Tree(Protocol):
             Sequences, shape (B, horizon).
         """
 
-    def credit(self, values: Array) -> None:
+    def back_up(self, values: Array) -> None:
         """Takes the values (B,) of the sequences that the last `grow` gave."""
 
     def changes(self, sequence: Actions) -> Ints:
@@ -131,7 +131,7 @@ def run_search(
         # the first batch is small, so that a short deadline still finds something
         size = min(batch if done else min(batch, max(2, len(starts))), grown - done)
         sequences = tree.grow(forced[done : done + size], randoms[done : done + size])
-        tree.credit(memo.value([tuple(s) for s in sequences.tolist()]))
+        tree.back_up(memo.value([tuple(s) for s in sequences.tolist()]))
         done += size
     if not hit and polish > 0.0:
         done, hit = _polish(tree, memo, done, iterations, batch, rng, deadline)

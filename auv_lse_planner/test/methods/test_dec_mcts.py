@@ -13,7 +13,7 @@ from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.methods.dec_mcts import DecMcts, JointDraws, distribution
-from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 from auv_lse_planner.reward.path import PathReward
 
 STATE = np.array([0.3, 150.0, 150.0])
@@ -48,7 +48,7 @@ def _joint(roll, posterior, draws, ids, legs):
     rewards = []
     for places in draws:
         against = posterior.with_planned(places)
-        rewards.append(AnytimeReward(CachedPoints(against, GRID.places_m), LevelSet(), (), legs, 0, 20, 0.0))
+        rewards.append(AnytimeReward(CachedPoints(against, GRID.places_m), LevelSet(), (), Weighting(legs, 0, 20)))
     return JointDraws(rewards, roll, search_problem(STATE, np.random.default_rng(1), naive_paths=ids))
 
 

@@ -12,10 +12,11 @@ from auv_lse_common.vocabulary.naive_ids import COVERING, FITTED, STRIPS
 from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_planner.paths.fitted_lanes import ENDS, SIDES, fit, lay, mean_distance, points
+from auv_lse_planner.paths.fitted_lanes import ENDS, SIDES, fit, lay, mean_distance
 from auv_lse_planner.paths.naive import FITS_KEPT
+from auv_lse_planner.paths.polyline import places_along
 from auv_lse_planner.paths.rollout import Rollout
-from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 
 
 def _rectangle(along, across, grid):
@@ -42,8 +43,7 @@ def test_the_mean_distance_by_hand():
 def test_points_are_a_leg_apart_and_go_straight_on():
     line = np.array([[0.0, 0.0], [0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
     expected = [[0, 0], [6, 0], [10, 2], [10, 8], [10, 14]]
-    assert points(line, 6.0, 4) == pytest.approx(np.array(expected, dtype=float))
-    assert points(line[:1], 6.0, 2) == pytest.approx(np.array([[0.0, 0.0], [6.0, 0.0], [12.0, 0.0]]))
+    assert places_along(line, 0.0, 6.0, 5)[0] == pytest.approx(np.array(expected, dtype=float), abs=0.01)
 
 
 def test_compiled_equals_plain():
@@ -55,7 +55,6 @@ def test_compiled_equals_plain():
     assert lay(*own, corners) == plain(lay)(*own, again)
     assert np.array_equal(corners, again)
     assert mean_distance(places, corners, 900.0) == plain(mean_distance)(places, corners, 900.0)
-    assert np.array_equal(points(corners, 23.5, 60), plain(points)(corners, 23.5, 60))
 
 
 @pytest.mark.parametrize("length", [700.0, 1500.0, 3000.0])
@@ -90,7 +89,7 @@ def test_fitted_lanes_leave_less_risk_than_covering_ones(polygon, vehicles, shar
     for ids in (STRIPS, FITTED):
         own, *mates = (roll.path(0, np.zeros(3), (), ids[number]).places_m for number in range(vehicles))
         ahead = [(np.arange(1.0, 101.0), places) for places in mates]
-        reward = AnytimeReward(kept, LevelSet(), ahead, 100, 0, 100, 0.0)
+        reward = AnytimeReward(kept, LevelSet(), ahead, Weighting(100, 0, 100))
         left.append(reward.risk_before - reward.value(own[:, None]).expected_end)
     assert left[1] < share * left[0]
 

@@ -6,7 +6,7 @@ from planner_helpers import border_distance, clearance_m, feasible_by_area, is_f
 
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.support.compiled import plain
-from auv_lse_planner.paths.free_space import clearance_at, escape_action, feasible_mask, leg_clearance
+from auv_lse_planner.paths.free_space import cheapest_action, clearance_at, escape_action, feasible_mask, leg_clearance
 
 ISLAND = {"island": (100.0, 150.0, 180.0, 150.0, 180.0, 250.0, 100.0, 250.0)}
 WITH_ISLAND = (0.0, 0.0, 400.0, 0.0, 400.0, 420.0, 0.0, 420.0)
@@ -109,10 +109,13 @@ def test_compiled_functions_equal_the_plain_ones():
     rng = np.random.default_rng(6)
     for _ in range(40):
         state = (rng.uniform(-math.pi, math.pi), rng.uniform(-30, 390), rng.uniform(-30, 490))
-        assert clearance_at(*a[:4], *state[1:]) == plain(clearance_at)(*a[:4], *state[1:])
-        assert leg_clearance(*a[:4], *state, a.tracks[3], a.spacing) == plain(leg_clearance)(
-            *a[:4], *state, a.tracks[3], a.spacing
-        )
+        assert clearance_at(a, *state[1:]) == plain(clearance_at)(a, *state[1:])
+        assert leg_clearance(a, *state, 3) == plain(leg_clearance)(a, *state, 3)
+        costs = rng.random(len(a.turns))
+        cheapest = [f(a, *state, costs.copy(), False) for f in (cheapest_action, plain(cheapest_action))]
+        assert cheapest[0] == cheapest[1]
+        allowed = np.flatnonzero(feasible_mask(a, *state))
+        assert cheapest[0] == (allowed[np.argmin(costs[allowed])] if len(allowed) else escape_action(a, *state))
         assert np.array_equal(feasible_mask(a, *state), plain(feasible_mask)(a, *state))
         assert escape_action(a, *state) == plain(escape_action)(a, *state)
 
@@ -133,5 +136,5 @@ def test_leg_clearance_agrees_with_dense_sampling():
         elif dense < -0.5:
             assert not free
             checked += 1
-        assert leg_clearance(*a[:4], *state, a.tracks[action], a.spacing) >= dense - 1e-9
+        assert leg_clearance(a, *state, action) >= dense - 1e-9
     assert checked > 250

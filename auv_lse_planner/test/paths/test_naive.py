@@ -9,7 +9,7 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig
 from auv_lse_common.support.compiled import plain
 from auv_lse_common.vocabulary.naive_ids import COVERING, HOLD, IDS, LAWNMOWERS, STRAIGHT_ON, STRIPS
 from auv_lse_common.vocabulary.plan import NONE
-from auv_lse_planner.paths.naive import lawnmower, straight_on
+from auv_lse_planner.paths.naive import Lanes, lawnmower, turn_least
 
 
 def _states(count, seed=1):
@@ -51,12 +51,12 @@ def test_the_map_of_one_vehicle_does_not_change_the_path():
 def test_compiled_paths_equal_the_plain_ones():
     _, _, space, naive = world()
     frame = naive._frames[0]
-    order = naive._by_size
+    lanes = Lanes(frame.axis_rad, 60.0, frame.low_m, frame.high_m)
     for state in _states(4, seed=3):
-        arguments = (space.arguments(static=True), state, 25, frame.axis_rad, 60.0, 1.0, frame.low_m, frame.high_m, 5)
+        arguments = (space.arguments(static=True), state, 25, lanes, 1.0, 5)
         assert np.array_equal(lawnmower(*arguments), plain(lawnmower)(*arguments))
-        arguments = (space.arguments(static=True), state, 25, order)
-        assert np.array_equal(straight_on(*arguments), plain(straight_on)(*arguments))
+        arguments = (space.arguments(static=True), state, 25, naive._by_size)
+        assert np.array_equal(turn_least(*arguments), plain(turn_least)(*arguments))
 
 
 @pytest.mark.parametrize("naive_path", COVERING[:3:2])

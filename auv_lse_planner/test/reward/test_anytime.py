@@ -1,5 +1,7 @@
 """The anytime reward: against dense solves and finite differences, telescoping, mates in time order."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from planner_helpers import area, centers, dense_posterior, expected_risk
@@ -11,7 +13,7 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 from auv_lse_planner.reward import anytime
-from auv_lse_planner.reward.anytime import AnytimeReward
+from auv_lse_planner.reward.anytime import AnytimeReward, Weighting
 
 UNEQUAL = LevelSet(cost_false_safe=3.0, cost_false_unsafe=10.0)
 
@@ -33,10 +35,10 @@ class Case:
         self.mates = [(np.sort(rng.uniform(0, latest, count)), rng.uniform(0, 400, (count, 2)))
                       for count, latest in mates]  # fmt: skip
         self.kept = CachedPoints(self.posterior, self.places_m)
-        self.time = (legs, step, steps, weight)
+        self.time = Weighting(legs, step, steps, weight)
         coarse = CachedPoints(self.posterior, self.coarse_m)
         self.doubt = options.get("doubt", 1.0)
-        self.reward = AnytimeReward(self.kept, self.level, self.mates, *self.time, coarse, self.doubt)
+        self.reward = AnytimeReward(self.kept, self.level, self.mates, self.time, coarse, self.doubt)
         self.path_m = rng.uniform([0, 0], [360, 460], (legs, options.get("each", 1), 2))
 
     def dense(self, path_m, at_m, checkpoints, mates, doubt=1.0):
@@ -45,7 +47,7 @@ class Case:
         for legs in [-1, *checkpoints]:  # -1: before the first
             measured = [self.planned_m, path_m[: max(legs, 0)].reshape(-1, 2)]
             for ahead, m in mates:
-                measured.append(m[: len(m) if legs == self.time[0] else int(np.sum(ahead <= legs))])
+                measured.append(m[: len(m) if legs == self.time.legs else int(np.sum(ahead <= legs))])
             mean, before, after = dense_posterior(self.config, self.known, np.concatenate(measured), at_m)
             risks.append(expected_risk(self.level, mean, doubt**2 * before, doubt**2 * after).sum())
         return np.array(risks)
@@ -73,7 +75,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_value_agrees_with_the_dense_computation(name):
     case = Case(**CASES[name])
-    legs, step, steps, weight = case.time
+    legs, step, steps, weight = dataclasses.astuple(case.time)
     ends = np.unique(np.rint(np.linspace(0, legs, -(-legs // anytime.LEGS_APART) + 1)).astype(int))[1:]
     drops = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates, case.doubt))
     expected, begin = 0.0, 0
@@ -113,7 +115,7 @@ def test_gradient_agrees_with_finite_differences(name, numba, monkeypatch):
 
 def _dense_rough(case):
     """What `value_and_gradient` gives, by dense solves."""
-    legs, step, steps, weight = case.time
+    legs, step, steps, weight = dataclasses.astuple(case.time)
     count = min(anytime.GRADIENT_CHECKPOINTS, -(-legs // anytime.LEGS_APART))
     ends = np.unique(np.rint(np.linspace(0, legs, count + 1)).astype(int))[1:]
     mean, before, after = dense_posterior(case.config, case.known, case.planned_m, case.coarse_m)
@@ -214,7 +216,7 @@ def test_it_telescopes_in_expectation():
             np.append(case.known.noise_std_m, case.config.noise_std_m),
         )
         case.posterior.follow(measured)
-        later = AnytimeReward(case.kept, case.level, mates, 4, 31, 50, 0.0)
+        later = AnytimeReward(case.kept, case.level, mates, Weighting(4, 31, 50))
         total += weight * (case.reward.risk_before - later.risk_before + later.value(case.path_m[1:]).expected_end)
     # 60 Gauss-Hermite nodes on integrands with kinks (the call about a place changes): 0.5 %
     assert total == pytest.approx(whole, rel=5e-3)
@@ -232,8 +234,8 @@ def test_what_comes_early_counts_more():
 
 def test_a_mate_that_comes_first_leaves_less_to_gain_early():
     case = Case(data=0, legs=8, step=0, steps=8)
-    soon = AnytimeReward(case.kept, case.level, [(np.full(8, 1.0), case.path_m[:, 0])], *case.time)
-    late = AnytimeReward(case.kept, case.level, [(np.full(8, 99.0), case.path_m[:, 0])], *case.time)
+    soon = AnytimeReward(case.kept, case.level, [(np.full(8, 1.0), case.path_m[:, 0])], case.time)
+    late = AnytimeReward(case.kept, case.level, [(np.full(8, 99.0), case.path_m[:, 0])], case.time)
     one, two = soon.value(case.path_m), late.value(case.path_m)
     assert one.expected_end == pytest.approx(two.expected_end, rel=1e-9)
     assert one.weighted > two.weighted
@@ -242,7 +244,7 @@ def test_a_mate_that_comes_first_leaves_less_to_gain_early():
 def test_nothing_measured_is_worth_nothing():
     case = Case()
     assert case.reward.value(np.empty((0, 1, 2))) == anytime.Value(0.0, 0.0)
-    over = AnytimeReward(case.kept, case.level, [], 0, 50, 50, 1.5)
+    over = AnytimeReward(case.kept, case.level, [], Weighting(0, 50, 50, 1.5))
     assert over.value(np.empty((0, 1, 2))) == anytime.Value(0.0, 0.0)
     value, gradient = over.value_and_gradient(np.empty((0, 2)))
     assert (value, gradient.shape) == (0.0, (0, 2))
@@ -258,7 +260,7 @@ def test_mates_alone_are_worth_what_they_bring():
 def test_where_no_risk_is_left_the_gradient_is_zero():
     case = Case()
     far = CachedPoints(case.posterior, case.places_m)
-    sure = AnytimeReward(far, LevelSet(level_m=-500.0), [], *case.time)
+    sure = AnytimeReward(far, LevelSet(level_m=-500.0), [], case.time)
     value, gradient = sure.value_and_gradient(case.path_m.reshape(-1, 2))
     assert value == 0.0
     assert not gradient.any()

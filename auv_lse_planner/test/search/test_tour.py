@@ -5,8 +5,9 @@ import pytest
 from planner_helpers import rollout, world
 
 from auv_lse_common.support.compiled import plain
+from auv_lse_planner.paths.polyline import arc_m, places_along, pull_back
 from auv_lse_planner.paths.steering import Steering
-from auv_lse_planner.search.tour import ROOM_M, TourSearch, arc_m, lack_of_room, places_along, pull_back
+from auv_lse_planner.search.tour import ROOM_M, TourSearch, lack_of_room
 
 LEG = 15.0 * math.pi / 2.0
 
@@ -67,23 +68,23 @@ def test_compiled_equals_plain():
         plain(pull_back)(corners, *fast[1:], gradient), rel=1e-12
     )
     _, _, space, _ = world()
-    raster = (space.raster, space.north0_m, space.east0_m, space.cell_m)
+    own = space.arguments()
     places = rng.uniform(-30, 400, (40, 2))
-    fast, slow = lack_of_room(*raster, 20.0, places), plain(lack_of_room)(*raster, 20.0, places)
+    fast, slow = lack_of_room(own, 20.0, places), plain(lack_of_room)(own, 20.0, places)
     assert fast[0] == pytest.approx(slow[0], rel=1e-12)
     assert fast[1] == pytest.approx(slow[1], rel=1e-12)
 
 
 def test_the_lack_of_room_has_the_gradient_of_finite_differences():
     _, _, space, _ = world()
-    raster = (space.raster, space.north0_m, space.east0_m, space.cell_m)
+    own = space.arguments()
     place = np.array([[-13.3, 101.1]])
-    total, gradient = lack_of_room(*raster, 20.0, place)
+    total, gradient = lack_of_room(own, 20.0, place)
     assert total > 0.0
     for axis in (0, 1):
         step = np.zeros((1, 2))
         step[0, axis] = 1e-5
-        slope = (lack_of_room(*raster, 20.0, place + step)[0] - lack_of_room(*raster, 20.0, place - step)[0]) / 2e-5
+        slope = (lack_of_room(own, 20.0, place + step)[0] - lack_of_room(own, 20.0, place - step)[0]) / 2e-5
         assert gradient[0, axis] == pytest.approx(slope, abs=1e-5)
 
 
