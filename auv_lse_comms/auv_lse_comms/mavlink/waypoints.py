@@ -39,10 +39,6 @@ def ends_to_reach(waypoint: Waypoint, north_m: float, east_m: float) -> list[Tar
     if leg.progress_m(north_m, east_m) > 0.0:
         return [end]
     start = Target(
-        north_m=leg.north_m,
-        east_m=leg.east_m,
-        depth_m=waypoint.depth_m,
-        heading_rad=leg.heading_rad,
-        step=leg.step - 1,
+        north_m=leg.north_m, east_m=leg.east_m, depth_m=waypoint.depth_m, heading_rad=leg.heading_rad, step=leg.step - 1
     )
     return [start, end]

@@ -298,12 +298,7 @@ def test_a_payload_that_does_not_fit_is_refused(size):
 
 @pytest.mark.parametrize(
     "lost",
-    [
-        {"CACYC,0,3,0,4,0,1"},
-        {"CATXD,3,0,0,252"},
-        {"CATXP,252"},
-        {"CACYC,0,3,0,4,0,1", "CATXD,3,0,0,252", "CATXP,252"},
-    ],
+    [{"CACYC,0,3,0,4,0,1"}, {"CATXD,3,0,0,252"}, {"CATXP,252"}, {"CACYC,0,3,0,4,0,1", "CATXD,3,0,0,252", "CATXP,252"}],
 )
 def test_lines_lost_on_the_wire_do_not_lose_the_transmission(lost):
     desk = Desk().configure()

@@ -369,13 +369,7 @@ def changed(change: dict[str, object]) -> Packet:
     return dataclasses.replace(PLAIN, plan=dataclasses.replace(PLAIN.plan, **change))
 
 
-LIMITS = Limits(
-    steps=100,
-    n_actions=11,
-    north_m=(-10, 500),
-    east_m=(-20, 600),
-    depth_m=(0, 50),
-)
+LIMITS = Limits(steps=100, n_actions=11, north_m=(-10, 500), east_m=(-20, 600), depth_m=(0, 50))
 
 
 @pytest.mark.parametrize(
@@ -410,11 +404,7 @@ LIMITS = Limits(
         ({"samples": np.zeros(3)}, "sample", r"shape \(3,\)"),
         ({"samples": np.array([[0.0, 0.0, math.nan]])}, "not_finite", r"samples\[0\].depth_m = nan"),
         ({"samples": np.array([[0.0, 0.0, 5.0], [0.0, 2e6, 5.0]])}, "sample", r"samples\[1\].east_m = 2000000.0"),
-        (
-            {"samples": np.array([[0.0, 0.0, 12001.0]])},
-            "sample",
-            "depth_m = 12001.0: expected -1000..12000",
-        ),
+        ({"samples": np.array([[0.0, 0.0, 12001.0]])}, "sample", "depth_m = 12001.0: expected -1000..12000"),
     ],
 )
 def test_sender_raises_out_of_range(change: dict[str, object], reason: str, message: str) -> None:
