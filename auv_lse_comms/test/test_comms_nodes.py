@@ -210,7 +210,7 @@ def test_modem_node_sends_useful_samples_and_takes_them_back(tmp_path: Path) -> 
         assert (first == again).all(), "worth as much as before"
 
 
-def test_a_link_started_again_sends_the_vehicle_nowhere_before_it_knows_how_the_mission_stands(tmp_path: Path) -> None:
+def test_a_restarted_link_sends_no_target_before_it_has_the_missions_state(tmp_path: Path) -> None:
     here = AutopilotEstimate(
         stamp_s=1.0, heading_rad=0.0, north_m=10.0, east_m=1.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0
     )
@@ -226,7 +226,7 @@ def test_a_link_started_again_sends_the_vehicle_nowhere_before_it_knows_how_the_
         assert [target.step for target in link.targets] == [7], "for when it goes on"
 
 
-def test_a_link_started_again_takes_no_short_cut_to_a_waypoint_that_was_decided_since(tmp_path: Path) -> None:
+def test_a_restarted_link_takes_no_short_cut_to_a_newer_waypoint(tmp_path: Path) -> None:
     """Its first waypoint may be younger than it is: the end of the leg before may still be to come."""
     here = AutopilotEstimate(
         stamp_s=1.0, heading_rad=0.0, north_m=-3.0, east_m=2.0, depth_m=4.0, speed_mps=1.0, yaw_rate_radps=0.0
@@ -250,14 +250,14 @@ def test_a_link_started_again_takes_no_short_cut_to_a_waypoint_that_was_decided_
     [((10.0, 1.0), [7]), ((12.0, 9.0), [7]), ((-3.0, 2.0), [6, 7])],
     ids=["on the leg", "inside of its turn", "before it"],
 )
-def test_a_link_started_again_turns_back_to_no_start_that_lies_behind(
+def test_a_restarted_link_does_not_turn_back_to_the_start_of_the_leg(
     place_m: tuple[float, float], steps: list[int]
 ) -> None:
     last = Waypoint(step=7, turn_rad=math.pi / 2, turn_radius_m=15.0, end_north_m=15.0, end_east_m=15.0)
     assert [end.step for end in ends_to_reach(decode_waypoint(last), *place_m)] == steps
 
 
-def test_what_a_mate_tells_of_its_navigation_is_published_before_its_samples(tmp_path: Path) -> None:
+def test_a_mates_navigation_is_published_before_its_samples(tmp_path: Path) -> None:
     """A map placed its samples by it: those that came first stayed where they were told."""
     parameters = "mission: {vehicles: 2, steps: 50}"
     mate = ModemBridge(TdmaConfig(), PacketConfig(navigation=True), 1, 2)

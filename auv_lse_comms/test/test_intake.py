@@ -54,7 +54,7 @@ def test_a_sounding_without_a_raw_place_is_reported_where_packets_need_one() -> 
     assert own.bridge.unsent == 1
 
 
-def test_a_plan_that_no_packet_can_hold_is_reported_and_the_one_before_it_stays() -> None:
+def test_a_plan_that_does_not_fit_is_reported_and_the_previous_one_stays() -> None:
     own = intake()
     own.set_plan(plan(1))
     own.poll(0.0)

@@ -33,7 +33,7 @@ def test_a_team_whose_clocks_agree_gives_no_problem() -> None:
 
 
 @pytest.mark.parametrize(("ahead_s", "words"), [(-2.0, "0.5 s later"), (-7.0, "5.5 s later"), (4.0, "1.3 s earlier")])
-def test_clocks_apart_are_named(ahead_s: float, words: str) -> None:
+def test_clock_offsets_are_reported(ahead_s: float, words: str) -> None:
     bridge = listener()
     now_s = hear(bridge, 3, 4, ahead_s)
     assert bridge.quality.problems(now_s) == {}  # not by a few packets
@@ -49,7 +49,7 @@ def test_another_vehicle_with_ones_own_number_is_named() -> None:
     assert bridge.quality.problems(1000.0) == {}
 
 
-def test_a_babbling_transmitter_is_cut_to_its_slots_and_named() -> None:
+def test_a_transmitter_that_sends_too_much_is_limited_and_reported() -> None:
     bridge = listener()
     for second in range(300):
         bridge.receive(float(second), 2, PAYLOAD)
@@ -61,7 +61,7 @@ def test_a_babbling_transmitter_is_cut_to_its_slots_and_named() -> None:
     assert "packets of vehicle 2 beyond its slots were refused" in bridge.quality.problems(300.0)["excess of 2"]
 
 
-def test_what_is_over_is_no_longer_told() -> None:
+def test_a_problem_that_is_over_is_not_reported() -> None:
     bridge = listener()
     for second in range(60):
         bridge.receive(float(second), 2, PAYLOAD)

@@ -82,7 +82,7 @@ def test_any_number_of_vehicles(vehicles: int) -> None:
         assert all(m.slot(t) == members[0].slot(t) for m in members)
 
 
-def test_strangers_are_refused() -> None:
+def test_unknown_vehicles_are_refused() -> None:
     with pytest.raises(ValueError, match=r"\[4\] are not among the vehicles 1..3"):
         Tdma(TdmaConfig(order=(1, 4)), 1, 3)
     with pytest.raises(ValueError, match=r"address: got 0; expected a vehicle of the mission, 1..3"):
@@ -114,7 +114,7 @@ def test_a_change_takes_effect_at_the_start_of_a_cycle() -> None:
     assert tdma.settings(226.0).slot_s == 20.0
 
 
-def test_slots_cut_by_a_change_belong_to_nobody() -> None:
+def test_slots_cut_by_a_change_have_no_owner() -> None:
     tdma = Tdma(PAPER, 1, 3)
     assert tdma.change(TdmaConfig(order=(1,), slot_s=7.0), 0.0) == 30.0
     assert tdma.slot(31.0).owner == 0  # [28, 35) of the new settings began before the change
@@ -124,12 +124,12 @@ def test_slots_cut_by_a_change_belong_to_nobody() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_a_change_at_no_time_is_refused(bad: float) -> None:
+def test_a_change_at_a_time_that_is_not_finite_is_refused(bad: float) -> None:
     with pytest.raises(ValueError, match="expected a finite one"):
         Tdma(PAPER, 1, 3).change(PAPER, bad)
 
 
-def test_a_change_is_the_same_for_all_who_hear_of_it_in_one_cycle() -> None:
+def test_a_change_received_within_one_cycle_is_the_same_for_all_vehicles() -> None:
     new = TdmaConfig(order=(2, 1), slot_s=12.0)
     members = [Tdma(PAPER, a, 3) for a in (1, 2, 3)]
     assert {m.change(new, t) for m, t in zip(members, (30.5, 41.0, 59.9), strict=True)} == {60.0}

@@ -48,7 +48,7 @@ def test_addresses(text, address):
 @pytest.mark.parametrize(
     "text", ["", "ttyUSB0", "tcp://host", "tcp://host:99999", "http://host:80", "/dev/tty USB", "/x:y:1200"]
 )
-def test_text_that_is_no_address_is_refused_with_the_forms_known(text):
+def test_an_invalid_address_is_refused_with_the_allowed_forms(text):
     with pytest.raises(AddressError, match="expected /dev/NAME"):
         read_address(text)
 
@@ -189,7 +189,7 @@ class FakePort:
         self.closed = True
 
 
-def test_a_connection_is_made_again_for_ever_with_longer_and_longer_waits():
+def test_a_connection_retries_with_growing_waits():
     tried = []
     now = 0.0
 
@@ -207,7 +207,7 @@ def test_a_connection_is_made_again_for_ever_with_longer_and_longer_waits():
     assert connection.problem == "fake: not there"
 
 
-def test_a_connection_that_speaks_starts_again_with_the_short_wait():
+def test_received_bytes_reset_the_wait():
     ports = []
 
     def make():
@@ -279,7 +279,7 @@ def test_a_watcher_stopped_between_its_bytes_and_its_wait_ends():
     b.close()
 
 
-def test_only_a_datagram_from_whom_is_expected_moves_the_peer_of_udpin():
+def test_only_an_expected_datagram_changes_the_peer_of_udpin():
     port = open_transport(Address(kind="udpin", place="127.0.0.1", number=0), lambda data: data.startswith(b"friend"))
     there = ("127.0.0.1", port.local_port)
     friend, stranger, moved = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3))
@@ -306,7 +306,7 @@ def test_only_a_datagram_from_whom_is_expected_moves_the_peer_of_udpin():
             one.close()
 
 
-def test_an_endpoint_that_cannot_be_opened_is_told_once_and_tried_again():
+def test_an_endpoint_that_cannot_be_opened_is_reported_once_and_retried():
     taken = UdpPort("udpin", "127.0.0.1", 0)
     endpoint = f"udpin://127.0.0.1:{taken.local_port}"
     pilot = AutopilotPort(LinkConfig(kind="mavlink", endpoint=endpoint), 2, None)

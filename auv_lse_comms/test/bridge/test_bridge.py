@@ -59,7 +59,7 @@ RAW = DeadReckoning(stamp_s=0.0, heading_rad=0.0, north_m=100.0, east_m=-50.0, d
 FIX = Fix(stamp_s=20.0, north_m=61.0, east_m=-20.0, raw_north_m=60.0, raw_east_m=-22.0, std_m=0.8)
 
 
-def test_with_navigation_samples_are_sent_at_their_raw_places_with_the_senders_own() -> None:
+def test_with_navigation_raw_places_are_sent() -> None:
     sender, receiver = bridge(1, navigation=True), bridge(2, navigation=False)
     sender.set_plan(PLAN)
     sender.add_soundings(np.column_stack([rows(30), rows(30)[:, 1:3] + [3.0, -4.0]]))
@@ -111,7 +111,7 @@ def test_the_second_in_which_a_packet_was_sent_follows_from_the_raw_places(
     assert received.navigation.sent_s == pytest.approx(10.0 + measured_s - travel_s - seconds)
 
 
-def test_a_packet_that_waits_for_the_second_tells_where_its_sender_will_be() -> None:
+def test_a_packet_that_waits_for_the_second_holds_the_predicted_place() -> None:
     sender = bridge(1, navigation=True, second_lead_s=0.4)
     sender.set_plan(PLAN)
     sender.set_dead_reckoning(dataclasses.replace(RAW, stamp_s=0.0))
@@ -148,7 +148,7 @@ def test_the_answer_to_a_ping_is_a_range_and_no_packet() -> None:
     assert intake.ranges == []
 
 
-def test_without_a_fresh_raw_place_a_packet_holds_the_plan_alone() -> None:
+def test_without_a_fresh_raw_place_a_packet_has_no_samples() -> None:
     b = bridge(navigation=True)
     b.set_plan(PLAN)
     assert b.add_soundings(rows(5)) == 0
@@ -162,7 +162,7 @@ def test_without_a_fresh_raw_place_a_packet_holds_the_plan_alone() -> None:
     assert b.unsent == 5
 
 
-def test_a_fix_that_no_packet_holds_is_left_out_and_counted() -> None:
+def test_a_fix_that_does_not_fit_is_left_out_and_counted() -> None:
     b = bridge(navigation=True)
     b.set_plan(PLAN)
     b.set_dead_reckoning(RAW)
@@ -175,7 +175,7 @@ def test_a_fix_that_no_packet_holds_is_left_out_and_counted() -> None:
     assert b.counts["navigation.outside"] == 1
 
 
-def test_after_a_restart_the_last_fix_is_told_again() -> None:
+def test_after_a_restart_the_last_fix_is_sent_again() -> None:
     told: list[tuple[object, ...]] = []
     first = bridge(navigation=True)
     first.remember = lambda kind, *values: told.append((kind, *values))
@@ -265,7 +265,7 @@ def test_soundings_that_are_not_finite_are_dropped_and_counted() -> None:
     assert b.unsent == 2
 
 
-def test_a_plan_that_no_packet_can_say_is_refused_and_the_old_one_stays() -> None:
+def test_a_plan_that_does_not_fit_is_refused_and_the_previous_one_stays() -> None:
     b = bridge()
     b.set_plan(PLAN)
     with pytest.raises(PacketError, match="step = 70000"):
@@ -361,7 +361,7 @@ def test_a_clock_set_back_sends_no_slot_twice() -> None:
     assert b.poll(61.0) is not None
 
 
-def test_what_the_modem_did_not_send_is_unsent_again() -> None:
+def test_samples_that_the_modem_did_not_send_are_requeued() -> None:
     b = bridge()
     b.not_sent(1.0)  # nothing to take back
     b.set_plan(PLAN)
@@ -436,7 +436,7 @@ def test_a_restarted_sender_is_heard_at_once() -> None:
     assert listener.receive(43.0, 2, restarted.poll(41.0)) is not None
 
 
-def test_a_call_to_abort_is_obeyed_if_it_has_a_tag_or_need_not_have_one() -> None:
+def test_a_call_to_abort_needs_a_tag_unless_configured_otherwise() -> None:
     listener, sender = tagged_team()
     assert not listener.must_abort(listener.receive(13.0, 2, sender.poll(11.0)))
     sender.abort_calls.own = True
@@ -456,7 +456,7 @@ def test_a_call_to_abort_is_obeyed_if_it_has_a_tag_or_need_not_have_one() -> Non
     assert trusting.counts["aborts.2"] == 1
 
 
-def test_a_call_to_abort_is_obeyed_once_and_not_again_after_a_reset_here() -> None:
+def test_a_call_to_abort_is_not_obeyed_again_after_a_reset() -> None:
     own, mate = bridge(1, abort_without_tag=True), bridge(2)
     mate.set_plan(PLAN)
     remembered: list[tuple[object, ...]] = []
@@ -481,7 +481,7 @@ def test_a_call_to_abort_is_obeyed_once_and_not_again_after_a_reset_here() -> No
     assert hears(191.0, own), "a new call"
 
 
-def test_a_vehicle_without_a_plan_calls_to_abort_all_the_same() -> None:
+def test_a_vehicle_without_a_plan_can_call_to_abort() -> None:
     listener, waiting = bridge(1, abort_without_tag=True), bridge(2)
     assert waiting.poll(11.0) is None
     waiting.abort_calls.own = True
@@ -491,7 +491,7 @@ def test_a_vehicle_without_a_plan_calls_to_abort_all_the_same() -> None:
     assert received.packet.plan.actions == ()
 
 
-def test_a_call_to_abort_that_nobody_obeys_is_told() -> None:
+def test_a_call_to_abort_that_mates_ignore_is_reported() -> None:
     plain, trusting = bridge(1), bridge(1, abort_without_tag=True)
     assert bridge_problems(plain, 0.0) == {}
     plain.abort_calls.own = trusting.abort_calls.own = True
@@ -541,7 +541,7 @@ class Deepest:
         return np.asarray(samples_m[:, 2])
 
 
-def test_a_failure_that_is_reported_late_takes_back_its_own_packet() -> None:
+def test_a_late_failure_report_requeues_its_own_packet() -> None:
     receivers = Deepest()
     b = ModemBridge(TDMA, PacketConfig(selection="useful"), 1, 3, receivers=receivers)
     b.set_plan(PLAN)

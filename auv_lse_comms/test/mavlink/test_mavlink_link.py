@@ -181,7 +181,7 @@ def test_an_origin_off_the_earth_is_refused_without_a_mission_origin_too(lat):
     assert pilot.link.datum.autopilot is None
 
 
-def test_another_origin_of_the_autopilot_is_allowed_for_both_ways():
+def test_another_origin_of_the_autopilot_is_corrected_both_ways():
     # 0.001 deg of latitude at 46.5 deg is 111.165 m (WGS84 meridian: 111 132.95 - 559.85 cos 2p + 1.17 cos 4p m/deg)
     per_deg = 111132.954 - 559.822 * math.cos(math.radians(93.0)) + 1.175 * math.cos(math.radians(186.0))
     pilot = Autopilot(own_origin=Origin(lat_deg=46.501, lon_deg=6.6)).up()
@@ -296,7 +296,7 @@ def test_an_autopilot_that_reboots_under_water_does_not_stamp_by_its_old_clock(h
     assert pilot.of(AutopilotEstimate)[-1].stamp_s == pilot.now_s
 
 
-def test_an_autopilot_that_reboots_has_another_origin_until_it_tells():
+def test_a_rebooted_autopilots_origin_is_unknown_until_it_reports_it():
     pilot = Autopilot(set_origin=False).up()
     pilot.say(mavlink.MAVLink_attitude_message(5_000_000, 0, 0, 0.0, 0, 0, 0.0))
     assert pilot.link.placed
@@ -382,7 +382,7 @@ def test_the_origin_is_asked_for_and_set_if_there_is_none():
     assert pilot.heard("COMMAND_LONG", "SET_GPS_GLOBAL_ORIGIN") == []
 
 
-def test_after_a_slow_link_the_origin_is_asked_for_and_not_set_again():
+def test_after_a_slow_link_the_origin_is_requested_and_not_set_again():
     pilot = Autopilot(own_origin=None, lost_after_s=5.0)
     pilot.beat()
     pilot.wait(2.5)
@@ -489,7 +489,7 @@ def test_targets_are_kept_while_the_link_is_down_and_sent_when_it_is_up():
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])
-def test_a_leg_planned_anew_takes_the_place_of_the_old_one(mode):
+def test_a_replanned_leg_replaces_the_old_one(mode):
     pilot = Autopilot(mode=mode).up()
     other = dataclasses.replace(A, east_m=9.0)
     for target in (A, B):
@@ -504,7 +504,7 @@ def test_a_leg_planned_anew_takes_the_place_of_the_old_one(mode):
 
 
 @pytest.mark.parametrize("mode", ["position_target", "mission"])
-def test_a_leg_that_begins_elsewhere_takes_the_place_of_all_that_wait(mode):
+def test_a_leg_that_begins_elsewhere_replaces_all_waiting_targets(mode):
     """The planner has given up a leg whose end is never passed; the link kept its target for ever."""
     pilot = Autopilot(mode=mode).up()
     pilot.at(-30.0, 5.0)
@@ -597,7 +597,7 @@ def test_after_each_upload_the_first_leg_becomes_the_current_item():
         assert pilot.of(events.TargetSent)[-1].target == target
 
 
-def test_an_upload_without_answer_is_repeated_reported_and_begun_again():
+def test_an_unanswered_upload_is_repeated_reported_and_restarted():
     pilot = Autopilot(mode="mission", upload_timeout_s=1.0, upload_retries=2).up()
     pilot.link.command(pilot.now_s, A)
     assert len(pilot.heard("MISSION_COUNT")) == 1
@@ -629,7 +629,7 @@ def test_an_item_that_does_not_exist_ends_the_upload():
     assert any("requested item 9 of 2" in p.text for p in pilot.of(events.Problem))
 
 
-def test_an_upload_is_dropped_with_the_link_and_begun_anew():
+def test_an_upload_is_aborted_with_the_link_and_restarted():
     pilot = Autopilot(mode="mission", lost_after_s=5.0, upload_retries=100).up()
     pilot.link.command(pilot.now_s, A)
     pilot.wait(5.2, beat=False)
@@ -804,13 +804,13 @@ def test_a_target_too_deep_or_far_outside_never_reaches_the_autopilot(mode):
     assert len(pilot.heard("SET_POSITION_TARGET_LOCAL_NED", "MISSION_COUNT")) == 1
 
 
-def test_limits_that_are_none_are_named():
+def test_invalid_limits_are_reported():
     with pytest.raises(ParameterError, match=r"m.yaml: area.polygon_m: .*at least 3 corners"):
         target_limits({"area": {"polygon_m": [0.0, 1.0]}}, "m.yaml")
     assert target_limits({}, "m.yaml").deepest_m == 10.0
 
 
-def test_the_autopilot_tells_whether_it_obeys_its_charge_and_a_leak():
+def test_the_autopilot_reports_mode_charge_and_a_leak():
     pilot = Autopilot().up()
     (state,) = pilot.of(events.AutopilotState)
     assert (state.report.heard, state.report.armed, state.report.mode, state.report.mode_obeys) == (True, True, 4, True)
@@ -842,7 +842,7 @@ def test_the_autopilot_tells_whether_it_obeys_its_charge_and_a_leak():
         (mavlink.MAV_AUTOPILOT_GENERIC, mavlink.MAV_TYPE_SUBMARINE, False, ()),
     ],
 )
-def test_the_modes_in_which_autopilots_obey(autopilot, kind, mission, modes):
+def test_modes_in_which_autopilots_follow_targets(autopilot, kind, mission, modes):
     assert obeying_modes(autopilot, kind, mission) == modes
 
 
@@ -876,7 +876,7 @@ def test_signed_messages_pass_both_ways_and_no_others():
         assert other.link.wire["bad"] > 0
 
 
-def test_a_signed_message_is_believed_once_and_a_forged_one_does_not_silence_the_true_ones():
+def test_a_signed_message_is_accepted_once_and_forged_ones_do_not_block_genuine_ones():
     pilot = Signing().up()
     kept = mavlink.MAVLink_heartbeat_message(12, 3, 0, 19, mavlink.MAV_STATE_ACTIVE, 3).pack(pilot.mav)
     assert pilot.link.recognizes(kept)

@@ -28,7 +28,7 @@ def dive(jump_m: tuple[float, float], gps: bool) -> tuple[RawTrack, list[Fix]]:
     return track, fixes
 
 
-def test_a_jump_at_the_surface_is_undone_and_told_as_a_fix() -> None:
+def test_a_jump_at_the_surface_is_removed_and_reported_as_a_fix() -> None:
     track, (fix,) = dive((-4.0, 6.0), gps=True)
     assert track.jumps == 1
     assert (track.north_m, track.east_m) == pytest.approx((80 * 1.5, 0.0), abs=1.6), "where speed and time lead"
@@ -59,7 +59,7 @@ def test_a_jump_at_depth_and_a_new_frame_are_undone() -> None:
     assert (track.north_m, track.east_m) == pytest.approx((30.0, 0.0))
 
 
-def test_what_the_vehicle_went_in_a_gap_of_the_link_counts() -> None:
+def test_distance_covered_in_a_gap_of_the_link_counts() -> None:
     """20 s without estimates at depth, in which it has turned to the east: the autopilot has reckoned on."""
     track = RawTrack()
     for t in range(10):

@@ -121,7 +121,7 @@ numbers = st.floats(-10.0, 10.0) | st.floats()
 
 
 @given(st.lists(st.tuples(st.booleans(), numbers, numbers, numbers, numbers), max_size=60))
-def test_nothing_makes_it_raise(events: list[tuple[bool, float, float, float, float]]) -> None:
+def test_no_input_makes_the_driver_raise(events: list[tuple[bool, float, float, float, float]]) -> None:
     sounder = Sounder(0.5, 1)
     for is_odometry, t, a, b, c in events:
         if is_odometry:

@@ -26,7 +26,7 @@ def test_it_goes_down_when_gps_has_had_a_fix_at_the_surface_and_is_over_at_depth
     assert not surfacing.proceed(122.0, END.depth_m)
 
 
-def test_without_a_fix_it_gives_up_in_time() -> None:
+def test_without_a_fix_the_surfacing_times_out() -> None:
     surfacing = Surfacing(END, 100.0)
     assert not surfacing.proceed(100.0 + LONGEST_S - 0.01, 0.0)
     surfacing.host_stepped(50.0)

@@ -115,7 +115,7 @@ def test_ready_only_after_settings_and_clock():
     assert desk.modem.counts["configured"] == 1
 
 
-def test_an_unanswered_setting_is_repeated_and_then_the_port_is_given_up():
+def test_an_unanswered_setting_is_repeated_and_then_the_port_reopened():
     desk = Desk(retries=2, reply_timeout_s=1.0)
     desk.open()
     assert desk.written() == ["CCCFG,SRC,3"]
@@ -131,7 +131,7 @@ def test_an_unanswered_setting_is_repeated_and_then_the_port_is_given_up():
     assert desk.written() == ["CCCFG,SRC,3"]
 
 
-def test_a_setting_the_modem_does_not_know_is_reported_and_passed_over_unless_vital():
+def test_a_refused_setting_is_reported_and_skipped_unless_required():
     desk = Desk()
     desk.open()
     desk.written()
@@ -166,7 +166,7 @@ def test_the_drivers_own_settings_and_names_that_break_a_sentence_are_refused():
             Desk(settings={name: 9})
 
 
-def test_a_vital_setting_refused_is_asked_again_for_ever():
+def test_a_refused_required_setting_is_repeated_forever():
     desk = Desk(retries=1, reply_timeout_s=1.0)
     desk.open()
     for _ in range(5):
@@ -209,7 +209,7 @@ def test_a_clock_that_is_off_is_set_at_the_start_of_a_second_and_checked_again(s
 
 
 @pytest.mark.parametrize(("reading_s", "offset_s"), [(0, 0.0), (-1, 0.0), (-2, -1.5), (1, 0.5), (5, 4.5)])
-def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(reading_s, offset_s):
+def test_a_clock_reading_in_whole_seconds_is_exact_within_its_second(reading_s, offset_s):
     desk = Desk(set_clock=False, clock_tolerance_s=0.1)
     desk.now_s = math.floor(NOW_S) + 0.5 if reading_s != -1 else math.floor(NOW_S)
     desk.open()
@@ -221,7 +221,7 @@ def test_a_reading_in_whole_seconds_is_off_only_by_what_lies_outside_its_second(
     assert ("Problem" in kinds(events)) == (abs(offset_s) > 0.1)
 
 
-def test_a_modem_without_clock_commands_is_used_all_the_same():
+def test_a_modem_without_clock_commands_is_used():
     desk = Desk()
     desk.open()
     while (asked := desk.written())[-1].startswith("CCCFG"):
@@ -372,7 +372,7 @@ def test_one_packet_waits_while_the_modem_is_busy_and_a_second_is_refused():
     assert desk.hear("CATXP,252") == [TransmitStarted(number=second)]
 
 
-def test_a_packet_asked_for_while_the_modem_is_away_is_dropped_in_time():
+def test_a_packet_requested_while_the_modem_is_missing_is_dropped_in_time():
     desk = Desk(start_timeout_s=2.0)
     desk.modem.poll(desk.now_s)
     number = desk.modem.send(desk.now_s, PAYLOAD)
@@ -383,14 +383,14 @@ def test_a_packet_asked_for_while_the_modem_is_away_is_dropped_in_time():
     assert desk.written() == []
 
 
-def test_a_transmission_without_end_is_given_up():
+def test_a_transmission_without_an_end_times_out():
     desk = Desk(transmit_timeout_s=5.0).sending()
     events = desk.wait(5.2)
     assert kinds(events) == ["TransmitFailed"]
     assert desk.modem.state is State.IDLE
 
 
-def test_a_closed_port_fails_what_was_on_the_way():
+def test_closing_the_port_fails_transmissions_in_progress():
     desk = Desk().sending()
     desk.modem.closed(desk.now_s, "unplugged")
     assert kinds(desk.modem.events()) == ["ModemLost", "TransmitFailed"]
@@ -542,7 +542,7 @@ def test_a_ping_of_no_other_modem_is_refused(destination):
 
 
 @pytest.mark.parametrize("toa", ["20000101000000.0000", "garbage", ""])
-def test_a_time_of_arrival_that_cannot_be_is_replaced_by_the_hosts(toa):
+def test_an_implausible_arrival_time_is_replaced_by_the_hosts(toa):
     desk = Desk().configure()
     (packet,) = desk.hear(CYCLE, FRAME, statistics(toa=toa))
     assert packet.utc_s == desk.now_s
@@ -570,7 +570,7 @@ def test_a_frame_received_twice_counts_once():
     assert desk.modem.counts["repeated_frames"] == 1
 
 
-def test_a_modem_that_took_less_of_a_frame_is_reported():
+def test_a_modem_that_accepted_part_of_a_frame_is_reported():
     desk = Desk().configure()
     desk.modem.send(desk.now_s, PAYLOAD)
     (problem,) = desk.hear("CACYC,0,3,0,4,0,1", "CADRQ,030259,3,0,0,256,1", "CATXD,3,0,0,250")
@@ -590,7 +590,7 @@ def test_unexpected_sentences_change_nothing():
 
 
 @pytest.mark.parametrize("answers", [True, False])
-def test_a_modem_that_was_on_before_is_restarted_once_for_its_firmware(answers):
+def test_a_running_modem_is_restarted_once_to_report_its_firmware(answers):
     desk = Desk()
     desk.modem.opened(desk.now_s)
     desk.written()
@@ -609,7 +609,7 @@ def test_a_modem_that_was_on_before_is_restarted_once_for_its_firmware(answers):
     assert desk.modem.counts["reboots"] == 0
 
 
-def test_a_reboot_is_configured_anew_when_the_modem_reports_its_start():
+def test_a_rebooted_modem_is_configured_when_it_reports_its_start():
     desk = Desk().sending()
     events = desk.hear("CAREV,030300,INIT,")
     assert kinds(events) == ["ModemLost", "TransmitFailed"]
@@ -636,7 +636,7 @@ def test_a_reboot_without_report_is_detected_by_the_address():
     assert desk.written() == ["CCCFG,SRC,3"]
 
 
-def test_a_revision_without_init_is_no_reboot():
+def test_a_revision_without_init_is_not_a_reboot():
     desk = Desk().configure()
     assert desk.hear("CAREV,030300,AUV,2.0.27087") == []
     assert desk.modem.state is State.IDLE
@@ -653,7 +653,7 @@ def test_the_table_in_the_text_is_the_table_in_the_code():
         assert any(row.split()[:3] == [state.name, cause.name, after.name] for row in words), (state, cause)
 
 
-def test_a_move_that_is_not_in_the_table_is_our_bug():
+def test_a_transition_that_is_not_in_the_table_raises():
     with pytest.raises(RuntimeError, match="no transition from CLOSED by SEND"):
         Session(config(), 3).move(Cause.SEND)
 

@@ -116,7 +116,7 @@ def test_format_by_hand():
         ("1.000000 < a\\qb\n", "escape"),
     ],
 )
-def test_a_bad_line_is_named(text, words):
+def test_a_bad_line_is_reported(text, words):
     with pytest.raises(LogError, match=words.replace("\\", "\\\\").replace("?", "\\?")):
         list(read_entries([text], "log.txt"))
 

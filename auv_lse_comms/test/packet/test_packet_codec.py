@@ -181,7 +181,7 @@ def test_a_path_to_the_end_of_a_hundred_legs_leaves_room_for_fifteen_samples() -
         "00" * 17 + "ff",  # 17 of them a byte each
     ],
 )
-def test_actions_that_are_not_told_as_the_codec_tells_them_are_refused(path: str) -> None:
+def test_actions_in_a_noncanonical_encoding_are_refused(path: str) -> None:
     with pytest.raises(PacketError, match="pairs: "):
         decode(bytes.fromhex(START + path).ljust(252, b"\xff"))
 

@@ -114,12 +114,12 @@ def greedy(samples: Array, room: int, receivers: Peaks) -> list[int]:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_most_useful_asks_little_and_chooses_as_if_it_asked_all(seed: int) -> None:
+def test_most_useful_computes_few_gains_and_chooses_as_with_all(seed: int) -> None:
     samples = np.random.default_rng(seed).uniform(0.0, 100.0, (150, 3))
     assert most_useful(samples, 19, Peaks(), np.full(150, np.inf)).tolist() == greedy(samples, 19, Peaks())
 
 
-def test_worth_is_remembered_and_a_backlog_looked_at_evenly() -> None:
+def test_gains_are_reused_and_a_backlog_is_considered_evenly() -> None:
     samples = np.random.default_rng(3).uniform(0.0, 100.0, (1000, 3))
     worth = np.full(1000, np.inf)
     chosen = most_useful(samples, 19, Peaks(), worth)
