@@ -13,6 +13,7 @@ from auv_lse_shore.reference_pages.blocks import outdated
 #: What generates each block, by the name in its marker.
 BLOCKS: dict[str, Callable[[], str]] = {
     "commands": commands.commands,
+    "mission-states": tables.mission_states,
     "nodes": tables.nodes,
     "packet-fields": tables.packet_fields,
     "packet-reasons": tables.packet_reasons,

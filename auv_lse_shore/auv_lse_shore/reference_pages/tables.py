@@ -19,6 +19,7 @@ from auv_lse_common.topics.table import (
     announces,
     waits_for,
 )
+from auv_lse_common.vocabulary.mission_run import TRANSITIONS, Command, RunState
 from auv_lse_comms.packet import fields
 from auv_lse_comms.packet.codec import REASONS
 from auv_lse_comms.packet.navigation import RAW, RAW_AND_FIX, SIZES
@@ -86,6 +87,18 @@ def phases() -> str:
         for name, phase in PHASES.items()
     ]
     return table(("phase", "node", "waits for", "announces", "simulator waits for it"), rows)
+
+
+def mission_states() -> str:
+    """The next state of a mission by state and command; empty: it stays as it is."""
+    rows = []
+    for state in RunState:
+        cells = []
+        for moves in (TRANSITIONS[command] for command in Command):
+            after = moves.get(state, state)
+            cells.append("refused" if after is None else "" if after is state else after.name)
+        rows.append((state.name, *cells))
+    return table(("state", *(command.name for command in Command)), rows)
 
 
 def _summary_of(init: Path) -> str:
