@@ -1,4 +1,4 @@
-"""scripts/check: looks over a mission file before anybody flies it."""
+"""scripts/check: checks mission files before a mission."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/check."""
     p = argparse.ArgumentParser(
         prog="scripts/check",
-        description="Looks over a mission file: keys, units and ranges, area, starts and lanes, "
-        "slots, depths; says the "
-        "mission's time, the coverage to expect and what a packet holds. Starts nothing.",
-        epilog="Exit codes: 0 nothing is wrong (there may be warnings); 1 something is wrong, or "
-        "with --strict there are "
-        "warnings; 2 the file cannot be read, or the command line is wrong.",
+        description="Checks mission files: keys and ranges, area, starts, lanes, slots, depths. Estimates the "
+        "mission's duration, coverage and packet content. Starts nothing.",
+        epilog="Exit codes: 0 no errors; 1 errors, or with --strict warnings; 2 a file cannot be read or the command "
+        "line is wrong.",
     )
     p.add_argument("mission", nargs="*", type=Path, metavar="MISSION.yaml", help="mission files")
-    p.add_argument("--vehicle", metavar="NAME", help="also check that this machine can be that vehicle, as auv2")
+    p.add_argument("--vehicle", metavar="NAME", help="also check this machine as the computer of that vehicle, as auv2")
     p.add_argument("--strict", action="store_true", help="warnings count as errors")
     p.add_argument("--quiet", action="store_true", help="errors and warnings only")
-    p.add_argument("--schema", action="store_true", help="print the JSON schema of mission files, for editors, and end")
     p.add_argument(
-        "--template", action="store_true", help="print a commented mission file with every parameter, and end"
+        "--schema", action="store_true", help="print the JSON schema of mission files, for editors, and exit"
+    )
+    p.add_argument(
+        "--template", action="store_true", help="print a commented mission file with every parameter, and exit"
     )
     return p
 
 
 def check(path: Path, vehicle: str | None = None) -> Findings:
-    """What there is to say about a mission file.
+    """The findings about a mission file.
 
     Raises:
         ParameterError: if it cannot be read.

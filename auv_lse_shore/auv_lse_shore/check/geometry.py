@@ -1,4 +1,4 @@
-"""Area, starts, lanes and depths of a mission."""
+"""Checks area, starts, lanes and depths of a mission."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from auv_lse_sim.ground.ground import GroundError
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.ground.navigable import can_turn, expectations, fit_to_ground
 
-#: Vehicles whose depths differ by less (m) are said to share one: a depth sensor and its control need some room.
+#: Vehicles need at least this depth difference (m), for the errors of depth sensors and control.
 _LEAST_SEPARATION_M = 0.5
 
 
 def check_geometry(settings: Settings, findings: Findings) -> None:
-    """Whether vehicles start inside, lanes fit, and depths keep vehicles apart and let them cross the level."""
+    """Checks starts, lanes, depth separation, and whether vehicles can cross the isobath."""
     try:
         area = OperatingArea(settings.area)
         motion = MotionTable(settings.motion)
@@ -44,20 +44,19 @@ def _check_starts(settings: Settings, area: OperatingArea, motion: MotionTable, 
     for number, own in enumerate(settings.vehicles, 1):
         v = own.vehicle
         start = np.array([v.start_north_m, v.start_east_m])
-        place = f"auv{number}: vehicle.start_north_m, start_east_m = {start[0]:g}, {start[1]:g} m"
+        place = f"auv{number}: vehicle.start_north_m, start_east_m: got {start[0]:g}, {start[1]:g} m"
         clearance = float(area.clearance_m(start[None])[0])
         if not area.contains(start[None])[0]:
-            findings.error(f"{place}: outside the operating area, or in a no-go area; expected a start inside")
+            findings.error(f"{place}, outside the operating area or in a no-go area; expected a start inside")
         elif clearance < margin:
             findings.warning(
-                f"{place}: {clearance:.0f} m from the border; expected at least area.margin_m = {margin:g} m"
+                f"{place}, {clearance:.0f} m from the border; expected at least area.margin_m = {margin:g} m"
             )
         elif not can_turn(area, motion, v.start_heading_rad, start):
             findings.warning(
-                f"{place}: has no room for a turning circle to either side (motion.turn_radius_m "
-                f"{settings.motion.turn_radius_m:g} m, area.margin_m {margin:g} m); expected a start "
-                "farther inside, or "
-                "another vehicle.start_heading_rad"
+                f"{place}, without room for a turning circle (motion.turn_radius_m "
+                f"{settings.motion.turn_radius_m:g} m, area.margin_m {margin:g} m); expected a start farther inside, "
+                "or another vehicle.start_heading_rad"
             )
 
 
@@ -77,26 +76,26 @@ def _check_lanes(settings: Settings, area: OperatingArea, motion: MotionTable, f
     spacing = settings.common.planner.lane_spacing_m
     if across < circle:
         findings.error(
-            f"area.polygon_m: {across:.0f} m wide within area.margin_m; expected at least a turning "
-            f"circle, {circle:g} m"
+            f"area.polygon_m: got {across:.0f} m of width inside area.margin_m; expected at least a turning circle, "
+            f"{circle:g} m"
         )
         return
     if spacing < circle:
         findings.warning(
-            f"planner.lane_spacing_m = {spacing:g} m: expected at least {circle:g} m, twice motion.turn_radius_m: a "
-            "vehicle cannot turn from one lane into the next"
+            f"planner.lane_spacing_m: got {spacing:g} m; expected at least {circle:g} m, twice motion.turn_radius_m, "
+            "to turn from one lane into the next"
         )
     lanes = max(1, int(across // spacing))
     if lanes < 2:
         findings.warning(
-            f"planner.lane_spacing_m = {spacing:g} m: one lane fits the {across:.0f} m within the area's margin; "
-            f"expected less than {across / 2.0:.0f} m"
+            f"planner.lane_spacing_m: got {spacing:g} m, so one lane fits into the width of {across:.0f} m; expected "
+            f"less than {across / 2.0:.0f} m"
         )
     inner = (north - south - 2.0 * settings.area.margin_m) * (east - west - 2.0 * settings.area.margin_m)
     needed = math.ceil(inner / spacing / motion.leg_length_m / settings.mission.vehicles)
     findings.note(
-        f"lanes: {lanes} across at planner.lane_spacing_m = {spacing:g} m; mowing all of the area takes about {needed} "
-        f"legs of each vehicle, and the mission has {settings.mission.steps}"
+        f"lanes: {lanes} with planner.lane_spacing_m = {spacing:g} m; mowing the whole area takes each vehicle about "
+        f"{needed} legs, the mission has {settings.mission.steps}"
     )
 
 
@@ -105,17 +104,16 @@ def _check_depths(settings: Settings, findings: Findings) -> None:
     for (i, one), (k, other) in itertools.combinations(numbered, 2):
         if abs(one.depth_m - other.depth_m) < _LEAST_SEPARATION_M:
             findings.warning(
-                f"auv{i}, auv{k}: vehicle.depth_m = {one.depth_m:g} and {other.depth_m:g} m: expected "
-                f"{_LEAST_SEPARATION_M:g} m between them or more: nothing but depth keeps vehicles apart"
+                f"auv{i}, auv{k}: vehicle.depth_m: got {one.depth_m:g} and {other.depth_m:g} m; expected a difference "
+                f"of at least {_LEAST_SEPARATION_M:g} m, because only depth keeps vehicles apart"
             )
     level = settings.level_set.level_m
     for number, vehicle in numbered:
         needed = vehicle.depth_m + vehicle.min_water_m
         if needed >= level:
             findings.warning(
-                f"auv{number}: vehicle.depth_m {vehicle.depth_m:g} + min_water_m "
-                f"{vehicle.min_water_m:g} = {needed:g} m: "
-                f"expected less than level_set.level_m = {level:g} m, or it cannot cross the isobath that it looks for"
+                f"auv{number}: vehicle.depth_m {vehicle.depth_m:g} + min_water_m {vehicle.min_water_m:g}: got "
+                f"{needed:g} m; expected less than level_set.level_m = {level:g} m, to cross the isobath"
             )
 
 

@@ -1,4 +1,4 @@
-"""Whether this machine can be a vehicle of the mission: its devices, files and packages."""
+"""Checks the computer of a vehicle: its devices, files and packages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_comms.settings import check_send_duration
 from auv_lse_shore.check.findings import Findings
 
-#: Package that a node imports only where it is needed, and the command that installs it.
+#: Install commands of packages that a node imports only when needed.
 _PACKAGES = {
     "pymavlink": "pip install pymavlink",
     "serial": "sudo apt install python3-serial (or pip install pyserial)",
@@ -20,12 +20,12 @@ _PACKAGES = {
 
 
 def check_machine(settings: Settings, number: int, simulated: bool, findings: Findings) -> None:
-    """Checks what vehicle `number` needs, on the machine that this runs on.
+    """Checks what vehicle `number` needs on this machine.
 
     Args:
         settings: The mission.
         number: The vehicle.
-        simulated: Whether the file has a section sim: its nodes then wait for a simulator.
+        simulated: Whether the file has a section sim; nodes then wait for a simulator.
         findings: Takes what is found.
     """
     if number > settings.mission.vehicles:
@@ -34,7 +34,7 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
     own = settings.vehicle(number)
     if simulated:
         findings.warning(
-            f"{settings.where}: has a section sim: a vehicle's nodes then follow a simulator; expected a file of "
+            f"{settings.where}: has a section sim, so the nodes wait for a simulator; expected a file from "
             "scripts/mission --for-vehicles"
         )
     if own.modem.kind == "micromodem":
@@ -46,42 +46,46 @@ def check_machine(settings: Settings, number: int, simulated: bool, findings: Fi
         if "://" not in own.modem.port:
             _check_package("serial", f"modem.port = {own.modem.port}", findings)
     else:
-        findings.warning(f"auv{number}: modem.kind = {own.modem.kind!r}: no modem is driven; expected 'micromodem'")
+        findings.warning(
+            f"auv{number}: modem.kind: got {own.modem.kind!r}, which drives no modem; expected 'micromodem'"
+        )
     if own.link.kind == "mavlink":
         _check_package("pymavlink", "link.kind = mavlink", findings)
         if own.link.endpoint.startswith("serial://"):
             _check_device("link.endpoint", own.link.endpoint.removeprefix("serial://").rsplit(":", 1)[0], findings)
     else:
-        findings.warning(f"auv{number}: link.kind = {own.link.kind!r}: no autopilot is driven; expected 'mavlink'")
+        findings.warning(
+            f"auv{number}: link.kind: got {own.link.kind!r}, which drives no autopilot; expected 'mavlink'"
+        )
     if own.gp.survey_file and not Path(own.gp.survey_file).is_file():
-        findings.error(f"gp.survey_file = {own.gp.survey_file!r}: is not on this machine")
+        findings.error(f"gp.survey_file: got {own.gp.survey_file!r}; expected a file on this machine")
     if settings.packet.tag:
         _check_key(Path(settings.packet.key_file), findings)
     if settings.record.folder and not any(map(importlib.util.find_spec, ("rosbag2_py", "rosbags"))):
         findings.error(
-            "record.folder: recording needs rosbag2_py (sudo apt install ros-jazzy-rosbag2-py) or rosbags (pip install "
-            "rosbags); neither is here"
+            "record.folder: recording needs rosbag2_py or rosbags. Fix: sudo apt install ros-jazzy-rosbag2-py, or pip "
+            "install rosbags"
         )
     if not settings.record.folder:
-        findings.warning("record.folder: is empty: nothing of the dive is recorded")
+        findings.warning("record.folder: got ''; expected a folder, or the dive is not recorded")
 
 
 def _check_device(name: str, port: str, findings: Findings) -> None:
     if "://" in port:
-        findings.note(f"{name} = {port}: not tried; it has to be there when the node starts")
+        findings.note(f"{name} = {port}: not checked; it must be reachable when the node starts")
     elif not Path(port).exists():
-        findings.error(f"{name} = {port}: is not on this machine")
+        findings.error(f"{name}: got {port}; expected a device on this machine")
     elif not stat.S_ISCHR(os.stat(port).st_mode):
-        findings.error(f"{name} = {port}: expected a serial device")
+        findings.error(f"{name}: got {port}; expected a serial device")
     elif not os.access(port, os.R_OK | os.W_OK):
-        findings.error(f"{name} = {port}: no access (fix: sudo usermod -aG dialout $USER, then log in again)")
+        findings.error(f"{name}: no access to {port}. Fix: sudo usermod -aG dialout $USER, then log in again")
     else:
-        findings.note(f"{name} = {port}: is there")
+        findings.note(f"{name} = {port}: found")
 
 
 def _check_package(package: str, why: str, findings: Findings) -> None:
     if importlib.util.find_spec(package) is None:
-        findings.error(f"{why}: needs the Python package {package}: {_PACKAGES[package]}")
+        findings.error(f"{why}: needs the Python package {package}. Fix: {_PACKAGES[package]}")
 
 
 def _check_key(path: Path, findings: Findings) -> None:

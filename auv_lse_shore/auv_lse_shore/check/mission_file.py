@@ -1,4 +1,4 @@
-"""The text of a mission file: every key that is unknown, of a wrong type, or out of range, and not only the first."""
+"""Checks the text of a mission file: all unknown keys, wrong types and values out of range."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from auv_lse_shore.check.findings import Findings
 
 
 def check_file(path: Path, findings: Findings) -> Settings | None:
-    """The mission in a file, with what is wrong in it; None if it cannot be made.
+    """The mission of a file; None if it has errors, which go to `findings`.
 
     Raises:
-        ParameterError: if the file is not there, or no ROS 2 parameter file.
+        ParameterError: if the file is missing, or not a ROS 2 parameter file.
     """
     patterns = read_parameter_file(path)
     for pattern, values in patterns.items():

@@ -1,4 +1,4 @@
-"""The parameters' declarations as a JSON schema for editors, and as a commented mission file."""
+"""The JSON schema of mission files for editors, and a commented template."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _COLUMNS = 118
 
 _HEAD = """\
 # yaml-language-server: $schema=../mission.schema.json
-# A mission file with every parameter. What stands behind a `#` in the first column is the default: put a blank in the
-# place of that `#`, in the line of the section too, to set it. Then: scripts/check MISSION.yaml
+# A mission file with every parameter. Lines with a `#` in the first column hold defaults. To set a parameter, replace
+# that `#` by a blank, in the line of its section too. Then: scripts/check MISSION.yaml
 # Made by: scripts/check --template
 """
 
@@ -29,7 +29,7 @@ def schema() -> dict[str, Any]:
 
     def body(names: typing.Iterable[str]) -> dict[str, Any]:
         known = {name: {"$ref": f"#/definitions/{name}"} for name in names}
-        dotted: dict[str, Any] = {"^(" + "|".join(known) + r")\.": {}}  # ROS's other way to write them: gp.kernel
+        dotted: dict[str, Any] = {"^(" + "|".join(known) + r")\.": {}}  # ROS also allows gp.kernel
         known["use_sim_time"] = {"type": "boolean"}
         parameters = {
             "type": ["object", "null"],
@@ -96,10 +96,7 @@ def _of_type(hint: Any, meta: typing.Mapping[str, Any]) -> dict[str, Any]:
 
 
 def template_text() -> str:
-    """A mission file with every parameter, its default, unit, range and meaning: config/missions/template.yaml.
-
-    Without the `#` in its first column, a line is what stands there as a default.
-    """
+    """config/missions/template.yaml: every parameter with default, unit, range and meaning."""
     lines = [*_HEAD.splitlines(), "/**:", "  ros__parameters:"]
     for name, cls in SECTIONS.items():
         about = (cls.__doc__ or "").strip().splitlines()[0]
@@ -113,7 +110,7 @@ def template_text() -> str:
             about = "; ".join(part for part in (meaning, unit and f"in {unit}", allowed and f"({allowed})") if part)
             kept = (name, path) == ("mission", "vehicles")
             lines += _parameter(3 + len(parents), f"{leaf}: {_value(default)}", about, commented=not kept)
-    lines += ["", "# One vehicle: what it has otherwise. Also gp, planner, modem and link.", "/auv1/**:"]
+    lines += ["", f"# One vehicle's own values, in the sections {', '.join(VEHICLE_SECTIONS)}.", "/auv1/**:"]
     lines += ["  ros__parameters:", "    vehicle: {depth_m: 3.0}"]
     return "\n".join(line.rstrip() for line in lines) + "\n"
 
@@ -124,7 +121,7 @@ def _at(level: int, text: str, commented: bool = True) -> str:
 
 
 def _parameter(level: int, text: str, about: str, commented: bool) -> list[str]:
-    """A parameter and, beside it where it fits, what it means."""
+    """A parameter, with its meaning in the same line if it fits."""
     line = f"{_at(level, text, commented):34}  # {about}"
     if len(line) <= _COLUMNS:
         return [line]

@@ -1,4 +1,4 @@
-"""Mission time, slots, and what a packet will hold."""
+"""Checks timing and slots; estimates duration and packet content."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from auv_lse_planner.methods.tour_candidates import MAX_EXPLICIT_ACTIONS
 from auv_lse_planner.paths.motion import MotionTable
 from auv_lse_shore.check.findings import Findings
 
-#: A tour has at most one segment for every so many steps of the mission (auv_lse_planner, method tour).
+#: Least steps of the mission for each segment of a tour (auv_lse_planner, method tour).
 _STEPS_PER_SEGMENT = 2
 
 
 def check_timing(settings: Settings, findings: Findings) -> None:
-    """Whether slots add up and decisions come in time; what a packet holds."""
+    """Checks slots and decision times; estimates duration and packet content."""
     leg_m = MotionTable(settings.motion).leg_length_m
     longest_s = 0.0
     for number, own in enumerate(settings.vehicles, 1):
@@ -27,18 +27,17 @@ def check_timing(settings: Settings, findings: Findings) -> None:
         longest_s = max(longest_s, own.vehicle.start_delay_s + settings.mission.steps * leg_s)
         if own.planner.replan_lead_s >= leg_s:
             findings.warning(
-                f"auv{number}: planner.replan_lead_s = {own.planner.replan_lead_s:g} s: expected less "
-                "than the time of a "
-                f"leg, {leg_s:.1f} s ({leg_m:.1f} m at vehicle.speed_mps = {own.vehicle.speed_mps:g})"
+                f"auv{number}: planner.replan_lead_s: got {own.planner.replan_lead_s:g} s; expected less than the "
+                f"time of a leg, {leg_s:.1f} s ({leg_m:.1f} m at vehicle.speed_mps = {own.vehicle.speed_mps:g})"
             )
         elif own.planner.deadline_s >= own.planner.replan_lead_s:
             findings.warning(
-                f"auv{number}: planner.deadline_s = {own.planner.deadline_s:g} s: expected less than "
-                f"planner.replan_lead_s = {own.planner.replan_lead_s:g} s, or a late plan comes after its leg began"
+                f"auv{number}: planner.deadline_s: got {own.planner.deadline_s:g} s; expected less than "
+                f"planner.replan_lead_s = {own.planner.replan_lead_s:g} s, so that plans come before their leg starts"
             )
     minutes, seconds = divmod(round(longest_s), 60)
     findings.note(
-        f"mission time: {minutes} min {seconds} s ({settings.mission.steps} legs of {leg_m:.1f} m, without current)"
+        f"duration: {minutes} min {seconds} s ({settings.mission.steps} legs of {leg_m:.1f} m, without current)"
     )
     cycle_s = _check_slots(settings, longest_s, findings)
     if cycle_s is not None:
@@ -56,28 +55,28 @@ def _check_slots(settings: Settings, longest_s: float, findings: Findings) -> fl
         return None
     for number in range(1, vehicles + 1):
         if number not in order:
-            findings.warning(f"tdma.order = {list(order)}: no slot for auv{number}, which will never send")
+            findings.warning(
+                f"tdma.order: got {list(order)}, without a slot for auv{number}; expected one, or it never sends"
+            )
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
     span = float(max(np.hypot(*(a - b)) for a in corners for b in corners))
     if span > tdma.max_range_m:
         findings.warning(
-            f"tdma.max_range_m = {tdma.max_range_m:g} m: expected at least {span:.0f} m, the length "
-            "of the area: a packet "
-            "from its far end reaches into the next slot"
+            f"tdma.max_range_m: got {tdma.max_range_m:g} m; expected at least {span:.0f} m, the length of the area, or "
+            "packets from its far end arrive in the next slot"
         )
     cycle_s = len(order) * tdma.slot_s
     spare = tdma.slot_s - tdma.needed_s
     findings.note(
-        f"slots: {len(order)} x {tdma.slot_s:g} s = a cycle of {cycle_s:g} s; a packet takes "
-        f"{tdma.needed_s:.1f} s of its "
-        f"slot with guards and travel ({spare:.1f} s to spare); {int(longest_s // cycle_s)} packets "
-        "of each slot's owner"
+        f"slots: {len(order)} x {tdma.slot_s:g} s = a cycle of {cycle_s:g} s; a packet needs {tdma.needed_s:.1f} s of "
+        f"its slot with guards and travel time ({spare:.1f} s spare); {int(longest_s // cycle_s)} packets from each "
+        "slot's owner"
     )
     expiry = min(own.planner.plan_expiry_s for own in settings.vehicles)
     if expiry < 2.0 * cycle_s:
         findings.warning(
-            f"planner.plan_expiry_s = {expiry:g} s: expected at least two cycles, {2.0 * cycle_s:g} s: one lost packet "
-            "and the mate counts as gone"
+            f"planner.plan_expiry_s: got {expiry:g} s; expected at least two cycles, {2.0 * cycle_s:g} s, to survive "
+            "one lost packet"
         )
     return cycle_s
 
@@ -93,29 +92,26 @@ def _check_packet(settings: Settings, cycle_s: float, findings: Findings) -> Non
     tour = math.ceil(settings.mission.steps / _STEPS_PER_SEGMENT) if planner.family.sends_tours else 0
     reserve, told = settings.packet.reserve, MOST_BYTES if settings.packet.navigation else 0
     least = capacity(actions, reserve, min(tour, 64), told)
-    if tour:  # a bent path is told by its actions
+    if tour:  # a bent path is sent as actions
         bent = min(settings.mission.steps, MAX_EXPLICIT_ACTIONS)
         paired = are_paired([MotionTable(settings.motion).actions - 1] * bent)
         least = min(least, capacity(bent, reserve, 0, told, paired))
     most = capacity(actions, reserve, 0, told)
     if least < 1:
         findings.error(
-            f"packet: a plan of {actions} actions leaves no room for a sample in 252 bytes; expected a shorter "
-            "planner.horizon or no packet.tag"
+            f"packet: got a plan of {actions} actions, which leaves no room for samples; expected a smaller "
+            "planner.horizon, or no packet.tag"
         )
         return
     every_s = settings.sim.altimeter.sounding_every_s if own.link.kind == "direct" else own.link.sounding_every_s
     soundings = cycle_s / max(every_s, 0.1)
     nth = max(1, math.ceil(soundings / least))
     apart = nth * max(every_s, 0.1) * own.vehicle.speed_mps
-    room = (
-        f"{least} samples" if least == most else f"{least} to {most} samples (the path shortens as the mission goes on)"
-    )
+    room = f"{least} samples" if least == most else f"{least} to {most} samples (more as the path gets shorter)"
     tag = f", a tag of {settings.packet.reserve} bytes" if settings.packet.reserve else ""
-    which = "every" if nth == 1 else f"one of {nth}"
+    which = "every one" if nth == 1 else f"one in {nth}"
     findings.note(
-        f"packet: the path's start, {actions} actions{', a tour' if tour else ''}{tag} and {room}; "
-        f"{soundings:.0f} soundings "
-        f"a cycle: {which} is sent, {apart:.0f} m apart"
+        f"packet: the path's start, {actions} actions{', a tour' if tour else ''}{tag} and {room}; of "
+        f"{soundings:.0f} soundings in a cycle {which} is sent, {apart:.0f} m apart"
         + ("" if settings.packet.selection == "every_nth" else " on average")
     )

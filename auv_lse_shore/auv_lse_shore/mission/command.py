@@ -1,4 +1,4 @@
-"""scripts/mission as it is called: begins to load the nodes, and beside that loads what flies the mission."""
+"""Entry point of scripts/mission: starts loading the nodes before its own imports."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from auv_lse_common.process.processes import LaunchError
 from auv_lse_common.support.project_folder import project_folder
 from auv_lse_sim.engine.processes import mission_processes
 
-#: Options with which no mission is flown.
+#: Options that start no mission.
 _NO_MISSION = {"-h", "--help", "--parameters", "--for-vehicles"}
 
 
 def main() -> int:
-    """Flies a mission as `auv_lse_shore.mission.mission` does; returns its exit code."""
+    """Runs a mission as `auv_lse_shore.mission.mission` does; returns its exit code."""
     if not _NO_MISSION & {word.partition("=")[0] for word in sys.argv[1:]}:
-        with contextlib.suppress(LaunchError):  # told where the processes are started
+        with contextlib.suppress(LaunchError):  # reported when the processes are started
             load_early(mission_processes(1, together=True), local_environment(project_folder(), 0))
-    from auv_lse_shore.mission import mission  # only now: that takes more than a second
+    from auv_lse_shore.mission import mission  # takes more than a second
 
     return mission.main()
 

@@ -1,4 +1,4 @@
-"""The display of a running mission: a live table in a terminal, a line every few seconds elsewhere."""
+"""Progress of a running mission: a live table in a terminal, elsewhere a line every few seconds."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from auv_lse_common.mission_file.sections.planner import PlannerConfig
 
 _LINE_PERIOD_S = 5.0
 
-#: Whose reward a planner counts: see `MissionProgress.reward`.
-OF_THE_MAP, OF_THE_PATH = "map", "paths"
+#: Values of `MissionProgress.reward`.
+OF_THE_MAP, OF_THE_PATH = "map", "path"
 
 
 @dataclass(slots=True)
 class MissionProgress:
-    """The progress of a mission, as the display shows it.
+    """Progress of a mission.
 
     Attributes:
         vehicles: Number of vehicles.
-        steps_total: Legs each of them travels.
-        phase: What the mission is doing, for a person.
+        steps_total: Legs of each vehicle.
+        phase: Phase of the mission, for people.
         sim_s: Mission time (s).
-        steps: Legs travelled, per vehicle.
+        steps: Completed legs of each vehicle.
         sent: Packets sent by all.
         received: Packets received by all.
-        lost: Receptions that the channel lost.
-        speed: Simulated seconds per second of wall clock.
-        rewards: Reward so far, as each planner counts it, {vehicle: value}.
-        expected: Reward that each planner expects by the mission's end, {vehicle: value}.
-        bounds: Largest lower bound so far, of each planner that counts its path, {vehicle: value}. The map's bound
-            holds for the map of all soundings, which nobody has under way: the report tells how it ended.
-        reward: Whose reward that is: `OF_THE_MAP`, which every vehicle counts over the whole map for the whole team;
-            `OF_THE_PATH`, the paper's, which adds up over vehicles; "" for a method that maximizes neither.
+        lost: Receptions lost by the channel.
+        speed: Simulated seconds per wall-clock second.
+        rewards: Reward so far, by each planner's map, {vehicle: value}.
+        expected: Expected reward at the mission's end, {vehicle: value}.
+        bounds: Largest lower bound so far, of planners with a path reward, {vehicle: value}. The bound of the map's
+            reward needs all soundings, so only the report has it.
+        reward: `OF_THE_MAP`: each vehicle estimates the whole team's reward; `OF_THE_PATH`: the paper's, a sum over
+            the vehicles; "": the method maximizes neither.
     """
 
     vehicles: int
@@ -58,16 +58,15 @@ class MissionProgress:
 
     @property
     def _account(self) -> str:
-        """Reward, what is expected of the end, and its bound, of the team; "" where that says nothing.
+        """The team's reward, expected reward and bound; "" if there is none.
 
-        A reward below zero is left out: the first soundings often show ground that is nearer to the level than the
-        prior had it, so that the map's risk rises before it drops.
+        Negative rewards are left out: the first soundings often raise the map's risk before it drops.
         """
         if not (self.reward and self.rewards):
             return ""
         totals = [(name, self._of_team(values)) for name, values in self._columns() if values]
         texts = [f"{name} {total:.0f}" for name, total in totals if total >= 0.0]
-        return f"{self.reward}: {', '.join(texts)}" if texts else ""
+        return f"{self.reward} reward: {', '.join(texts)}" if texts else ""
 
     def _columns(self) -> tuple[tuple[str, dict[int, float]], ...]:
         if not self.reward:
@@ -76,23 +75,23 @@ class MissionProgress:
         return counted if self.reward == OF_THE_MAP else (*counted, ("bound", self.bounds))
 
     def _of_team(self, values: dict[int, float]) -> float:
-        """The team's value: the vehicles' mean, where each counts the whole map; else their sum."""
+        """The team's value: the mean of the vehicles' map rewards, or the sum of their path rewards."""
         return sum(values.values()) / (len(values) if self.reward == OF_THE_MAP else 1)
 
     @property
     def line(self) -> str:
-        """The main figures in one line."""
+        """The progress in one line."""
         steps = " ".join(str(n) for n in self.steps) or "-"
         account = f"  {self._account}" if self._account else ""
         return (
-            f"{clock(self.sim_s)}  steps {steps} of {self.steps_total}  packets {self.sent} sent {self.received} "
-            f"received {self.lost} lost{account}  {self.speed:.0f} x real time"
+            f"{clock(self.sim_s)}  legs {steps} of {self.steps_total}  packets: {self.sent} sent, {self.received} "
+            f"received, {self.lost} lost{account}  {self.speed:.0f} x real time"
         )
 
     def table(self) -> Group:
         """The live table."""
         table = Table(box=None, pad_edge=False)
-        for title, align in (("vehicle", "left"), ("steps", "left"), ("", "right")):
+        for title, align in (("vehicle", "left"), ("legs", "left"), ("", "right")):
             table.add_column(title, justify=align)
         for title, _ in self._columns():
             table.add_column(title, justify="right")
@@ -113,14 +112,14 @@ class MissionProgress:
 
 
 def reward_shown(planner: PlannerConfig) -> str:
-    """Whose reward the account counts: the map's, the paths' (the paper's methods), or "" for one that says little."""
+    """The reward to show: of the map, of the path (the paper's methods), or "" for the other methods."""
     if planner.family.bound_of == "map":
         return OF_THE_MAP
     return OF_THE_PATH if planner.entry.of_paper else ""
 
 
 def _gained(reward: float | None) -> str:
-    """A reward in the table; "-" while there is none."""
+    """A reward in the table; "-" if there is none yet."""
     return "-" if reward is None or reward < 0.0 else f"{reward:.1f}"
 
 
@@ -150,7 +149,7 @@ class Display:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leaves the last state on the screen."""
+        """Shows the final state."""
         if self._live is not None:
             self._live.update(self._progress.table())
             self._live.stop()
@@ -158,7 +157,7 @@ class Display:
             self._console.print(self._progress.line, highlight=False, soft_wrap=True)
 
     def refresh(self) -> None:
-        """Shows the progress as it is now."""
+        """Updates the display."""
         now = time.monotonic()
         if self._live is not None:
             self._live.update(self._progress.table())

@@ -1,4 +1,4 @@
-"""scripts/mission: flies a team mission as real ROS 2 processes and leaves one run folder."""
+"""scripts/mission: runs a simulated team mission as real ROS 2 processes, and evaluates it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from auv_lse_sim.ground.navigable import fit_to_ground
 
 
 def _say(console: Console, text: str) -> None:
-    """Prints text as it is, with any [brackets] in it."""
+    """Prints text without markup: [brackets] stay."""
     console.print(Text(text), highlight=False, soft_wrap=True)
 
 
@@ -51,7 +51,7 @@ def _complain(console: Console, error: object) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Flies a mission. Returns 0, 1 if it failed, 2 if the request cannot be met, 130 after Ctrl-C."""
+    """Runs a mission. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     console = Console(stderr=False)
     if options.parameters:
@@ -83,19 +83,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def prepare(options: argparse.Namespace, root: Path) -> tuple[Settings, list[str]]:
-    """The mission that the command line asks for, and sentences on what was changed to suit the ground.
+    """The mission of the command line, and notes on what was changed to fit the ground.
 
     Raises:
-        ValueError: naming what cannot be flown.
+        ValueError: naming what is impossible.
     """
     settings = Settings.load(options.mission or root / "config" / "missions" / "default.yaml", overrides_of(options))
     if options.for_vehicles is not None and not settings.sim.bathymetry.file:
-        return settings, []  # a synthetic lake tells nothing about a real one
+        return settings, []  # the synthetic lake is not the vehicles' lake
     return fit_to_ground(settings, ground_of(settings), area_given=options.area is not None)
 
 
 def write_mission(settings: Settings, folder: Path, options: argparse.Namespace, record: bool = True) -> Settings:
-    """Writes the complete mission.yaml into the run folder, with its recording and its emulated hardware in there."""
+    """Writes the complete mission.yaml into the run folder, where its recording and emulated hardware go, too."""
     settings = with_chart(settings, folder)
     settings = settings.with_overrides({"record.folder": str(folder / "bag") if record else ""})
     hardware = hardware_of(options.modem, options.vehicle_link, settings, folder, overrides_of(options))
@@ -115,17 +115,17 @@ def fly(
     report: bool = True,
     live: ExitStack | None = None,
 ) -> int:
-    """Flies a mission whose mission.yaml is in the run folder, and judges what it leaves.
+    """Runs the mission of the run folder's mission.yaml, and evaluates the recording.
 
     Args:
         settings: The mission.
         folder: The run folder.
         console: Where the progress is shown.
         processes: What to start here.
-        domain_of_its_own: Gives the ROS domain, and keeps it for the mission.
+        domain_of_its_own: Reserves a ROS domain for the mission.
         start_s: As `conduct` takes it.
         report: Whether to make the figures and the report.
-        live: Keeps the live view of the mission open, beyond the mission's end; None: there is none.
+        live: Keeps the live view open after the mission's end; None: no live view.
 
     Returns:
         Exit code.
@@ -140,18 +140,18 @@ def fly(
                 live.enter_context(LiveProcess(domain, environment, partial(_say, console)))
             watch = f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
             _say(console, f"to watch from another terminal: export {watch}")
-            load = threading.Thread(target=load_judges, daemon=True)  # while the nodes leave a core to spare
+            load = threading.Thread(target=load_judges, daemon=True)  # while the nodes leave a core idle
             phases = conduct(settings, folder, environment, console, interrupt, processes, start_s, load.start)
     except (MissionError, LaunchError, DomainError) as error:
         _complain(console, error)
         return 1
     wall_s = time.monotonic() - started
     if interrupt.came and "mission" not in phases:
-        _say(console, "interrupted before the first tick: every process has ended, and nothing was recorded")
+        _say(console, "interrupted before the first tick: every process has ended, nothing was recorded")
         return 130
     if interrupt.came:
-        _say(console, "interrupted: every process has ended; the recording can be read")
-    if not settings.record.folder or settings.sim.apart:  # vehicles apart record for themselves
+        _say(console, "interrupted: every process has ended; the recording is complete up to here")
+    if not settings.record.folder or settings.sim.apart:  # separate vehicles make their own recordings
         return 130 if interrupt.came else 0
     return _concluded(folder, settings, wall_s, phases, console, interrupt, report)
 
@@ -165,14 +165,14 @@ def _concluded(
     interrupt: Interrupt,
     report: bool,
 ) -> int:
-    """Evaluates the mission; an exit code: 130 if it, or this, was interrupted."""
+    """Evaluates the mission; returns the exit code: 130 if the mission or the evaluation was interrupted."""
     code = 130 if interrupt.came else 0
     mission = "the mission was interrupted" if interrupt.came else "the mission is complete"
     interrupt.release()
     try:
         conclude(folder, settings, wall_s, phases, console, report=report)
     except KeyboardInterrupt:
-        _say(console, f"interrupted: {mission} and recorded, but there is no report: scripts/replay {folder} --report")
+        _say(console, f"interrupted: {mission} and recorded. For its report: scripts/replay {folder} --report")
         return 130
     except ImportError as error:
         _complain(console, f"{mission}, but {missing(error, 'its figures and report')}")
@@ -184,7 +184,7 @@ def _concluded(
 
 
 def print_parameters(console: Console) -> None:
-    """Every parameter of a mission file with default, unit, range and meaning."""
+    """Prints every parameter with default, unit, range and meaning."""
     for name, cls in SECTIONS.items():
         table = Table(title=f"{name}: {(cls.__doc__ or '').strip().splitlines()[0]}", title_justify="left")
         for column in ("parameter", "default", "unit", "allowed", "meaning"):
@@ -195,7 +195,7 @@ def print_parameters(console: Console) -> None:
 
 
 def load_judges() -> None:
-    """Loads what the report needs, which takes some seconds; what is missing is told when it is used."""
+    """Imports the libraries of the report in advance, which takes seconds; missing ones are reported when used."""
     with contextlib.suppress(ImportError):
         importlib.import_module("auv_lse_shore.report.report")
         importlib.import_module("rosbags.highlevel")
@@ -208,7 +208,7 @@ def conclude(
     folder: Path, settings: Settings, wall_s: float, phases: dict[str, float], console: Console, report: bool
 ) -> None:
     """Evaluates the recording into summary.json, isobath.geojson and, if `report`, the figures and the report."""
-    # Imported here: the figures' libraries take a second to load, and a mission that fails needs none of them.
+    # Imported here, because the figures' libraries take a second to load.
     from auv_lse_record.run_reader import read_run
     from auv_lse_shore.judge.evaluation import evaluate, ground_grid
     from auv_lse_shore.judge.team_map import write_isobath

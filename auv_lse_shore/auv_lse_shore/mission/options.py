@@ -15,7 +15,7 @@ from auv_lse_common.mission_file.parameter_file import nest
 from auv_lse_common.mission_file.parameters import ParameterError, problems
 from auv_lse_common.mission_file.sections.table import SECTIONS, check_sections
 
-#: A parameter's name that begins so is one vehicle's: auv2.vehicle.depth_m.
+#: First part of the name of a vehicle's own parameter: auv2.vehicle.depth_m.
 _VEHICLE = re.compile(r"auv\d+")
 
 
@@ -23,12 +23,13 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/mission."""
     p = argparse.ArgumentParser(
         prog="scripts/mission",
-        description="Flies a team mission as real ROS 2 processes and leaves one run folder with the recording, the "
-        "figures and a report.",
-        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 the request cannot be met; 130 Ctrl-C.",
+        description="Runs a simulated team mission as real ROS 2 processes. The run folder gets the recording, figures "
+        "and a report.",
+        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 the request is impossible or the command line "
+        "wrong; 130 Ctrl-C. Guide: docs/guide/first-mission.md",
     )
     add_mission_options(p)
-    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
+    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to create (default: runs/DATE-TIME)")
     p.add_argument(
         "--for-vehicles",
         type=Path,
@@ -39,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--live", action="store_true", help="open the live view of the mission in the browser (docs/guide/live-view.md)"
     )
-    p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
+    p.add_argument("--no-report", action="store_true", help="make no figures and no report.html")
     p.add_argument(
         "--parameters", action="store_true", help="print every parameter with its unit, range and meaning, and exit"
     )
@@ -58,50 +59,53 @@ def add_mission_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--vehicles", type=int, metavar="K", help="number of vehicles, 1 to 20")
     p.add_argument("--steps", type=int, metavar="N", help="legs that each vehicle travels")
     p.add_argument("--method", metavar="NAME", help=f"planning method: {', '.join(METHODS)} (docs/design/planner.md)")
-    p.add_argument("--seed", type=int, help="seed of every random stream: ground, sensors, channel, planners")
+    p.add_argument("--seed", type=int, help="seed of all random streams: ground, sensors, channel, planners")
     p.add_argument("--packet-loss", type=float, metavar="P", help="probability that a packet is lost, 0 to 1")
     p.add_argument(
-        "--bathymetry", type=Path, metavar="FILE", help="real ground: CSV of soundings, npz or ESRI ASCII grid, GeoTIFF"
+        "--bathymetry",
+        type=Path,
+        metavar="FILE",
+        help="real bathymetry: CSV of soundings, npz or ESRI ASCII grid, GeoTIFF",
     )
     p.add_argument(
         "--area",
         type=float,
         nargs=4,
         metavar=("SOUTH", "WEST", "NORTH", "EAST"),
-        help="operating area (m, local north and east); with --bathymetry default: the file's extent",
+        help="operating area (m, local north and east; default with --bathymetry: the file's extent)",
     )
     p.add_argument(
         "--real-time-factor",
         type=float,
         metavar="X",
-        help="paced run, X times real time (default: lockstep, as fast as it goes)",
+        help="run at X times real time (default: lockstep, as fast as possible)",
     )
     p.add_argument(
         "--modem",
         choices=("direct", "emulated"),
         default="direct",
-        help="emulated: through serial ports, drivers and Micromodem sentences",
+        help="emulated: packets go through drivers, serial ports and Micromodem sentences",
     )
     p.add_argument(
         "--vehicle-link",
         choices=("direct", "mavlink"),
         default="direct",
-        help="mavlink: through a simulated MAVLink vehicle",
+        help="mavlink: waypoints go through drivers to a simulated MAVLink autopilot",
     )
     p.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="set any parameter, as in --set planner.iterations=500; may be repeated",
+        help="set a parameter, as planner.iterations=500 or auv2.vehicle.depth_m=4; repeatable",
     )
 
 
 def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
-    """The parameters that the command line sets, flat: {name: value}.
+    """The parameters of the command line, {dotted name: value}.
 
     Raises:
-        ParameterError: naming the option, for one that sets no parameter or a value that cannot be.
+        ParameterError: naming the option, for an unknown parameter or an impossible value.
     """
     wanted: dict[str, Any] = {}
     for flag, name, value in (
@@ -120,7 +124,7 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
         _check(f"--real-time-factor {options.real_time_factor:g}", "sim.real_time_factor", options.real_time_factor)
         if options.real_time_factor == 0.0:
             raise ParameterError(
-                "--real-time-factor 0: expected more than 0; without it a mission is as fast as it goes"
+                "--real-time-factor 0: expected more than 0; without it a mission runs as fast as possible"
             )
         wanted.update({"sim.real_time_factor": options.real_time_factor, "sim.lockstep": False})
     if options.area is not None:
@@ -131,10 +135,10 @@ def overrides_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def settings_given(texts: Sequence[str]) -> dict[str, Any]:
-    """The parameters that `--set NAME=VALUE` sets, flat: {name: value}.
+    """The parameters of `--set NAME=VALUE`, {dotted name: value}.
 
     Raises:
-        ParameterError: for a text that is not NAME=VALUE, whose value is not YAML, or that sets no parameter.
+        ParameterError: for a text that is not NAME=VALUE, a value that is not YAML, or an unknown parameter.
     """
     wanted: dict[str, Any] = {}
     for text in texts:
@@ -153,7 +157,7 @@ def settings_given(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _check(option: str, name: str, value: Any) -> None:
-    """Refuses a parameter that there is not, or a value that it cannot have, in the name of the option."""
+    """Refuses unknown parameters and impossible values, naming the option."""
     vehicle, _, rest = name.partition(".")
     nested = nest({rest if _VEHICLE.fullmatch(vehicle) else name: value})
     check_sections(nested, option)

@@ -1,4 +1,4 @@
-"""The folder that a run leaves."""
+"""The run folder."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 
 
 class RunFolderError(ValueError):
-    """A run folder that cannot be made."""
+    """A run folder that cannot be created."""
 
 
 def run_folder(wanted: Path | None, root: Path) -> Path:
-    """Makes the run folder.
+    """Creates the run folder.
 
     Raises:
-        RunFolderError: if it exists and holds something, or cannot be made.
+        RunFolderError: if it exists and is not empty, or cannot be created.
     """
     folder = wanted
     if folder is None:
@@ -39,7 +39,7 @@ def run_folder(wanted: Path | None, root: Path) -> Path:
 
 @contextlib.contextmanager
 def begun(folder: Path) -> Iterator[None]:
-    """A context that writes the first files of a run into its new folder; if it cannot, the folder is gone again.
+    """A context for writing the first files of a run: if a file cannot be written, the folder is removed.
 
     Raises:
         RunFolderError: if a file cannot be written.

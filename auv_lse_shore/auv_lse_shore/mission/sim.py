@@ -1,4 +1,4 @@
-"""scripts/sim: the simulator and its recorder alone; the vehicles run elsewhere on this machine (scripts/vehicle)."""
+"""scripts/sim: the simulator and its recorder; each vehicle is started with scripts/vehicle."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from auv_lse_shore.mission.run_folder import begun, run_folder
 from auv_lse_shore.mission.vehicle_file import send_duration_s
 from auv_lse_sim.engine.processes import mission_processes
 
-#: The file in the run folder that vehicles apart get.
+#: Mission file of separate vehicles in the run folder.
 VEHICLES = "vehicles.yaml"
 
 
@@ -30,28 +30,31 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/sim."""
     p = argparse.ArgumentParser(
         prog="scripts/sim",
-        description="Runs the simulator of a mission, and its recorder. The vehicles are started one by one with "
-        "scripts/vehicle, each with the mission.yaml that this command writes. The mission begins when the last one "
-        "is there, and is the same as that of scripts/mission.",
-        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 the request cannot be met; 130 Ctrl-C.",
+        description="Runs the simulator of a mission, and its recorder. Start each vehicle with scripts/vehicle and "
+        "the mission.yaml that this command writes. The mission begins when all vehicles are there, and has the same "
+        "result as scripts/mission.",
+        epilog="Exit codes: 0 the mission is complete; 1 it failed; 2 the request is impossible or the command line "
+        "wrong; 130 Ctrl-C.",
     )
     add_mission_options(p)
-    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/DATE-TIME)")
-    p.add_argument("--domain", metavar="N", help="ROS domain (default: ROS_DOMAIN_ID, else 0), as scripts/vehicle's")
+    p.add_argument("--out", type=Path, metavar="DIR", help="run folder to create (default: runs/DATE-TIME)")
+    p.add_argument(
+        "--domain", metavar="N", help="ROS domain, the same for scripts/vehicle (default: ROS_DOMAIN_ID, else 0)"
+    )
     p.add_argument(
         "--apart",
         action="store_true",
-        help="the vehicles share nothing with each other but the simulated water: each runs in a ROS domain of its own "
-        "on an emulated modem and a simulated autopilot, in real time, by its clock",
+        help="separate vehicles: each runs in its own ROS domain, in real time, with an emulated modem and a simulated "
+        "autopilot, and shares only the simulated water with the others",
     )
-    p.add_argument("--no-record", action="store_true", help="start no recorder; no report is made then")
-    p.add_argument("--no-report", action="store_true", help="leave out figures and report.html")
+    p.add_argument("--no-record", action="store_true", help="make no recording, and so no report")
+    p.add_argument("--no-report", action="store_true", help="make no figures and no report.html")
     p.set_defaults(for_vehicles=None)
     return p
 
 
 def _apart(settings: Settings, folder: Path) -> Settings:
-    """The mission with its vehicles apart; writes the vehicles' file, which has no section sim, beside it."""
+    """The mission with separate vehicles; also writes their mission file, which has no section sim."""
     paced: dict[str, Any] = {"sim.lockstep": False, "sim.real_time_factor": 1.0, "sim.apart": True}
     paced["tdma.send_duration_s"] = send_duration_s(settings)
     for k in range(1, settings.mission.vehicles + 1):
@@ -65,7 +68,7 @@ def _apart(settings: Settings, folder: Path) -> Settings:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Simulates a mission. Returns 0, 1 if it failed, 2 if the request cannot be met, 130 after Ctrl-C."""
+    """Runs the simulator. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     console = Console(stderr=False)
 
@@ -89,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for note in notes:
         say(note)
     say(f"run folder: {folder}")
-    say("start each vehicle in a terminal of its own:")
+    say("start each vehicle in its own terminal:")
     where = f" --domain {domain}" if options.domain else ""
     for vehicle in range(1, settings.mission.vehicles + 1):
         if options.apart:

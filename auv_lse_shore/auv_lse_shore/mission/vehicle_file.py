@@ -1,4 +1,4 @@
-"""The mission file for vehicles: that of a simulated mission without what only the simulator needs."""
+"""The mission file for vehicles, made from that of a simulated mission."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.support.atomic_files import write_whole
 
-#: Where a vehicle's recorder writes, relative to the folder it is started in.
+#: Recording folder of a vehicle, relative to its working directory.
 RECORDING = "bag"
 
 _HEAD = """\
@@ -21,28 +21,27 @@ _HEAD = """\
 
 
 def send_duration_s(settings: Settings) -> float:
-    """What `tdma.send_duration_s` has to be at least with the vehicles' modems."""
+    """The least `tdma.send_duration_s` for the vehicles' modems."""
     return max(settings.tdma.send_duration_s, *(own.modem.send_duration_s for own in settings.vehicles))
 
 
 def vehicle_file(settings: Settings) -> str:
-    """The parameter file that every vehicle of the mission gets.
+    """The mission file for every vehicle of the mission.
 
-    There is no section `sim`, `modem.kind` is micromodem, `link.kind` is mavlink, `record.folder` is `RECORDING`, and
-    `tdma.send_duration_s` is as long as the slowest start of a modem makes it;
-    the mission waits for GO (`vehicle.start`); ports and endpoints are those of `settings`.
+    It has no section `sim`, drives a Micromodem and a MAVLink autopilot at the addresses of `settings`, records into
+    `RECORDING`, and waits for GO (`vehicle.start`). `tdma.send_duration_s` allows for the slowest modem.
 
     Raises:
-        ParameterError: if the addresses of modem or autopilot are a simulated run's, or a modem has none.
+        ParameterError: if an address is that of a simulated run's hardware, or a modem has none.
     """
     wanted: dict[str, Any] = {"record.folder": RECORDING, "tdma.send_duration_s": send_duration_s(settings)}
     of_a_run = Path(settings.record.folder).is_absolute()
     for k, own in enumerate(settings.vehicles, 1):
         if of_a_run and (own.modem.kind != "direct" or own.link.kind != "direct"):
             raise ParameterError(
-                f"{settings.where}: auv{k}: modem.kind is {own.modem.kind!r} and link.kind {own.link.kind!r}, at "
-                "addresses of that run's emulated hardware; expected a file written by hand, or by a run "
-                "without --modem emulated and --vehicle-link mavlink"
+                f"{settings.where}: auv{k}: got modem.kind {own.modem.kind!r} and link.kind {own.link.kind!r} at "
+                "addresses of a run's emulated hardware; expected a file written by hand, or by a run without "
+                "--modem emulated and --vehicle-link mavlink"
             )
         if not own.modem.port:
             raise ParameterError(
@@ -64,7 +63,7 @@ def write_vehicle_file(settings: Settings, path: Path) -> None:
     """Writes the mission file for the vehicles.
 
     Raises:
-        ParameterError: if vehicles cannot fly the mission as it is, or the file exists or cannot be written.
+        ParameterError: if the mission does not suit vehicles, or the file exists or cannot be written.
     """
     text = vehicle_file(settings)
     try:

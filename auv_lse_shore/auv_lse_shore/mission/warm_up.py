@@ -1,7 +1,6 @@
-"""`python -m auv_lse_shore.mission.warm_up`: compiles the inner loops once into numba's cache.
+"""`python -m auv_lse_shore.mission.warm_up`: compiles the inner loops into numba's cache.
 
-scripts/setup runs it after building, so that nodes start quickly. Without it, each node of the
-first mission compiles them itself.
+scripts/setup runs it after building, so that nodes start quickly.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from auv_lse_sim.ground.ground_source import ground_of
 
 
 def main() -> int:
-    """Flies the first ticks of a short mission by each kind of search."""
+    """Runs the first ticks of a short mission with each kind of search."""
     for method in ("augmented", "tour"):
         overrides = {"mission.vehicles": 2, "mission.steps": 4, "planner.method": method, "planner.iterations": 20}
         settings = Settings.load(None, overrides)

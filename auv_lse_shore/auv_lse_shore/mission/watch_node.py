@@ -1,4 +1,4 @@
-"""Follows a running mission from outside, for the live display."""
+"""Follows a running mission for the progress display."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STATES = {
 
 
 class MissionWatch:
-    """A node that reads /sim/status and every planner's bound into a MissionProgress; a context manager."""
+    """A node that reads /sim/status and the planners' bounds into a MissionProgress; a context manager."""
 
     def __init__(self, progress: MissionProgress, environment: Mapping[str, str]) -> None:
         """Joins nothing yet.
@@ -61,10 +61,7 @@ class MissionWatch:
         rclpy.try_shutdown()
 
     def wait(self, seconds_: float) -> tuple[str, str]:
-        """Waits `seconds_`, then handles what has come in; returns the state ("waiting", ...) and its message.
-
-        One round takes every message that waits. Of the status, which comes with every tick, the last is enough.
-        """
+        """Waits `seconds_`, then handles all waiting messages; returns the state ("waiting", ...) and its message."""
         time.sleep(seconds_)
         self._executor.spin_once(timeout_sec=0.0)
         return self._state, self._message

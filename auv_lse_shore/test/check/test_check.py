@@ -69,7 +69,7 @@ def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("sections", "own", "level", "words"),
     [
-        ({}, {"vehicle": {"start_north_m": 900.0}}, "error", "auv2: .* 900, 0 m: outside the operating area"),
+        ({}, {"vehicle": {"start_north_m": 900.0}}, "error", "auv2: .* 900, 0 m, outside the operating area"),
         ({}, {"vehicle": {"start_north_m": -45.0}}, "warning", "auv2: .* m from the border; expected at least .* 10 m"),
         ({"area": {"polygon_m": [-20.0, -20.0, 30.0, -20.0, 30.0, 600.0, -20.0, 600.0]}}, None, "warning", "one lane"),
         (
@@ -85,14 +85,14 @@ def test_what_contradicts_itself_is_an_error(tmp_path: Path) -> None:
             "auv2.*: vehicle.recovery_north_m, .* = 900, 0 m, where vehicle.at_end leads: .* m outside of",
         ),
         ({"planner": {"lane_spacing_m": 20.0}}, None, "warning", "expected at least 30 m, twice motion.turn_radius_m"),
-        ({}, {"vehicle": {"depth_m": 3.2}}, "warning", "auv1, auv2: .* 3 and 3.2 m: expected 0.5 m between them"),
+        ({}, {"vehicle": {"depth_m": 3.2}}, "warning", "auv1, auv2: .* 3 and 3.2 m; expected .* at least 0.5 m"),
         (
             {"level_set": {"level_m": 6.0}},
             None,
             "warning",
-            r"auv1: .* = 6 m: expected less than level_set.level_m = 6 m",
+            r"auv1: .* got 6 m; expected less than level_set.level_m = 6 m",
         ),
-        ({"tdma": {"order": [1, 2]}}, None, "warning", r"tdma.order = \[1, 2\]: no slot for auv3"),
+        ({"tdma": {"order": [1, 2]}}, None, "warning", r"tdma.order: got \[1, 2\], without a slot for auv3"),
         ({"tdma": {"order": [1, 2, 9]}}, None, "error", "9"),
         ({"tdma": {"max_range_m": 500.0}}, None, "warning", "expected at least 922 m, the length of the area"),
         ({"planner": {"plan_expiry_s": 50.0}}, None, "warning", "expected at least two cycles, 60 s"),
@@ -113,8 +113,8 @@ def test_what_it_finds(
 def test_what_to_expect_of_the_papers_trial() -> None:
     notes = found(ROOT / "config" / "missions" / "trial_3_augmented.yaml", "note")
     assert any("3 x 10 s = a cycle of 30 s" in note for note in notes)
-    assert any("3 actions and 19 samples; 30 soundings a cycle: one of 2 is sent, 3 m apart" in note for note in notes)
-    assert any("mission time: 26 min 11 s (100 legs of 23.6 m" in note for note in notes)
+    assert any("3 actions and 19 samples; of 30 soundings in a cycle one in 2 is sent, 3 m" in note for note in notes)
+    assert any("duration: 26 min 11 s (100 legs of 23.6 m" in note for note in notes)
     plan = Plan(step=0, heading_rad=0.0, north_m=0.0, east_m=0.0, actions=(5,) * 3, naive_path=0xF0)
     assert room_for_samples(plan) == 19
 
@@ -126,12 +126,12 @@ def test_whether_this_machine_can_be_a_vehicle(tmp_path: Path) -> None:
     link = {"kind": "mavlink", "endpoint": "serial:///dev/no_such:57600"}
     path = write(tmp_path, modem=modem, link=link, packet={"tag": True, "key_file": str(key), "session": "a"}, sim={})
     errors = found(path, "error", "auv2")
-    assert f"modem.port = {port}: expected a serial device" in errors
-    assert "link.endpoint = /dev/no_such: is not on this machine" in errors
+    assert f"modem.port: got {port}; expected a serial device" in errors
+    assert "link.endpoint: got /dev/no_such; expected a device on this machine" in errors
     assert any(error.startswith("packet.key_file: ") for error in errors)
     warnings = found(path, "warning", "auv2")
     assert any("has a section sim" in text for text in warnings)
-    assert "record.folder: is empty: nothing of the dive is recorded" in warnings
+    assert "record.folder: got ''; expected a folder, or the dive is not recorded" in warnings
     assert found(path, "error", "auv4") == [*found(path, "error"), "auv4: expected one of the mission's 3 vehicles"]
 
 
