@@ -25,12 +25,7 @@ def bridge_problems(bridge: ModemBridge, now_s: float) -> dict[str, str]:
 
 
 def bridge_health(bridge: ModemBridge, problems: Mapping[str, str]) -> Health:
-    """The state of the acoustic link.
-
-    Args:
-        bridge: The bridge.
-        problems: The result of `bridge_problems`.
-    """
+    """The state of the acoustic link, with the result of `bridge_problems`."""
     values = {**bridge.counts, **bridge.quality.counts, "samples.unsent": bridge.unsent, "loss": f"{bridge.loss:.2f}"}
     level = Level.WARN if problems else Level.OK
     return Health(level=level, text="; ".join(problems.values()) or "ok", values=values)

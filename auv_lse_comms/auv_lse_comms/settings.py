@@ -45,13 +45,9 @@ def shared_number(parameters: Mapping[str, Any], key: str, where: str) -> int:
 
 
 def limits_of(parameters: Mapping[str, Any], packet: PacketConfig, where: str) -> Limits:
-    """What this mission's packets can hold, from its steps, action set and operating area.
+    """Limits of this mission's packets, from its steps, action set and operating area; `where` is for messages.
 
-    Args:
-        parameters: Nested parameters. `mission.steps` is required. Without `motion.actions_deg` or `area.polygon_m`
-            the limits are those of the field table.
-        packet: The section `packet`.
-        where: Where the parameters came from, for messages.
+    `mission.steps` is required. Without `motion.actions_deg` or `area.polygon_m` the field table's limits apply.
 
     Raises:
         ParameterError: naming what is missing or cannot be used.

@@ -55,12 +55,7 @@ class Tdma:
     """The slots of a team, for one of its vehicles."""
 
     def __init__(self, config: TdmaConfig, address: int, vehicles: int) -> None:
-        """Starts with these settings, at all times.
-
-        Args:
-            config: The settings. An empty order becomes 1, 2, ..., `vehicles`.
-            address: Number of this vehicle, from 1.
-            vehicles: Number of vehicles of the mission.
+        """Starts with these settings for vehicle `address` of 1..`vehicles`; an empty order becomes 1, 2, ...
 
         Raises:
             ValueError: if the address or an owner in the order is not a vehicle of the mission.
@@ -85,10 +80,6 @@ class Tdma:
 
     def change(self, config: TdmaConfig, now_s: float) -> float:
         """Schedules new settings; they replace an earlier change that has not taken effect yet.
-
-        Args:
-            config: The new settings.
-            now_s: Time now (s).
 
         Returns:
             When they take effect (s): at the first start of a cycle, by the present settings, after `now_s`.

@@ -253,9 +253,6 @@ class ModemBridge:
         "slots.missed.<reason>": "plan" (there is no plan yet), "late" (at the first poll in the slot a
         transmission no longer fitted), "asleep" (no poll came in the whole slot), "modem" (see `not_sent`).
 
-        Args:
-            now_s: Time (s).
-
         Returns:
             252 bytes to send at once, or None.
         """

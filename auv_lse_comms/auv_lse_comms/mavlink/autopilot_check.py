@@ -94,14 +94,7 @@ class AutopilotCheck:
     """
 
     def __init__(self, config: LinkConfig, vehicle: int, mission: bool = False, key: bytes | None = None) -> None:
-        """Prepares the check of vehicle number `vehicle`.
-
-        Args:
-            config: Section `link`; legs use position targets.
-            vehicle: Number of the vehicle.
-            mission: Whether the mission will use uploads, which need another flight mode.
-            key: Key with which messages are signed; None: they are not signed.
-        """
+        """Prepares the check; arguments as for `VehicleLink`, `mission`: uploads are used, in another flight mode."""
         self.link = VehicleLink(config, vehicle, None, key=key)
         self._mission = mission
         self.messages: Counter[str] = Counter()

@@ -6,10 +6,8 @@ from collections.abc import Iterator
 
 from auv_lse_common.mission_file.sections.link import LinkConfig
 from auv_lse_common.vocabulary.health import Health, Level
-from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_common.vocabulary.sounding import Sounding
 from auv_lse_comms.mavlink.link import LinkState, VehicleLink
-from auv_lse_comms.mavlink.messages.conversion import Target
 from auv_lse_comms.mavlink.messages.datum import Origin
 from auv_lse_comms.mavlink.messages.events import Altitude, AutopilotEstimate, Problem
 from auv_lse_comms.mavlink.messages.events import Event as LinkEvent
@@ -74,18 +72,6 @@ class AutopilotPort:
     def sent(self) -> int:
         """Number of target messages, or missions, sent so far."""
         return self.link.counts[self._sent]
-
-    def command(self, now_s: float, target: Target) -> None:
-        """Queues the end of the next leg; `step` sends it.
-
-        Raises:
-            ValueError: see `VehicleLink.command`.
-        """
-        self.link.command(now_s, target)
-
-    def stop(self, now_s: float, stop: Stop | None) -> None:
-        """Stops the vehicle, or lets it continue (None); `step` sends it."""
-        self.link.stop(now_s, stop)
 
     def step(self, now_s: float, steady_s: float, poll: bool = True) -> list[Event]:
         """Opens the endpoint if it is time, reads, lets time pass (if `poll`), writes; returns the events."""

@@ -79,11 +79,7 @@ class TargetLimits:
 
 
 def target_limits(parameters: Mapping[str, Any], where: str) -> TargetLimits:
-    """The limits of a vehicle's targets, from its parameters.
-
-    Args:
-        parameters: Nested parameters, of which `area`, `safety` and `vehicle` are read.
-        where: Where they came from, for messages.
+    """The limits of a vehicle's targets, from the sections `area`, `safety` and `vehicle`; `where` is for messages.
 
     Raises:
         ParameterError: if one of these sections cannot be used.
@@ -109,16 +105,7 @@ class TargetSender:
         report: Callable[[Event], None],
         counts: Counter[str],
     ) -> None:
-        """Starts without targets.
-
-        Args:
-            config: Section `link`.
-            autopilot: The autopilot's system and component id.
-            limits: Limits of targets.
-            send: Sends a message to the autopilot.
-            report: Reports an event.
-            counts: Counter for targets.
-        """
+        """Starts without targets; `autopilot` is its system and component id, `counts` a counter for targets."""
         self._config, self._autopilot, self._limits = config, autopilot, limits
         self._send, self._report, self._counts = send, report, counts
         self._upload = MissionUpload(send, *autopilot, timeout_s=config.upload_timeout_s, retries=config.upload_retries)
@@ -260,11 +247,7 @@ class TargetSender:
     def send(self, now_s: float, boot_ms: int, datum: Datum, ardupilot: bool) -> None:
         """Sends what is due; call it only if the autopilot is heard and its frame is known.
 
-        Args:
-            now_s: The host's clock.
-            boot_ms: The autopilot's time since boot.
-            datum: The mission's origin and the autopilot's.
-            ardupilot: Whether missions begin with a home item.
+        `now_s` is the host's clock, `boot_ms` the autopilot's time since boot; `ardupilot`: missions begin with a home.
         """
         wanted = tuple(self._targets)
         if self._surfacing is not None:

@@ -67,7 +67,7 @@ class VehicleLinkNode(DriverNode):
 
     def _on_state(self, report: RunReport) -> None:
         try:
-            self._autopilot.stop(self.now_s(), report.status.stop)
+            self._autopilot.link.stop(self.now_s(), report.status.stop)
             self._has_state = True
         except ValueError as error:
             self.get_logger().error(f"mission/state: {error}")
@@ -75,7 +75,7 @@ class VehicleLinkNode(DriverNode):
     def _command(self, step: int, ends: list[Target]) -> None:
         try:
             for end in ends:
-                self._autopilot.command(self.now_s(), end)
+                self._autopilot.link.command(self.now_s(), end)
         except ValueError as error:
             self.get_logger().error(f"waypoint of step {step}: {error}")
 

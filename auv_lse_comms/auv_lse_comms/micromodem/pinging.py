@@ -33,11 +33,7 @@ class Pinging:
         self._taken = False
 
     def ask(self, destination: int, free: bool) -> int:
-        """Pings another modem; returns the ping's number, which the events about it carry.
-
-        Args:
-            destination: Its address.
-            free: Whether no packet waits.
+        """Pings another modem; returns the ping's number, which the events about it carry; `free`: no packet waits.
 
         Raises:
             ValueError: if it is not another modem's address.

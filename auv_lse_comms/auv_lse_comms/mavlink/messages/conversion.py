@@ -66,19 +66,11 @@ class Target:
 def position_target(target: Target, datum: Datum, boot_ms: int, system: int, component: int) -> Message:
     """SET_POSITION_TARGET_LOCAL_NED for a target, to the autopilot `system`, `component`."""
     x, y = datum.to_local_ned(target.north_m, target.east_m)
+    frame, velocity_and_acceleration, yaw_rate = mavlink.MAV_FRAME_LOCAL_NED, (0.0,) * 6, 0.0
     return mavlink.MAVLink_set_position_target_local_ned_message(
-        boot_ms % 2**32,
-        system,
-        component,
-        mavlink.MAV_FRAME_LOCAL_NED,
-        POSITION_AND_YAW,
-        x,
-        y,
-        target.depth_m,
-        *(0.0,) * 6,
-        float(wrap_pi(target.heading_rad)),
-        0.0,
-    )
+        boot_ms % 2**32, system, component, frame, POSITION_AND_YAW, x, y, target.depth_m,
+        *velocity_and_acceleration, float(wrap_pi(target.heading_rad)), yaw_rate,
+    )  # fmt: skip
 
 
 def speed_command(speed_mps: float, system: int, component: int) -> Message:
@@ -94,22 +86,12 @@ def mission_item(
 ) -> Message:
     """MISSION_ITEM_INT number `number` for a target: a waypoint at its latitude and longitude, depth as altitude."""
     lat_e7, lon_e7 = datum.to_geodetic(target.north_m, target.east_m)
+    frame, command = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, mavlink.MAV_CMD_NAV_WAYPOINT
+    current, autocontinue, hold_s, pass_radius_m = int(number == 0), 1, 0.0, 0.0
     return mavlink.MAVLink_mission_item_int_message(
-        system,
-        component,
-        number,
-        mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-        mavlink.MAV_CMD_NAV_WAYPOINT,
-        int(number == 0),
-        1,
-        0.0,
-        acceptance_m,
-        0.0,
-        math.degrees(float(wrap_pi(target.heading_rad))),
-        lat_e7,
-        lon_e7,
-        -target.depth_m,
-    )
+        system, component, number, frame, command, current, autocontinue, hold_s, acceptance_m, pass_radius_m,
+        math.degrees(float(wrap_pi(target.heading_rad))), lat_e7, lon_e7, -target.depth_m,
+    )  # fmt: skip
 
 
 def target_of_position(message: Message, datum: Datum) -> Target:

@@ -71,11 +71,7 @@ class Datum:
 
 
 def origin_of(parameters: Mapping[str, Any], where: str) -> Origin | None:
-    """The mission's origin, None if it has none.
-
-    Args:
-        parameters: Nested parameters, of which `area` is read.
-        where: Where they came from, for messages.
+    """The mission's origin from the section `area`, None if it has none; `where` is for messages.
 
     Raises:
         ParameterError: if the section `area` cannot be used.

@@ -11,10 +11,7 @@ _ROVERS = (mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_TYPE_SURFACE_BOAT)
 def obeying_modes(autopilot: int, vehicle_type: int, mission: bool) -> tuple[int, ...]:
     """The modes in which an autopilot follows the link's targets; empty if unknown: any may be right.
 
-    Args:
-        autopilot: MAV_AUTOPILOT of its heartbeat.
-        vehicle_type: MAV_TYPE of its heartbeat.
-        mission: Whether missions are uploaded, not position targets.
+    `autopilot` (MAV_AUTOPILOT) and `vehicle_type` (MAV_TYPE) are its heartbeat's; `mission`: missions are uploaded.
     """
     if autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and vehicle_type == mavlink.MAV_TYPE_SUBMARINE:
         return (3,) if mission else (4,)  # AUTO, GUIDED

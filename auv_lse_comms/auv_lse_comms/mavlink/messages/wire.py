@@ -48,12 +48,7 @@ class MavlinkCodec:
     """
 
     def __init__(self, system_id: int, component_id: int, key: bytes | None = None) -> None:
-        """Writes as `system_id`, `component_id`.
-
-        Args:
-            system_id: MAVLink system id.
-            component_id: MAVLink component id.
-            key: Key of 32 bytes with which messages are signed; None: they are not.
+        """Writes as `system_id`, `component_id`; signs messages with the 32 bytes of `key`, if there is one.
 
         Raises:
             ValueError: if the key has another length.
