@@ -26,7 +26,7 @@ from rclpy.parameter import Parameter
 
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.mission_file.sections.acoustics import PacketConfig, TdmaConfig
-from auv_lse_common.topics.codecs import decode_waypoint
+from auv_lse_common.topics.plan_codecs import decode_waypoint
 from auv_lse_common.topics.quality import EVERY, LATCHED
 from auv_lse_common.topics.records import RunReport
 from auv_lse_common.topics.ros_conversions import header

@@ -13,7 +13,7 @@ from auv_lse_common.node.entry_point import Main
 from auv_lse_common.node.periodic import Periodic
 from auv_lse_common.node.vehicle_node import VehicleNode
 from auv_lse_common.support import compiled
-from auv_lse_common.topics.codecs import MARKERS
+from auv_lse_common.topics.map_codecs import MARKERS
 from auv_lse_common.topics.records import CentersReport, FieldReport
 from auv_lse_common.vocabulary.health import Recent
 from auv_lse_common.vocabulary.sounding import Soundings

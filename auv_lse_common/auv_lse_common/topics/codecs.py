@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,23 +19,15 @@ from numpy.typing import NDArray
 from auv_lse_common.safety.watch import AutopilotReport
 from auv_lse_common.topics.records import (
     Altitude,
-    CentersReport,
-    FieldReport,
     HealthReport,
     MissionOrder,
     Odometry,
-    PlanReport,
     Pressure,
     Reception,
-    RunReport,
     Transmission,
-    Waypoint,
 )
 from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, MateNavigation, raw_place
 from auv_lse_common.vocabulary.frames import heading_from_quaternion, quaternion_from_heading
-from auv_lse_common.vocabulary.leg import Leg
-from auv_lse_common.vocabulary.mission_run import Action, RunState, RunStatus, Stop
-from auv_lse_common.vocabulary.plan import Plan, Tour
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
 from auv_lse_common.vocabulary.stamps import seconds
 
@@ -248,12 +239,17 @@ def decode_samples(message: Any) -> Soundings:
     Raises:
         ValueError: if the message's fields differ in length.
     """
-    columns = _columns(message, "SampleArray", ("north_m", "east_m", "depth_m"))
+    columns = columns_of(message, "SampleArray", ("north_m", "east_m", "depth_m"))
     points_m = np.column_stack([column.astype(float) for column in columns])
     return Soundings.of_packet(seconds(message.header.stamp), int(message.source), points_m)
 
 
-def _columns(message: Any, kind: str, names: tuple[str, ...]) -> list[NDArray[Any]]:
+def columns_of(message: Any, kind: str, names: tuple[str, ...]) -> list[NDArray[Any]]:
+    """Array fields of a message.
+
+    Raises:
+        ValueError: if they differ in length.
+    """
     columns = [np.asarray(getattr(message, name)) for name in names]
     if len({len(column) for column in columns}) != 1:
         raise ValueError(
@@ -263,283 +259,7 @@ def _columns(message: Any, kind: str, names: tuple[str, ...]) -> list[NDArray[An
     return columns
 
 
-# Maps --------------------------------------------------------------------------------------------------------------
-
-
-def encode_centers(report: CentersReport, vehicle: int) -> Fields:
-    """KernelCenters."""
-    effect = report.place_effect_m
-    return {
-        "header": header_fields(report.stamp_s),
-        "revision": report.revision,
-        "north_m": report.places_m[:, 0],
-        "east_m": report.places_m[:, 1],
-        "depth_m": report.depths_m,
-        "noise_std_m": report.noise_std_m,
-        "place_modes": 0 if effect is None else effect.shape[1],
-        "place_effect_m": np.zeros(0) if effect is None else effect.ravel(),
-    }
-
-
-def decode_centers(message: Any) -> CentersReport:
-    """Kernel centers; older recordings hold no effects of place errors.
-
-    Raises:
-        ValueError: if the message's fields differ in length.
-    """
-    north, east, depth, noise = _columns(message, "KernelCenters", ("north_m", "east_m", "depth_m", "noise_std_m"))
-    modes = int(getattr(message, "place_modes", 0))
-    effect = np.asarray(getattr(message, "place_effect_m", ()), dtype=float)
-    if len(effect) != modes * len(north):
-        raise ValueError(
-            f"KernelCenters: place_effect_m has {len(effect)} values; expected place_modes = {modes} for each of "
-            f"{len(north)} centers"
-        )
-    return CentersReport(
-        stamp_s=seconds(message.header.stamp),
-        revision=int(message.revision),
-        places_m=np.column_stack([north, east]),
-        depths_m=depth,
-        noise_std_m=noise,
-        place_effect_m=effect.reshape(-1, modes) if modes else None,
-    )
-
-
-def _resolution(north_m: NDArray[Any], east_m: NDArray[Any]) -> float:
-    axis = north_m if len(north_m) > 1 else east_m
-    return float(axis[1] - axis[0])
-
-
-def encode_field(report: FieldReport, vehicle: int) -> Fields:
-    """LevelSetField."""
-    return {
-        "header": header_fields(report.stamp_s),
-        "south_m": float(report.north_m[0]),
-        "west_m": float(report.east_m[0]),
-        "resolution_m": _resolution(report.north_m, report.east_m),
-        "rows": len(report.north_m),
-        "columns": len(report.east_m),
-        "level_m": report.level_m,
-        "variance_scale": report.variance_scale,
-        **{name: getattr(report, name).ravel() for name in ("mean_m", "std_m", "risk", "p_safe")},
-    }
-
-
-def decode_field(message: Any) -> FieldReport:
-    """A map; older recordings hold no `variance_scale`, which counts as 1."""
-    shape = (int(message.rows), int(message.columns))
-    names = ("mean_m", "std_m", "risk", "p_safe")
-    layers = {name: np.asarray(getattr(message, name), dtype=np.float32).reshape(shape) for name in names}
-    return FieldReport(
-        stamp_s=seconds(message.header.stamp),
-        north_m=message.south_m + message.resolution_m * np.arange(shape[0]),
-        east_m=message.west_m + message.resolution_m * np.arange(shape[1]),
-        level_m=message.level_m,
-        variance_scale=getattr(message, "variance_scale", 0.0) or 1.0,
-        **layers,
-    )
-
-
-def encode_risk_map(value: tuple[FieldReport, float], vehicle: int) -> Fields:
-    """OccupancyGrid of a map's risk and the largest risk possible: 0 no risk, 100 the largest, -1 outside."""
-    field, largest_risk = value
-    resolution = _resolution(field.north_m, field.east_m)
-    percent = np.clip(np.round(100.0 * np.nan_to_num(field.risk) / largest_risk), 0, 100)
-    corner = {"x": float(field.east_m[0]) - resolution / 2.0, "y": float(field.north_m[0]) - resolution / 2.0}
-    return {
-        "header": header_fields(field.stamp_s),
-        "info": {
-            "map_load_time": time_fields(field.stamp_s),
-            "resolution": resolution,
-            "width": len(field.east_m),
-            "height": len(field.north_m),
-            "origin": {"position": corner, "orientation": {"w": 1.0}},
-        },
-        "data": np.where(np.isnan(field.risk), -1, percent).astype(np.int8).ravel(),
-    }
-
-
-#: Lines of an isobath's markers: attribute of the isobath, color (red, green, blue).
-MARKERS = (("lines", (0.0, 0.0, 0.0)), ("shallow_edge", (0.9, 0.6, 0.0)), ("deep_edge", (0.0, 0.45, 0.7)))
-
-
-def encode_isobath(value: tuple[float, int, Any, float], vehicle: int) -> Fields:
-    """Marker (LINE_LIST at z = -level) of stamp (s), index in `MARKERS`, an isobath with those lines, level (m)."""
-    stamp_s, index, isobath, level_m = value
-    name, (red, green, blue) = MARKERS[index]
-    points: list[Fields] = []
-    for line in getattr(isobath, name):
-        places = [{"x": east, "y": north, "z": -level_m} for north, east in line.tolist()]
-        points += [end for segment in pairwise(places) for end in segment]
-    return {
-        "header": header_fields(stamp_s),
-        "ns": name,
-        "id": index,
-        "type": 5,  # LINE_LIST
-        "pose": {"orientation": {"w": 1.0}},
-        "scale": {"x": 1.0},
-        "color": {"r": red, "g": green, "b": blue, "a": 1.0},
-        "points": points,
-    }
-
-
-# Plans -------------------------------------------------------------------------------------------------------------
-
-
-def encode_plan(report: PlanReport, vehicle: int) -> Fields:
-    """Plan."""
-    plan = report.plan
-    segment_legs, bearings = plan.tour_fields
-    return {
-        "header": header_fields(report.stamp_s),
-        "vehicle": report.vehicle,
-        "step": plan.step,
-        "heading_rad": plan.heading_rad,
-        "north_m": plan.north_m,
-        "east_m": plan.east_m,
-        "actions": list(plan.actions),
-        "segment_legs": segment_legs,
-        "bearings": list(bearings),
-        "naive_path": plan.naive_path,
-    }
-
-
-def decode_plan(message: Any) -> PlanReport:
-    """A plan; older recordings call its naive path "heuristic" and hold no tour."""
-    bearings = tuple(map(int, getattr(message, "bearings", ())))
-    plan = Plan(
-        step=int(message.step),
-        heading_rad=float(message.heading_rad),
-        north_m=float(message.north_m),
-        east_m=float(message.east_m),
-        actions=tuple(map(int, message.actions)),
-        tour=Tour.from_fields(int(getattr(message, "segment_legs", 0)), bearings),
-        naive_path=int(message.naive_path if hasattr(message, "naive_path") else message.heuristic),
-    )
-    return PlanReport(stamp_s=seconds(message.header.stamp), vehicle=int(message.vehicle), plan=plan)
-
-
-def encode_path(value: tuple[float, NDArray[np.float64], float], vehicle: int) -> Fields:
-    """Path through states (heading, north, east), shape (n, 3), at a depth (m): (stamp s, states, depth)."""
-    stamp_s, states, depth_m = value
-    header, poses = header_fields(stamp_s), []
-    for heading, north, east in states:
-        x, y, z, w = quaternion_from_heading(float(heading))
-        position = {"x": float(east), "y": float(north), "z": -depth_m}
-        pose = {"position": position, "orientation": {"x": x, "y": y, "z": z, "w": w}}
-        poses.append({"header": header, "pose": pose})
-    return {"header": header, "poses": poses}
-
-
-def stop_of(action: int, north_m: float, east_m: float) -> Stop | None:
-    """The stop of a message's action (one of MissionState's) and place; None: the vehicle travels.
-
-    Raises:
-        ValueError: if there is no such action, or no place to go to.
-    """
-    known = Action(action)
-    return None if known is Action.TRAVEL else Stop(action=known, place_m=(north_m, east_m))
-
-
-def stop_fields(stop: Stop | None) -> tuple[int, float, float]:
-    """Action, north and east (m) of a stop in a message; None: the vehicle travels."""
-    return (int(Action.TRAVEL), math.nan, math.nan) if stop is None else (int(stop.action), *stop.place_m)
-
-
-def encode_waypoint(waypoint: Waypoint, vehicle: int) -> Fields:
-    """Waypoint."""
-    leg, then = waypoint.leg, waypoint.then
-    action, then_north_m, then_east_m = stop_fields(then)
-    end_heading_rad, end_north_m, end_east_m = map(float, waypoint.end)
-    return {
-        "header": header_fields(waypoint.stamp_s),
-        "step": leg.step,
-        "start_heading_rad": leg.heading_rad,
-        "start_north_m": leg.north_m,
-        "start_east_m": leg.east_m,
-        "turn_rad": leg.action_rad,
-        "turn_radius_m": leg.radius_m,
-        "straight_m": leg.straight_m,
-        "end_heading_rad": end_heading_rad,
-        "end_north_m": end_north_m,
-        "end_east_m": end_east_m,
-        "speed_mps": waypoint.speed_mps,
-        "depth_m": waypoint.depth_m,
-        "last": then is not None,
-        "then": action,
-        "then_north_m": then_north_m,
-        "then_east_m": then_east_m,
-        "surface": leg.surface,
-    }
-
-
-def decode_waypoint(message: Any) -> Waypoint:
-    """The next leg; older recordings know no `surface`.
-
-    Raises:
-        ValueError: if what is to follow it is none of MissionState's actions.
-    """
-    leg = Leg(
-        step=int(message.step),
-        heading_rad=float(message.start_heading_rad),
-        north_m=float(message.start_north_m),
-        east_m=float(message.start_east_m),
-        action_rad=float(message.turn_rad),
-        radius_m=float(message.turn_radius_m),
-        straight_m=float(message.straight_m),
-        surface=bool(getattr(message, "surface", False)),
-    )
-    then = stop_of(message.then, message.then_north_m, message.then_east_m) if hasattr(message, "then") else None
-    return Waypoint(
-        stamp_s=seconds(message.header.stamp),
-        leg=leg,
-        speed_mps=message.speed_mps,
-        depth_m=message.depth_m,
-        end=(message.end_heading_rad, message.end_north_m, message.end_east_m),
-        then=then,
-    )
-
-
-# The mission, packets and health -----------------------------------------------------------------------------------
-
-
-def encode_run(report: RunReport, vehicle: int) -> Fields:
-    """MissionState."""
-    status = report.status
-    action, north_m, east_m = stop_fields(status.stop)
-    return {
-        "header": header_fields(report.stamp_s),
-        "revision": report.revision,
-        "state": int(status.state),
-        "action": action,
-        "go_to_north_m": north_m,
-        "go_to_east_m": east_m,
-        "team_abort": status.team_abort,
-        "reason": status.reason,
-        "limits": list(status.limits),
-        "warnings": list(report.warnings),
-    }
-
-
-def decode_run(message: Any) -> RunReport:
-    """The state of a vehicle's mission.
-
-    Raises:
-        ValueError: if a number in it has no meaning.
-    """
-    status = RunStatus(
-        state=RunState(int(message.state)),
-        stop=stop_of(int(message.action), message.go_to_north_m, message.go_to_east_m),
-        team_abort=bool(message.team_abort),
-        reason=str(message.reason),
-        limits=tuple(map(str, message.limits)),
-    )
-    return RunReport(
-        stamp_s=seconds(message.header.stamp),
-        revision=int(message.revision),
-        status=status,
-        warnings=tuple(map(str, message.warnings)),
-    )
+# Orders, packets and health ----------------------------------------------------------------------------------------
 
 
 #: A command to a mission, of a topic or a service.

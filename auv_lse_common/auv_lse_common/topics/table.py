@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 from auv_lse_common.safety.watch import AutopilotReport
-from auv_lse_common.topics import codecs
+from auv_lse_common.topics import codecs, map_codecs, plan_codecs
 from auv_lse_common.topics.codecs import Decode, Encode, encode_record, packet_decoder, record_decoder
 from auv_lse_common.topics.records import BoundReport, Reception, SimReport, TdmaReport, Transmission
 from auv_lse_common.vocabulary.dead_reckoning import Fix
@@ -151,13 +151,13 @@ _ROWS = (
         name="mission/state", kind="auv_lse_msgs/msg/MissionState", about="state of the mission, and what to do now",
         writer="safety_node", readers=("planner_node", "modem_node", "vehicle_link_node|sim_node"),
         delivery="latched", command=True, phase="safety", awaited_by=("planner", "modem_sent", "vehicle_link"),
-        total=lambda message: int(message.revision), encode=codecs.encode_run, decode=codecs.decode_run,
+        total=lambda message: int(message.revision), encode=plan_codecs.encode_run, decode=plan_codecs.decode_run,
     ),
     Topic(
         name="kernel_centers", kind="auv_lse_msgs/msg/KernelCenters", about="the whole map in few numbers",
         writer="gp_node", readers=("planner_node",), delivery="latched", phase="gp", awaited_by=("planner",),
         total=lambda message: int(message.revision) + 1,  # revisions count from 0
-        encode=codecs.encode_centers, decode=codecs.decode_centers,
+        encode=map_codecs.encode_centers, decode=map_codecs.decode_centers,
     ),
     Topic(
         name="corrected", kind="nav_msgs/msg/Odometry", about="the vehicle's place, corrected by its map",
@@ -166,29 +166,29 @@ _ROWS = (
     ),
     Topic(
         name="field", kind="auv_lse_msgs/msg/LevelSetField", about="the map on a grid: depth, error, risk",
-        writer="gp_node", delivery="latched", encode=codecs.encode_field, decode=codecs.decode_field,
+        writer="gp_node", delivery="latched", encode=map_codecs.encode_field, decode=map_codecs.decode_field,
     ),
     Topic(
         name="risk_map", kind="nav_msgs/msg/OccupancyGrid", about="risk in percent of the largest, for viewers",
-        writer="gp_node", delivery="latched", encode=codecs.encode_risk_map,
+        writer="gp_node", delivery="latched", encode=map_codecs.encode_risk_map,
     ),
     Topic(
         name="isobath", kind="visualization_msgs/msg/Marker", about="isobath and edges of its band, for viewers",
-        writer="gp_node", encode=codecs.encode_isobath,
+        writer="gp_node", encode=map_codecs.encode_isobath,
     ),
     Topic(
         name="plan", kind="auv_lse_msgs/msg/Plan", about="the vehicle's plan to the end of its mission",
         writer="planner_node", readers=("modem_node",), delivery="latched", phase="planner", awaited_by=("modem_sent",),
-        encode=codecs.encode_plan, decode=codecs.decode_plan,
+        encode=plan_codecs.encode_plan, decode=plan_codecs.decode_plan,
     ),
     Topic(
         name="path", kind="nav_msgs/msg/Path", about="the plan as poses, for viewers", writer="planner_node",
-        encode=codecs.encode_path,
+        encode=plan_codecs.encode_path,
     ),
     Topic(
         name="waypoint", kind="auv_lse_msgs/msg/Waypoint", about="the next leg to travel", writer="planner_node",
         readers=("vehicle_link_node|sim_node",), delivery="latched", command=True, phase="planner",
-        encode=codecs.encode_waypoint, decode=codecs.decode_waypoint,
+        encode=plan_codecs.encode_waypoint, decode=plan_codecs.decode_waypoint,
     ),
     Topic(
         name="planner/bound", kind="auv_lse_msgs/msg/Bound", about="value and lower bound of each decision",
@@ -215,7 +215,7 @@ _ROWS = (
     Topic(
         name="team/plans", kind="auv_lse_msgs/msg/Plan", about="a team mate's plan", writer="modem_node",
         readers=("planner_node",), phase="modem", awaited_by=("planner",),
-        encode=codecs.encode_plan, decode=codecs.decode_plan,
+        encode=plan_codecs.encode_plan, decode=plan_codecs.decode_plan,
     ),
     Topic(
         name="team/samples", kind="auv_lse_msgs/msg/SampleArray", about="a team mate's depth samples",

@@ -16,7 +16,7 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.area import AreaConfig
 from auv_lse_common.mission_file.sections.mission import MotionConfig
 from auv_lse_common.safety.watch import AutopilotReport
-from auv_lse_common.topics.codecs import MARKERS
+from auv_lse_common.topics.map_codecs import MARKERS
 from auv_lse_common.topics.records import (
     Altitude,
     BoundReport,

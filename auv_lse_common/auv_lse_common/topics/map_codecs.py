@@ -1,0 +1,130 @@
+"""Encodes and decodes maps: kernel centers, the field on its grid, and what viewers show of it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auv_lse_common.topics.codecs import Fields, columns_of, header_fields, time_fields
+from auv_lse_common.topics.records import CentersReport, FieldReport
+from auv_lse_common.vocabulary.stamps import seconds
+
+
+def encode_centers(report: CentersReport, vehicle: int) -> Fields:
+    """KernelCenters."""
+    effect = report.place_effect_m
+    return {
+        "header": header_fields(report.stamp_s),
+        "revision": report.revision,
+        "north_m": report.places_m[:, 0],
+        "east_m": report.places_m[:, 1],
+        "depth_m": report.depths_m,
+        "noise_std_m": report.noise_std_m,
+        "place_modes": 0 if effect is None else effect.shape[1],
+        "place_effect_m": np.zeros(0) if effect is None else effect.ravel(),
+    }
+
+
+def decode_centers(message: Any) -> CentersReport:
+    """Kernel centers; older recordings hold no effects of place errors.
+
+    Raises:
+        ValueError: if the message's fields differ in length.
+    """
+    north, east, depth, noise = columns_of(message, "KernelCenters", ("north_m", "east_m", "depth_m", "noise_std_m"))
+    modes = int(getattr(message, "place_modes", 0))
+    effect = np.asarray(getattr(message, "place_effect_m", ()), dtype=float)
+    if len(effect) != modes * len(north):
+        raise ValueError(
+            f"KernelCenters: place_effect_m has {len(effect)} values; expected place_modes = {modes} for each of "
+            f"{len(north)} centers"
+        )
+    return CentersReport(
+        stamp_s=seconds(message.header.stamp),
+        revision=int(message.revision),
+        places_m=np.column_stack([north, east]),
+        depths_m=depth,
+        noise_std_m=noise,
+        place_effect_m=effect.reshape(-1, modes) if modes else None,
+    )
+
+
+def _resolution(north_m: NDArray[Any], east_m: NDArray[Any]) -> float:
+    axis = north_m if len(north_m) > 1 else east_m
+    return float(axis[1] - axis[0])
+
+
+def encode_field(report: FieldReport, vehicle: int) -> Fields:
+    """LevelSetField."""
+    return {
+        "header": header_fields(report.stamp_s),
+        "south_m": float(report.north_m[0]),
+        "west_m": float(report.east_m[0]),
+        "resolution_m": _resolution(report.north_m, report.east_m),
+        "rows": len(report.north_m),
+        "columns": len(report.east_m),
+        "level_m": report.level_m,
+        "variance_scale": report.variance_scale,
+        **{name: getattr(report, name).ravel() for name in ("mean_m", "std_m", "risk", "p_safe")},
+    }
+
+
+def decode_field(message: Any) -> FieldReport:
+    """A map; older recordings hold no `variance_scale`, which counts as 1."""
+    shape = (int(message.rows), int(message.columns))
+    names = ("mean_m", "std_m", "risk", "p_safe")
+    layers = {name: np.asarray(getattr(message, name), dtype=np.float32).reshape(shape) for name in names}
+    return FieldReport(
+        stamp_s=seconds(message.header.stamp),
+        north_m=message.south_m + message.resolution_m * np.arange(shape[0]),
+        east_m=message.west_m + message.resolution_m * np.arange(shape[1]),
+        level_m=message.level_m,
+        variance_scale=getattr(message, "variance_scale", 0.0) or 1.0,
+        **layers,
+    )
+
+
+def encode_risk_map(value: tuple[FieldReport, float], vehicle: int) -> Fields:
+    """OccupancyGrid of a map's risk and the largest risk possible: 0 no risk, 100 the largest, -1 outside."""
+    field, largest_risk = value
+    resolution = _resolution(field.north_m, field.east_m)
+    percent = np.clip(np.round(100.0 * np.nan_to_num(field.risk) / largest_risk), 0, 100)
+    corner = {"x": float(field.east_m[0]) - resolution / 2.0, "y": float(field.north_m[0]) - resolution / 2.0}
+    return {
+        "header": header_fields(field.stamp_s),
+        "info": {
+            "map_load_time": time_fields(field.stamp_s),
+            "resolution": resolution,
+            "width": len(field.east_m),
+            "height": len(field.north_m),
+            "origin": {"position": corner, "orientation": {"w": 1.0}},
+        },
+        "data": np.where(np.isnan(field.risk), -1, percent).astype(np.int8).ravel(),
+    }
+
+
+#: Lines of an isobath's markers: attribute of the isobath, color (red, green, blue).
+MARKERS = (("lines", (0.0, 0.0, 0.0)), ("shallow_edge", (0.9, 0.6, 0.0)), ("deep_edge", (0.0, 0.45, 0.7)))
+
+
+def encode_isobath(value: tuple[float, int, Any, float], vehicle: int) -> Fields:
+    """Marker (LINE_LIST at z = -level) of stamp (s), index in `MARKERS`, an isobath with those lines, level (m)."""
+    stamp_s, index, isobath, level_m = value
+    name, (red, green, blue) = MARKERS[index]
+    points: list[Fields] = []
+    for line in getattr(isobath, name):
+        places = [{"x": east, "y": north, "z": -level_m} for north, east in line.tolist()]
+        points += [end for segment in pairwise(places) for end in segment]
+    return {
+        "header": header_fields(stamp_s),
+        "ns": name,
+        "id": index,
+        "type": 5,  # LINE_LIST
+        "pose": {"orientation": {"w": 1.0}},
+        "scale": {"x": 1.0},
+        "color": {"r": red, "g": green, "b": blue, "a": 1.0},
+        "points": points,
+    }
