@@ -17,7 +17,7 @@ _RULE = 80 * "=" + "\n"
 
 
 class RecorderError(ValueError):
-    """A recording that cannot be made: the folder exists, the disk is full, a type is unknown."""
+    """A recording cannot be made: the folder exists, the disk is full, or a type is unknown."""
 
 
 def message_types(folders: Sequence[Path]) -> Any:
@@ -48,8 +48,8 @@ class BagWriter:
     """One recording.
 
     Attributes:
-        types: Type store that knows every type to record (`message_types`); may be replaced by a larger one.
-        texts: Definitions as they were written (`message_texts`); others are made from the store.
+        types: Type store with every type to record (`message_types`); may be replaced by a larger one.
+        texts: Definitions with their comments (`message_texts`); others are made from the store.
         count: Number of messages written.
     """
 
@@ -82,17 +82,17 @@ class BagWriter:
         except (WriterError, OSError) as error:
             raise RecorderError(f"record.folder = {str(folder)!r}: cannot start a recording there: {error}") from error
 
-    def learn(self, folders: Sequence[Path]) -> None:
-        """Takes types and definitions from these folders (each ".../share/PACKAGE/msg")."""
+    def use_definitions(self, folders: Sequence[Path]) -> None:
+        """Uses the message definitions of folders (each ".../share/PACKAGE/msg")."""
         self.types, self.texts = message_types(folders), message_texts(folders)
 
     def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:
-        """Announces a topic.
+        """Adds a topic.
 
         Args:
             topic: Full name.
             kind: Message type, "std_msgs/msg/String".
-            latched: True if its writers keep the last message for late readers; playback then does, too.
+            latched: Whether its writers keep the last message for late readers; playback then does the same.
 
         Raises:
             RecorderError: if the type is not known.
@@ -143,5 +143,5 @@ class BagWriter:
             storage.bio.flush()
 
     def close(self) -> None:
-        """Ends the recording: writes the index and metadata.yaml."""
+        """Closes the recording: writes the index and metadata.yaml."""
         self._writer.close()

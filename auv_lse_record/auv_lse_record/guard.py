@@ -1,4 +1,4 @@
-"""A recording that ends when the disk is nearly full, or fails: the mission goes on without it."""
+"""Ends a recording when the disk is nearly full or fails, so that the mission goes on without it."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ _MB = 1e6
 
 
 def free_mb(folder: Path) -> float:
-    """Space that is left where a folder is (MB)."""
+    """Free space on a folder's disk (MB)."""
     return shutil.disk_usage(folder).free / _MB
 
 
 class GuardedWriter:
-    """Passes messages on to a recording until there is no room for more.
+    """Writes messages to a recording until the disk is nearly full.
 
     Attributes:
-        problem: Why nothing is recorded any more; "" while it is.
-        dropped: Messages that came since.
+        problem: Why the recording has ended; "" while it goes on.
+        dropped: Number of messages since then.
     """
 
     def __init__(
@@ -30,17 +30,17 @@ class GuardedWriter:
         """Guards a recording.
 
         Args:
-            writer: A recording, as `make_writer` gives it.
-            folder: Where it is.
-            least_free_mb: Space (MB) that is left to others.
-            free: Gives the space that is left (MB).
+            writer: A recording made by `make_writer`.
+            folder: Its folder.
+            least_free_mb: Free space (MB) at which the recording ends.
+            free: Returns the free space (MB).
         """
         self.problem = ""
         self.dropped = 0
         self._writer, self._folder, self._least_free_mb, self._free = writer, folder, least_free_mb, free
 
-    def look(self) -> None:
-        """Looks whether there is still room; ends the recording, whole, if there is not."""
+    def check_space(self) -> None:
+        """Ends and closes the recording if the disk is nearly full."""
         if self.problem:
             return
         try:
@@ -50,24 +50,24 @@ class GuardedWriter:
             return
         if left_mb < self._least_free_mb:
             self._end(
-                f"{self._folder}: {left_mb:.0f} MB are left; expected at least record.least_free_mb = "
+                f"{self._folder}: got {left_mb:.0f} MB of free space; expected at least record.least_free_mb = "
                 f"{self._least_free_mb:g} MB"
             )
 
     def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:
-        """Announces a topic; as `BagWriter.add_topic`."""
+        """Like `BagWriter.add_topic`."""
         if not self.problem:
             try:
                 self._writer.add_topic(topic, kind, latched)
             except OSError as error:
                 self._end(f"{self._folder}: {error}")
 
-    def learn(self, folders: list[Path]) -> None:
-        """As `BagWriter.learn`."""
-        self._writer.learn(folders)
+    def use_definitions(self, folders: list[Path]) -> None:
+        """Like `BagWriter.use_definitions`."""
+        self._writer.use_definitions(folders)
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        """Writes one message, as long as there is room."""
+        """Writes one message unless the recording has ended."""
         if self.problem:
             self.dropped += 1
             return
@@ -83,5 +83,5 @@ class GuardedWriter:
 
     def _end(self, problem: str) -> None:
         self.problem = f"the recording has ended, the mission goes on: {problem}"
-        with suppress(OSError, ValueError, RuntimeError):  # a disk that is full may not even take the index
+        with suppress(OSError, ValueError, RuntimeError):  # a full disk may not even hold the index
             self._writer.close()

@@ -28,10 +28,10 @@ from auv_lse_record.rosbag2_writer import make_writer
 from auv_lse_record.software import mission_text, version
 
 _DISCOVERY_PERIOD_S = 2.0
-#: In lockstep, where stamps tell all that matters of time, messages are taken this often (s): about once per tick.
+#: In lockstep only stamps matter, so messages are taken this often (s): about once per tick.
 _GATHER_S = 0.02
-#: How often (s) the space on the disk is looked at.
-_LOOK_PERIOD_S = 2.0
+#: How often (s) the free space on the disk is checked.
+_SPACE_PERIOD_S = 2.0
 
 
 class RecorderNode(BaseNode):
@@ -43,7 +43,7 @@ class RecorderNode(BaseNode):
         config = section(RecordConfig, self.parameters, "record", self.where)
         mission = section(MissionConfig, self.parameters, "mission", self.where)
         if not config.folder:
-            raise ParameterError(f"{self.where}: record.folder: missing; expected the rosbag2 directory to make")
+            raise ParameterError(f"{self.where}: record.folder: missing; expected the rosbag2 directory to write")
         self._share = {"auv_lse_msgs": Path(get_package_share_directory("auv_lse_msgs")) / "msg"}
         snapshot = {"software": version(), "seed": str(mission.seed)}
         try:
@@ -63,13 +63,13 @@ class RecorderNode(BaseNode):
             self.gather_s = _GATHER_S
             self._done = self.create_publisher(LockstepDone, "/lockstep/done", EVERY)
             self.create_subscription(LockstepTick, "/lockstep/tick", self._on_tick, EVERY)
-        self._said = False
+        self._reported = False
         self.create_timer(_DISCOVERY_PERIOD_S, self._discover)
-        self.create_timer(_LOOK_PERIOD_S, self._look)
+        self.create_timer(_SPACE_PERIOD_S, self._check_space)
         self.get_logger().info(f"recording to {config.folder}")
 
     def _write_text(self, topic: str, text: str) -> None:
-        """Writes a text that holds for the whole recording; nobody publishes it."""
+        """Writes a text about the whole recording; no node publishes it."""
         self._bag.add_topic(topic, TEXT, latched=True)
         self._bag.write(topic, self.get_clock().now().nanoseconds, serialize_message(String(data=text)))
         self._topics.add(topic)
@@ -96,7 +96,7 @@ class RecorderNode(BaseNode):
         return any(w.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for w in writers)
 
     def _is_latched(self, topic: str) -> bool:
-        """Whether every writer of the topic keeps its last messages, so that what came before is recorded too."""
+        """Whether every writer of the topic keeps its last messages, so that earlier ones are recorded too."""
         writers = self.get_publishers_info_by_topic(topic)
         return bool(writers) and all(w.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for w in writers)
 
@@ -109,7 +109,7 @@ class RecorderNode(BaseNode):
         return write
 
     def _discover(self) -> None:
-        """Records topics that have come up; listens best effort where a vehicle's driver publishes so."""
+        """Records new topics; listens with best effort where a vehicle's driver publishes that way."""
         for topic in [] if self.lockstep else list(self._reliable):
             if self._has_best_effort_writer(topic):
                 subscription, message, latched = self._reliable.pop(topic)
@@ -123,24 +123,24 @@ class RecorderNode(BaseNode):
                 package = kinds[0].split("/")[0]
                 if package not in self._share:
                     self._share[package] = Path(get_package_share_directory(package)) / "msg"
-                    self._bag.learn(list(self._share.values()))
+                    self._bag.use_definitions(list(self._share.values()))
                 self._record(topic, kinds[0], self._is_latched(topic), self._has_best_effort_writer(topic))
             except (RecorderError, PackageNotFoundError, ImportError, AttributeError) as error:
                 self._refused.add(topic)
-                self.get_logger().warning(f"{topic} ({', '.join(kinds)}) is not recorded: {error!r}")
+                self.get_logger().warning(f"{topic} ({', '.join(kinds)}) cannot be recorded: {error!r}")
 
-    def _look(self) -> None:
-        """Ends the recording if the disk is nearly full, and says so once."""
-        self._bag.look()
-        if self._bag.problem and not self._said:
-            self._said = True
+    def _check_space(self) -> None:
+        """Ends the recording if the disk is nearly full, and logs that once."""
+        self._bag.check_space()
+        if self._bag.problem and not self._reported:
+            self._reported = True
             self.get_logger().error(self._bag.problem)
 
     def _on_tick(self, message: LockstepTick) -> None:
         self._done.publish(LockstepDone(phase=LockstepDone.RECORDER, tick=message.tick))
 
     def destroy_node(self) -> None:
-        """Ends the recording, so that it can be played, then the node."""
+        """Closes the recording, so that it can be played, then ends the node."""
         self._bag.close()
         super().destroy_node()
 

@@ -1,8 +1,8 @@
 """Reads a recording (rosbag2: MCAP or sqlite3), without ROS.
 
-Reading goes by the message definitions kept in the recording, so a recording made elsewhere, or by an older version of
-the messages, is read as long as the fields that the caller uses are there. A recording without definitions (an old
-sqlite3 one) is read with those of ROS 2 Jazzy and of this project.
+Messages are read by the definitions kept in the recording, so recordings made elsewhere or with older messages can be
+read as long as they have the fields in use. A recording without definitions (an old sqlite3 one) is read with those
+of ROS 2 Jazzy and of this project.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ TEXT = "std_msgs/msg/String"
 
 #: Files of messages, by their ending.
 STORAGES = (".mcap", ".db3")
-#: Messages that a writer of unknown depth keeps, as `ros2 bag play` has it.
+#: Messages kept by a writer of unknown depth, as in `ros2 bag play`.
 _DEPTH = 10
 
 
 class RecordingError(ValueError):
-    """A recording that cannot be read: missing, broken, or without what a mission records."""
+    """A recording is missing or damaged, or lacks what a mission records."""
 
 
 class RecordedValue(NamedTuple):
@@ -218,7 +218,7 @@ class Recording:
 
     def _broken(self, error: Exception) -> RecordingError:
         return RecordingError(
-            f"{self.path}: cannot be read as a rosbag2 recording: {error}; fix, if the recorder was killed: "
+            f"{self.path}: cannot be read as a rosbag2 recording: {error}. If the recorder was killed, repair it: "
             f"scripts/recover {self.path}"
         )
 

@@ -1,7 +1,7 @@
-"""scripts/recover: makes a recording whole that was cut off, by a power failure or a recorder that was killed.
+"""scripts/recover: repairs a recording that was cut off by a power failure or a killed recorder.
 
-Such a file of messages (MCAP) ends in the middle of a record and lacks its index. Every record up to there is copied
-into a new file, which gets one. The torn file stays beside it, as `.torn`.
+Such an MCAP file ends in the middle of a record and has no index. Every complete record is copied into a new file with
+an index. The damaged file is kept as `.torn`.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ _KEPT = ".torn"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recovered:
-    """What was saved.
+    """A repaired recording.
 
     Attributes:
-        file: The file of messages, now whole.
-        messages: Messages in it.
-        lost_bytes: Bytes at the torn end that hold no whole record.
+        file: The MCAP file, now complete.
+        messages: Number of its messages.
+        lost_bytes: Bytes at the end of the damaged file without a complete record.
     """
 
     file: Path
@@ -38,39 +38,39 @@ class Recovered:
 
 
 def recover(path: Path) -> Recovered:
-    """Makes a recording whole.
+    """Repairs a recording.
 
     Args:
         path: A run folder, a rosbag2 directory, or its file of messages.
 
     Raises:
-        RecordingError: if there is none, it is no MCAP, it is whole already, or nothing in it can be read.
+        RecordingError: if there is none, it is not an MCAP file, it is complete, or nothing in it can be read.
     """
     found = recording_in(path)
     if found.is_dir():
-        raise RecordingError(f"{found}: is whole (it has its metadata.yaml); nothing to recover")
+        raise RecordingError(f"{found}: is complete (it has its metadata.yaml); nothing to recover")
     if found.suffix != ".mcap":
         raise RecordingError(f"{found}: expected an .mcap; of {' and '.join(STORAGES)} only that can be recovered")
     with suppress(RecordingError), Recording(found):
-        raise _Whole(f"{found}: is whole; nothing to recover")
+        raise _Complete(f"{found}: is complete; nothing to recover")
     torn, new = found.with_name(found.name + _KEPT), found.with_name(found.name + ".new")
     with found.open("rb") as source, new.open("wb") as target:
         messages, end = _copy(source, target)
     if not messages:
         new.unlink()
-        raise RecordingError(f"{found}: no message in it can be read; it is left as it is")
+        raise RecordingError(f"{found}: no message can be read; the file is unchanged")
     lost = found.stat().st_size - end
     found.replace(torn)
     new.replace(found)
     return Recovered(file=found, messages=messages, lost_bytes=lost)
 
 
-class _Whole(Exception):
-    """The recording needs no help."""
+class _Complete(Exception):
+    """The recording is complete already."""
 
 
 def _copy(source: BinaryIO, target: BinaryIO) -> tuple[int, int]:
-    """Copies what is whole; returns the number of messages and the offset where the source tears."""
+    """Copies complete records; returns the number of messages and the offset at which the source breaks off."""
     try:
         from mcap.records import Channel, Message, Metadata, Schema
         from mcap.writer import Writer
@@ -103,7 +103,7 @@ def _copy(source: BinaryIO, target: BinaryIO) -> tuple[int, int]:
 
 
 def _records(source: BinaryIO) -> Iterator[tuple[Any, int]]:
-    """The records of a file, those in chunks one by one, each with the offset behind it, until it tears."""
+    """The records of a file, chunks unpacked, each with the offset behind it, up to where the file breaks off."""
     from mcap.exceptions import McapError
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
@@ -113,35 +113,35 @@ def _records(source: BinaryIO) -> Iterator[tuple[Any, int]]:
             for part in breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]:
                 yield part, source.tell()
     except (McapError, EOFError, ValueError, struct.error, zlib.error, OverflowError, MemoryError):
-        return  # here it tears
+        return  # the file breaks off here
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of scripts/recover."""
     p = argparse.ArgumentParser(
         prog="scripts/recover",
-        description="Makes a recording whole that was cut off: by a power failure, or a recorder that was killed.",
-        epilog="Exit codes: 0 recovered, or whole already; 1 it cannot be; 2 a wrong command line; 130 Ctrl-C.",
+        description="Repairs a recording that was cut off by a power failure or a killed recorder.",
+        epilog="Exit codes: 0 recovered, or complete already; 1 failed; 2 wrong command line; 130 Ctrl-C.",
     )
     p.add_argument("path", type=Path, metavar="RUN", help="run folder, rosbag2 directory, or its .mcap")
     return p
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Recovers a recording. Returns 0, 1 if it cannot be, 2 for a wrong command line, 130 after Ctrl-C."""
+    """Repairs a recording. Returns 0, 1 if that fails, 2 for a wrong command line, 130 after Ctrl-C."""
     path = parser().parse_args(arguments).path
     try:
         done = recover(path)
-    except _Whole as whole:
-        print(whole)
+    except _Complete as complete:
+        print(complete)
         return 0
     except (RecordingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 130
-    print(f"{done.file}: {done.messages} messages recovered, {done.lost_bytes} bytes at its end could not be read; ")
-    print(f"the torn file is {done.file}{_KEPT}")
+    print(f"{done.file}: {done.messages} messages recovered, {done.lost_bytes} bytes at the end lost")
+    print(f"damaged file kept as {done.file}{_KEPT}")
     return 0
 
 

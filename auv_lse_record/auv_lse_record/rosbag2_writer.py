@@ -1,4 +1,4 @@
-"""Writes a run by rosbag2 itself, where ROS 2 brings it (rosbag2_py); else `recorder.BagWriter` writes it."""
+"""Writes a recording with rosbag2_py if ROS 2 provides it, else with `bag_writer.BagWriter`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Rosbag2Writer:
         self._rosbag2 = rosbag2_py
         self.count = 0
         if folder.exists():
-            raise RecorderError(f"record.folder = {str(folder)!r}: exists; expected a folder to make")
+            raise RecorderError(f"record.folder: got {str(folder)!r}, which exists; expected a new folder")
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as settings:
             settings.write(_STORAGE)
             settings.flush()
@@ -64,11 +64,11 @@ class Rosbag2Writer:
                 raise RecorderError(problem) from error
         self._topics: set[str] = set()
 
-    def learn(self, folders: Sequence[Path]) -> None:
-        """Nothing to do: rosbag2 finds the definitions of messages by itself."""
+    def use_definitions(self, folders: Sequence[Path]) -> None:
+        """Does nothing: rosbag2 finds message definitions itself."""
 
     def add_topic(self, topic: str, kind: str, latched: bool = False) -> None:
-        """Announces a topic; arguments as those of `BagWriter.add_topic`.
+        """Adds a topic; arguments are those of `BagWriter.add_topic`.
 
         Raises:
             RecorderError: if the type is not known.
@@ -84,7 +84,7 @@ class Rosbag2Writer:
         try:
             self._writer.create_topic(metadata)
         except RuntimeError as error:
-            raise RecorderError(f"topic {topic} of type {kind}: cannot be recorded: {error}") from error
+            raise RecorderError(f"topic {topic}: type {kind} cannot be recorded: {error}") from error
         self._topics.add(topic)
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
@@ -93,18 +93,18 @@ class Rosbag2Writer:
         self.count += 1
 
     def close(self) -> None:
-        """Ends the recording: writes the index and metadata.yaml."""
+        """Closes the recording: writes the index and metadata.yaml."""
         self._writer.close()
 
 
 def make_writer(folder: Path, message_folders: Sequence[Path], snapshot: Mapping[str, str], flush_s: float) -> Any:
-    """The writer of a recording: rosbag2's own where it is installed, else `BagWriter`.
+    """Starts a recording with rosbag2's own writer if it is installed, else with `BagWriter`.
 
     Args:
         folder: The rosbag2 directory to make.
         message_folders: Folders with message definitions (each ".../share/PACKAGE/msg").
         snapshot: Texts kept inside the recording's metadata.
-        flush_s: As `BagWriter` takes it.
+        flush_s: See `BagWriter`.
 
     Raises:
         RecorderError: if the recording cannot be made, or neither rosbag2_py nor rosbags is installed.
@@ -116,5 +116,5 @@ def make_writer(folder: Path, message_folders: Sequence[Path], snapshot: Mapping
     from auv_lse_record.bag_writer import BagWriter, message_types
 
     writer = BagWriter(folder, message_types(message_folders), snapshot, flush_s)
-    writer.learn(message_folders)
+    writer.use_definitions(message_folders)
     return writer

@@ -1,4 +1,4 @@
-"""What a mission leaves behind, in plain NumPy: all that evaluation and report need.
+"""A mission's data in plain NumPy: everything that evaluation and report need.
 
 A `RunData` comes from the fleet engine or is read from a recording (`run_reader.py`); its users need not know which.
 Positions are north, east (m) on the local tangent plane, times are seconds of mission time (0 at the start of
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 class DepthSource(Protocol):
-    """Anything that knows the true depth of water (`ground.Ground` does)."""
+    """Anything with the true depth of water, as `ground.Ground`."""
 
     def depth_m(self, north_m: Any, east_m: Any) -> Any:
         """True depth of water (m, positive down) at north, east (m); NaN where unknown or land."""
@@ -124,7 +124,7 @@ def _rows(columns: int) -> Array:
 
 @dataclass(slots=True, kw_only=True)
 class VehicleRun:
-    """What one vehicle did, measured, heard and decided.
+    """Tracks, measurements, receptions and decisions of one vehicle.
 
     Attributes:
         vehicle: Its number (1, 2, ...).
@@ -134,10 +134,10 @@ class VehicleRun:
         received: Samples received from the team, stamped with their arrival, in order of time.
         decisions: Every decision of its planner, in time order.
         place_std_m: Standard deviation (m) of the place in each row of `odometry`, columns (north, east), by the
-            vehicle's own navigation; no rows where it says nothing about it.
+            vehicle's own navigation; no rows if unknown.
         dead_reckoning: Raw track, rows (time s, north m, east m, heading rad, depth of the vehicle m).
         fixes: Fixes taken under way, in order of time.
-        mates: What each packet received told of its sender's navigation, in order of time.
+        mates: What received packets reported of their senders' navigation, in order of time.
     """
 
     vehicle: int
@@ -152,7 +152,7 @@ class VehicleRun:
     mates: list[MateNavigation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Checks the shapes, so that a wrong column is an error here and not a wrong figure.
+        """Checks the shapes.
 
         Raises:
             ValueError: naming the array, its shape and the shape expected.
@@ -162,7 +162,7 @@ class VehicleRun:
             if rows.size == 0:
                 rows = _rows(columns)
             if rows.ndim != 2 or rows.shape[1] != columns:
-                raise ValueError(f"auv{self.vehicle} {name}: shape {rows.shape}; expected (n, {columns})")
+                raise ValueError(f"auv{self.vehicle} {name}: got shape {rows.shape}; expected (n, {columns})")
             setattr(self, name, rows)
         count, expected = len(self.place_std_m), len(self.odometry)
         if count not in (0, expected):
@@ -185,7 +185,7 @@ class VehicleRun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundGrid:
-    """True depth on the grid of places that the mission is judged on.
+    """True depth on the grid on which the mission is judged.
 
     Attributes:
         north_m: North of the rows, shape (R,), ascending.
@@ -206,7 +206,7 @@ class GroundGrid:
 
     @property
     def scored(self) -> NDArray[np.bool_]:
-        """Places that are judged: inside the area and of known depth, shape (R, C)."""
+        """Cells that are judged: inside the area and of known depth, shape (R, C)."""
         scored: NDArray[np.bool_] = self.inside & np.isfinite(self.depth_m)
         return scored
 
@@ -259,5 +259,5 @@ class RunData:
 
     @property
     def steps(self) -> int:
-        """Steps of the vehicle that did most."""
+        """Largest number of steps of any vehicle."""
         return max((v.steps for v in self.vehicles), default=0)

@@ -1,4 +1,4 @@
-"""What a recording says of its origin: the mission file as flown, and the version of the software."""
+"""The origin of a recording: the mission file as flown, and the version of the software."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def version() -> str:
 
 
 def mission_text(arguments: Sequence[str], parameters: Mapping[str, Any]) -> str:
-    """The mission file that a node was started with.
+    """Text of the mission file that a node was started with.
 
     Args:
         arguments: The node's command line: the first --params-file with a section `mission` is the mission file.
-        parameters: The node's own parameters, which stand in where no file was given.
+        parameters: The node's own parameters, used if no file was given.
 
     Raises:
         ParameterError: if a file cannot be read.

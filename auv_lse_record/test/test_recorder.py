@@ -179,7 +179,7 @@ def test_what_is_no_recording_is_not_recovered(tmp_path: Path, types: Any, capsy
     assert "does not exist" in capsys.readouterr().err
     (tmp_path / "x.mcap").write_bytes(b"no recording")
     assert main([str(tmp_path / "x.mcap")]) == 1
-    assert "no message in it can be read" in capsys.readouterr().err
+    assert "no message can be read" in capsys.readouterr().err
     written(tmp_path / "bag", types, 3)
     assert main([str(tmp_path / "bag")]) == 1
     assert "nothing to recover" in capsys.readouterr().err
@@ -188,11 +188,11 @@ def test_what_is_no_recording_is_not_recovered(tmp_path: Path, types: Any, capsy
 def test_a_nearly_full_disk_ends_the_recording_and_leaves_it_whole(tmp_path: Path, types: Any) -> None:
     bag, left = written(tmp_path / "bag", types, 5, close=False), [500.0]
     guarded = GuardedWriter(bag, tmp_path / "bag", 200.0, lambda folder: left[0])
-    guarded.look()
+    guarded.check_space()
     assert guarded.problem == ""
     left[0] = 150.0
-    guarded.look()
-    assert "150 MB are left; expected at least record.least_free_mb = 200 MB" in guarded.problem
+    guarded.check_space()
+    assert "got 150 MB of free space; expected at least record.least_free_mb = 200 MB" in guarded.problem
     guarded.write("/clock", 6 * 10**9, b"")
     guarded.close()
     assert guarded.dropped == 1

@@ -70,7 +70,7 @@ def test_a_recording_by_rosbag2(tmp_path: Path, calls: Calls) -> None:
     assert isinstance(bag, Rosbag2Writer), "where rosbag2_py is there, it writes"
     bag.add_topic("/clock", "rosgraph_msgs/msg/Clock")
     bag.add_topic("/auv1/plan", "auv_lse_msgs/msg/Plan", latched=True)
-    bag.learn([])
+    bag.use_definitions([])
     bag.write("/clock", 17, bytearray(b"abc"))
     bag.close()
     options, opened, clock, plan, write, close = calls
@@ -90,12 +90,12 @@ def test_a_recording_by_rosbag2(tmp_path: Path, calls: Calls) -> None:
 
 def test_what_rosbag2_refuses_is_named(tmp_path: Path, calls: Calls) -> None:
     (tmp_path / "bag").mkdir()
-    with pytest.raises(RecorderError, match=r"bag'?: exists; expected a folder to make"):
+    with pytest.raises(RecorderError, match=r"bag'?, which exists; expected a new folder"):
         Rosbag2Writer(tmp_path / "bag", {})
     with pytest.raises(RecorderError, match="cannot start a recording there: no space"):
         Rosbag2Writer(tmp_path / "forbidden", {})
     bag = Rosbag2Writer(tmp_path / "new", {})
-    with pytest.raises(RecorderError, match="topic /x of type unknown/msg/X: cannot be recorded: no such type"):
+    with pytest.raises(RecorderError, match="topic /x: type unknown/msg/X cannot be recorded: no such type"):
         bag.add_topic("/x", "unknown/msg/X")
 
 

@@ -1,1 +1,1 @@
-"""Recordings played again and computed again."""
+"""Plays recordings, recomputes their maps and decisions, and renews their reports."""

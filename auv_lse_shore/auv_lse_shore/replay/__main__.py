@@ -1,4 +1,4 @@
-"""scripts/replay: plays a recording, computes its decisions again, or makes its report anew."""
+"""scripts/replay: plays a recording, recomputes its maps and decisions, or renews its report."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from auv_lse_shore.replay.options import check, parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Does what the command line asks for. Returns 0; 1 if something differs or failed; 2 if it cannot be done; 130."""
+    """Runs the command line. Returns 0; 1 if something differs or failed; 2 for a bad request; 130 after Ctrl-C."""
     options = parser().parse_args(arguments)
     root = project_folder()
     try:
         check(options)
-        # Imported where they are used: playing needs ROS, the other two do not.
+        # Imported late: only playing needs ROS.
         if options.recompute:
-            from auv_lse_shore.replay.again import recompute
+            from auv_lse_shore.replay.recompute import recompute
 
             return recompute(options)
         if options.report:
@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for line in report_again(options.run, options.mission, options.out):
                 print(line)
             return 0
-        recording_in(options.run)  # before ROS is loaded, and where there is none
+        recording_in(options.run)  # checked before ROS is loaded
         from auv_lse_shore.replay.play import play
 
         return play(options, root)

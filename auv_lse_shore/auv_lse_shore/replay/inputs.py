@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from auv_lse_common.mission_file.parameter_file import parameters_for
 from auv_lse_common.topics.records import BoundReport, CentersReport, FieldReport, Odometry, PlanReport, Reception
@@ -42,6 +42,8 @@ _TOPICS = {
     "modem/rx",
 }
 _PARAMETER_EVENTS = "/parameter_events"
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +117,30 @@ class RecordedInputs:
     software: str
     lockstep: bool
     vehicles: Mapping[int, VehicleInputs]
+
+
+class Pending(Generic[T]):
+    """Inputs in order of time, taken one after another.
+
+    Attributes:
+        taken: How many have been taken.
+    """
+
+    def __init__(self, entries: Sequence[tuple[float, T]]) -> None:
+        """Args: entries: inputs, each with the time at which the node had it (s)."""
+        self._entries = entries
+        self.taken = 0
+
+    @property
+    def next_s(self) -> float:
+        """Time of the next input (s); infinite after the last one."""
+        return self._entries[self.taken][0] if self.taken < len(self._entries) else math.inf
+
+    def take(self, ready: Callable[[float, T], bool]) -> Iterator[T]:
+        """Takes the next inputs for as long as `ready` holds of time (s) and value."""
+        while self.taken < len(self._entries) and ready(*self._entries[self.taken]):
+            self.taken += 1
+            yield self._entries[self.taken - 1][1]
 
 
 def read_inputs(path: Path, mission: Path | None = None) -> RecordedInputs:

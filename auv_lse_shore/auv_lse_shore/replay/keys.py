@@ -8,25 +8,25 @@ import sys
 from types import TracebackType
 from typing import Any
 
-#: What a key means to a replay.
+#: Keys of a replay.
 MEANINGS = {" ": "pause", "\x1b[C": "next", "\x1b[A": "faster", "\x1b[B": "slower"}
-HELP = "space: pause, right: next message, up/down: rate, Ctrl-C: end"
+HELP = "space: pause, right: next message, up/down: rate, Ctrl-C: stop"
 
 
 class Keys:
-    """The keys pressed; a context manager that gives the terminal back as it was. Without a terminal there are none.
+    """Keys pressed on the terminal; a context manager that restores the terminal. Without a terminal there are none.
 
     Attributes:
         available: Whether there is a terminal.
     """
 
     def __init__(self) -> None:
-        """Touches nothing yet."""
+        """Leaves the terminal as it is."""
         self.available = sys.stdin is not None and sys.stdin.isatty()
         self._before: list[Any] = []
 
     def __enter__(self) -> Keys:
-        """Makes keys come at once and unseen; Ctrl-C stays an interrupt."""
+        """Delivers keys at once and without echo; Ctrl-C stays an interrupt."""
         if self.available:
             import termios
             import tty
@@ -38,14 +38,14 @@ class Keys:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Gives the terminal back."""
+        """Restores the terminal."""
         if self.available:
             import termios
 
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 
     def wait(self, seconds: float) -> list[str]:
-        """Waits so long at most; returns the meanings of the keys pressed."""
+        """Waits at most `seconds`; returns the meanings of the keys pressed."""
         if not self.available:
             select.select([], [], [], seconds)
             return []
@@ -54,7 +54,7 @@ class Keys:
 
 
 def meanings(text: str) -> list[str]:
-    """What a terminal's characters mean; others are ignored."""
+    """Meanings of a terminal's characters; unknown ones are ignored."""
     found = []
     while text:
         key = next((k for k in MEANINGS if text.startswith(k)), text[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-#: What can be computed again from a recording.
+#: What can be recomputed from a recording.
 PARTS = ("gp", "planner")
 
 
@@ -13,11 +13,11 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/replay."""
     p = argparse.ArgumentParser(
         prog="scripts/replay",
-        description="Plays a recording on a ROS domain of its own, for any viewer; or computes its decisions again and "
-        "reports what differs (--recompute); or makes its report anew (--report).",
-        epilog="keys while it plays: space: pause and go on; right: the next message in a pause; up, down: faster, "
-        "slower. Exit codes: 0 (recomputed: all the same), 1 (something differs, or it failed), 2 (the request cannot "
-        "be met), 130 (Ctrl-C).",
+        description="Plays a recording on its own ROS domain, for any viewer; or recomputes its maps and decisions and "
+        "reports what differs (--recompute); or renews its report (--report).",
+        epilog="keys while it plays: space: pause or resume; right: next message during a pause; up, down: faster, "
+        "slower. Exit codes: 0 (recomputed: nothing differs), 1 (something differs, or it failed), 2 (bad request), "
+        "130 (Ctrl-C).",
     )
     p.add_argument(
         "run",
@@ -26,54 +26,58 @@ def parser() -> argparse.ArgumentParser:
         help="run folder, rosbag2 directory (also of `ros2 bag record`), or its .mcap or .db3 file",
     )
     play = p.add_argument_group("playing")
-    play.add_argument("--rate", type=float, default=1.0, metavar="X", help="times as fast as recorded (default: 1)")
+    play.add_argument(
+        "--rate", type=float, default=1.0, metavar="X", help="speed, in multiples of real time (default: 1)"
+    )
     play.add_argument("--start", type=float, default=0.0, metavar="S", help="seconds into the recording to begin at")
     play.add_argument("--duration", type=float, metavar="S", help="seconds of the recording to play (default: all)")
     play.add_argument(
-        "--topics", nargs="+", metavar="NAME", help="topics to play, with wildcards ('/auv1/*'); the clock always is"
+        "--topics",
+        nargs="+",
+        metavar="NAME",
+        help="topics to play, with wildcards ('/auv1/*'); the clock is always played",
     )
-    play.add_argument("--loop", action="store_true", help="begin again at the end")
-    play.add_argument("--paused", action="store_true", help="begin with a pause: time to start a viewer")
+    play.add_argument("--loop", action="store_true", help="start over at the end")
+    play.add_argument("--paused", action="store_true", help="start paused, to leave time to start a viewer")
     play.add_argument(
         "--commands",
         action="store_true",
-        help="play waypoints, mission/command, mission/state and modem/tx too, on which vehicles and modems act",
+        help="also play waypoints, mission/command, mission/state and modem/tx, on which vehicles and modems act",
     )
     play.add_argument(
         "--domain",
         metavar="N",
-        help="ROS domain to play on, with this shell's own discovery settings (default: a free one, on this machine "
-        "alone)",
+        help="ROS domain to play on, with this shell's discovery settings (default: a free one, on this machine only)",
     )
-    again = p.add_argument_group("computing again, without ROS")
+    again = p.add_argument_group("recomputing, without ROS")
     again.add_argument(
         "--recompute",
         type=_parts,
         metavar="PARTS",
-        help="gp, planner or gp,planner: feed the recorded inputs to today's code and compare",
+        help="gp, planner or gp,planner: feed the recorded inputs to the current code and compare",
     )
     again.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="change a parameter first; may be repeated"
     )
-    again.add_argument("--all", action="store_true", help="list every step, not only those that differ")
-    again.add_argument("--csv", type=Path, metavar="FILE", help="write every step to a CSV file as well")
+    again.add_argument("--all", action="store_true", help="list every step, not only differences")
+    again.add_argument("--csv", type=Path, metavar="FILE", help="also write every step to a CSV file")
     again.add_argument(
         "--tolerance",
         type=float,
         default=1e-9,
         metavar="X",
-        help="relative difference of values that counts as none (default: 1e-9: rounding of another machine)",
+        help="relative difference of values that is ignored (default: 1e-9, the rounding of other machines)",
     )
-    again.add_argument("--report", action="store_true", help="make summary, figures and report.html anew")
+    again.add_argument("--report", action="store_true", help="renew summary, figures and report.html")
     again.add_argument("--out", type=Path, metavar="DIR", help="folder of the report (default: RUN)")
     p.add_argument(
-        "--mission", type=Path, metavar="FILE", help="mission file that was flown, if the recording does not hold it"
+        "--mission", type=Path, metavar="FILE", help="mission file that was flown, if the recording lacks it"
     )
     return p
 
 
 def check(options: argparse.Namespace) -> None:
-    """Refuses options that would be ignored, and numbers out of range.
+    """Rejects options that would be ignored, and numbers out of range.
 
     Raises:
         ValueError: naming the option.

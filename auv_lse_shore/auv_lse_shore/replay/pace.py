@@ -1,4 +1,4 @@
-"""How fast a recording is played: its time against the wall clock, with pauses, steps and changes of the rate."""
+"""Time of a replay as a function of the wall clock, with pauses, steps and rate changes; selection of topics."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Pace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Programme:
+class Selection:
     """Which topics are played.
 
     Attributes:
@@ -73,9 +73,9 @@ class Programme:
     unknown: tuple[str, ...]
 
 
-def programme(
+def select_topics(
     topics: Mapping[str, RecordedTopic], patterns: Sequence[str] | None = None, commands: bool = False
-) -> Programme:
+) -> Selection:
     """Chooses the topics to play.
 
     Args:
@@ -89,7 +89,7 @@ def programme(
         if patterns is None or name == CLOCK or any(fnmatchcase(name, pattern) for pattern in patterns)
     ]
     left_out = [] if commands else [topic.name for topic in wanted if is_command(topic.name)]
-    return Programme(
+    return Selection(
         played=tuple(topic for topic in wanted if topic.name not in left_out),
         commands=tuple(left_out),
         unknown=tuple(p for p in patterns or () if not any(fnmatchcase(name, p) for name in topics)),

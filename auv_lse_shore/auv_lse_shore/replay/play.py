@@ -1,4 +1,4 @@
-"""Plays a recording for any viewer, and shows on the terminal where it is."""
+"""Plays a recording for any viewer, and shows its progress on the terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from auv_lse_common.process.domain import domain_number, local_environment, own_
 from auv_lse_record.recording import Recording, RecordingError, recording_in
 from auv_lse_shore.mission.display import clock
 from auv_lse_shore.replay.keys import HELP, Keys
-from auv_lse_shore.replay.pace import Programme, programme
+from auv_lse_shore.replay.pace import Selection, select_topics
 from auv_lse_shore.replay.player_node import Player, Progress
 
 #: Seconds between two lines of progress: in a terminal (one line, rewritten), elsewhere.
@@ -23,30 +23,30 @@ _REWRITE_S, _LINE_S = 0.2, 10.0
 
 
 class ReplayError(ValueError):
-    """A replay that cannot be made: what was asked for, and what the recording has."""
+    """Options that do not fit the recording."""
 
 
 def play(options: Namespace, root: Path) -> int:
-    """Plays `options.run` as the command line says (`options.py`). Returns 0.
+    """Plays `options.run` (see `options.py`). Returns 0.
 
     Raises:
         RecordingError: if it cannot be read.
         ReplayError: if the options do not fit the recording.
     """
     if not 0.0 < options.rate < math.inf:
-        raise ReplayError(f"--rate {options.rate:g}: expected more than 0, and finite")
+        raise ReplayError(f"--rate: got {options.rate:g}; expected a finite number above 0")
     if options.duration is not None and not options.duration > 0.0:
-        raise ReplayError(f"--duration {options.duration:g}: expected more than 0 s")
+        raise ReplayError(f"--duration: got {options.duration:g}; expected more than 0 s")
     with Recording(recording_in(options.run)) as recording:
         length_s = (recording.end_ns - recording.start_ns) * 1e-9
         if not recording.topics or not recording.end_ns:
             raise RecordingError(f"{options.run}: holds no message; nothing to play")
         if not 0.0 <= options.start <= length_s:
-            raise ReplayError(f"--start {options.start:g}: expected 0 to {length_s:.1f} s, the recording's length")
-        chosen = programme(recording.topics, options.topics, options.commands)
+            raise ReplayError(f"--start: got {options.start:g}; expected 0 to {length_s:.1f} s, the recording's length")
+        chosen = select_topics(recording.topics, options.topics, options.commands)
         if chosen.unknown:
             there = ", ".join(sorted(recording.topics))
-            raise ReplayError(f"--topics {' '.join(chosen.unknown)}: not in the recording; it has {there}")
+            raise ReplayError(f"--topics: got {' '.join(chosen.unknown)}; expected topics of the recording: {there}")
         start_ns = recording.start_ns + round(options.start * 1e9)
         stop_ns = recording.end_ns + 1
         if options.duration is not None:
@@ -63,7 +63,7 @@ def play(options: Namespace, root: Path) -> int:
 
 @contextmanager
 def _domain(wanted: str | None, root: Path) -> Iterator[None]:
-    """The ROS domain: the one wanted, as this shell reaches it, or one of its own on this machine."""
+    """Enters the wanted ROS domain with this shell's settings, or a free one on this machine."""
     if wanted is not None:
         domain = domain_number(wanted)
         os.environ["ROS_DOMAIN_ID"] = str(domain)
@@ -77,9 +77,9 @@ def _domain(wanted: str | None, root: Path) -> Iterator[None]:
         yield
 
 
-def _announce(chosen: Programme, missing: dict[str, str], keys: bool) -> None:
+def _announce(chosen: Selection, missing: dict[str, str], keys: bool) -> None:
     if chosen.commands:
-        print(f"left out, since vehicles and modems act on them: {', '.join(chosen.commands)} (--commands plays them)")
+        print(f"left out, as vehicles and modems act on them: {', '.join(chosen.commands)} (--commands plays them)")
     for topic, kind in missing.items():
         print(f"left out: {topic}: its type {kind} is not installed here")
     if keys:
@@ -88,7 +88,7 @@ def _announce(chosen: Programme, missing: dict[str, str], keys: bool) -> None:
 
 
 class _Line:
-    """The line of progress."""
+    """The progress line."""
 
     def __init__(self, length_s: float) -> None:
         self._length_s = length_s
@@ -96,14 +96,14 @@ class _Line:
         self._shown_s = -float("inf")
 
     def show(self, progress: Progress) -> None:
-        """Shows the progress, unless it did a moment ago."""
+        """Shows the progress, at most every few tenths of a second."""
         now_s = time.monotonic()
         if now_s - self._shown_s >= (_REWRITE_S if self._terminal else _LINE_S):
             self._shown_s = now_s
             print(self._text(progress), end="\x1b[K\r" if self._terminal else "\n", flush=True)
 
     def end(self, progress: Progress) -> None:
-        """The last line of a round."""
+        """Shows the last line of a round."""
         print(self._text(progress), end="\x1b[K\n" if self._terminal else "\n", flush=True)
 
     def _text(self, p: Progress) -> str:

@@ -1,4 +1,4 @@
-"""Publishes a recording's messages as they were serialized, each at its time and with its quality of service."""
+"""Publishes a recording's serialized messages at their times, with their recorded quality of service."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from auv_lse_record.recording import RecordedTopic, Recording
 from auv_lse_shore.replay.keys import Keys
 from auv_lse_shore.replay.pace import CLOCK, RATE_STEP, Pace, last_of_each
 
-#: Wall clock (s) between two looks for keys, and two messages of the clock where the recording has none.
-_TELL_S = 0.025
+#: Period (s of wall clock) for reading keys, and for clock messages if the recording has none.
+_PERIOD_S = 0.025
 
 
 @dataclass(slots=True)
 class Progress:
-    """Where a replay is.
+    """Progress of a replay.
 
     Attributes:
         at_s: Seconds since the recording's first message.
         rate: Seconds of the recording per second of wall clock.
-        paused: Whether it stands still.
-        messages: Messages published.
+        paused: Whether it is paused.
+        messages: Number of messages published.
     """
 
     at_s: float
@@ -49,23 +49,23 @@ def quality_of(topic: RecordedTopic) -> QoSProfile:
 
 
 class Player:
-    """The node that publishes; a context manager.
+    """The publishing node; a context manager.
 
     Attributes:
-        missing: Topics that cannot be published because their messages are not installed, with their types.
-        progress: Where it is.
+        missing: Topics whose message types are not installed, {topic: type}.
+        progress: Its progress.
     """
 
     def __init__(self, recording: Recording, topics: tuple[RecordedTopic, ...], keys: Keys) -> None:
-        """Joins nothing yet."""
+        """Does not join a ROS domain yet."""
         self.missing: dict[str, str] = {}
         self.progress = Progress(0.0, 1.0, False)
         self._recording, self._topics, self._keys = recording, topics, keys
-        self._told_s = -float("inf")
+        self._shown_s = -float("inf")
         self._steps = 0  # messages asked for in a pause
 
     def __enter__(self) -> Player:
-        """Joins the ROS domain with a publisher for each topic; Ctrl-C stays the caller's."""
+        """Joins the ROS domain with a publisher for each topic; leaves Ctrl-C to the caller."""
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("replay")
         self._publishers = {}
@@ -82,7 +82,7 @@ class Player:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leaves."""
+        """Leaves the ROS domain."""
         self._node.destroy_node()
         rclpy.try_shutdown()
 
@@ -92,10 +92,10 @@ class Player:
         """Plays once.
 
         Args:
-            start_ns: Stamp to begin at. What was latched until then is published first.
-            stop_ns: Stamp to end before.
+            start_ns: Stamp to start at; earlier latched messages are published first.
+            stop_ns: Stamp to stop before.
             rate: Seconds of the recording per second of wall clock.
-            paused: Whether it begins with a pause.
+            paused: Whether it starts paused.
             show: Called several times a second.
         """
         pace = Pace(start_ns, rate, time.monotonic(), paused)
@@ -111,9 +111,9 @@ class Player:
         return progress
 
     def _wait_for(self, stamp_ns: int, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
-        self._tell(pace, progress, show)
+        self._show(pace, progress, show)
         while (wait_s := pace.wait_s(stamp_ns, time.monotonic())) > 0.0:
-            keys = self._keys.wait(min(wait_s, _TELL_S))
+            keys = self._keys.wait(min(wait_s, _PERIOD_S))
             wall_s = time.monotonic()
             for key in keys:
                 match key:
@@ -126,18 +126,18 @@ class Player:
             self._steps += keys.count("next")
             if not pace.paused:
                 self._steps = 0
-            self._tell(pace, progress, show)
+            self._show(pace, progress, show)
             if self._steps:  # in a pause, each press is one message, also of several with one stamp
                 self._steps -= 1
                 pace.step_to(stamp_ns, wall_s)
                 return
 
-    def _tell(self, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
-        """At most every `_TELL_S`: publishes the clock, if the recording has none, and shows the progress."""
+    def _show(self, pace: Pace, progress: Progress, show: Callable[[Progress], None]) -> None:
+        """At most every `_PERIOD_S`: publishes the clock if the recording has none, and shows the progress."""
         wall_s = time.monotonic()
-        if wall_s - self._told_s < _TELL_S:
+        if wall_s - self._shown_s < _PERIOD_S:
             return
-        self._told_s = wall_s
+        self._shown_s = wall_s
         now_ns = pace.now_ns(wall_s)
         progress.at_s = (now_ns - self._recording.start_ns) * 1e-9
         progress.rate, progress.paused = pace.rate, pace.paused

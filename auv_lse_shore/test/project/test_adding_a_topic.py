@@ -22,7 +22,7 @@ from auv_lse_record.bag_writer import BagWriter
 from auv_lse_record.message_types import make_message, project_types
 from auv_lse_record.recording import Recording, recording_in
 from auv_lse_shore.reference_pages import tables
-from auv_lse_shore.replay.pace import programme
+from auv_lse_shore.replay.pace import select_topics
 
 topic, types = VEHICLE_TOPICS["mean_risk"], project_types()
 name = full_name(topic, 2)
@@ -35,7 +35,7 @@ for stamp_s, risk in ((1.5, 0.25), (2.5, 0.125)):
     writer.write(name, round(stamp_s * 1e9), bytes(data))
 writer.close()
 with Recording(recording_in(Path("bag"))) as recording:
-    assert [found.name for found in programme(recording.topics).played] == [name], "it is played: hardware ignores it"
+    assert [found.name for found in select_topics(recording.topics).played] == [name], "replays play it"
 assert "| `mean_risk` | `MeanRisk` | mean risk of the map | `gp_node` |" in tables.topics()
 """
 

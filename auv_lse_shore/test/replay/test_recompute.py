@@ -17,10 +17,10 @@ from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.replay.__main__ import main
-from auv_lse_shore.replay.again import table
-from auv_lse_shore.replay.decisions_again import _plans_heard, decisions_again
 from auv_lse_shore.replay.inputs import read_inputs, ticks_of
-from auv_lse_shore.replay.map_again import MapAgain
+from auv_lse_shore.replay.recompute import table
+from auv_lse_shore.replay.recompute_decisions import _plans_heard, recompute_decisions
+from auv_lse_shore.replay.recompute_map import RecomputedMap
 from auv_lse_sim.engine.fleet import Fleet
 from auv_lse_sim.ground.ground_source import ground_of
 
@@ -73,12 +73,12 @@ def test_after_a_difference_the_planner_goes_on_from_what_was_flown(flown: Path)
     inputs = read_inputs(flown)
     settings = Settings.from_patterns(inputs.parameters, "flown", {"planner.method": "lawnmower"})
     vehicle = inputs.vehicles[1]
-    first = decisions_again(vehicle, settings, True, 1e-9, lambda share: None)
+    first = recompute_decisions(vehicle, settings, True, 1e-9, lambda share: None)
     anchors = [(row.step, row.now_s) for row in first]
     assert anchors == [(d.step, d.now_s) for d in vehicle.decisions], "each in the situation of the recorded one"
     other = dataclasses.replace(vehicle.decisions[2].plan, actions=(4,), tour=None, naive_path=0xF0)
     vehicle.decisions[2] = dataclasses.replace(vehicle.decisions[2], plan=other)
-    again = decisions_again(vehicle, settings, True, 1e-9, lambda share: None)
+    again = recompute_decisions(vehicle, settings, True, 1e-9, lambda share: None)
     assert [row.values for row in again[:2]] == [row.values for row in first[:2]]
     assert again[2].plans[0] != first[2].plans[0]
     assert isinstance(other, Plan)
@@ -89,7 +89,7 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
     inputs = read_inputs(flown)
     settings = Settings.from_patterns(inputs.parameters, "flown")
     vehicle = inputs.vehicles[2]
-    ours = MapAgain(vehicle, settings.planner_settings(2), settings.places_in_force(2), True)
+    ours = RecomputedMap(vehicle, settings.planner_settings(2), settings.places_in_force(2), True)
     for tick in ticks_of(
         vehicle
     ):  # nodes publish the map's centers, the place by it and the plans that came in; the engine does not
@@ -108,7 +108,7 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
         return due
 
     monkeypatch.setattr(PlannerIntake, "take", noted)
-    assert not any(row.differs for row in decisions_again(vehicle, settings, True, 1e-9, lambda share: None))
+    assert not any(row.differs for row in recompute_decisions(vehicle, settings, True, 1e-9, lambda share: None))
     monkeypatch.undo()
     vehicle.decisions = [dataclasses.replace(d, taken=told[d.now_s]) for d in vehicle.decisions]
     late_s = np.random.default_rng(3).uniform(0.0, 3.0, 100_000).tolist()
@@ -116,9 +116,9 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
         entries = [(there_s + late_s.pop(), entry) for there_s, entry in getattr(vehicle, name)]
         setattr(vehicle, name, entries)
     assert vehicle.plans, "something was heard"
-    assert not any(row.differs for row in decisions_again(vehicle, settings, False, 1e-9, lambda share: None))
+    assert not any(row.differs for row in recompute_decisions(vehicle, settings, False, 1e-9, lambda share: None))
     vehicle.decisions = [dataclasses.replace(d, taken=None) for d in vehicle.decisions]
-    assert any(row.differs for row in decisions_again(vehicle, settings, False, 1e-9, lambda share: None))
+    assert any(row.differs for row in recompute_decisions(vehicle, settings, False, 1e-9, lambda share: None))
 
 
 def test_what_cannot_be_compared_is_said(flown: Path, tmp_path, capsys) -> None:

@@ -17,7 +17,7 @@ from auv_lse_record.recording import RecordedTopic, Recording, recording_in
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.replay.__main__ import main
 from auv_lse_shore.replay.keys import meanings
-from auv_lse_shore.replay.pace import Pace, is_command, last_of_each, programme
+from auv_lse_shore.replay.pace import Pace, is_command, last_of_each, select_topics
 
 S = 10**9
 
@@ -58,14 +58,14 @@ def test_commands_are_left_out_unless_asked_for() -> None:
     assert is_command("/auv12/waypoint")
     assert is_command("/glider3/modem/tx")
     assert not is_command("/auv1/modem/rx")
-    chosen = programme(TOPICS)
+    chosen = select_topics(TOPICS)
     assert chosen.commands == ("/auv1/waypoint", "/auv2/modem/tx")
     assert [t.name for t in chosen.played] == ["/clock", "/auv1/plan", "/sim/status"]
-    assert [t.name for t in programme(TOPICS, commands=True).played] == list(TOPICS)
+    assert [t.name for t in select_topics(TOPICS, commands=True).played] == list(TOPICS)
 
 
 def test_topics_are_chosen_with_wildcards_and_the_clock_always_is() -> None:
-    chosen = programme(TOPICS, ["/auv1/*", "/nothing"])
+    chosen = select_topics(TOPICS, ["/auv1/*", "/nothing"])
     assert [t.name for t in chosen.played] == ["/clock", "/auv1/plan"]
     assert chosen.unknown == ("/nothing",)
 
@@ -89,11 +89,14 @@ def needs_ros() -> None:
     ("arguments", "expected"),
     [
         (["nowhere"], "nowhere: does not exist"),
-        (["RUN", "--rate", "0"], "--rate 0: expected more than 0"),
-        (["RUN", "--rate", "inf"], "--rate inf: expected more than 0"),
+        (["RUN", "--rate", "0"], "--rate: got 0; expected a finite number above 0"),
+        (["RUN", "--rate", "inf"], "--rate: got inf; expected a finite number above 0"),
         (["RUN", "--start", "1e6"], "expected 0 to"),
         (["RUN", "--domain", "999"], "ROS domain '999': expected a whole number from 0 to 232"),
-        (["RUN", "--topics", "/nothing"], "--topics /nothing: not in the recording; it has /auv1/"),
+        (
+            ["RUN", "--topics", "/nothing"],
+            "--topics: got /nothing; expected topics of the recording: /auv1/",
+        ),
     ],
 )
 def test_what_cannot_be_played_is_refused_with_words(

@@ -1,4 +1,4 @@
-"""Computes a recorded mission's maps and decisions again, and says what differs."""
+"""Recomputes a recorded mission's maps and decisions, and reports what differs."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from auv_lse_common.support.atomic_files import write_whole
 from auv_lse_record.recording import RecordingError
 from auv_lse_record.software import version
 from auv_lse_shore.mission.options import settings_given
-from auv_lse_shore.replay.decisions_again import DecisionStep, decisions_again
 from auv_lse_shore.replay.inputs import RecordedInputs, read_inputs
-from auv_lse_shore.replay.map_again import MapStep, map_again
+from auv_lse_shore.replay.recompute_decisions import DecisionStep, recompute_decisions
+from auv_lse_shore.replay.recompute_map import MapStep, recompute_map
 
 #: Rows of a table that are shown without --all.
 SHOWN = 20
@@ -26,23 +26,21 @@ Row = MapStep | DecisionStep
 
 
 def recompute(options: Namespace) -> int:
-    """Does what the command line says (`options.py`) and prints it. Returns 0 if all is the same, else 1.
+    """Recomputes what the options ask for and prints the differences. Returns 0 if there are none, else 1.
 
     Raises:
-        RecordingError: if the recording cannot be read, or holds nothing to compare with.
+        RecordingError: if the recording cannot be read, or holds nothing to compare.
         ParameterError: if its mission file, or a --set, does not fit this version of the software.
     """
     inputs = read_inputs(options.run, options.mission)
     overrides = settings_given(options.set)
     flown = Settings.from_patterns(inputs.parameters, str(options.run))
     settings = flown.with_overrides(overrides) if overrides else flown
-    print(f"recorded by {inputs.software or 'unknown software'}, computed again by {version()}")
+    print(f"recorded by {inputs.software or 'unknown software'}, recomputed by {version()}")
     for name in overrides:
         print(f"changed: {name}: {_values(flown, name)} -> {_values(settings, name)}")
     if not inputs.lockstep:
-        print(
-            "not flown in lockstep: what a map had at hand is known to about 0.1 s, and small differences may be that"
-        )
+        print("not flown in lockstep: input times are known to about 0.1 s, which can cause small differences")
     found: list[Row] = []
     for part in options.recompute:
         rows = _computed(part, inputs, settings, options.tolerance)
@@ -71,16 +69,16 @@ def _computed(part: str, inputs: RecordedInputs, settings: Settings, tolerance: 
         vehicle, show = inputs.vehicles[number], _progress(f"{part}, auv{number}", i, len(with_planner))
         if part == "gp":
             own = settings.planner_settings(number)
-            rows += map_again(vehicle, own, settings.places_in_force(number), inputs.lockstep, tolerance, show)
+            rows += recompute_map(vehicle, own, settings.places_in_force(number), inputs.lockstep, tolerance, show)
         else:
-            rows += decisions_again(vehicle, settings, inputs.lockstep, tolerance, show)
+            rows += recompute_decisions(vehicle, settings, inputs.lockstep, tolerance, show)
     if sys.stderr.isatty():
         print(end="\x1b[K", file=sys.stderr, flush=True)
     return rows
 
 
 def _progress(what: str, before: int, of: int) -> Callable[[float], None]:
-    """Shows the share done: on a terminal in one line, elsewhere nothing (a mission takes less than a minute)."""
+    """Shows the share done in one line of a terminal; elsewhere nothing (a mission takes less than a minute)."""
     shown = -1
 
     def show(share: float) -> None:
@@ -94,7 +92,7 @@ def _progress(what: str, before: int, of: int) -> Callable[[float], None]:
 
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows as lines of aligned columns under their titles; nothing without rows. Empty columns are left out."""
+    """Lines of aligned columns under their titles, without empty columns; no lines without rows."""
     kept = [i for i in range(len(titles)) if any(row[i] for row in rows)]
     lines = [[line[i] for i in kept] for line in ([titles, *rows] if rows else [])]
     widths = [max(len(line[i]) for line in lines) for i in range(len(kept))] if lines else []
@@ -102,7 +100,7 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _write(path: Path, rows: Sequence[Row]) -> None:
-    """Writes every row, the planner's after the map's, each kind under its titles."""
+    """Writes every row as CSV, each kind under its titles."""
     text = io.StringIO(newline="")
     writer = csv.writer(text)
     titles: tuple[str, ...] = ()
@@ -115,7 +113,7 @@ def _write(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _values(settings: Settings, name: str) -> str:
-    """The value of a parameter; of each vehicle where they differ, or the parameter is one vehicle's."""
+    """The value of a parameter; one value per vehicle if they differ."""
     *sections, key = name.split(".")
     if sections and sections[0].startswith("auv"):
         sections = sections[1:]
@@ -125,5 +123,5 @@ def _values(settings: Settings, name: str) -> str:
         for section in sections:
             level = level.get(section, {})
         value = level.get(key)
-        values.append("as the method says" if value is None else str(value))
+        values.append("set by the method" if value is None else str(value))
     return values[0] if len(set(values)) == 1 else ", ".join(values)

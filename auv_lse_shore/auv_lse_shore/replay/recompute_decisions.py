@@ -1,14 +1,14 @@
-"""A vehicle's decisions, computed again from the odometry, the map and the team's plans that its planner was given.
+"""Recomputes a vehicle's decisions from the odometry, map and team plans that its planner received.
 
-Each decision is made in the situation of the recorded one: where the two differ, the planner goes on from what was
-flown, so that a difference does not lead to others for no reason but that the vehicle is elsewhere.
+Where a decision differs from the recorded one, the planner continues from the recorded one. So one difference does
+not cause all that follow.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,23 +29,23 @@ from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.receivers_risk import ReceiversRisk
 from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
-from auv_lse_shore.replay.inputs import RecordedDecision, VehicleInputs, ticks_of
-from auv_lse_shore.replay.map_again import MapAgain
+from auv_lse_shore.replay.inputs import Pending, RecordedDecision, VehicleInputs, ticks_of
+from auv_lse_shore.replay.recompute_map import RecomputedMap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DecisionStep:
-    """A recorded decision against the one made now.
+    """A recorded decision compared with the recomputed one; pairs are (recorded, recomputed).
 
     Attributes:
         vehicle: Number of the vehicle.
         step: Mission step.
         now_s: Mission time.
-        turns_deg: Heading change of the leg, recorded and now.
-        plans: The plan in words, recorded and now.
-        values: Its value, recorded and now.
+        turns_deg: Heading change of the leg.
+        plans: The plan in words.
+        values: Its value.
         note: Why, or what else differs.
-        differs: Whether it is another decision.
+        differs: Whether the decisions differ.
     """
 
     vehicle: int
@@ -69,7 +69,7 @@ class DecisionStep:
         return (*head, *turns, plan, "same" if plan == now else now, *values, by, self.note)
 
 
-def decisions_again(
+def recompute_decisions(
     inputs: VehicleInputs,
     settings: Settings,
     lockstep: bool,
@@ -81,14 +81,14 @@ def decisions_again(
     Args:
         inputs: The recorded inputs and decisions.
         settings: Today's parameters.
-        lockstep: Whether time waited for the nodes.
-        tolerance: Relative difference of values that counts as none.
-        show: Called with the share that is done.
+        lockstep: Whether the mission flew in lockstep.
+        tolerance: Relative difference of values that is ignored.
+        show: Called with the share done, 0 to 1.
     """
-    return _Again(inputs, settings, lockstep, tolerance).run(show)
+    return _Recomputer(inputs, settings, lockstep, tolerance).run(show)
 
 
-class _Again:
+class _Recomputer:
     """One vehicle's planner, fed with its recorded inputs."""
 
     def __init__(self, inputs: VehicleInputs, settings: Settings, lockstep: bool, tolerance: float) -> None:
@@ -99,10 +99,11 @@ class _Again:
         self._parameters = parameters_for(settings.to_patterns(), f"/auv{number}/planner_node")
         self._inputs, self._lockstep, self._tolerance = inputs, lockstep, tolerance
         # A recording of the fleet engine has neither the map's centers nor the plans as the modem node passed them on.
-        self._map = None if inputs.centers else MapAgain(inputs, own, settings.places_in_force(number), lockstep)
-        self._plans = inputs.plans or _plans_heard(inputs, settings)
+        self._map = None if inputs.centers else RecomputedMap(inputs, own, settings.places_in_force(number), lockstep)
+        self._plans = Pending(inputs.plans or _plans_heard(inputs, settings))
+        self._odometry, self._corrected = Pending(inputs.odometry), Pending(inputs.corrected)
+        self._centers, self._tuned = Pending(inputs.centers), Pending(inputs.tuned)
         self._revision = -1
-        self._taken = {"odometry": 0, "corrected": 0, "plans": 0, "centers": 0, "tuned": 0}
 
     def run(self, show: Callable[[float], None]) -> list[DecisionStep]:
         decisions = {decision.now_s: decision for decision in self._inputs.decisions}
@@ -122,60 +123,50 @@ class _Again:
                 show(len(rows) / len(decisions))
         return rows
 
-    def _take(self, now_s: float, told: Taken | None) -> None:
-        """Everything that was there at `now_s`; what the planner told that it had taken goes before the times."""
-        inputs = ("tuned", self._tune), ("plans", self._hear), ("corrected", self._correct), ("odometry", self._move)
-        for name, give in inputs:
-            entries: Sequence[tuple[float, Any]] = self._plans if name == "plans" else getattr(self._inputs, name)
-            if name == "odometry" and not self._lockstep and not self._taken[name] and entries:
-                give(entries[0][1])  # the first decision had one, whenever the recorder heard it
-                self._taken[name] = 1
-            while self._taken[name] < len(entries):
-                there_s, entry = entries[self._taken[name]]
-                if told is None or name == "tuned":
-                    there = there_s <= now_s + 1e-9
-                else:
-                    there = (
-                        self._taken[name] < told.plans if name == "plans" else entry.stamp_s <= told.odometry_s + 1e-9
-                    )
-                if not there:
-                    break
-                give(entry)
-                self._taken[name] += 1
+    def _take(self, now_s: float, taken: Taken | None) -> None:
+        """Takes the inputs up to `now_s` (s), or those that the planner reported as `taken`."""
+
+        def is_due(there_s: float, value: Any) -> bool:
+            return there_s <= now_s + 1e-9
+
+        def is_stamped(there_s: float, value: DeadReckoning | Odometry) -> bool:
+            return is_due(there_s, value) if taken is None else value.stamp_s <= taken.odometry_s + 1e-9
+
+        for changed in self._tuned.take(is_due):
+            self._tune(changed)
+        for report in self._plans.take(is_due if taken is None else lambda *_: self._plans.taken < taken.plans):
+            self._intake.add_plan(report.stamp_s, report.vehicle, report.plan)
+        for place in self._corrected.take(is_stamped):
+            self._intake.set_corrected(place.stamp_s, place.north_m, place.east_m)
+        # Without lockstep: the first decision had an odometry, whenever the recorder received it.
+        for odometry in self._odometry.take(
+            lambda there_s, o: is_stamped(there_s, o) or not (self._lockstep or self._odometry.taken)
+        ):
+            entry = (odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
+            if not self._lockstep:  # each of them moves the vehicle on, as it did the node's
+                self._planner.odometry(*entry)
+            self._intake.set_odometry(*entry)
         if self._map is not None:
-            self._map.advance(now_s)
-            if self._map.map.revision != self._revision:
-                self._revision = self._map.map.revision
-                self._intake.set_centers(self._map.map.centers, self._revision)
-            if self._map.place is not None:
-                self._correct(self._map.place)
-            return
-        centers = self._inputs.centers
-        while self._taken["centers"] < len(centers):
-            there_s, found = centers[self._taken["centers"]]
-            if there_s > now_s + 1e-9 if told is None else found.revision > told.map_revision:
-                break
-            recorded = Centers(found.places_m, found.depths_m, found.noise_std_m, found.place_effect_m)
-            self._intake.set_centers(recorded, found.revision)
-            self._taken["centers"] += 1
+            self._take_map(self._map, now_s)
+        for found in self._centers.take(
+            is_due if taken is None else lambda there_s, found: found.revision <= taken.map_revision
+        ):
+            centers = Centers(found.places_m, found.depths_m, found.noise_std_m, found.place_effect_m)
+            self._intake.set_centers(centers, found.revision)
+
+    def _take_map(self, own: RecomputedMap, now_s: float) -> None:
+        own.advance(now_s)
+        if own.map.revision != self._revision:
+            self._revision = own.map.revision
+            self._intake.set_centers(own.map.centers, self._revision)
+        if own.place is not None:
+            self._intake.set_corrected(own.place.stamp_s, own.place.north_m, own.place.east_m)
 
     def _tune(self, changed: dict[str, Any]) -> None:
         """A parameter that was changed by hand while the planner ran."""
         own = {**self._parameters, "planner": {**self._parameters.get("planner", {}), **nest(changed)["planner"]}}
         self._planner.set_planner(section(PlannerConfig, own, "planner", "recorded parameter change"))
         self._parameters = own
-
-    def _hear(self, report: PlanReport) -> None:
-        self._intake.add_plan(report.stamp_s, report.vehicle, report.plan)
-
-    def _correct(self, place: DeadReckoning) -> None:
-        self._intake.set_corrected(place.stamp_s, place.north_m, place.east_m)
-
-    def _move(self, odometry: Odometry) -> None:
-        entry = (odometry.stamp_s, odometry.heading_rad, odometry.north_m, odometry.east_m)
-        if not self._lockstep:  # each of them moves the vehicle on, as it did the node's
-            self._planner.odometry(*entry)
-        self._intake.set_odometry(*entry)
 
     def _decide(self, recorded: RecordedDecision, note: str) -> DecisionStep:
         planner, turns = self._planner, np.deg2rad(self._planner.settings.motion.actions_deg)

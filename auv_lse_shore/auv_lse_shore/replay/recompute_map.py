@@ -1,7 +1,8 @@
-"""A vehicle's map, computed again from the soundings and samples that it was given."""
+"""Recomputes a vehicle's map from its recorded inputs."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,28 +17,28 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNav
 from auv_lse_gp.intake import MapIntake
 from auv_lse_gp.map.depth_map import DepthMap
 from auv_lse_gp.places.position_corrector import corrector_for
-from auv_lse_shore.replay.inputs import VehicleInputs, ticks_of
+from auv_lse_shore.replay.inputs import Pending, VehicleInputs, ticks_of
 
 Array = NDArray[np.float64]
 
-#: Soundings that a node may have had before the recorder (s), in a mission without lockstep.
+#: Without lockstep a node may have received a sounding this much earlier (s) than the recorder.
 _AHEAD_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapStep:
-    """A published map against the one computed again; differences are the largest over the places.
+    """A published map compared with the recomputed one; differences are the largest over the cells.
 
     Attributes:
         vehicle: Number of the vehicle.
         now_s: Mission time.
-        centers: Number of kernel centers, recorded and now.
+        centers: Number of kernel centers, recorded and recomputed.
         mean_m: Largest difference of the mean depth.
         std_m: Largest difference of its standard deviation.
         risk: Largest difference of the risk.
         at_m: North, east (m) of the largest difference of the mean.
         note: What else differs.
-        differs: Whether it is another map.
+        differs: Whether the maps differ.
     """
 
     vehicle: int
@@ -61,7 +62,7 @@ class MapStep:
         return (f"auv{self.vehicle}", f"{self.now_s:.1f}", *counts, *values, at, self.note)
 
 
-class MapAgain:
+class RecomputedMap:
     """The map of one vehicle, brought forward in time."""
 
     def __init__(self, inputs: VehicleInputs, settings: PlannerSettings, places: PlacesConfig, lockstep: bool) -> None:
@@ -71,59 +72,52 @@ class MapAgain:
             inputs: The recorded inputs.
             settings: Today's parameters.
             places: Those of the correction of places.
-            lockstep: Whether time waited for the nodes.
+            lockstep: Whether the mission flew in lockstep.
         """
         self.map = DepthMap(settings.gp, settings.level_set, OperatingArea(settings.area))
         self._intake = MapIntake(self.map, corrector_for(inputs.vehicle, places, self.map))
-        self._inputs, self._lockstep = inputs, lockstep
-        self._soundings = self._samples = self._navigation = 0
+        self._lockstep = lockstep
+        self._soundings, self._samples = Pending(inputs.soundings), Pending(inputs.samples)
+        self._navigation = Pending(inputs.navigation)
 
     @property
     def place(self) -> DeadReckoning | None:
-        """Where the map has the vehicle; None where places are not corrected yet."""
+        """The vehicle's corrected place; None while places are not corrected."""
         return None if self._intake.corrector is None else self._intake.corrector.place
 
     def advance(self, now_s: float, revision: int | None = None) -> None:
-        """Takes what was there at `now_s` (s); without lockstep, until the map has the recorded `revision`."""
+        """Takes the inputs up to `now_s` (s); without lockstep, until the map has the recorded `revision`."""
         if self._lockstep:
             self._take(now_s)
             return
         while revision is None or self.map.revision < revision:
-            times = [
-                entries[done][0]
-                for entries, done in ((self._inputs.soundings, self._soundings), (self._inputs.samples, self._samples))
-                if done < len(entries)
-            ]
-            if not times or min(times) > now_s + (_AHEAD_S if revision is not None else 0.0):
+            next_s = min(self._soundings.next_s, self._samples.next_s)
+            if next_s == math.inf or next_s > now_s + (_AHEAD_S if revision is not None else 0.0):
                 return
-            self._take(min(times))
+            self._take(next_s)
 
     def _take(self, until_s: float) -> None:
-        """One step of the node, with everything that was there by `until_s` (s)."""
-        soundings, samples, navigation = self._inputs.soundings, self._inputs.samples, self._inputs.navigation
-        while self._navigation < len(navigation) and navigation[self._navigation][0] <= until_s + 1e-9:
-            self._add_navigation(navigation[self._navigation][1])
-            self._navigation += 1
-        while self._soundings < len(soundings) and soundings[self._soundings][0] <= until_s + 1e-9:
-            self._intake.add_soundings([soundings[self._soundings][1]])
-            self._soundings += 1
-        while self._samples < len(samples) and samples[self._samples][0] <= until_s + 1e-9:
-            for packet in samples[self._samples][1].packets():
+        """One step of the node, with the inputs up to `until_s` (s)."""
+
+        def is_due(there_s: float, value: object) -> bool:
+            return there_s <= until_s + 1e-9
+
+        for entry in self._navigation.take(is_due):
+            match entry:
+                case DeadReckoning():
+                    self._intake.add_dead_reckoning(entry)
+                case Fix():
+                    self._intake.add_fix(entry)
+                case MateNavigation():
+                    self._intake.add_navigation(entry)
+        self._intake.add_soundings(self._soundings.take(is_due))
+        for samples in self._samples.take(is_due):
+            for packet in samples.packets():
                 self._intake.add_samples(float(packet.stamp_s[0]), int(packet.vehicle[0]), packet.points_m)
-            self._samples += 1
         self._intake.step(until_s)
 
-    def _add_navigation(self, entry: DeadReckoning | Fix | MateNavigation) -> None:
-        match entry:
-            case DeadReckoning():
-                self._intake.add_dead_reckoning(entry)
-            case Fix():
-                self._intake.add_fix(entry)
-            case MateNavigation():
-                self._intake.add_navigation(entry)
 
-
-def map_again(
+def recompute_map(
     inputs: VehicleInputs,
     settings: PlannerSettings,
     places: PlacesConfig,
@@ -131,17 +125,17 @@ def map_again(
     tolerance: float,
     show: Callable[[float], None],
 ) -> list[MapStep]:
-    """Compares every published map with the one computed again from the same inputs.
+    """Compares every published map with the one recomputed from the same inputs.
 
     Args:
         inputs: The recorded inputs and maps.
         settings: Today's parameters.
         places: Those of the correction of places.
-        lockstep: Whether time waited for the nodes.
-        tolerance: Relative difference that counts as none, beside the rounding of the published float32.
-        show: Called with the share that is done.
+        lockstep: Whether the mission flew in lockstep.
+        tolerance: Relative difference that is ignored, in addition to the rounding of the published float32.
+        show: Called with the share done, 0 to 1.
     """
-    again, rows = MapAgain(inputs, settings, places, lockstep), []
+    again, rows = RecomputedMap(inputs, settings, places, lockstep), []
     recorded: CentersReport | None = None
     note = ""
     events: list[tuple[float, int, object]] = [(s, 0, entry) for s, entry in inputs.centers]
@@ -166,7 +160,7 @@ def map_again(
 
 
 def _centers_note(now_s: float, recorded: CentersReport, depth_map: DepthMap) -> str:
-    """How the kernel centers differ from those published; "" if they are the same."""
+    """How the recomputed kernel centers differ from those published; "" if they do not."""
     now = depth_map.centers
     if len(now) == len(recorded.depths_m) and all(
         np.array_equal(getattr(now, name), getattr(recorded, name)) for name in ("places_m", "depths_m", "noise_std_m")
