@@ -1,4 +1,4 @@
-"""scripts/live: a running mission, or a recording, on one page in a browser on this machine."""
+"""scripts/live: shows a running mission or a recording on one page in a browser on this machine."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LAST_PORT = 65535
 
 
 class LiveError(ValueError):
-    """A live view that cannot be made: the option, its value, and what was expected."""
+    """An option of scripts/live has an invalid value."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -43,20 +43,21 @@ def parser() -> argparse.ArgumentParser:
         prog="scripts/live",
         description="Shows a mission on one page in a browser on this machine: map with risk and isobath, tracks, "
         "plans, packets in their slots, reward and bound, health. See docs/guide/live-view.md.",
-        epilog="Exit codes: 0; 2 the request cannot be met, or a wrong command line; 130 Ctrl-C.",
+        epilog="Exit codes: 0 --write has written the page; 2 wrong command line, or RUN or a port cannot be used; "
+        "130 Ctrl-C, which ends the server.",
     )
     p.add_argument(
         "run",
         nargs="?",
         type=Path,
         metavar="RUN",
-        help="a run folder, a rosbag2 directory or an MCAP file, complete or still being written (default: the mission "
-        "that runs on this machine, or the next one)",
+        help="a run folder, a rosbag2 directory or an MCAP file, complete or still being written (default: the newest "
+        "mission on this machine, or the next one to start)",
     )
-    p.add_argument("--domain", metavar="N", help="ROS domain of the running mission (default: the newest mission here)")
+    p.add_argument("--domain", metavar="N", help="ROS domain of the mission (default: that of the newest)")
     p.add_argument("--mission", type=Path, metavar="FILE", help="mission file, if the recording has none")
     p.add_argument(
-        "--port", type=int, default=DEFAULT_PORT, help=f"port on 127.0.0.1, 0: any (default: {DEFAULT_PORT})"
+        "--port", type=int, default=DEFAULT_PORT, help=f"port on 127.0.0.1; 0: any free port (default: {DEFAULT_PORT})"
     )
     p.add_argument(
         "--open",
@@ -76,31 +77,33 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--rviz",
         action="store_true",
-        help="also publish standard messages below /viz for RViz, on the mission's ROS domain (of a recording: on one "
-        "of its own); the configuration is config/rviz/mission.rviz",
+        help="also publish standard messages under /viz for RViz, on the mission's ROS domain (for a recording: on a "
+        "free domain); the configuration is config/rviz/mission.rviz",
     )
     p.add_argument(
         "--rate",
         type=float,
         default=1.0,
         metavar="X",
-        help="for --foxglove and --rviz: play a recording X times as fast as it was flown (default: 1)",
+        help="with --foxglove or --rviz: play a recording at X times its original speed (default: 1)",
     )
     p.add_argument(
-        "--write", type=Path, metavar="FILE.html", help="write the page with the recording inside, and serve nothing"
+        "--write", type=Path, metavar="FILE.html", help="write the page and the recording into one file and exit"
     )
     return p
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Serves the live view. Returns 0, 1 if it failed, 2 if the request cannot be met, 130 after Ctrl-C."""
+    """Serves the live view. Returns the exit code; see `parser`."""
     options = parser().parse_args(arguments)
     timeline = Timeline()
     try:
         _check(options)
         if options.run is None:
             if options.write is not None:
-                raise RecordingError("--write: RUN is missing; expected a recording to write into the page")
+                raise RecordingError(
+                    "--write got no RUN; expected a recording. Name one: scripts/live RUN --write FILE"
+                )
             work = listen_to_missions(timeline, options)
         else:
             follower = RecordingFollower(recording_in(options.run), timeline, options.mission)
@@ -119,24 +122,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Refuses numbers that are out of range.
+    """Checks the ranges of numeric options.
 
     Raises:
         LiveError: naming the option.
     """
     if not 0 <= options.port <= _LAST_PORT:
-        raise LiveError(f"--port {options.port}: expected 0 to {_LAST_PORT} (0: any that is free)")
+        raise LiveError(f"--port got {options.port}; expected 0 to {_LAST_PORT}. Use 0 for any free port")
     if options.foxglove is not None and not 1 <= options.foxglove <= _LAST_PORT:
-        raise LiveError(f"--foxglove {options.foxglove}: expected 1 to {_LAST_PORT}")
+        raise LiveError(f"--foxglove got {options.foxglove}; expected 1 to {_LAST_PORT}. Try {FOXGLOVE_PORT}")
     if not 0.0 < options.rate < math.inf:
-        raise LiveError(f"--rate {options.rate:g}: expected more than 0, and finite")
+        raise LiveError(f"--rate got {options.rate:g}; expected a finite number above 0. Use 1 for real time")
 
 
 def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
-    """What fills the timeline from running missions.
+    """Returns the function that fills the timeline from running missions.
 
     Raises:
-        DomainError: if --domain is none.
+        DomainError: if --domain is invalid.
     """
     from auv_lse_shore.live.sources.running import MissionFollower
 
@@ -147,7 +150,7 @@ def listen_to_missions(timeline: Timeline, options: argparse.Namespace) -> Work:
 
 @contextmanager
 def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list[Viewer]]:
-    """The viewers that the command line asks for; sets `options.playback`, which they share.
+    """Creates the viewers requested on the command line; sets `options.playback`, which they share.
 
     Raises:
         FoxgloveError: if Foxglove cannot be served.
@@ -158,7 +161,7 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
     with ExitStack() as stack:
         if options.foxglove is not None:
             foxglove = FoxgloveViewer(options.foxglove, options.playback)
-            print(f"Foxglove, Lichtblick: open connection {foxglove.url}, layout config/foxglove/mission.json")
+            print(f"Foxglove or Lichtblick: connect to {foxglove.url}; layout: config/foxglove/mission.json")
             viewers.append(foxglove)
         if options.rviz:
             from auv_lse_shore.live.viewers.viz_node import VizPublisher
@@ -173,7 +176,7 @@ def viewers_of(timeline: Timeline, options: argparse.Namespace) -> Iterator[list
 
 
 def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> int:
-    """Writes the page with a whole recording inside of it.
+    """Writes the page with a whole recording into one file.
 
     Raises:
         LiveError: if the file cannot be written.
@@ -185,19 +188,19 @@ def write_page(follower: RecordingFollower, timeline: Timeline, path: Path) -> i
     try:
         write_whole(path, live_page(events))
     except OSError as error:
-        raise LiveError(f"--write {path}: cannot be written: {error.strerror or error}") from error
+        raise LiveError(f"--write {path}: cannot be written: {error.strerror or error}. Choose another file") from error
     print(f"{len(events)} events in {took_s:.1f} s of processor time")
     print(f"written: {path} ({path.stat().st_size / 1e6:.1f} MB; needs no server)")
     return 0
 
 
 def has_screen() -> bool:
-    """Whether a browser would open in a window: without a screen it might take over the terminal."""
+    """Whether a browser can open a window; without a display it might take over the terminal."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 async def serve(timeline: Timeline, works: Sequence[Work], port: int, open_browser: bool) -> int:
-    """Serves the page until Ctrl-C, while `works` fill and show the timeline, each on a thread of its own.
+    """Serves the page until Ctrl-C; `works` fill and show the timeline, each on its own thread.
 
     Raises:
         PortTakenError: if the port is in use.
@@ -205,12 +208,12 @@ async def serve(timeline: Timeline, works: Sequence[Work], port: int, open_brows
     server = LiveServer(timeline, port)
     stop, ended = threading.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
-    for sign in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(sign, ended.set)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, ended.set)
     threads = [threading.Thread(target=work, args=(stop,), daemon=True) for work in works]
     for thread in threads:
         thread.start()
-    print(f"live view: {server.url}   (Ctrl-C ends it)", flush=True)
+    print(f"live view: {server.url}   (stop with Ctrl-C)", flush=True)
     if open_browser and has_screen():
         await asyncio.to_thread(webbrowser.open, server.url)
     await ended.wait()

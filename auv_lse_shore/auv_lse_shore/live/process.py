@@ -14,23 +14,23 @@ from auv_lse_shore.live.viewers.server import DEFAULT_PORT, port_or_any
 
 
 class LiveProcess:
-    """`scripts/live` on a mission's domain, for as long as the context lasts; the page keeps what it has."""
+    """Runs `scripts/live` on a mission's domain while the context is open; the page keeps the events it has."""
 
-    def __init__(self, domain: int, environment: Mapping[str, str], say: Callable[[str], None]) -> None:
-        """Starts nothing yet.
+    def __init__(self, domain: int, environment: Mapping[str, str], report: Callable[[str], None]) -> None:
+        """Prepares the command.
 
         Args:
             domain: The mission's ROS domain.
             environment: The process's environment.
-            say: Shows a line: the page's address, or why there is none.
+            report: Shows a line: the page's address, or the reason why there is no page.
         """
-        port = port_or_any(DEFAULT_PORT)  # another mission's page may have it
+        port = port_or_any(DEFAULT_PORT)  # another mission's page may use it
         self._command = [sys.executable, "-m", "auv_lse_shore.live", "--domain", str(domain), "--port", str(port)]
         self._environment = dict(environment)
-        self._say = say
+        self._report = report
 
     def __enter__(self) -> LiveProcess:
-        """Starts it; its address is shown when it is known."""
+        """Starts the process."""
         self._process = subprocess.Popen(
             self._command,
             stdin=subprocess.DEVNULL,
@@ -39,7 +39,7 @@ class LiveProcess:
             text=True,
             env=self._environment,
             preexec_fn=die_with_parent,
-            start_new_session=True,  # Ctrl-C is the mission's, which then ends this process
+            start_new_session=True,  # Ctrl-C goes to the mission, which then stops this process
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -48,10 +48,10 @@ class LiveProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Ends it."""
-        for sign, patience_s in ((signal.SIGINT, 5.0), (signal.SIGKILL, 5.0)):
+        """Stops the process."""
+        for number, patience_s in ((signal.SIGINT, 5.0), (signal.SIGKILL, 5.0)):
             if self._process.poll() is None:
-                self._process.send_signal(sign)
+                self._process.send_signal(number)
                 try:
                     self._process.wait(patience_s)
                 except subprocess.TimeoutExpired:
@@ -60,4 +60,4 @@ class LiveProcess:
 
     def _read(self) -> None:
         for line in self._process.stdout or ():
-            self._say(line.removesuffix("\n").removesuffix("   (Ctrl-C ends it)"))
+            self._report(line.removesuffix("\n").removesuffix("   (stop with Ctrl-C)"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import shutil
+import threading
 import zlib
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.vocabulary.plan import NONE, Plan, Tour
 from auv_lse_record.recording import RecordingError, recording_in
 from auv_lse_record.run_writer import write_run
+from auv_lse_shore.live.sources import running
 from auv_lse_shore.live.sources.events import MissionEvents, topics_of
 from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.follow import RecordingFollower
@@ -252,3 +254,24 @@ def test_a_page_that_comes_back_goes_on_where_it_was():
     assert timeline.since(name, 99, 10)[1] == 0, "more than there is: from the beginning"
     timeline.begin({"kind": "mission"})
     assert timeline.since(name, 4, 10)[1:] == (0, [{"kind": "mission"}]), "another mission"
+
+
+def test_the_end_of_a_mission_is_no_problem(tmp_path, monkeypatch):
+    timeline, stop = Timeline(), threading.Event()
+    follower = running.MissionFollower(timeline, 7, None)
+    followed = []
+
+    def follow(found, stop):
+        followed.append(found)
+        return False
+
+    def wait(timeout):
+        stop.set()
+
+    monkeypatch.setattr(running, "busy_domains", lambda: [] if followed else [7])
+    monkeypatch.setattr(running, "run_on", lambda domain: tmp_path)
+    monkeypatch.setattr(follower, "_follow", follow)
+    monkeypatch.setattr(stop, "wait", wait)
+    follower.follow(stop)
+    assert followed == [running.RunningMission(7, tmp_path)]
+    assert timeline.state == {"growing": False, "problem": "", "waiting": "waiting for a mission"}

@@ -87,7 +87,7 @@ def pixels(browser, name):
 def test_it_shows_the_mission_and_reports_no_error(browser):
     at(browser, 200.0)
     assert text(browser, "title") == "a run"
-    assert text(browser, "map-title") == "What auv1 knows of the 15 m isobath"
+    assert text(browser, "map-title") == "Map of auv1, 15 m isobath"
     assert text(browser, "state") == "recording"
     assert browser.ask("document.querySelectorAll('.vehicle').length") == 2
     assert "12 of 30" in text(browser, "vehicles")
@@ -112,7 +112,7 @@ def test_the_map_changes_with_the_moment_the_layer_and_the_vehicle(browser):
     browser.press("r")
     browser.press("2")
     at(browser, 400.0)
-    assert text(browser, "map-title").startswith("What auv2 knows")
+    assert text(browser, "map-title").startswith("Map of auv2,")
     assert browser.ask("document.querySelectorAll('.vehicle[aria-pressed=true]').length") == 1
     browser.press("1")
     browser.press("+")
@@ -195,13 +195,25 @@ def test_text_is_legible_in_both_themes(browser):
                 assert contrast >= 4.5, f"{scheme}: {ink} on {paper}: {contrast:.1f}; expected WCAG's 4.5"
 
 
-def test_a_lost_connection_comes_back_and_a_new_mission_begins_anew(browser, serving):
+def test_connection_lost_mission_complete_new_mission(browser, serving):
     have = browser.ask("liveView.store.changes")
     serving.stop()
     browser.wait("document.getElementById('state').textContent.includes('connection lost')")
     serving.start()
     browser.wait("document.getElementById('state').textContent === 'recording'", "connected again")
     assert browser.ask("liveView.store.changes") == have, "it went on where it was"
+    serving.timeline.add(
+        [{"kind": "status", "t": 1e4, "state": "finished", "text": "", "steps": [30, 30], "speed": 1.0}]
+    )
+    serving.timeline.set_state(source="mission", growing=False, run="runs/first")
+    browser.wait("document.getElementById('state').textContent === 'mission complete'")
+    assert browser.ask("document.getElementById('ending').hidden"), "the page is still connected"
+    serving.stop()
+    browser.wait("!document.getElementById('ending').hidden", "the live view has ended with the mission")
+    assert text(browser, "state") == "mission complete"
+    assert "scripts/live runs/first" in text(browser, "ending")
+    serving.start()
+    browser.wait("document.getElementById('ending').hidden", "connected again")
     _, _, events = serving.timeline.since("", 0, 1)
     serving.timeline.begin({**events[0], "name": "the next one"})
     browser.wait("document.getElementById('title').textContent === 'the next one'")

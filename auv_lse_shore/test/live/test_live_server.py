@@ -153,10 +153,10 @@ def test_the_command_says_what_is_wrong(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["--port", "99999"], "--port 99999: expected 0 to 65535"),
-        (["--foxglove", "99999"], "--foxglove 99999: expected 1 to 65535"),
-        (["--rate", "0"], "--rate 0: expected more than 0"),
-        (["--rate", "nan"], "--rate nan: expected more than 0"),
+        (["--port", "99999"], "--port got 99999; expected 0 to 65535"),
+        (["--foxglove", "99999"], "--foxglove got 99999; expected 1 to 65535"),
+        (["--rate", "0"], "--rate got 0; expected a finite number above 0"),
+        (["--rate", "nan"], "--rate got nan; expected a finite number above 0"),
         (["--write", "nowhere/page.html"], "nowhere/page.html: cannot be written: No such file or directory"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Fills a timeline from a recording, on a thread of its own, for as long as the recording grows."""
+"""Fills a timeline from a recording, also while the recording grows."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.recording import find_parameters, open_recording
 from auv_lse_shore.live.sources.timeline import Timeline
 
-#: Wall-clock seconds between two looks at a recording that grows.
+#: Period (s of wall clock) for polling a recording that grows.
 _PERIOD_S = 0.2
-#: Wall-clock seconds without a new byte after which nobody seems to write to a recording any more.
+#: Wall clock (s) without new data after which a recording counts as ended.
 _PATIENCE_S = 30.0
-#: Messages after which their events are handed on.
+#: Number of messages whose events are added at once.
 _BATCH = 200
 
 
 class RecordingFollower:
-    """Reads a recording into a timeline, to its end if it has one.
+    """Reads a recording into a timeline.
 
     Attributes:
-        problem: Why reading has ended before the recording's end; empty if it has not.
+        problem: Why reading stopped before the recording's end; else empty.
     """
 
     def __init__(self, recording: Path, timeline: Timeline, mission: Path | None = None) -> None:
         """Reads the mission file and begins the timeline; reads no message yet.
 
         Args:
-            recording: As `recording_in` gives it.
-            timeline: What is filled.
-            mission: The mission file; None: the one inside of the recording, or beside it.
+            recording: The path that `recording_in` returns.
+            timeline: The timeline to fill.
+            mission: The mission file; None: the one in the recording or beside it.
 
         Raises:
             RecordingError: if there is no mission file.
@@ -54,10 +54,10 @@ class RecordingFollower:
         self._timeline = timeline
         simulated = any("sim" in values for values in patterns.values())
         timeline.begin(mission_facts(self.settings, name=run.name, simulated=simulated))
-        timeline.say(source="recording", growing=True, problem="")
+        timeline.set_state(source="recording", growing=True, problem="")
 
     def read(self) -> int:
-        """Reads what is new; returns the number of messages.
+        """Reads new messages; returns their number.
 
         Raises:
             RecordingError: if the recording is broken.
@@ -73,14 +73,14 @@ class RecordingFollower:
         return count
 
     def follow(self, stop: threading.Event) -> None:
-        """Reads until the recording's end, or until `stop` is set; says on the timeline how it went."""
+        """Reads until the recording's end or until `stop` is set; sets the timeline's state."""
         quiet_s = 0.0
         try:
             while not stop.is_set() and not self._file.complete:
                 quiet_s = 0.0 if self.read() else quiet_s + _PERIOD_S
                 growing = not self._file.complete and quiet_s < _PATIENCE_S
-                self._timeline.say(growing=growing)
+                self._timeline.set_state(growing=growing)
                 stop.wait(_PERIOD_S)
         except RecordingError as error:
             self.problem = str(error)
-            self._timeline.say(growing=False, problem=self.problem)
+            self._timeline.set_state(growing=False, problem=self.problem)

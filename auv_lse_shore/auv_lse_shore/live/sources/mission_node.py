@@ -1,4 +1,4 @@
-"""Listens to a running mission on its ROS domain, from outside: few topics, and none before the mission runs."""
+"""Subscribes to a running mission on its ROS domain, from outside the mission."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ from auv_lse_common.topics.table import find_topic
 from auv_lse_msgs.msg import SimStatus
 from auv_lse_shore.live.sources.events import topics_of
 
-#: Wall clock (s) without a word from a simulator after which the vehicles are listened to anyway: at sea there is none.
+#: Wall clock (s) without a simulator's status after which it subscribes to the vehicles anyway (real vehicles).
 _NO_SIMULATOR_S = 5.0
-#: Read from recordings only: who tells its map need not tell its soundings.
+#: Topics read from recordings only: a vehicle that publishes its map need not send its soundings.
 _LEFT_OUT = ("sounding",)
 
 
 class MissionListener:
-    """A node that hands on every message of the topics that the page is made from; a context manager.
+    """A node that passes on the messages of every topic that the page shows; a context manager.
 
-    In lockstep each publisher waits for its readers before the first tick, and counts them. So this one joins a topic
-    of the vehicles only when the simulator says that the mission runs.
+    In lockstep each publisher counts its readers before the first tick. Therefore this node subscribes to the vehicles'
+    topics only when the simulator reports that the mission runs.
 
     Attributes:
-        heard_s: Steady clock (s) of the last message; of the start before the first one.
-        state: The simulator's state as it said last, None if it has said nothing.
+        heard_s: Monotonic clock (s) of the last message, or of the start.
+        state: The simulator's last reported state, None before its first report.
     """
 
     def __init__(self, vehicles: int, domain: int, take: Callable[[str, Any], None]) -> None:
-        """Joins nothing yet.
+        """Stores its arguments.
 
         Args:
             vehicles: Number of vehicles.
@@ -50,7 +50,7 @@ class MissionListener:
         self.state: int | None = None
 
     def __enter__(self) -> MissionListener:
-        """Joins the domain; Ctrl-C stays the caller's."""
+        """Joins the domain; leaves Ctrl-C to the caller."""
         rclpy.init(domain_id=self._domain, signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("live_view", start_parameter_services=False, enable_rosout=False)
         self._executor: Executor = make_executor()
@@ -62,13 +62,13 @@ class MissionListener:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leaves."""
+        """Leaves the domain."""
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown()
 
     def serve(self, seconds_: float) -> None:
-        """Handles what comes for about so long."""
+        """Handles messages for about `seconds_` of wall clock."""
         until = time.monotonic() + seconds_
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
@@ -78,9 +78,9 @@ class MissionListener:
 
     def _on_status(self, message: SimStatus) -> None:
         self.state = message.state
-        self._hear("/sim/status", message)
+        self._receive("/sim/status", message)
 
-    def _hear(self, topic: str, message: Any) -> None:
+    def _receive(self, topic: str, message: Any) -> None:
         self.heard_s = time.monotonic()
         self._take(topic, message)
 
@@ -92,4 +92,4 @@ class MissionListener:
                 continue
             # A driver may publish its odometry best effort; the simulator's is reliable.
             quality = reader_quality(row) if self.state is None else writer_quality(row)
-            self._node.create_subscription(message_class(row.kind), topic, partial(self._hear, topic), quality)
+            self._node.create_subscription(message_class(row.kind), topic, partial(self._receive, topic), quality)

@@ -17,15 +17,15 @@ from auv_lse_shore.live.sources.facts import mission_facts
 from auv_lse_shore.live.sources.recording import RecordingFile
 from auv_lse_shore.live.sources.timeline import Timeline
 
-#: Wall clock (s) between two looks for a mission.
+#: Period (s of wall clock) of the search for a mission.
 _LOOK_S = 1.0
-#: Wall clock (s) for which messages are handled before they are handed on.
+#: Wall clock (s) for which messages are collected before their events are added.
 _SERVE_S = 0.1
 #: Wall clock (s) without a message after which a mission counts as silent.
 _SILENT_S = 60.0
-#: Mission time (s) by which a vehicle's clock must go back for a restart of the mission.
+#: A vehicle's clock that goes back by more than this (s) means that the mission has restarted.
 _BACK_S = 10.0
-#: Mission time (s) from the first message of a vehicle's odometry until every topic that comes regularly was heard.
+#: Mission time (s) after the first odometry by which every regular topic has been received.
 _OVERLAP_S = 60.0
 
 
@@ -35,7 +35,7 @@ class RunningMission:
 
     Attributes:
         domain: The domain.
-        run: Its run folder on this machine, None if there is none.
+        run: Its run folder on this machine, None if it has none.
     """
 
     domain: int
@@ -43,21 +43,28 @@ class RunningMission:
 
 
 def newest_mission() -> RunningMission | None:
-    """The mission on this machine that began last; None if none runs."""
+    """The newest mission on this machine; None if none runs."""
     found = [(run.stat().st_mtime, domain, run) for domain in busy_domains() if (run := run_on(domain)) is not None]
     return RunningMission(*max(found)[1:]) if found else None
 
 
+def _shown(run: Path | None) -> str:
+    """A run folder as the user types it: relative where possible."""
+    if run is None:
+        return ""
+    return str(run.relative_to(Path.cwd())) if run.is_relative_to(Path.cwd()) else str(run)
+
+
 class MissionFollower:
-    """Listens to missions: the one on a domain, or whichever began last on this machine."""
+    """Follows missions: those on one domain, or the newest on this machine."""
 
     def __init__(self, timeline: Timeline, domain: int | None, mission: Path | None) -> None:
-        """Joins nothing yet.
+        """Stores what to follow.
 
         Args:
-            timeline: What is filled.
-            domain: ROS domain; None: that of the mission that began last on this machine.
-            mission: Mission file; None: that of the run folder.
+            timeline: The timeline to fill.
+            domain: ROS domain; None: that of the newest mission on this machine.
+            mission: Mission file; None: the one in the run folder.
         """
         self._timeline = timeline
         self._domain = domain
@@ -68,16 +75,16 @@ class MissionFollower:
         done: RunningMission | None = None
         while not stop.is_set():
             found = self._find()
-            if found is None or found == done:
-                self._timeline.say(growing=False, waiting="waiting for a mission")
+            if found is None or found == done or self._has_ended(found, done):
+                self._timeline.set_state(growing=False, waiting="waiting for a mission")
                 stop.wait(_LOOK_S)
                 continue
             try:
                 restarted = self._follow(found, stop)
-                self._timeline.say(growing=False, problem="")
+                self._timeline.set_state(growing=False, problem="")
             except (OSError, ValueError) as error:
                 restarted = False
-                self._timeline.say(growing=False, problem=str(error))
+                self._timeline.set_state(growing=False, problem=str(error))
             done = None if restarted else found
 
     def _find(self) -> RunningMission | None:
@@ -85,40 +92,45 @@ class MissionFollower:
             return newest_mission()
         return RunningMission(self._domain, run_on(self._domain) if self._domain in busy_domains() else None)
 
+    def _has_ended(self, found: RunningMission, done: RunningMission | None) -> bool:
+        """Whether the domain is the one on which this machine's mission ran, and is idle now."""
+        return done is not None and done.run is not None and found.run is None and self._mission is None
+
     def _settings(self, found: RunningMission) -> Settings:
         if self._mission is None and found.run is None:
             raise ValueError(
-                f"ROS domain {found.domain}: its mission was not started on this machine, so its mission file is not "
-                "known; name it: --mission FILE"
+                f"ROS domain {found.domain} got no mission file, because its mission was not started on this machine; "
+                "expected one. Name it: --mission FILE"
             )
         return Settings.load(self._mission or (found.run or Path()) / "mission.yaml")
 
     def _follow(self, found: RunningMission, stop: threading.Event) -> bool:
-        """Follows a mission to its end; returns whether another one has begun on its domain."""
+        """Follows a mission to its end; returns whether another mission has begun on its domain."""
         from auv_lse_shore.live.sources.mission_node import MissionListener
 
         settings = self._settings(found)
         name = found.run.name if found.run else f"ROS domain {found.domain}"
         self._timeline.begin(mission_facts(settings, name=name, simulated=found.run is not None))
-        self._timeline.say(source="mission", domain=found.domain, growing=True, problem="", waiting="")
-        merged = _Merged(settings, self._timeline, found.run)
-        with MissionListener(settings.mission.vehicles, found.domain, merged.hear) as listener:
+        self._timeline.set_state(source="mission", domain=found.domain, growing=True, problem="", waiting="")
+        self._timeline.set_state(run=_shown(found.run))
+        merged = _MergedMessages(settings, self._timeline, found.run)
+        with MissionListener(settings.mission.vehicles, found.domain, merged.receive) as listener:
             while not stop.is_set() and not merged.restarted:
                 listener.serve(_SERVE_S)
-                merged.hand_on()
+                merged.add_events()
                 if found.run is not None and found.domain not in busy_domains():
                     break
-                # vehicles at sea may come back: their domain is listened to for ever
-                self._timeline.say(growing=time.monotonic() - listener.heard_s < _SILENT_S)
+                # vehicles at sea may come back, so their domain is followed until the end
+                self._timeline.set_state(growing=time.monotonic() - listener.heard_s < _SILENT_S)
         merged.catch_up()
         return merged.restarted
 
 
-class _Merged:
-    """What is heard and, from the recording, what was said before: a page that comes late misses nothing.
+class _MergedMessages:
+    """Merges live messages with the earlier ones from the recording, so that a late page gets the whole mission.
 
-    The recorder writes in chunks, so the recording's end lags behind. It is read on until it has passed the moment at
-    which the vehicles were heard first.
+    The recorder writes in chunks, so the recording lags behind. It is read until it has passed the time of the first
+    live message.
 
     Attributes:
         restarted: Whether another mission has begun.
@@ -138,8 +150,8 @@ class _Merged:
         self._joined_s = math.inf
         self._looked_s = -math.inf
 
-    def hear(self, topic: str, message: Any) -> None:
-        """Takes a message as it comes. Odometry that goes back in time is that of another mission."""
+    def receive(self, topic: str, message: Any) -> None:
+        """Takes a live message. Odometry that goes back in time belongs to another mission."""
         stamp_s = seconds(message.header.stamp)
         if topic.endswith("/odometry"):
             self.restarted |= stamp_s < self._last_s.get(topic, stamp_s) - _BACK_S
@@ -150,8 +162,8 @@ class _Merged:
                 self._joined_s = min(self._joined_s, self._first_s[topic])
         self._waiting.append((topic, message))
 
-    def hand_on(self) -> None:
-        """Makes the events of what has come in, and now and then looks into the recording."""
+    def add_events(self) -> None:
+        """Adds the events of new messages and, once a second, those of the recording."""
         self._timeline.add([event for topic, message in self._waiting for event in self._events.take(topic, message)])
         self._waiting.clear()
         if time.monotonic() - self._looked_s >= _LOOK_S:
@@ -159,21 +171,21 @@ class _Merged:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Takes from the recording what was said before the first message heard of each topic."""
+        """Adds the events from the recording that precede each topic's first live message."""
         if self._run is None or math.isinf(self._joined_s):
             return
         try:
             if self._file is None:
                 self._file = RecordingFile(next((self._run / "bag").glob("*.mcap")))
-            told, newest_s = [], -math.inf
+            earlier, newest_s = [], -math.inf
             for topic, message in self._file.messages(self._topics):
                 stamp_s = seconds(message.header.stamp)
                 newest_s = max(newest_s, stamp_s)
                 if stamp_s < self._first_s.get(topic, math.inf):
-                    told += self._events.take(topic, message)
+                    earlier += self._events.take(topic, message)
         except (RecordingError, StopIteration):
-            self._run = None  # no recording, or one of another kind: what was said before is not known
+            self._run = None  # no recording, or one of another kind: earlier messages are unavailable
             return
-        self._timeline.add(told)
+        self._timeline.add(earlier)
         if newest_s > self._joined_s + _OVERLAP_S:
             self._run = None

@@ -1,4 +1,4 @@
-"""What a page has been told of a mission: events in the order in which they became known."""
+"""The events of a mission, in the order in which they became known."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Event = dict[str, Any]
 class Timeline:
     """An append-only list of events, written by one thread and read by any.
 
-    A page asks for what follows the last event that it has. A new mission begins a new list under a new name, so that
-    a page that comes back after a lost connection knows whether it still has the beginning.
+    A page requests the events after its last one. A new mission begins a new list under a new name, so that a page
+    that reconnects knows whether its events are still valid.
     """
 
     def __init__(self) -> None:
-        """Starts without a mission."""
+        """Creates an empty timeline."""
         self._lock = threading.Lock()
         self._events: list[Event] = []
         self._name = uuid.uuid4().hex
@@ -35,24 +35,24 @@ class Timeline:
         with self._lock:
             self._events.extend(events)
 
-    def say(self, **state: Any) -> None:
-        """Sets what is true of the source now, beside the events: what it is, whether it is still growing."""
+    def set_state(self, **state: Any) -> None:
+        """Updates the state of the source, which pages get beside the events: kind, whether it still grows, problem."""
         with self._lock:
             self._state = {**self._state, **state}
 
     @property
     def state(self) -> Mapping[str, Any]:
-        """What `say` has set."""
+        """The values that `set_state` has set."""
         with self._lock:
             return dict(self._state)
 
     def since(self, name: str, index: int, most: int) -> tuple[str, int, list[Event]]:
-        """The events after those that a page has.
+        """The events that follow those that a page has.
 
         Args:
-            name: The list that the page has a part of; another than the present one means that it has nothing.
-            index: How many events it has.
-            most: Most events to return.
+            name: The list that the page knows; for another name than the current one all events are new.
+            index: Number of events that it has.
+            most: Maximum number of events to return.
 
         Returns:
             The list's name, the index of the first event returned, and at most `most` events.

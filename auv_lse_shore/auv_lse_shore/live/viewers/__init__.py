@@ -1,1 +1,1 @@
-"""Who the live view is shown to: the page, Foxglove, RViz."""
+"""Viewers of a mission: the page, Foxglove, RViz."""

@@ -1,4 +1,4 @@
-"""Feeds a timeline to viewers as standard messages: as they come, or a complete recording played at a rate."""
+"""Sends a timeline to viewers as standard messages: live, or a recording played at a chosen rate."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ _PERIOD_S = 0.1
 
 
 class Viewer(Protocol):
-    """What shows standard messages."""
+    """A program that displays standard messages."""
 
     def begin(self, messages: StandardMessages, first_s: float, last_s: float) -> None:
-        """A new mission; of a complete recording with its first and last time (s), else both are 0."""
+        """Begins a mission; for a recording with its first and last time (s), else both are 0."""
 
     def show(self, message: StandardMessage) -> None:
         """Shows a message."""
 
     def close(self) -> None:
-        """Ends."""
+        """Closes the viewer."""
 
 
 class Playback:
-    """Where a complete recording is played: time, rate, paused or not. Set by any thread."""
+    """Position in a recording that is played: time, rate, paused or not. Any thread may change it."""
 
     def __init__(self, rate: float) -> None:
-        """Plays from the beginning."""
+        """Starts at the beginning."""
         self.rate = rate
         self.playing = True
         self.t = 0.0
         self._sought: float | None = None
 
     def seek(self, t: float) -> None:
-        """Goes to a time (s)."""
+        """Jumps to a time (s)."""
         self._sought = t
 
     def step(self, elapsed_s: float, last_s: float) -> tuple[float, float, bool]:
-        """Moves on by seconds of wall clock.
+        """Advances by seconds of wall clock.
 
         Returns:
-            The span (after, until] of mission time to be shown, and whether it begins anew (a jump).
+            The interval (after, until] of mission time to show, and whether playback has jumped.
         """
         if self._sought is not None:
             self.t, self._sought = min(self._sought, last_s), None
@@ -59,7 +59,7 @@ class Feed:
     """Shows a timeline on viewers, on the thread that calls `run`."""
 
     def __init__(self, timeline: Timeline, viewers: Sequence[Viewer], playback: Playback) -> None:
-        """Shows nothing yet."""
+        """Takes the timeline and its viewers."""
         self._timeline = timeline
         self._viewers = viewers
         self._playback = playback
@@ -75,7 +75,7 @@ class Feed:
                     messages = StandardMessages(events[0])
                     if self._timeline.state.get("source") == "recording":
                         self._play(new, stop)
-                        name, have = new, 10**9  # all of it has been shown
+                        name, have = new, 10**9  # everything has been shown
                         continue
                     self._begin(messages, 0.0, 0.0)
                     self._show(messages.first(0.0))
@@ -91,7 +91,7 @@ class Feed:
                 viewer.close()
 
     def _play(self, name: str, stop: threading.Event) -> None:
-        """Plays a recording, waiting for what is still being written, until there is another mission."""
+        """Plays a recording, also while it grows, until another mission begins."""
         events: list[Event] = []
         messages: StandardMessages | None = None
         last_s, wall_s = 0.0, time.monotonic()
@@ -107,12 +107,12 @@ class Feed:
                 self._begin(messages, min((e["t"] for e in events[1:]), default=0.0), last_s)
                 self._show(messages.first(0.0))
             elapsed_s, wall_s = time.monotonic() - wall_s, time.monotonic()
-            after, until, anew = self._playback.step(elapsed_s, last_s)
-            if anew:
+            after, until, jumped = self._playback.step(elapsed_s, last_s)
+            if jumped:
                 messages = StandardMessages(events[0])
             due = [e for e in events[1:] if after < e["t"] <= until]
             shown = [m for e in sorted(due, key=lambda e: float(e["t"])) for m in messages.take(e)]
-            if anew:  # the last of each topic is enough
+            if jumped:  # only the last message of each topic
                 shown = [*messages.first(0.0), *{m.topic: m for m in shown}.values()]
             self._show(shown)
             stop.wait(_PERIOD_S)

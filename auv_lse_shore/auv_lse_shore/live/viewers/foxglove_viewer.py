@@ -17,14 +17,14 @@ class FoxgloveError(RuntimeError):
 
 
 class FoxgloveViewer:
-    """Serves the messages; a complete recording is played, paused and sought from the viewer's own time bar.
+    """Serves the messages; the viewer's time bar plays, pauses and seeks a recording.
 
     Attributes:
-        url: What the viewer is told to open.
+        url: Address to open in the viewer.
     """
 
     def __init__(self, port: int, playback: Playback) -> None:
-        """Takes the port; serves when the first mission begins.
+        """Checks the port; the server starts with the first mission.
 
         Raises:
             FoxgloveError: if foxglove-sdk is not installed, or the port is taken.
@@ -33,16 +33,16 @@ class FoxgloveViewer:
             import foxglove
         except ImportError:
             raise FoxgloveError(
-                "--foxglove: needs the package foxglove-sdk, which is not installed: pip install foxglove-sdk "
-                "(into .venv: .venv/bin/pip install -c config/constraints.txt foxglove-sdk)"
+                "--foxglove got no package foxglove-sdk; expected it to be installed. Run pip install foxglove-sdk "
+                "(in .venv: .venv/bin/pip install -c config/constraints.txt foxglove-sdk)"
             ) from None
         try:
             with socket.create_server((ADDRESS, port)):
                 pass
         except OSError as error:
             raise FoxgloveError(
-                f"--foxglove {port}: cannot listen on {ADDRESS}:{port}: {error.strerror or error}; fix: --foxglove N "
-                "with another port"
+                f"--foxglove {port}: cannot listen on {ADDRESS}:{port}: {error.strerror or error}. Choose another "
+                "port: --foxglove N"
             ) from error
         self._foxglove: Any = foxglove
         self._port = port
@@ -54,7 +54,7 @@ class FoxgloveViewer:
         self.url = f"ws://{ADDRESS}:{port}"
 
     def begin(self, messages: StandardMessages, first_s: float, last_s: float) -> None:
-        """Starts the server, or starts it anew: a viewer then forgets the mission before.
+        """Starts or restarts the server; viewers then drop the previous mission.
 
         Raises:
             FoxgloveError: if the port is taken.
@@ -80,7 +80,7 @@ class FoxgloveViewer:
         self.url = f"ws://{ADDRESS}:{self._port}"
 
     def show(self, message: StandardMessage) -> None:
-        """Sends a message to who has subscribed to its topic; who does so later gets the last one."""
+        """Sends a message to the topic's subscribers; later subscribers get the last message."""
         if self._messages is None:
             return
         if message.topic not in self._channels:
@@ -101,7 +101,7 @@ class FoxgloveViewer:
             self._channels[topic].log(data, log_time=stamp_ns)
 
     def control(self, request: Any) -> Any:
-        """Does what the viewer's time bar asks for; returns the state that it then shows."""
+        """Handles a request of the viewer's time bar; returns the new playback state."""
         from foxglove.websocket import PlaybackCommand, PlaybackState, PlaybackStatus
 
         playback = self._playback
@@ -128,7 +128,7 @@ class FoxgloveViewer:
 
 
 def _listener(viewer: FoxgloveViewer) -> Any:
-    """What the SDK calls from its own threads."""
+    """The object that the SDK calls from its own threads."""
     from foxglove.websocket import ServerListener
 
     class Listener(ServerListener):  # type: ignore[misc]  # the SDK's class is untyped without its stubs

@@ -1,4 +1,4 @@
-"""The page: one HTML file without anything to fetch, made from the files in `page_files/`."""
+"""Builds the page: one self-contained HTML file from the files in `page_files/`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from auv_lse_shore.live.sources.timeline import Event
 
 _FOLDER = Path(__file__).parent / "page_files"
 
-#: The page's modules, each after those that it imports.
+#: The page's modules; each follows the modules that it imports.
 MODULES = (
     "format.js",
     "colors.js",
@@ -42,11 +42,10 @@ def live_page(events: Sequence[Event] | None = None) -> str:
     """The page as one HTML text.
 
     Args:
-        events: A whole mission to be kept inside of the page, so that it needs no server; None: it asks the server
-            that it came from.
+        events: A whole mission to embed, so that the page needs no server; None: the page connects to its server.
     """
     script = "\n".join(_EXPORT.sub("", _IMPORT.sub("", (_FOLDER / name).read_text())) for name in MODULES)
-    # "<" is written as an escape: nothing in a mission can end the element that holds it.
+    # "<" is escaped, so that no text of a mission can close the script element.
     kept = "" if events is None else json.dumps(events, separators=(",", ":")).replace("<", "\\u003c")
     page = (_FOLDER / "index.html").read_text()
     for mark, text in (

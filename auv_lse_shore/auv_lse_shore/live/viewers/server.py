@@ -1,8 +1,8 @@
-"""Serves the live view to browsers on this machine, and to nobody else.
+"""Serves the live view to browsers on this machine only.
 
-Every request must name this machine (`Host`) and, if it names where it comes from (`Origin`), come from this very
-page. Otherwise a page elsewhere on the web could read the mission through a name of its own that it lets lead to
-127.0.0.1. There are two addresses, the page and its stream of events, and no files.
+The `Host` header of a request must name this machine, and its `Origin` header, if any, must be this page. This prevents
+DNS rebinding: another website could otherwise read the mission under a name that resolves to 127.0.0.1. There are two
+addresses, the page and its stream of events, and no files.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ import tornado.websocket
 from auv_lse_shore.live.sources.timeline import Timeline
 from auv_lse_shore.live.viewers.page import live_page, script_hash
 
-#: The only address that is listened on.
+#: The only address on which the server listens.
 ADDRESS = "127.0.0.1"
 DEFAULT_PORT = 8642
 #: Names of this machine that a browser may use.
 _NAMES = ("127.0.0.1", "localhost")
-#: Wall-clock seconds between two looks at the timeline, for each page.
+#: Period (s of wall clock) with which each page's connection polls the timeline.
 _PERIOD_S = 0.1
-#: Wall-clock seconds after which a page is told that nothing is new.
+#: Wall clock (s) without news after which an empty message keeps the connection alive.
 _QUIET_S = 2.0
-#: Most events in one message.
+#: Maximum number of events in one message.
 _BATCH = 400
 _POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src '{script}'; img-src data:; "
@@ -43,7 +43,7 @@ class PortTakenError(OSError):
 
 
 def port_or_any(port: int) -> int:
-    """The port if nobody listens on it, else 0: any that is free."""
+    """The port if it is free, else 0 (any free port)."""
     try:
         with socket.create_server((ADDRESS, port)):
             return port
@@ -55,15 +55,15 @@ class LiveServer:
     """The page and its events on one port of 127.0.0.1.
 
     Attributes:
-        url: What to open in a browser.
+        url: Address to open in a browser.
     """
 
     def __init__(self, timeline: Timeline, port: int) -> None:
         """Takes the port; serves once an event loop runs.
 
         Args:
-            timeline: What the pages are told.
-            port: TCP port, 0 for any that is free.
+            timeline: The events to serve.
+            port: TCP port, 0 for any free port.
 
         Raises:
             PortTakenError: if the port is in use or not allowed.
@@ -72,15 +72,15 @@ class LiveServer:
             sockets = tornado.netutil.bind_sockets(port, ADDRESS, family=socket.AF_INET)
         except OSError as error:
             raise PortTakenError(
-                f"--port {port}: cannot listen on {ADDRESS}:{port}: {error.strerror or error}; is another live view "
-                "open? fix: --port N with another number, or --port 0 for any that is free"
+                f"--port {port}: cannot listen on {ADDRESS}:{port}: {error.strerror or error}. Close the other live "
+                "view, or choose another port: --port N, or --port 0 for any free one"
             ) from error
         self.port = sockets[0].getsockname()[1]
         self.url = f"http://{ADDRESS}:{self.port}/"
         given = {"timeline": timeline, "port": self.port}
         application = tornado.web.Application(
             [("/", PageHandler, given), ("/events", EventsHandler, given)],
-            default_handler_class=NothingHandler,
+            default_handler_class=NotFoundHandler,
             default_handler_args=given,
             log_function=lambda handler: None,
             websocket_ping_interval=20,
@@ -96,7 +96,7 @@ class LiveServer:
 
 
 class _Guard(tornado.web.RequestHandler):
-    """Refuses requests that do not come from this machine's own page."""
+    """Rejects requests that do not come from this machine's own page."""
 
     def initialize(self, timeline: Timeline, port: int) -> None:
         """Takes the timeline and the server's port."""
@@ -105,7 +105,7 @@ class _Guard(tornado.web.RequestHandler):
         self._port = port
 
     def prepare(self) -> None:
-        """Checks the headers before anything else is done."""
+        """Checks the headers first."""
         host, origin = self.request.headers.get("Host", ""), self.request.headers.get("Origin")
         if host not in self._hosts:
             self._refuse(f"Host {host!r}: expected one of {', '.join(sorted(self._hosts))}")
@@ -118,7 +118,7 @@ class _Guard(tornado.web.RequestHandler):
         self.finish(f"refused: {reason}\n")
 
     def set_default_headers(self) -> None:
-        """Headers of every answer: nothing is kept, framed, guessed or fetched from elsewhere."""
+        """Headers of every answer: no caching, no type guessing, no referrer, no use by other sites."""
         self.clear_header("Server")
         self.set_header("Cache-Control", "no-store")
         self.set_header("X-Content-Type-Options", "nosniff")
@@ -126,7 +126,7 @@ class _Guard(tornado.web.RequestHandler):
         self.set_header("Cross-Origin-Resource-Policy", "same-origin")
 
     def write_error(self, status_code: int, **_: Any) -> None:
-        """A line of text instead of a page with a traceback."""
+        """Sends one line of text instead of a traceback."""
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.finish(f"{status_code}\n")
 
@@ -135,7 +135,7 @@ class PageHandler(_Guard):
     """The page."""
 
     def get(self) -> None:
-        """Gives the page."""
+        """Sends the page."""
         self.set_header("Content-Type", "text/html; charset=utf-8")
         page = live_page()
         policy = _POLICY.format(script=script_hash(page), port=self._port)
@@ -145,18 +145,18 @@ class PageHandler(_Guard):
     head = get
 
 
-class NothingHandler(_Guard):
+class NotFoundHandler(_Guard):
     """Every other address."""
 
     def prepare(self) -> None:
-        """Nothing is there, whoever asks."""
+        """Answers 404."""
         super().prepare()
         if not self._finished:
             self.send_error(404)
 
 
 class EventsHandler(_Guard, tornado.websocket.WebSocketHandler):
-    """The events of one page: it says what it has, and gets what follows for as long as it stays."""
+    """The event stream of one page: the page names the events it has and receives those that follow."""
 
     _sending: asyncio.Task[None] | None = None
 
@@ -165,7 +165,7 @@ class EventsHandler(_Guard, tornado.websocket.WebSocketHandler):
         return origin in {f"http://{name}" for name in self._hosts}
 
     def get_compression_options(self) -> dict[str, Any] | None:
-        """No compression: the connection never leaves this machine."""
+        """Disables compression, because the connection never leaves this machine."""
         return None
 
     def on_message(self, message: str | bytes) -> None:
@@ -191,9 +191,9 @@ class EventsHandler(_Guard, tornado.websocket.WebSocketHandler):
             name, first, events = self.timeline.since(name, have, _BATCH)
             now = self.timeline.state
             if events or first != have or now != state or quiet_s >= _QUIET_S:
-                told = {"name": name, "from": first, "events": events, "state": now}
+                reply = {"name": name, "from": first, "events": events, "state": now}
                 try:
-                    await self.write_message(json.dumps(told, separators=(",", ":")))
+                    await self.write_message(json.dumps(reply, separators=(",", ":")))
                 except tornado.websocket.WebSocketClosedError:
                     return
                 have, state, quiet_s = first + len(events), now, 0.0

@@ -1,6 +1,6 @@
-"""The page's events as standard ROS messages below /viz, so that RViz and Foxglove show a mission with no plugin.
+"""Converts the page's events to standard ROS messages under /viz, so that RViz and Foxglove need no plugin.
 
-All places are in the frame `map` (ENU: x east, y north), flat, one above the other in the order of drawing.
+All positions are in the frame `map` (ENU: x east, y north); z only sets the order of drawing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _COLORS = (
 )
 _ARROW, _LINE_STRIP, _TEXT = 0, 4, 9
 _ADD, _DELETE_ALL = 0, 3
-_TRACK_EVERY = 5  # places: a track is told whole, so not with each of them
+_TRACK_EVERY = 5  # positions between two messages, because each message holds the whole track
 _Z = {"area": 0.05, "isobath": 0.1, "track": 0.2, "plan": 0.3, "packet": 0.4, "vehicle": 0.5}
 _LEVELS = {"ok": 0, "warning": 1, "error": 2, "stale": 3}
 
@@ -44,7 +44,7 @@ class StandardMessage:
     Attributes:
         topic: Full name.
         kind: Its type, "nav_msgs/msg/Path".
-        stamp_s: When it was true (s of the mission's clock).
+        stamp_s: Mission time (s) of its content.
         data: CDR bytes.
     """
 
@@ -55,7 +55,7 @@ class StandardMessage:
 
 
 class StandardMessages:
-    """Makes the messages of one mission from its events, taken in order of time."""
+    """Creates the messages of one mission from its events, in order of time."""
 
     def __init__(self, facts: Event) -> None:
         """Takes the mission's first event."""
@@ -73,7 +73,7 @@ class StandardMessages:
         return text
 
     def first(self, stamp_s: float) -> list[StandardMessage]:
-        """What holds for the whole mission: the area and, of a simulated lake, the true isobath."""
+        """Messages that hold for the whole mission: the area and, for a simulated lake, the true isobath."""
         area = {"points": [{"x": e, "y": n, "z": _Z["area"]} for n, e in _places(self._facts["area"])]}
         lines = [self._line(0, "true isobath", i, line, (0.0, 0.0, 0.0), 2.0) for i, line in enumerate(self._true)]
         return [
@@ -87,7 +87,7 @@ class StandardMessages:
         return lines
 
     def take(self, event: Event) -> list[StandardMessage]:
-        """The messages of an event; none for one that they do not show."""
+        """The messages of an event; none for kinds that have no message."""
         taker = {
             "pose": self._pose,
             "map": self._map,
@@ -99,7 +99,7 @@ class StandardMessages:
         }.get(event["kind"])
         return list(taker(event)) if taker else []
 
-    # ------------------------------------------------------------------ one taker for each kind of event
+    # ------------------------------------------------------------------ one method per kind of event
 
     def _pose(self, event: Event) -> Iterator[StandardMessage]:
         vehicle, t = event["vehicle"], event["t"]
@@ -228,7 +228,7 @@ class StandardMessages:
         return self._make(topic, "nav_msgs/msg/Path", t, poses=poses)
 
     def _markers(self, topic: str, t: float, markers: list[dict[str, Any]]) -> StandardMessage:
-        """Markers that take the place of all that the topic has shown."""
+        """Markers that replace all earlier markers of the topic."""
         clear = {"header": header_fields(t), "action": _DELETE_ALL}
         return self._make(topic, "visualization_msgs/msg/MarkerArray", t, markers=[clear, *markers])
 

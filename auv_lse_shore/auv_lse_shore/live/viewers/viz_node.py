@@ -1,4 +1,4 @@
-"""Publishes the standard messages of a mission below /viz, for RViz."""
+"""Publishes the standard messages of a mission under /viz, for RViz."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from rclpy.signals import SignalHandlerOptions
 
 from auv_lse_shore.live.viewers.standard_messages import StandardMessage, StandardMessages
 
-#: The last messages reach viewers that come later; room for a burst of markers of several vehicles.
+#: Late viewers get the last messages; the depth allows a burst of markers of several vehicles.
 _KEPT = QoSProfile(depth=20, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class VizPublisher:
-    """A node that publishes; a viewer that comes late gets the last message of each topic."""
+    """Publishes the messages; a viewer that starts late gets the last message of each topic."""
 
     def __init__(self, domain_of: Callable[[], int]) -> None:
-        """Joins nothing yet; `domain_of` gives the ROS domain when a mission begins."""
+        """Stores `domain_of`, which returns the ROS domain when a mission begins."""
         self._domain_of = domain_of
         self._context: Context | None = None
         self._publishers: dict[str, Publisher] = {}

@@ -1,4 +1,4 @@
-// Curves over mission time, with axes, a mark at the moment shown, and the values there in words.
+// Curves over mission time, with axes, and a mark at the selected time.
 
 import { prepare } from "./canvas.js";
 import { themeColors } from "./colors.js";
@@ -8,7 +8,7 @@ import { indexAfter } from "./store.js";
 const AXES = { left: 52, right: 12, top: 8, bottom: 34 };
 
 export class Chart {
-  // `curves(t)` gives [{name, color, dash, steps, points: [{t, value}]}]; onSeek(t) is called when a place is chosen.
+  // `curves(t)` gives [{name, color, dash, steps, points: [{t, value}]}]; onSeek(t) is called when the chart is clicked.
   constructor(canvas, store, curves, onSeek) {
     this.canvas = canvas;
     this.store = store;
@@ -57,7 +57,7 @@ export class Chart {
     return curves.map(({ name, points }) => ({ name, value: points[indexAfter(points, t) - 1]?.value ?? null }));
   }
 
-  // What has been at time t in full color, what came later pale.
+  // Draws the past of time t in full color and its future pale.
   line(c, x, y, t, points, steps, color, dash) {
     const past = indexAfter(points, t);
     for (const [alpha, list] of [[0.3, points.slice(Math.max(0, past - 1))], [1, points.slice(0, past)]]) {
@@ -77,7 +77,7 @@ export class Chart {
   }
 }
 
-// The sum over the vehicles of a value of their decisions: a point at each decision, once every vehicle has one.
+// Sums a value of the vehicles' decisions over the team: one point per decision, once every vehicle has decided.
 export function teamSum(store, value) {
   const lists = store.facts.vehicles.map((v) => store.list("bound", v.number).filter((b) => value(b) !== null));
   if (lists.some((list) => !list.length)) return [];

@@ -1,4 +1,4 @@
-// Numbers and times for readers.
+// Numbers, times and texts for the page.
 
 export function clock(seconds) {
   const whole = Math.max(0, Math.floor(seconds + 1e-6));
@@ -27,7 +27,7 @@ export function ticks(low, high, step) {
   return found;
 }
 
-// Digits after the point that tell the ticks of a step apart.
+// Digits after the point needed to distinguish ticks.
 export function tickDigits(step) {
   return Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
 }
@@ -40,7 +40,7 @@ export function element(tag, attributes = {}, ...children) {
   return made;
 }
 
-// Sets a text only if it differs: a screen reader is not told the same again.
-export function say(target, text) {
+// Sets a text only if it differs, so that a screen reader does not repeat it.
+export function setText(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }

@@ -1,4 +1,4 @@
-// The connection to the server: it comes back by itself, and goes on where it was.
+// The connection to the server: reconnects by itself and continues after the last event received.
 
 export class Link {
   constructor(store, onState) {
@@ -17,7 +17,7 @@ export class Link {
     socket.onopen = () => socket.send(JSON.stringify({ name: this.name, have: this.have }));
     socket.onmessage = (message) => {
       clearTimeout(alive);
-      alive = setTimeout(() => socket.close(), 8000); // the server speaks every few seconds
+      alive = setTimeout(() => socket.close(), 8000); // the server sends something every few seconds
       this.waitS = 0.5;
       this.take(JSON.parse(message.data));
     };

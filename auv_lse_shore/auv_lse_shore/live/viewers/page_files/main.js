@@ -1,8 +1,8 @@
-// Wires the parts of the page: events in, a moment chosen, everything drawn as it was then.
+// Connects the parts of the page: receives events, and draws the mission at the selected time.
 
 import { Chart, teamSum } from "./chart.js";
 import { LAYERS, themeColors, vehicleColor } from "./colors.js";
-import { clock, element, number, say } from "./format.js";
+import { clock, element, number, setText } from "./format.js";
 import { Link } from "./link.js";
 import { MapView } from "./map.js";
 import { Player } from "./player.js";
@@ -22,12 +22,12 @@ let source = { connection: "connecting" }, begun = null, drawn = "", lastFrame =
 // ---------------------------------------------------------------------- what is drawn
 
 function rewardCurves() {
-  const share = store.facts.reward_of === "map" ? 1 / store.facts.vehicles.length : 1; // a map's risk is everybody's
+  const share = store.facts.reward_of === "map" ? 1 / store.facts.vehicles.length : 1; // the map's risk belongs to the whole team
   const of = (value) => teamSum(store, value).map(({ t, value: sum }) => ({ t, value: sum * share }));
   const soFar = of((b) => b.reward), bound = of((b) => b.bound_max), { ink, accent } = themeColors();
-  const promised = bound.some((q, i) => soFar[i] && q.value > soFar[i].value + 1e-6); // only some methods have a bound
+  const hasBound = bound.some((q, i) => soFar[i] && q.value > soFar[i].value + 1e-6); // only some methods have a bound
   const curves = [{ name: "reward so far", color: ink, steps: true, points: soFar }];
-  if (promised) curves.push({ name: "lower bound", color: accent, dash: [6, 4], steps: true, points: bound });
+  if (hasBound) curves.push({ name: "lower bound", color: accent, dash: [6, 4], steps: true, points: bound });
   return curves;
 }
 
@@ -52,9 +52,9 @@ function draw() {
   const kinds = reward.draw(t, end), risks = risk.draw(t, end);
   const words = (values, digits) => values.map(({ name, value }) => `${name} ${number(value, digits)}`).join(", ");
   const ofMap = store.facts.reward_of === "map";
-  const counted = ofMap ? "Drop of the whole map’s risk, mean of the vehicles" : "Sum over the vehicles";
-  say($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
-  say($("risk-words"), `Now: ${words(risks, 2)}. Lower is better.`);
+  const counted = ofMap ? "Decrease of the map’s total risk, averaged over the vehicles" : "Sum over the vehicles";
+  setText($("reward-words"), `Now: ${words(kinds, 0)}${kinds.length > 1 ? " (dashed)" : ""}. ${counted}.`);
+  setText($("risk-words"), `Now: ${words(risks, 2)}. Lower is better.`);
   cards.update(t, map.vehicle);
   describeMap(t);
 }
@@ -62,40 +62,44 @@ function draw() {
 function describeMap(t) {
   const { facts } = store, level = number(facts.level_m, facts.level_m % 1 ? 1 : 0);
   const shown = store.at("map", map.vehicle, t), plan = store.at("plan", map.vehicle, t);
-  say($("map-title"), `What auv${map.vehicle} knows of the ${level} m isobath`);
-  const age = shown ? `Map of ${clock(shown.t - store.startS)}` : "No map yet";
-  const goesOn = plan?.continued ? `; its plan goes on as ${plan.continued}` : "";
-  say($("map-words"), `${age}${goesOn}.`);
+  setText($("map-title"), `Map of auv${map.vehicle}, ${level} m isobath`);
+  const age = shown ? `Updated at ${clock(shown.t - store.startS)}` : "No map yet";
+  const continuation = plan?.continued ? `; the plan continues as ${plan.continued}` : "";
+  setText($("map-words"), `${age}${continuation}.`);
   const { label } = LAYERS.find((l) => l.name === map.layer);
   map.canvas.setAttribute("aria-label", `Map of the area, colored by ${label}, with the vehicles’ tracks and plans`);
 }
 
 function describeState() {
   const pill = $("state"), status = store.at("status", "", player.t);
+  const complete = source.source === "mission" && store.at("status", "", Infinity)?.state === "finished";
   let [text, level] = ["", ""];
-  if (source.connection === "lost") [text, level] = ["connection lost, trying again", "error"];
+  if (complete && (source.connection === "lost" || !source.growing)) [text, level] = ["mission complete", "ok"];
+  else if (source.connection === "lost") [text, level] = ["connection lost, reconnecting", "error"];
   else if (!store.facts) [text, level] = [source.waiting || "waiting for a mission", ""];
-  else if (!player.following && source.growing) [text, level] = ["looking back", "warning"];
+  else if (!player.following && source.growing) [text, level] = ["paused in the past", "warning"];
   else if (status && source.growing) [text, level] = [status.state, status.state === "failed" ? "error" : "ok"];
   else if (source.growing) [text, level] = ["running", "ok"];
-  else if (source.source === "mission") [text, level] = [status?.state === "failed" ? "failed" : "mission over", ""];
+  else if (source.source === "mission") [text, level] = [status?.state === "failed" ? "failed" : "mission ended", ""];
   else [text, level] = [status?.state === "failed" ? "failed" : "recording", status?.state === "failed" ? "error" : ""];
-  say(pill, text);
+  setText(pill, text);
   pill.dataset.level = level;
   const problem = source.problem || (status?.state === "failed" ? status.text : "");
+  $("ending").hidden = !(complete && source.connection === "lost" && source.run);
+  setText($("ending"), `The live view has ended. The results are in ${source.run}; scripts/live ${source.run} shows the mission again.`);
   $("problem").hidden = !problem;
-  say($("problem"), problem);
+  setText($("problem"), problem);
   $("live").hidden = !source.growing;
   $("live").setAttribute("aria-pressed", String(player.following));
 }
 
 function describeMission() {
   const { facts } = store, n = facts.vehicles.length;
-  say($("title"), facts.name);
+  setText($("title"), facts.name);
   document.title = `${facts.name} · live view`;
   const status = store.at("status", "", player.t);
   const speed = status && source.growing ? ` · ${number(status.speed, status.speed < 10 ? 1 : 0)} × real time` : "";
-  say($("facts"), `${n} vehicle${n > 1 ? "s" : ""} · method ${facts.method} · seed ${facts.seed}${speed}`);
+  setText($("facts"), `${n} vehicle${n > 1 ? "s" : ""} · method ${facts.method} · seed ${facts.seed}${speed}`);
 }
 
 function describeTime() {
@@ -103,11 +107,11 @@ function describeTime() {
   if (slider.max !== String(Math.ceil(last))) slider.max = String(Math.ceil(last));
   const value = String(Math.round(now));
   if (slider.value !== value) slider.value = value;
-  const spoken = `${clock(now)} of ${clock(last)}`;
-  if (slider.getAttribute("aria-valuetext") !== spoken) slider.setAttribute("aria-valuetext", spoken);
-  say($("clock"), `${clock(now)} / ${clock(last)}`);
+  const valueText = `${clock(now)} of ${clock(last)}`;
+  if (slider.getAttribute("aria-valuetext") !== valueText) slider.setAttribute("aria-valuetext", valueText);
+  setText($("clock"), `${clock(now)} / ${clock(last)}`);
   const moving = player.playing || (player.following && source.growing);
-  say($("play"), moving ? "❚❚" : "▶");
+  setText($("play"), moving ? "❚❚" : "▶");
   $("play").setAttribute("aria-label", moving ? "Pause" : "Play");
 }
 
@@ -161,7 +165,7 @@ function drawLegend() {
     depth: [`${number(scale.low)} m`, `${number(scale.low + 254 * scale.step)} m`] }[layer.name];
   const words = (text) => element("span", {}, text);
   root.append(element("span", { title: layer.title }, words(layer.label), words(ends[0]), bar, words(ends[1])));
-  const toggles = { band: "95 % band", plans: "Plans", samples: "Samples heard" };
+  const toggles = { band: "95 % band", plans: "Plans", samples: "Received samples" };
   if (facts.true_isobath.length) toggles.true_isobath = "True isobath (dashed)";
   if (facts.simulated) toggles.truth = "True tracks (dotted)";
   for (const [name, text] of Object.entries(toggles)) {
@@ -178,7 +182,7 @@ function drawLegend() {
 function chooseTheme(name) {
   const dark = name === "dark" || (name === "auto" && matchMedia("(prefers-color-scheme: dark)").matches);
   document.documentElement.toggleAttribute("data-dark", dark);
-  say($("theme"), `Theme: ${name}`);
+  setText($("theme"), `Theme: ${name}`);
   $("theme").dataset.name = name;
   drawn = "";
 }
@@ -201,16 +205,16 @@ const KEYS = {
 
 document.addEventListener("keydown", (e) => {
   if (e.ctrlKey || e.metaKey || e.altKey || $("help").open || ["SELECT"].includes(e.target.tagName)) return;
-  if (e.target === $("time") && /^(Arrow|Home|End|Page)/.test(e.key)) return; // the slider's own
+  if (e.target === $("time") && /^(Arrow|Home|End|Page)/.test(e.key)) return; // the slider handles these keys
   if (e.key === " " && ["BUTTON", "INPUT"].includes(e.target.tagName) && e.target !== $("time")) return;
   const arrows = { ArrowLeft: -10, ArrowRight: 10 };
-  let meant = true;
+  let handled = true;
   if (store.facts && map.key(e)) drawn = "";
   else if (arrows[e.key] && e.target !== $("map")) player.seek(player.t + arrows[e.key] * (e.shiftKey ? 6 : 1));
   else if (KEYS[e.key]) KEYS[e.key]();
   else if (/^[1-9]$/.test(e.key)) choose(Number(e.key));
-  else meant = false;
-  if (meant) e.preventDefault();
+  else handled = false;
+  if (handled) e.preventDefault();
 });
 
 // ---------------------------------------------------------------------- start
@@ -260,5 +264,5 @@ if (kept) {
 } else {
   new Link(store, (state) => (source = state.connection === "open" ? state : { ...source, ...state }));
 }
-window.liveView = { store, player, map }; // for tests, and for the curious
+window.liveView = { store, player, map }; // for tests and debugging
 requestAnimationFrame(frame);

@@ -1,4 +1,4 @@
-// Acoustic packets: which slot a time falls in, what was sent, and who received it.
+// Acoustic packets: slots, transmissions and receptions.
 
 // The slot that a time falls in.
 export function slotAt(tdma, t) {

@@ -1,4 +1,4 @@
-// The moment that is shown: it plays, is set by hand, or follows the newest.
+// The time shown: playing, set by hand, or following the mission live.
 
 const CALM = matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -36,7 +36,7 @@ export class Player {
     this.playing = true;
   }
 
-  // Moves on by so many seconds of wall clock.
+  // Advances by seconds of wall clock.
   advance(elapsedS) {
     const last = this.store.lastS;
     if (this.following) {

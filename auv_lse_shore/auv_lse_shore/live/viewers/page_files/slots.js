@@ -1,8 +1,8 @@
-// Acoustic slots as a strip of time: a row for each vehicle, packets as blocks, receptions as ticks.
+// Acoustic slots over time: one row per vehicle, packets as blocks, receptions as dots, missed ones as crosses.
 
 import { prepare } from "./canvas.js";
 import { themeColors, vehicleColor, rgba } from "./colors.js";
-import { clock, number, say, ticks, tickStep } from "./format.js";
+import { clock, number, setText, ticks, tickStep } from "./format.js";
 import { packetsAt, receptionsOf, slotAt } from "./packets.js";
 
 const STRIP = { left: 52, right: 12, top: 4, bottom: 34 };
@@ -96,18 +96,18 @@ export class SlotView {
     }
   }
 
-  // The slot and the last packet in words.
+  // Describes the current slot and the last packet in words.
   describe(t) {
     const { store } = this, facts = store.facts, slot = slotAt(facts.tdma, t), start = store.startS;
     const last = facts.vehicles.map((v) => store.at("sent", v.number, t)).filter(Boolean).sort((a, b) => b.t - a.t)[0];
-    const owner = slot.owner ? `Slot of auv${slot.owner}` : "Unassigned slot";
+    const owner = slot.owner ? `Slot of auv${slot.owner}` : "Free slot";
     const now = `${owner}, ${clock(slot.start - start)} to ${clock(slot.end - start)}.`;
-    if (!last) return say(this.words, `${now} No packet yet.`);
-    const fates = receptionsOf(store, last, t).map(({ vehicle, heard, state }) => {
+    if (!last) return setText(this.words, `${now} No packet yet.`);
+    const outcomes = receptionsOf(store, last, t).map(({ vehicle, heard, state }) => {
       const snr = heard && heard.snr_db !== null ? ` (${number(heard.snr_db)} dB)` : "";
-      return { flying: `on its way to auv${vehicle}`, heard: `heard by auv${vehicle}${snr}`, lost: `not heard by auv${vehicle}` }[state];
+      return { flying: `on its way to auv${vehicle}`, heard: `received by auv${vehicle}${snr}`, lost: `missed by auv${vehicle}` }[state];
     });
-    const holds = last.samples === undefined ? `${last.bytes} bytes (${last.problem})` : `${last.samples} samples and its plan`;
-    say(this.words, `${now} Last packet: auv${last.vehicle} at ${clock(last.t - start)}, ${holds}; ${fates.join(", ") || "no other vehicle"}.`);
+    const content = last.samples === undefined ? `${last.bytes} bytes (${last.problem})` : `${last.samples} samples and a plan`;
+    setText(this.words, `${now} Last packet: auv${last.vehicle} at ${clock(last.t - start)}, ${content}; ${outcomes.join(", ") || "no other vehicle"}.`);
   }
 }

@@ -1,4 +1,4 @@
-// What the page has been told, by kind and vehicle, in order of time. Any past moment can be looked up.
+// The events received, by kind and vehicle, in order of time. Every past time can be looked up.
 
 export const OUTSIDE = 255;
 
@@ -13,7 +13,7 @@ export class Store {
     this.firstS = Infinity;
     this.lastS = 0;
     this.changes = 0;
-    this.maps = new Map(); // vehicle -> {cells, queue}: maps are decoded one after another
+    this.maps = new Map(); // vehicle -> {cells, queue}: maps are decoded one at a time
   }
 
   get startS() {
@@ -43,7 +43,7 @@ export class Store {
     this.maps.set(event.vehicle, state);
     state.queue = state.queue.then(async () => {
       const change = await inflate(event.layers);
-      if (facts !== this.facts) return; // another mission has begun meanwhile
+      if (facts !== this.facts) return; // a new mission has begun
       if (state.cells?.length === change.length) for (let i = 0; i < change.length; i++) change[i] += state.cells[i];
       state.cells = change;
       const size = event.rows * event.columns;
@@ -62,13 +62,13 @@ export class Store {
     return list[indexAfter(list, t) - 1];
   }
 
-  // Those in [from, to].
+  // The events in [from, to].
   between(kind, vehicle, from, to) {
     const list = this.list(kind, vehicle);
     return list.slice(indexAfter(list, from - 1e-9), indexAfter(list, to));
   }
 
-  // Where a vehicle is at a time, between two places of its track.
+  // A vehicle's pose at a time, interpolated along its track.
   pose(vehicle, t) {
     const list = this.list("pose", vehicle), i = indexAfter(list, t);
     const before = list[i - 1], after = list[i];

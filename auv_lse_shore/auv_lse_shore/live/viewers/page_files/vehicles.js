@@ -1,14 +1,14 @@
-// A card for each vehicle: its health, how far it is, where, and its packets. A card chooses whose map is shown.
+// One card per vehicle: health, progress, position and packets. Clicking a card shows that vehicle's map.
 
 import { vehicleColor } from "./colors.js";
-import { element, number, say } from "./format.js";
+import { element, number, setText } from "./format.js";
 
 const WORST = ["ok", "warning", "error", "stale"];
-const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… not heard" };
+const SIGNS = { ok: "✓ ok", warning: "⚠ warning", error: "✖ error", stale: "✖ stale", silent: "✖ silent", unknown: "… no data" };
 const SILENT_S = 30;
-const FIELDS = ["mission", "step", "N, E", "place ±", "depth", "speed", "decision", "packets"];
-const SHORT = ["mission", "step", "packets"]; // what the cards of a large team show, but for the chosen one
-const TITLES = { "N, E": "north, east of the origin", "place ±": "standard deviation of its place", packets: "sent / heard" };
+const FIELDS = ["mission", "step", "N, E", "position ±", "depth", "speed", "decision", "packets"];
+const SHORT = ["mission", "step", "packets"]; // rows shown on the cards of a large team, except on the selected card
+const TITLES = { "N, E": "north, east of the origin", "position ±": "standard deviation of the estimated position", packets: "sent / received" };
 const LARGE_TEAM = 4;
 
 export class VehicleCards {
@@ -50,34 +50,34 @@ export class VehicleCards {
     const { store } = this, at = (kind) => store.at(kind, vehicle, t);
     const pose = at("pose"), bound = at("bound"), slots = at("slots"), facts = store.facts;
     const { level, notes } = this.health(vehicle, t, pose);
-    for (const limit of at("run")?.limits ?? []) notes.push(`tripped: ${limit}`);
-    if (slots?.missed) notes.push(`${slots.missed} slots missed`);
+    for (const limit of at("run")?.limits ?? []) notes.push(`limit tripped: ${limit}`);
+    if (slots?.missed) notes.push(`${slots.missed} missed slots`);
     const steps = store.at("status", "", t)?.steps?.[vehicle - 1] ?? bound?.step ?? 0;
     if (health.dataset.level !== level) health.dataset.level = level;
-    say(health, SIGNS[level]);
-    say(note, notes.join("; "));
+    setText(health, SIGNS[level]);
+    setText(note, notes.join("; "));
     note.hidden = !notes.length;
     const width = `${(100 * Math.min(1, steps / facts.steps)).toFixed(1)}%`;
     if (meter.style.width !== width) meter.style.width = width;
     const run = at("run");
-    say(fields.mission, run ? run.state + (run.state !== "running" && run.reason ? `: ${run.reason}` : "") : "–");
-    say(fields.step, `${steps} of ${facts.steps}`);
-    say(fields["N, E"], pose ? `${number(pose.north)}, ${number(pose.east)}\u00a0m` : "–");
-    say(fields["place ±"], pose ? `${number(pose.std, 1)} m` : "–");
-    say(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
-    say(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
-    say(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", cut" : ""}` : "–");
+    setText(fields.mission, run ? run.state + (run.state !== "running" && run.reason ? `: ${run.reason}` : "") : "–");
+    setText(fields.step, `${steps} of ${facts.steps}`);
+    setText(fields["N, E"], pose ? `${number(pose.north)}, ${number(pose.east)}\u00a0m` : "–");
+    setText(fields["position ±"], pose ? `${number(pose.std, 1)} m` : "–");
+    setText(fields.depth, pose ? `${number(pose.depth, 1)} m` : "–");
+    setText(fields.speed, pose ? `${number(pose.speed, 1)} m/s` : "–");
+    setText(fields.decision, bound ? `${number(1000 * bound.planning_s)} ms${bound.late ? ", deadline" : ""}` : "–");
     const sent = store.between("sent", vehicle, -Infinity, t).length, heard = store.between("received", vehicle, -Infinity, t).length;
-    say(fields.packets, `${sent} / ${heard}`);
+    setText(fields.packets, `${sent} / ${heard}`);
     card.setAttribute("aria-pressed", String(chosen));
-    card.title = chosen ? "The map shows what this vehicle knows" : "Show what this vehicle knows";
+    card.title = chosen ? "This vehicle’s map is shown" : "Show this vehicle’s map";
   }
 
-  // The worst that its nodes say, and what they say if it is not "ok".
+  // The worst health level of the vehicle's nodes, and the messages of those that are not "ok".
   health(vehicle, t, pose) {
     if (!pose) return { level: "unknown", notes: [] };
     const finished = this.store.at("status", "", t)?.state === "finished";
-    if (!finished && t - pose.t > SILENT_S) return { level: "silent", notes: [`nothing heard for ${number(t - pose.t)} s`] };
+    if (!finished && t - pose.t > SILENT_S) return { level: "silent", notes: [`silent for ${number(t - pose.t)} s`] };
     const nodes = new Map();
     for (const event of this.store.between("health", vehicle, -Infinity, t)) nodes.set(event.node, event);
     let level = "ok";
