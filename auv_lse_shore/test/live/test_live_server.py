@@ -141,7 +141,7 @@ def test_a_port_that_is_taken_is_named_with_its_option():
         other.listen()
         port = other.getsockname()[1]
         assert port_or_any(port) == 0, "a mission's live view takes another one"
-        with pytest.raises(PortTakenError, match=rf"--port {port}: .*Address already in use.*fix: --port N"):
+        with pytest.raises(PortTakenError, match=rf"--port {port}: .*Address already in use.*another port: --port N"):
             LiveServer(Timeline(), port)
 
 
