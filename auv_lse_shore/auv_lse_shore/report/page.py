@@ -29,23 +29,26 @@ def embed(image: Path, caption: str) -> Picture:
     return Picture("data:image/png;base64," + base64.b64encode(image.read_bytes()).decode(), caption)
 
 
-def render(template: str, room: str = _HERE, **values: Any) -> str:
-    """A page from the template of that name in the folder `templates` of a room (a package).
+def page_environment(room: str, escaped: bool) -> Environment:
+    """Loads templates from the folders `templates` of a room and of the report; undefined values are errors.
 
-    The room's templates can extend and import those of the report: `page.html` and `parts.html`. Values are escaped,
-    except in Markdown.
+    Args:
+        room: The package, whose templates can extend and import those of the report: `page.html` and `parts.html`.
+        escaped: Whether to escape values for HTML and XML.
+    """
+    loader = ChoiceLoader([PackageLoader(room), PackageLoader(_HERE)])
+    return Environment(
+        loader=loader, autoescape=escaped, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+
+
+def render(template: str, room: str = _HERE, **values: Any) -> str:
+    """A page from a room's template; values are escaped, except in Markdown.
 
     Raises:
         jinja2.UndefinedError: if the template uses a value that was not given.
     """
-    loader = ChoiceLoader([PackageLoader(room), PackageLoader(_HERE)])
-    environment = Environment(
-        loader=loader,
-        autoescape=not template.endswith(".md"),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = page_environment(room, escaped=not template.endswith(".md"))
     return environment.get_template(template).render(**values) + "\n"
 
 

@@ -2,9 +2,10 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from auv_lse_shore.campaign.statistics import interval, paired, proportion
+from auv_lse_shore.campaign.statistics import bootstrap, interval, paired, proportion
 
 
 def test_interval_of_known_numbers():
@@ -34,3 +35,14 @@ def test_shares_have_limits_that_shares_can_have():
     assert proportion([True] * 16) == "1.00 (0.81 to 1.00)"
     assert proportion([True] * 5 + [False] * 11 + [None]) == "0.31 (0.14 to 0.56)"  # Wilson 1927
     assert proportion([None]) == "–"
+
+
+def test_the_bootstrap_resamples_pairs_together():
+    rng = np.random.default_rng(1)
+    cells = rng.integers(50, 150, 40).astype(float)
+    safe = rng.binomial(cells.astype(int), 0.3).astype(float)
+    low, high = bootstrap((safe, cells), lambda s, c, axis: s.sum(axis) / c.sum(axis), 500)
+    share, error = safe.sum() / cells.sum(), math.sqrt(0.3 * 0.7 / cells.sum())
+    assert low < share < high
+    assert high - low == pytest.approx(2.0 * 1.96 * error, rel=0.4)  # binomial; 40 missions estimate it within 30 %
+    assert (low, high) == bootstrap((safe, cells), lambda s, c, axis: s.sum(axis) / c.sum(axis), 500), "same seed"

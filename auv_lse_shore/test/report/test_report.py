@@ -6,9 +6,10 @@ import struct
 
 import pytest
 import yaml
+from jinja2 import UndefinedError
 
 from auv_lse_shore.judge.summary import table
-from auv_lse_shore.report.page import number
+from auv_lse_shore.report.page import number, page_environment
 from auv_lse_shore.report.report import write_report
 
 
@@ -97,3 +98,12 @@ def test_an_existing_mission_file_is_left_alone(tmp_path, synthetic_run):
 )
 def test_numbers_for_readers(value, text):
     assert number(value) == text
+
+
+def test_values_of_a_page_are_escaped_and_none_may_be_missing():
+    values = {"header": ["a"], "rows": [["<b> & c"]]}
+    template = '{% from "parts.html" import table %}{{ table(header, rows, ["n"]) }}'
+    environment = page_environment("auv_lse_shore.report", escaped=True)
+    assert '<td class="n">&lt;b&gt; &amp; c</td>' in environment.from_string(template).render(**values)
+    with pytest.raises(UndefinedError, match="rows"):
+        environment.from_string(template).render(header=["a"])
