@@ -1,1 +1,1 @@
-"""Many missions: specified, flown, tabulated."""
+"""scripts/campaign: many missions specified, simulated and tabulated."""

@@ -146,7 +146,7 @@ class Study:
     only: tuple[str, ...] = CAMPAIGNS
 
     @property
-    def flown(self) -> dict[str, CampaignSpec]:
+    def selected(self) -> dict[str, CampaignSpec]:
         """The campaigns to simulate now."""
         return {name: spec for name, spec in self.campaigns.items() if name in self.only}
 

@@ -23,7 +23,7 @@ def estimate_s(study: Study, folder: Path, client: Any, threads: int) -> float:
     total = 0.0
     probes: dict[tuple[str, str], list[Any]] = {}
     left: dict[tuple[str, str], int] = {}
-    for name, spec in study.flown.items():
+    for name, spec in study.selected.items():
         rows = Rows(folder / name, columns_of(spec)).read()
         have = {row["id"] for row in rows}
         for job in spec.jobs():
@@ -71,9 +71,9 @@ def run_study(
     """
     began = time.monotonic()
     states = {}
-    for index, (name, spec) in enumerate(study.flown.items()):
+    for index, (name, spec) in enumerate(study.selected.items()):
         left = study.budget_s - (time.monotonic() - began)
-        share = left * (0.8 if index == 0 and len(study.flown) > 1 else 1.0)
+        share = left * (0.8 if index == 0 and len(study.selected) > 1 else 1.0)
         print(f"{name}: {len(spec.settings)} settings, {len(spec.seeds)} seeds", flush=True)
         with progress_display() as show:
             states[name] = run_campaign(spec, folder / name, client, budget_s=share, progress=show)
