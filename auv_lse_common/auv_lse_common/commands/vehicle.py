@@ -1,4 +1,4 @@
-"""scripts/vehicle: the nodes of one vehicle, kept running until SIGTERM or Ctrl-C."""
+"""scripts/vehicle: runs the nodes of one vehicle, and restarts them, until SIGTERM or Ctrl-C."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from auv_lse_common.process.processes import RECORDER, LaunchError, Process, veh
 from auv_lse_common.support.project_folder import project_folder
 
 _TICK_S = 0.2
-#: A node that refuses its parameters this soon (s) after the first start ends the vehicle: no later start would help.
+#: A node that refuses its parameters this soon (s) after its first start ends the command: a restart cannot help.
 _FIRST_START_S = 30.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crew:
-    """What runs for one vehicle.
+    """The processes of one vehicle.
 
     Attributes:
         vehicle: Its number.
-        file: The parameter file that its nodes get.
+        file: The nodes' parameter file.
         processes: Its nodes.
-        recording: The folder that its recorder makes; None: nothing is recorded here.
+        recording: Folder for the recording; None: no recorder.
         simulated: Whether the nodes follow a simulator's clock.
-        lockstep: Whether a simulator leads them tick by tick.
+        lockstep: Whether a simulator leads the nodes tick by tick.
     """
 
     vehicle: int
@@ -79,26 +79,26 @@ def vehicle_number(name: str) -> int:
     """The number of a vehicle from its name, "auv2" or "2".
 
     Raises:
-        ParameterError: if it is no vehicle's name.
+        ParameterError: if it is not a vehicle's name.
     """
     match = re.fullmatch(r"(?:/?auv)?([1-9]\d{0,2})", name)
     if match is None or int(match[1]) > 255:
-        raise ParameterError(f"vehicle {name!r}: expected a name from auv1 to auv255")
+        raise ParameterError(f"vehicle: got {name!r}; expected a name from auv1 to auv255")
     return int(match[1])
 
 
 def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | None) -> Crew:
-    """What runs for the vehicle `name` by its parameter file.
+    """The processes of the vehicle `name`, as its parameter file asks for them.
 
     Args:
         name: The vehicle, "auv2".
         file: The mission's parameter file.
         out: The folder for logs and recording.
         simulated: Whether to follow a simulator even if the file has no section `sim`.
-        record: Whether to record; None: where the file sets record.folder and no simulator records.
+        record: Whether to record; None: if the file sets record.folder and no simulator records.
 
     Raises:
-        ParameterError: naming what the file lacks, or the vehicle that is none of its mission.
+        ParameterError: naming the error in the file, or the vehicle that the mission does not have.
     """
     vehicle = vehicle_number(name)
     patterns = read_parameter_file(file)
@@ -108,16 +108,14 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
     mission, sim, modem, link, recorder = (_section(own, name, file) for name in names)
     count = mission.get("vehicles")
     if isinstance(count, int) and vehicle > count:
-        raise ParameterError(
-            f"{file}: mission.vehicles: is {count}; expected at least {vehicle}, to have an auv{vehicle}"
-        )
+        raise ParameterError(f"{file}: mission.vehicles: got {count}; expected at least {vehicle} for auv{vehicle}")
     simulated = simulated or "sim" in own
     lockstep = simulated and bool(sim.get("lockstep", True))
     nodes = vehicle_nodes(modem.get("kind") == "micromodem", link.get("kind") == "mavlink")
     if record is None:
         record = bool(recorder.get("folder")) and not simulated
     if lockstep and not sim.get("lockstep", False):
-        # The nodes take lockstep from their own parameters, where its default is false.
+        # Nodes read lockstep from their own parameters, where its default is false.
         file = _with_lockstep(patterns, out / "mission.yaml")
     processes = tuple(Process(package=p, executable=e, namespace=f"/auv{vehicle}") for p, e in nodes)
     return Crew(
@@ -131,7 +129,7 @@ def crew_of(name: str, file: Path, out: Path, simulated: bool, record: bool | No
 
 
 def journal_folder(out: Path) -> Path:
-    """The folder for the nodes' journals: another at each start of a vehicle, so that no dive takes an earlier one's.
+    """A new folder for the nodes' journals, so that no dive continues an earlier one.
 
     Args:
         out: The folder for logs and recording.
@@ -157,11 +155,11 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/vehicle."""
     p = argparse.ArgumentParser(
         prog="scripts/vehicle",
-        description="Runs the nodes of one vehicle: gp, safety, planner, modem and, as the file says, micromodem, "
-        "vehicle link and recorder. A node that dies is started again. SIGTERM or Ctrl-C ends them all, the recorder "
-        "last.",
-        epilog="Exit codes: 0 ended by SIGTERM, or with the simulated mission; 1 a simulated mission lost; 2 the "
-        "request cannot be met; 130 Ctrl-C.",
+        description="Runs the nodes of one vehicle: gp, safety, planner and modem, and, if the mission file asks for "
+        "them, micromodem, vehicle link and recorder. Restarts a node that dies or hangs. SIGTERM or Ctrl-C ends all "
+        "nodes, the recorder last.",
+        epilog="Exit codes: 0 ended by SIGTERM, or the simulated mission is complete; 1 the simulated mission failed; "
+        "2 the request is impossible or the command line wrong; 130 Ctrl-C.",
     )
     p.add_argument("name", metavar="VEHICLE", help="the vehicle, as auv2")
     p.add_argument("file", type=Path, metavar="FILE", help="the mission file (docs/guide/bench-to-water.md)")
@@ -192,7 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         out = options.out or root / "dives" / f"{datetime.now():%Y-%m-%d-%H%M%S}-auv{number}"
         out = out.resolve()
         if (out / "bag").exists():
-            raise ParameterError(f"--out {out}: has a recording, {out / 'bag'}; expected a folder without one")
+            raise ParameterError(f"--out {out}: contains a recording, {out / 'bag'}; expected a folder without one")
         crew = crew_of(options.name, options.file.resolve(), out, options.simulated, options.record)
         domain = wanted_domain(options.domain)
         environment = local_environment(root, domain) if crew.simulated else vehicle_environment(root, domain)
@@ -203,7 +201,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"error: --out {out}: cannot be made: {error.strerror or error}", file=sys.stderr)
+        print(f"error: --out {out}: cannot be created: {error.strerror or error}", file=sys.stderr)
         return 2
     follows = f", following the simulator{' in lockstep' if crew.lockstep else ''}" if crew.simulated else ""
     _say(f"auv{number}: ROS domain {domain}{follows}; logs in {out / 'logs'}")

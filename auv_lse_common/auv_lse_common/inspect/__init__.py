@@ -1,1 +1,1 @@
-"""Looks into running nodes without the `ros2` command: topics, nodes and parameters (scripts/topics, nodes, params)."""
+"""Inspects running nodes without the `ros2` command (scripts/topics, nodes, params, run)."""

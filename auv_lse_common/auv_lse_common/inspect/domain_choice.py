@@ -1,4 +1,4 @@
-"""Which ROS domain to look at, and the end of a command that looks."""
+"""The ROS domain of an inspection command, and its error handling."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from auv_lse_common.support.project_folder import project_folder
 
 
 def add_graph_options(p: argparse.ArgumentParser) -> None:
-    """Adds what every command that looks at nodes takes."""
+    """Adds the options of every inspection command."""
     p.add_argument(
         "--domain",
         metavar="N",
-        help="ROS domain (default: ROS_DOMAIN_ID; if that is not set, that of the mission on this machine, else 0)",
+        help="ROS domain (default: ROS_DOMAIN_ID, else that of the mission on this machine, else 0)",
     )
     p.add_argument(
-        "--spin-time", type=float, metavar="S", help="seconds to look for nodes (default: until no new one comes up)"
+        "--spin-time", type=float, metavar="S", help="seconds to discover nodes (default: until no new one appears)"
     )
 
 
 def join(wanted: str | None, root: Path | None = None) -> int:
-    """Puts the environment of the chosen domain into this process; returns the domain.
+    """Sets this process's environment for the chosen domain; returns the domain.
 
     Raises:
-        DomainError: if it is none, or several missions run on this machine and none is named.
+        DomainError: if it is invalid, or several missions run on this machine and no domain is given.
     """
     text = wanted or os.environ.get("ROS_DOMAIN_ID")
     busy = busy_domains()
@@ -38,7 +38,7 @@ def join(wanted: str | None, root: Path | None = None) -> int:
         domain = domain_number(text)
     elif len(busy) > 1:
         named = [f"{domain} ({run})" if (run := run_on(domain)) else str(domain) for domain in busy]
-        raise DomainError(f"missions run in the ROS domains {', '.join(named)}; expected --domain N for one")
+        raise DomainError(f"missions run in the ROS domains {', '.join(named)}; expected --domain N to choose one")
     elif busy:
         domain = busy[0]
         print(f"ROS domain {domain}, of the mission on this machine", file=sys.stderr)
@@ -53,7 +53,7 @@ def join(wanted: str | None, root: Path | None = None) -> int:
 
 
 def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespace, Any], int]) -> int:
-    """Runs a command on the graph of the chosen domain. Returns its exit code; 1 for an error, 130 after Ctrl-C."""
+    """Runs a command on the graph of the chosen domain; returns its exit code, 1 for an error, 130 after Ctrl-C."""
     try:
         join(options.domain)
         from auv_lse_common.inspect.graph_node import Graph, GraphError  # after the environment is set
@@ -68,7 +68,7 @@ def run_command(options: argparse.Namespace, command: Callable[[argparse.Namespa
     except (GraphError, FieldError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # its reader, as `head`, has had enough
+    except BrokenPipeError:  # its reader, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""A node that looks at the others: names, endpoints, messages, parameters."""
+"""A node that inspects others: names, endpoints, messages, parameters."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.signals import SignalHandlerOptions
 
-#: The graph counts as known when it has not changed for so long (s), but not before the first look at it is so old.
+#: Discovery is complete when the graph has not changed for `_QUIET_S`, but takes at least `_LEAST_S`.
 _QUIET_S, _LEAST_S = 0.5, 1.0
 _ANSWER_S = 5.0
 
 
 class GraphError(RuntimeError):
-    """A node, topic or parameter that cannot be had."""
+    """A node, topic or parameter that does not exist or answer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,14 +58,14 @@ class Endpoint:
 
 
 class Graph:
-    """A context that joins the environment's ROS domain and knows what is there."""
+    """A context that joins the environment's ROS domain and discovers its nodes."""
 
     def __init__(self, spin_s: float | None = None) -> None:
-        """Args: spin_s: how long (s) to look for others; None: until nothing new has come up for a while."""
+        """Args: spin_s: duration (s) of the discovery; None: until nothing new appears."""
         self._spin_s = spin_s
 
     def __enter__(self) -> Graph:
-        """Joins, and waits until the others are known. Ctrl-C stays the caller's."""
+        """Joins, and discovers the nodes; the caller keeps handling Ctrl-C."""
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         # A name that begins with an underscore is hidden from `list`.
         self.node = rclpy.create_node(f"_auv_lse_inspect_{os.getpid()}", start_parameter_services=False)
@@ -97,7 +97,7 @@ class Graph:
                 return
 
     def spin(self, seconds: float) -> None:
-        """Handles what comes in for `seconds`."""
+        """Handles messages for `seconds`."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=left)
@@ -117,7 +117,7 @@ class Graph:
         return [e for e in publishers if e.node != me], [e for e in subscriptions if e.node != me]
 
     def message_type(self, topic: str, wanted: str | None = None) -> type | None:
-        """The class of a topic's messages; None if the topic is not there and no type is given.
+        """The class of a topic's messages; None if the topic does not exist and no type is given.
 
         Raises:
             GraphError: if the type is not installed, or the topic has several.
@@ -138,13 +138,13 @@ class Graph:
             ) from error
 
     def listen(self, topic: str, kind: type, take: Callable[[Any], None], raw: bool = False) -> None:
-        """Subscribes so that each present publisher is heard, with its last message if it keeps one for late readers.
+        """Subscribes with a quality of service that matches every publisher, and gets latched messages.
 
         Args:
             topic: Full name.
             kind: Message type.
             take: Takes a message; with `raw` its bytes.
-            raw: Messages are counted, not read: one that was published before does not come then.
+            raw: Messages are counted, not read; latched ones are left out.
         """
         profiles = [endpoint.profile for endpoint in self.endpoints(topic)[0]]
         reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
@@ -165,10 +165,10 @@ class Graph:
         return sorted(names)
 
     def node_topics(self, name: str) -> dict[str, list[tuple[str, tuple[str, ...]]]]:
-        """What a node subscribes to, publishes, serves and calls: {heading: (name, types)}.
+        """Topics and services of a node: {heading: (name, types)}.
 
         Raises:
-            GraphError: if there is no such node.
+            GraphError: if the node does not exist.
         """
         space, _, base = name.rpartition("/")
         by = self.node
@@ -181,7 +181,7 @@ class Graph:
         try:
             found = {heading: call(base, space or "/") for heading, call in calls.items()}
         except Exception as error:  # rclpy raises NodeNameNonExistentError of its C layer
-            raise GraphError(f"node {name}: is not there") from error
+            raise GraphError(f"node {name}: does not exist") from error
         return {h: [(n, tuple(t)) for n, t in sorted(pairs)] for h, pairs in found.items()}
 
     # ------------------------------------------------------------------ parameters
@@ -195,7 +195,7 @@ class Graph:
         """Values of some of a node's parameters; None for one that is not set."""
         answer = self._call(node, GetParameters, "get_parameters", GetParameters.Request(names=list(names)))
         values = [_value(v) for v in answer.values]
-        return dict(zip(names, values, strict=False))  # fewer values than names: rcl stops at one it does not know
+        return dict(zip(names, values, strict=False))  # fewer values than names: rcl stops at an unknown one
 
     def descriptions(self, node: str, names: Sequence[str]) -> list[Any]:
         """Descriptors of some of a node's parameters."""
@@ -215,7 +215,7 @@ class Graph:
         """Calls a service by its full name; returns the answer.
 
         Raises:
-            GraphError: if nobody offers it or answers.
+            GraphError: if no node offers it, or it does not answer.
         """
         node, _, name = service.rpartition("/")
         client = self.node.create_client(kind, service)
@@ -234,7 +234,7 @@ class Graph:
 
 
 def mismatches(publishers: Sequence[Endpoint], subscriptions: Sequence[Endpoint]) -> list[str]:
-    """A sentence for each pair of endpoints that do not exchange messages, and what would mend it."""
+    """A sentence for each pair of endpoints that do not match, with the fix."""
     found = []
     for publisher in publishers:
         for subscription in subscriptions:

@@ -1,4 +1,4 @@
-"""Messages as text, as `ros2 topic echo` prints them; knows no ROS but the fields that a message names."""
+"""Messages as text, as `ros2 topic echo` prints them; uses only the fields that a message names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands to the missions of running vehicles, and how it stands with them, over a `Graph`."""
+"""Commands to the missions of running vehicles, and their states, over a `Graph`."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from auv_lse_msgs.srv import RunMission
 
 
 def tell(graph: Graph, vehicle: str, command: Command, source: str, team: bool) -> tuple[bool, str]:
-    """Gives a vehicle's mission a command.
+    """Sends a command to a vehicle's mission.
 
     Args:
         graph: The graph.
         vehicle: The vehicle, "auv2".
-        command: What is wanted.
-        source: Who wants it.
-        team: With ABORT: whether the team mates are to be told by acoustic packet.
+        command: The command.
+        source: Who sends it.
+        team: With ABORT: whether to send it to the team mates by acoustic packet.
 
     Returns:
-        Whether it is taken, and what was done or stands against it.
+        Whether it is accepted, and the result or the reason.
 
     Raises:
         GraphError: if the vehicle does not answer.
@@ -33,7 +33,7 @@ def tell(graph: Graph, vehicle: str, command: Command, source: str, team: bool) 
 
 
 def states(graph: Graph, vehicles: Sequence[str], seconds: float) -> dict[str, Any]:
-    """The last MissionState of each vehicle that says one within `seconds`."""
+    """The last MissionState of each vehicle that publishes one within `seconds`."""
     heard: dict[str, Any] = {}
 
     def keep(name: str) -> Callable[[Any], None]:

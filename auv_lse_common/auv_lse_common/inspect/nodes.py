@@ -18,14 +18,14 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/nodes."""
     p = argparse.ArgumentParser(
         prog="scripts/nodes",
-        description="Looks at running nodes, as `ros2 node` does, on machines without that command.",
-        epilog="Exit codes: 0; 1 a node is not there; 2 a wrong command line; 130 Ctrl-C.",
+        description="Inspects running nodes, as `ros2 node` does, on machines without that command.",
+        epilog="Exit codes: 0; 1 a node does not exist; 2 a wrong command line; 130 Ctrl-C.",
     )
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     c = commands.add_parser("list", help="names of the nodes")
     add_graph_options(c)
-    c.add_argument("-a", "--all", action="store_true", help="those whose name has a leading underscore too")
-    c.add_argument("-c", "--count-nodes", action="store_true", help="their number alone")
+    c.add_argument("-a", "--all", action="store_true", help="also those with a leading underscore")
+    c.add_argument("-c", "--count-nodes", action="store_true", help="only their number")
     c.set_defaults(run=run_list)
     c = commands.add_parser("info", help="what a node subscribes to, publishes, serves and calls")
     add_graph_options(c)
@@ -44,7 +44,7 @@ def run_list(options: argparse.Namespace, graph: Any) -> int:
         print(name)
     for name, count in Counter(names).items():
         if count > 1:
-            print(f"warning: {count} nodes have the name {name}; one of them may be a left-over", file=sys.stderr)
+            print(f"warning: {count} nodes have the name {name}; one of them may be left over", file=sys.stderr)
     return 0
 
 
@@ -68,10 +68,10 @@ def run_info(options: argparse.Namespace, graph: Any) -> int:
 
 
 def known_node(name: str, graph: Any) -> str:
-    """The full name of a node that is there.
+    """The full name of an existing node.
 
     Raises:
-        GraphError: if it is not, with the name of one like it.
+        GraphError: if it does not exist, with the name of a similar one.
     """
     from auv_lse_common.inspect.graph_node import GraphError
 
@@ -84,7 +84,7 @@ def known_node(name: str, graph: Any) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Looks at nodes. Returns 0, 1, 2 or 130, as the help says."""
+    """Inspects nodes. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

@@ -22,17 +22,17 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/params."""
     p = argparse.ArgumentParser(
         prog="scripts/params",
-        description="Looks at the parameters of running nodes and sets them, as `ros2 param` does, on machines without "
+        description="Inspects and sets the parameters of running nodes, as `ros2 param` does, on machines without "
         "that command. Which ones may change while a node runs: docs/guide/tuning.md.",
-        epilog="Exit codes: 0; 1 a node or parameter is not there, or a value is refused; 2 a wrong command line; "
+        epilog="Exit codes: 0; 1 a node or parameter does not exist, or a value is refused; 2 a wrong command line; "
         "130 Ctrl-C.",
     )
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     c = commands.add_parser("list", help="names of the parameters of a node, or of all")
     add_graph_options(c)
     c.add_argument("node", nargs="?", metavar="NODE", help="full name, as /auv1/planner_node")
-    c.add_argument("--param-type", action="store_true", help="with the type")
-    c.add_argument("--filter", metavar="TEXT", default="", help="those whose name has this text in it")
+    c.add_argument("--param-type", action="store_true", help="with their types")
+    c.add_argument("--filter", metavar="TEXT", default="", help="only names that contain this text")
     c.set_defaults(run=run_list)
     texts = {
         "get": "value of a parameter",
@@ -45,7 +45,7 @@ def parser() -> argparse.ArgumentParser:
         c.add_argument("node", metavar="NODE")
         c.add_argument("name", metavar="NAME", nargs="+" if name == "describe" else None)
         if name == "get":
-            c.add_argument("--hide-type", action="store_true", help="the value alone")
+            c.add_argument("--hide-type", action="store_true", help="only the value")
         if name == "set":
             c.add_argument("value", metavar="VALUE", help="as YAML: 4000, 0.5, true, [240, 241], text")
         c.set_defaults(run=run)
@@ -156,7 +156,7 @@ def run_describe(options: argparse.Namespace, graph: Any) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Looks at parameters. Returns 0, 1, 2 or 130, as the help says."""
+    """Inspects parameters. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

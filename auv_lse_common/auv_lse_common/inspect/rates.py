@@ -1,4 +1,4 @@
-"""How often messages come and how large they are, over the last ones; as `ros2 topic hz` and `bw` say it."""
+"""Rate and bandwidth over the last messages, printed as `ros2 topic hz` and `bw` do."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Rate:
     def __init__(self, window: int) -> None:
         """Args: window: how many intervals between messages count."""
         self._times: deque[float] = deque(maxlen=window + 1)
-        self._told = 0
+        self._reported_count = 0
         self._count = 0
 
     def note(self, now_s: float) -> None:
@@ -23,9 +23,9 @@ class Rate:
 
     def text(self) -> str:
         """The rate in two lines; "" if no message has come since the last call, or only one ever."""
-        if self._count == self._told or len(self._times) < 2:
+        if self._count == self._reported_count or len(self._times) < 2:
             return ""
-        self._told = self._count
+        self._reported_count = self._count
         times = list(self._times)
         gaps = [b - a for a, b in pairwise(times)]
         mean = sum(gaps) / len(gaps)

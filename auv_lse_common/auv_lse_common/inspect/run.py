@@ -1,4 +1,4 @@
-"""scripts/run: go, hold, surface, abort, reset for one vehicle or all; and how it stands with each mission."""
+"""scripts/run: sends go, hold, surface, abort or reset to vehicles, and shows the state of their missions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from auv_lse_common.inspect.domain_choice import add_graph_options, run_command
 from auv_lse_common.vocabulary.mission_run import Command, RunState
 
 _COMMANDS = {
-    "go": (Command.GO, "start the mission, or go on after a hold"),
-    "hold": (Command.HOLD, "stay where it is until go"),
-    "surface": (Command.SURFACE, "likewise, at the surface"),
-    "abort": (Command.ABORT, "end the mission for good; the vehicle then does what safety.abort says"),
-    "reset": (Command.RESET, "forget limits that have tripped, and an abort; the mission then holds until go"),
+    "go": (Command.GO, "start the mission, or continue after a hold"),
+    "hold": (Command.HOLD, "hold the position until go"),
+    "surface": (Command.SURFACE, "hold at the surface until go"),
+    "abort": (Command.ABORT, "end the mission; the vehicle then does what safety.abort says"),
+    "reset": (Command.RESET, "clear tripped limits and an abort; the mission then holds until go"),
 }
-#: How long (s) the states of missions are listened for.
+#: Time (s) to wait for the states of missions.
 _LISTEN_S = 1.0
 
 
@@ -27,47 +27,47 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/run."""
     p = argparse.ArgumentParser(
         prog="scripts/run",
-        description="Starts, holds, surfaces or aborts the missions of running vehicles (service mission/run), or says "
-        "how it stands with them. The table of states: docs/guide/during-the-dive.md.",
-        epilog="Exit codes: 0 every vehicle has taken the command; 1 one has refused it, or is not there; 2 a wrong "
-        "command line; 130 Ctrl-C.",
+        description="Starts, holds, surfaces or aborts the missions of running vehicles (service mission/run), or "
+        "shows their states. The table of states: docs/guide/during-the-dive.md.",
+        epilog="Exit codes: 0 every vehicle has accepted the command; 1 one has refused it, or does not answer; 2 a "
+        "wrong command line; 130 Ctrl-C.",
     )
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, (command, text) in _COMMANDS.items():
         c = commands.add_parser(name, help=text, description=text)
         add_graph_options(c)
-        c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, as auv2, or `all` that are there")
+        c.add_argument("vehicles", nargs="+", metavar="VEHICLE", help="vehicles, as auv2, or `all`")
         if command is Command.ABORT:
-            c.add_argument("--team", action="store_true", help="tell the team mates by acoustic packet, too")
+            c.add_argument("--team", action="store_true", help="also abort the team mates, by acoustic packet")
         c.set_defaults(run=run_tell, what=command)
-    c = commands.add_parser("state", help="how it stands with the mission of each vehicle")
+    c = commands.add_parser("state", help="show the state of each vehicle's mission")
     add_graph_options(c)
     c.set_defaults(run=run_state)
     return p
 
 
 def _vehicles(graph: Any) -> list[str]:
-    """The vehicles that are there, by their safety_node."""
+    """The running vehicles, by their safety_node."""
     found = [re.fullmatch(r"/(auv\d+)/safety_node", name) for name in graph.nodes()]
     return sorted({match[1] for match in found if match}, key=lambda name: int(name[3:]))
 
 
 def run_tell(options: argparse.Namespace, graph: Any) -> int:
-    """A command to one vehicle or more."""
+    """`run go` and the other commands."""
     from auv_lse_common.inspect.graph_node import GraphError
     from auv_lse_common.inspect.mission_calls_node import tell
 
     there = _vehicles(graph)
     wanted = there if options.vehicles == ["all"] else options.vehicles
     if not wanted:
-        raise GraphError("no vehicle is there (no safety_node in this ROS domain); fix: --domain N, or start one")
+        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
     failed = False
     for name in wanted:
         try:
             if name not in there:
                 raise GraphError(f"{name} is not there; there are {', '.join(there) or 'no vehicles'}")
             taken, text = tell(graph, name, options.what, getpass.getuser(), getattr(options, "team", False))
-        except GraphError as error:  # the others are told all the same
+        except GraphError as error:  # the other vehicles still get it
             print(f"{name}: error: {error}", file=sys.stderr)
             failed = True
             continue
@@ -86,11 +86,11 @@ def run_state(options: argparse.Namespace, graph: Any) -> int:
 
     there = _vehicles(graph)
     if not there:
-        raise GraphError("no vehicle is there (no safety_node in this ROS domain); fix: --domain N, or start one")
+        raise GraphError("no vehicle found (no safety_node in this ROS domain). Fix: --domain N, or start one")
     heard = states(graph, there, _LISTEN_S)
     for name in there:
         if name not in heard:
-            print(f"{name}: has not said how it stands")
+            print(f"{name}: no state received")
             continue
         message = heard[name]
         text = f"{name}: {RunState(message.state).name}"
@@ -103,7 +103,7 @@ def run_state(options: argparse.Namespace, graph: Any) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Tells vehicles what to do. Returns 0, 1, 2 or 130, as the help says."""
+    """Commands vehicles. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

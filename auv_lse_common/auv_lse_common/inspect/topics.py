@@ -19,8 +19,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line of scripts/topics."""
     p = argparse.ArgumentParser(
         prog="scripts/topics",
-        description="Looks at the topics of running nodes, as `ros2 topic` does, on machines without that command.",
-        epilog="Exit codes: 0; 1 a topic or field is not there; 2 a wrong command line; 130 Ctrl-C.",
+        description="Inspects the topics of running nodes, as `ros2 topic` does, on machines without that command.",
+        epilog="Exit codes: 0; 1 a topic or field does not exist; 2 a wrong command line; 130 Ctrl-C.",
     )
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -32,17 +32,17 @@ def parser() -> argparse.ArgumentParser:
 
     c = command("list", run_list, "names of the topics")
     c.add_argument("-t", "--show-types", action="store_true", help="with the message type")
-    c.add_argument("-c", "--count-topics", action="store_true", help="their number alone")
+    c.add_argument("-c", "--count-topics", action="store_true", help="only their number")
     c.add_argument("-v", "--verbose", action="store_true", help="with type and number of publishers and subscribers")
-    c.add_argument("--include-hidden-topics", action="store_true", help="those whose name has a leading underscore too")
+    c.add_argument("--include-hidden-topics", action="store_true", help="also those with a leading underscore")
 
     c = command("echo", run_echo, "messages of a topic, as YAML")
     c.add_argument("topic", metavar="TOPIC")
-    c.add_argument("type", nargs="?", metavar="TYPE", help="message type, for a topic that is not there yet")
-    c.add_argument("--once", action="store_true", help="print one message and end")
-    c.add_argument("--field", metavar="NAME", help="print this part alone: pose.pose.position, status[0].message")
+    c.add_argument("type", nargs="?", metavar="TYPE", help="message type, for a topic that does not exist yet")
+    c.add_argument("--once", action="store_true", help="print one message and exit")
+    c.add_argument("--field", metavar="NAME", help="print only this part: pose.pose.position, status[0].message")
     c.add_argument("--csv", action="store_true", help="one line of comma-separated values for each message")
-    c.add_argument("--no-arr", action="store_true", help="the length of arrays in their place")
+    c.add_argument("--no-arr", action="store_true", help="print the length of arrays instead of their elements")
     c.add_argument("--flow-style", action="store_true", help="YAML in flow style, one line for each message")
     c.add_argument(
         "-l", "--truncate-length", type=int, default=TRUNCATE, metavar="N", help="elements shown of an array"
@@ -50,15 +50,22 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("-f", "--full-length", action="store_true", help="arrays and texts in full")
 
     for name, run, text, window in (
-        ("hz", run_hz, "how often messages of a topic come", 10000),
-        ("bw", run_bw, "how many bytes a topic takes", 100),
+        ("hz", run_hz, "publishing rate of a topic", 10000),
+        ("bw", run_bw, "bandwidth of a topic", 100),
     ):
         c = command(name, run, text)
         c.add_argument("topic", metavar="TOPIC")
-        c.add_argument("-w", "--window", type=int, default=window, metavar="N", help=f"messages that count ({window})")
-        c.add_argument("--duration", type=float, metavar="S", help="end after so many seconds (default: Ctrl-C)")
+        c.add_argument(
+            "-w",
+            "--window",
+            type=int,
+            default=window,
+            metavar="N",
+            help=f"averaging window ({window})",
+        )
+        c.add_argument("--duration", type=float, metavar="S", help="exit after so many seconds (default: Ctrl-C)")
 
-    c = command("info", run_info, "type, publishers and subscribers of a topic, and who does not hear whom")
+    c = command("info", run_info, "type, publishers and subscribers of a topic, and pairs that do not match")
     c.add_argument("topic", metavar="TOPIC")
     c.add_argument("-v", "--verbose", action="store_true", help="with nodes and quality of service")
     return p
@@ -87,13 +94,13 @@ def _list_verbose(topics: dict[str, tuple[str, ...]], graph: Any) -> None:
 
 
 def _wait_for_type(graph: Any, topic: str, wanted: str | None = None) -> type:
-    """The message type, once the topic is there."""
+    """The message type, once the topic exists."""
     kind: type | None = graph.message_type(topic, wanted)
     if kind is None:
         near = difflib.get_close_matches(topic, graph.topics(), n=1, cutoff=0.7)
         hint = f"; did you mean {near[0]}?" if near else ""
         where = f"in ROS domain {os.environ['ROS_DOMAIN_ID']}"
-        print(f"topic {topic}: nobody publishes it or reads it yet {where}; waiting{hint}", file=sys.stderr)
+        print(f"topic {topic}: no publisher or subscriber yet {where}; waiting{hint}", file=sys.stderr)
     while kind is None:
         graph.spin(0.2)
         kind = graph.message_type(topic)
@@ -186,7 +193,7 @@ def _full(topic: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Looks at topics. Returns 0, 1, 2 or 130, as the help says."""
+    """Inspects topics. Returns 0, 1, 2 or 130, as the help says."""
     options = parser().parse_args(arguments)
     return run_command(options, options.run)
 

@@ -1,4 +1,4 @@
-"""ROS domains of this machine: one for each mission, and the environment that keeps DDS on this machine."""
+"""ROS domains of this machine: one for each mission, and environments that keep DDS on this machine."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import IO
 #: Domains whose UDP ports stay below Linux's ephemeral range.
 DOMAINS = range(1, 102)
 _MOST = 232
-#: Variables by which a user says how far DDS reaches.
+#: Variables with which a user sets the range of DDS.
 RANGE_VARIABLES = (
     "ROS_AUTOMATIC_DISCOVERY_RANGE",
     "ROS_STATIC_PEERS",
@@ -25,11 +25,11 @@ RANGE_VARIABLES = (
 
 
 class DomainError(RuntimeError):
-    """No ROS domain is free, or a number that is none."""
+    """No ROS domain is free, or an invalid domain."""
 
 
 def lock_file(domain: int) -> Path:
-    """The file that a mission keeps locked as long as it uses `domain`."""
+    """The file that a mission locks while it uses `domain`."""
     return Path(tempfile.gettempdir()) / f"auv_lse_domain_{domain}.lock"
 
 
@@ -38,7 +38,7 @@ def own_domain() -> Iterator[int]:
     """A ROS domain that no other mission on this machine uses, for as long as the context lasts.
 
     Raises:
-        DomainError: if all are taken.
+        DomainError: if all are in use.
     """
     start = os.getpid() % len(DOMAINS)
     for offset in range(len(DOMAINS)):
@@ -52,10 +52,10 @@ def own_domain() -> Iterator[int]:
 
 @contextlib.contextmanager
 def taken_domain(domain: int) -> Iterator[int]:
-    """The ROS domain `domain`, marked as in use for as long as the context lasts.
+    """Marks the ROS domain `domain` as in use for as long as the context lasts.
 
     Raises:
-        DomainError: if another mission of this machine uses it.
+        DomainError: if another mission on this machine uses it.
     """
     with _locked(domain) as mine:
         if not mine:
@@ -65,7 +65,7 @@ def taken_domain(domain: int) -> Iterator[int]:
 
 @contextlib.contextmanager
 def _locked(domain: int) -> Iterator[bool]:
-    """Whether the domain's lock could be had; it is held until the context ends."""
+    """Tries to lock a domain until the context ends; the value is whether that succeeded."""
     path = lock_file(domain)
     try:
         file = path.open("a")
@@ -78,7 +78,7 @@ def _locked(domain: int) -> Iterator[bool]:
         except OSError:
             yield False
             return
-        if not _is_still(path, file):  # the one before has removed it since: another may have made it anew
+        if not _is_still(path, file):  # the last owner has removed the file; another mission may have a new one
             yield False
             return
         try:
@@ -88,7 +88,7 @@ def _locked(domain: int) -> Iterator[bool]:
 
 
 def _is_still(path: Path, file: IO[str]) -> bool:
-    """Whether an open file is the one at `path`."""
+    """Whether an open file is still the one at `path`."""
     try:
         return os.path.samestat(path.stat(), os.fstat(file.fileno()))
     except FileNotFoundError:
@@ -110,12 +110,12 @@ def busy_domains() -> list[int]:
 
 
 def note_run(domain: int, run: Path) -> None:
-    """Notes the run folder of the mission that keeps `domain`, for who wants to watch it."""
+    """Notes the run folder of the mission on `domain`, for other commands."""
     lock_file(domain).write_text(f"{run}\n")
 
 
 def run_on(domain: int) -> Path | None:
-    """The run folder of the mission that keeps `domain`; None if it has noted none."""
+    """The noted run folder of the mission on `domain`; None if there is none."""
     try:
         text = lock_file(domain).read_text().strip()
     except OSError:
@@ -124,23 +124,23 @@ def run_on(domain: int) -> Path | None:
 
 
 def domain_number(text: str) -> int:
-    """A ROS domain from text, as ROS_DOMAIN_ID has it.
+    """A ROS domain from text, as in ROS_DOMAIN_ID.
 
     Raises:
-        DomainError: if it is none.
+        DomainError: if it is invalid.
     """
     if not text.strip().isdecimal() or int(text) > _MOST:
         raise DomainError(
-            f"ROS domain {text!r}: expected a whole number from 0 to {_MOST} (1 to 101 are safe on Linux)"
+            f"ROS domain: got {text!r}; expected a whole number from 0 to {_MOST} (1 to 101 are safe on Linux)"
         )
     return int(text)
 
 
 def wanted_domain(option: str | None) -> int:
-    """The ROS domain that a command line names, else that of ROS_DOMAIN_ID, else 0.
+    """The ROS domain of a command line, else of ROS_DOMAIN_ID, else 0.
 
     Raises:
-        DomainError: if it is none.
+        DomainError: if it is invalid.
     """
     return domain_number(option or os.environ.get("ROS_DOMAIN_ID") or "0")
 
@@ -159,7 +159,7 @@ def local_environment(root: Path, domain: int) -> dict[str, str]:
 
 
 def vehicle_environment(root: Path, domain: int) -> dict[str, str]:
-    """This process's environment for the nodes of a vehicle: DDS kept to this machine, unless it says otherwise.
+    """This process's environment for a vehicle's nodes: DDS kept to this machine, unless a variable sets its range.
 
     Args:
         root: The project's folder, which holds config/.
@@ -169,7 +169,7 @@ def vehicle_environment(root: Path, domain: int) -> dict[str, str]:
         return node_environment(domain)
     environment = local_environment(root, domain)
     if os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp") != "rmw_fastrtps_cpp":
-        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # the profile is Fast DDS's own
+        environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # the profile is for Fast DDS
     return environment
 
 
@@ -189,7 +189,7 @@ def node_environment(domain: int | None = None) -> dict[str, str]:
     """This process's environment for a node whose output goes to a file.
 
     Args:
-        domain: ROS domain; None: as the environment has it.
+        domain: ROS domain; None: that of the environment.
     """
     environment = dict(os.environ)
     if domain is not None:

@@ -1,17 +1,15 @@
-"""One process that has imported what a mission's nodes need, and forks each of them: they start at once.
+"""The fork server: a process that has imported the modules of all nodes, and forks them without delay.
 
-A node imports for half a second to a second of processor time before it does anything, a mission is fourteen processes,
-or sixty, and a node that was killed has to be back soon. The fork server imports once, and once loads compiled code and
-the types of messages (`prepare`). Each node is still a process of its own, with its own log, its own process group and
-the command line that `ros2 run` would give it. The server has no ROS context and starts no thread. Importing rclpy
-starts two, which only wait (most likely the listeners of its LTTng tracing); a forked node does without them.
+A node's imports take half a second to a second of processor time. A mission has fourteen or sixty nodes, and a node
+that died must be back soon. The fork server imports once, and once loads compiled code and message types (`prepare`).
+Each node is still a separate process, with its own log, process group and the command line of `ros2 run`. The server
+has no ROS context and starts no thread; importing rclpy starts two idle ones, which forked nodes do not have.
 
-Requests go to the server's standard input, a JSON line each: the first says what to load, with what environment and
-where to log; each further one asks for a node. It answers on its standard output with the process id of each node and,
-when that has ended, its exit code. It ends when its input does; Linux ends its nodes with it.
+Requests are JSON lines on the server's standard input: the first has modules, environment and log file, each further
+one a node. The server answers on its standard output with each node's process id and, later, its exit code. It ends
+when its input is closed, and Linux ends its nodes with it.
 
-`load_early` starts a server before it is known what will be asked of it: a command whose own imports take a second or
-two calls it first.
+`load_early` starts a server in advance, for a command whose own imports take seconds.
 """
 
 from __future__ import annotations
@@ -35,23 +33,23 @@ from typing import Any
 
 from auv_lse_common.process.processes import LaunchError, Process, die_with_parent, end
 
-#: Room (bytes) in the server's command line for that of a node.
+#: Space (bytes) in the server's command line for that of a node.
 _COMMAND_ROOM = 4000
 #: Longest wait (s) for the server to fork a process: without numba's cache it compiles first, for minutes where slow.
 _START_S = 600.0
-#: Prepares what all nodes have in common, after the modules of the nodes.
+#: Module prepared after those of the nodes, for all nodes.
 _OF_ALL = "auv_lse_common.node.entry_point"
 
 
 class ForkedProcess:
-    """A process that a fork server started: what is used of `subprocess.Popen`.
+    """A process started by a fork server, with the used part of the interface of `subprocess.Popen`.
 
     Attributes:
         returncode: Exit code, minus the signal's number if that ended it; None while it runs.
     """
 
     def __init__(self, server: ForkServer, name: str) -> None:
-        """Made by `ForkServer.start`."""
+        """Created by `ForkServer.start`."""
         self.returncode: int | None = None
         self._server = server
         self._name = name
@@ -59,10 +57,10 @@ class ForkedProcess:
 
     @property
     def pid(self) -> int:
-        """Process id; waits until the server has forked it.
+        """Process id; waits until the process exists.
 
         Raises:
-            LaunchError: if the server cannot fork it.
+            LaunchError: if the server does not start it.
         """
         until = time.monotonic() + _START_S
         while self._pid is None and self.returncode is None and time.monotonic() < until:
@@ -73,12 +71,12 @@ class ForkedProcess:
 
     @property
     def begun(self) -> bool:
-        """Whether the server has forked it by now."""
+        """Whether the process exists by now."""
         self.poll()
         return self._pid is not None
 
     def poll(self) -> int | None:
-        """The exit code, None while it runs, or waits to be forked."""
+        """The exit code; None while it runs, or does not exist yet."""
         if self.returncode is None:
             self._server.read(0.0)
         return self.returncode
@@ -99,16 +97,16 @@ class ForkedProcess:
         return self.returncode
 
     def forked(self, pid: int) -> None:
-        """The server has forked it."""
+        """Takes the process id from the server."""
         self._pid = pid
 
     def ended(self, code: int) -> None:
-        """The server has seen its end."""
+        """Takes the exit code from the server."""
         self.returncode = code
 
 
 class ForkServer:
-    """The client's side of a fork server; a context manager that ends the server."""
+    """The client of a fork server."""
 
     def __init__(
         self, processes: Iterable[Process], log: Path, environment: Mapping[str, str], *, in_turn: bool = False
@@ -116,12 +114,11 @@ class ForkServer:
         """Starts the server, which begins to import.
 
         Args:
-            processes: What it will be asked to start.
-            log: File for what goes wrong in the server itself.
+            processes: The processes to be started later.
+            log: File for errors of the server itself.
             environment: The processes' environment.
-            in_turn: Whether a process that gets a message lets the one that sent it go on first (Linux: SCHED_BATCH).
-                Where processes wait for one another, as in lockstep, that saves a fifth of their processor time; where
-                a message is to be answered at once it comes later.
+            in_turn: Whether the receiver of a message waits for the sender to finish its work (Linux: SCHED_BATCH).
+                In lockstep that saves a fifth of the processor time; otherwise it delays answers.
         """
         global _early
         self.log = log
@@ -132,7 +129,7 @@ class ForkServer:
         self._ask({"modules": modules, "log": str(log), "environment": dict(environment), "in_turn": in_turn})
 
     def start(self, process: Process, command: Sequence[str], log: Path, *, append: bool = False) -> ForkedProcess:
-        """Asks for a process; its output goes to the file `log`, after what is in it if `append`."""
+        """Starts a process; its output goes to the file `log`, appended if `append`."""
         number = len(self._started)
         request = {
             "number": number,
@@ -149,21 +146,21 @@ class ForkServer:
 
     def _ask(self, request: Mapping[str, Any]) -> None:
         assert self._server.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # it has ended: `read` says so
+        with contextlib.suppress(BrokenPipeError):  # it has ended; `read` reports that
             self._server.stdin.write(json.dumps(request).encode() + b"\n")
             self._server.stdin.flush()
 
     @property
     def running(self) -> bool:
-        """Whether the server lives: when it has ended, so have its processes."""
+        """Whether the server runs; its processes end with it."""
         return self._server.poll() is None
 
     def kill(self) -> None:
-        """Kills the server, and with it what it started."""
+        """Kills the server and its processes."""
         self._server.kill()
 
     def read(self, timeout_s: float) -> None:
-        """Takes the server's answers; waits up to `timeout_s` for one."""
+        """Reads the server's answers; waits up to `timeout_s` for one."""
         assert self._server.stdout is not None
         if self._server.stdout.closed:
             return
@@ -187,7 +184,7 @@ class ForkServer:
             timeout_s = 0.0
 
     def close(self) -> None:
-        """Ends the server, and with it what it started."""
+        """Ends the server and its processes."""
         assert self._server.stdin is not None
         assert self._server.stdout is not None
         with contextlib.suppress(BrokenPipeError):
@@ -199,16 +196,16 @@ class ForkServer:
         self._server.stdout.close()
 
 
-#: A server that was started early and waits to be used.
+#: The server of `load_early`, until a `ForkServer` uses it.
 _early: subprocess.Popen[bytes] | None = None
 
 
 def load_early(processes: Iterable[Process], environment: Mapping[str, str]) -> None:
-    """Starts a server that begins to import what these processes need; the next `ForkServer` made here uses it.
+    """Starts a server that begins to import the modules of `processes`; the next `ForkServer` uses it.
 
     Args:
-        processes: What it will most likely be asked to start.
-        environment: What the libraries that are imported need of the processes' environment; the rest comes later.
+        processes: The processes that will probably be started.
+        environment: The variables that matter to the imported libraries; the complete environment comes later.
 
     Raises:
         LaunchError: if one of `processes` is not installed.
@@ -222,7 +219,7 @@ def _modules_of(processes: Iterable[Process]) -> list[str]:
 
 
 def _launch(environment: Mapping[str, str], modules: Sequence[str] = ()) -> subprocess.Popen[bytes]:
-    """Starts a server, which imports `modules`; what goes wrong is told here until it knows its log."""
+    """Starts a server, which imports `modules`; its errors go to the terminal until it has a log."""
     return subprocess.Popen(
         [sys.executable, "-m", __name__, *modules, " " * _COMMAND_ROOM],
         stdin=subprocess.PIPE,
@@ -234,7 +231,7 @@ def _launch(environment: Mapping[str, str], modules: Sequence[str] = ()) -> subp
 
 
 def can_fork(process: Process) -> bool:
-    """Whether a fork server finds what is behind a process's executable: it is a Python package's entry point."""
+    """Whether a fork server can start a process: its executables are entry points of Python packages."""
     try:
         _entries_of(process)
     except LaunchError:
@@ -244,7 +241,7 @@ def can_fork(process: Process) -> bool:
 
 @functools.cache
 def _executables() -> EntryPoints:
-    """The executables of all installed packages: looking them up reads a file of each."""
+    """The executables of all installed packages; cached, because it reads a file of each package."""
     return entry_points(group="console_scripts")
 
 
@@ -268,9 +265,9 @@ def _entry_of(package: str, executable: str) -> EntryPoint:
 
 
 def serve(modules: Sequence[str]) -> int:
-    """Imports `modules`, then does what standard input asks for, until that ends. In a forked process: its exit code.
+    """Imports `modules`, then serves requests from standard input until it ends; returns the exit code.
 
-    A module that cannot be imported is left out here; the process that needs it says why.
+    A module that cannot be imported is skipped; the process that needs it reports the error.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the mission's command
     for module in modules:
@@ -308,8 +305,8 @@ def serve(modules: Sequence[str]) -> int:
 
 
 def _begin(request: Mapping[str, Any]) -> None:
-    """Loads what the processes need, with their environment; from here on what goes wrong goes into the log."""
-    output = os.open(request["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND)  # after what one before it left there
+    """Takes environment and log file, and loads the modules."""
+    output = os.open(request["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND)  # keeps the log of an earlier server
     os.dup2(output, 2)
     os.close(output)
     os.environ.update(request["environment"])
@@ -318,11 +315,11 @@ def _begin(request: Mapping[str, Any]) -> None:
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     prepare([*request["modules"], _OF_ALL])
     gc.collect()
-    gc.freeze()  # keeps pages shared: the collector does not touch what was there before the fork
+    gc.freeze()  # keeps pages shared: the collector leaves objects from before the fork alone
 
 
 def prepare(modules: Sequence[str]) -> None:
-    """Imports `modules` and calls `prepare()` of those that have it: what each process would load anew by itself."""
+    """Imports `modules` and calls `prepare()` of those that have it, so that forked processes need not load it."""
     for module in modules:
         with contextlib.suppress(Exception):
             getattr(importlib.import_module(module), "prepare", lambda: None)()
@@ -339,7 +336,7 @@ def _answer(**answer: Any) -> None:
 
 
 def _run(request: Mapping[str, Any]) -> None:
-    """In the forked process: becomes the process asked for, and does not return."""
+    """In the forked process: runs the node, and does not return."""
     code = 1
     try:
         signal.set_wakeup_fd(-1)
@@ -357,7 +354,7 @@ def _run(request: Mapping[str, Any]) -> None:
         code = int(mains[0](*mains[1:]) or 0)
     except SystemExit as error:
         code = error.code if isinstance(error.code, int) else int(error.code is not None)
-    except BaseException:  # as the interpreter would: the trace goes to the process's log
+    except BaseException:  # as the interpreter would: a traceback in the process's log
         traceback.print_exc()
     finally:
         for stream in (sys.stdout, sys.stderr):
@@ -367,7 +364,7 @@ def _run(request: Mapping[str, Any]) -> None:
 
 
 def show_command(command: Sequence[str]) -> None:
-    """Linux: makes `ps` show `command` as this process's command line, as far as there is room in its own."""
+    """Linux: makes `ps` show `command` as this process's command line, truncated to the present length."""
     import ctypes
 
     with contextlib.suppress(OSError, ValueError, IndexError):

@@ -1,8 +1,8 @@
-"""Signs of life of a supervised process: systemd's protocol (sd_notify, WATCHDOG=1) over a Unix socket without a file.
+"""Heartbeats of a watched process: systemd's protocol (sd_notify, WATCHDOG=1) over a Unix socket.
 
-A process that hangs, or was stopped, looks alive from outside. So a node says once a second, from the thread that
-serves its callbacks, that it still serves them. The socket's name is in Linux's abstract namespace: no disk, full or
-read-only, and no network takes part. The kernel says which process a message is from.
+A hanging or stopped process looks alive from outside. So a node sends a heartbeat once a second, from the thread that
+serves its callbacks. The socket is in Linux's abstract namespace, so it needs neither disk nor network. The kernel
+identifies the sender.
 """
 
 from __future__ import annotations
@@ -13,47 +13,47 @@ import socket
 import struct
 from collections.abc import Mapping
 
-#: Environment variable with the address of the supervisor's socket; "@" stands for the abstract namespace.
+#: Environment variable with the address of the keeper's socket; "@" stands for the abstract namespace.
 SOCKET_VARIABLE = "NOTIFY_SOCKET"
-#: How often (s) a process says that it lives.
+#: Period (s) of heartbeats.
 BEAT_PERIOD_S = 1.0
 _ALIVE = b"WATCHDOG=1"
 _CREDENTIALS = struct.Struct("3i")  # pid, uid, gid
 
 
 class Heartbeat:
-    """A process's side: says that it lives, to the supervisor that the environment names, if it names one."""
+    """Sender: sends heartbeats to the keeper that the environment names, if any."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
-        """Says nothing yet."""
+        """Sends nothing yet."""
         address = environment.get(SOCKET_VARIABLE, "")
         self.wanted = bool(address)
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) if address else None
 
     def beat(self) -> None:
-        """The process lives. A supervisor that is gone, or too busy to read, is passed over."""
+        """Sends a heartbeat; a keeper that has ended or is too busy is ignored."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
                 self._socket.sendto(_ALIVE, self._address)
 
 
 class Heartbeats:
-    """The supervisor's side: which processes have said that they live.
+    """Receiver of heartbeats.
 
     Attributes:
-        address: What the processes' environment has under `SOCKET_VARIABLE`.
+        address: Value of `SOCKET_VARIABLE` in the processes' environment.
     """
 
     def __init__(self) -> None:
-        """Opens the socket under a name that the kernel chooses."""
+        """Opens the socket with a name from the kernel."""
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
         self._socket.bind("")  # autobind, unix(7)
         self.address = "@" + self._socket.getsockname()[1:].decode()
 
     def take(self) -> set[int]:
-        """Ids of the processes of this user that have said that they live since the last call."""
+        """Ids of this user's processes that have sent a heartbeat since the last call."""
         alive = set()
         with contextlib.suppress(BlockingIOError):
             while True:

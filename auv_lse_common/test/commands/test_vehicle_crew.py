@@ -77,7 +77,7 @@ def test_a_section_that_is_none_is_refused(name: str, value: object, tmp_path: P
 def test_what_cannot_run_is_said_and_nothing_is_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, out = write(tmp_path), tmp_path / "dive"
     assert main(["auv4", str(file), "--out", str(out)]) == 2
-    assert "mission.vehicles: is 3; expected at least 4, to have an auv4" in capsys.readouterr().err
+    assert "mission.vehicles: got 3; expected at least 4 for auv4" in capsys.readouterr().err
     assert main(["auv1", str(tmp_path / "none.yaml"), "--out", str(out)]) == 2
     assert "none.yaml: cannot be read: No such file" in capsys.readouterr().err
     assert main(["auv1", str(write(tmp_path, plannner={})), "--out", str(out)]) == 2
@@ -85,4 +85,4 @@ def test_what_cannot_run_is_said_and_nothing_is_made(tmp_path: Path, capsys: pyt
     assert not out.exists()
     (out / "bag").mkdir(parents=True)
     assert main(["auv1", str(write(tmp_path)), "--out", str(out)]) == 2
-    assert "has a recording" in capsys.readouterr().err
+    assert "contains a recording" in capsys.readouterr().err

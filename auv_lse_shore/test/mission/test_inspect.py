@@ -263,6 +263,6 @@ def test_a_node_that_is_killed_comes_back_and_sigterm_ends_all(vehicle: Vehicle,
     output = said + rest
     assert vehicle.process.returncode == 0, output
     assert "auv1.gp_node died (SIGKILL) after " in output
-    assert "auv1.gp_node started again (start 2)" in output
+    assert "auv1.gp_node restarted (start 2)" in output
     assert output.endswith("auv1: every node has ended\n")
     assert vehicle.pids() == {}

@@ -1,4 +1,4 @@
-"""Where a run's emulated modems and autopilots are, for both ends of each link."""
+"""Addresses of a run's emulated modems and autopilots, for both ends of each link."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 
 from auv_lse_common.mission_file.settings import Settings
 
-#: Beyond the ports that Linux gives out by itself (up to 60999), and those of DDS (domains to 213).
+#: Above Linux's ephemeral ports (up to 60999) and the ports of DDS (domains up to 213).
 PORTS = range(61000, 65536)
 
 
 def hardware_of(
     modem: str, vehicle_link: str, settings: Settings, folder: Path, chosen: Collection[str] = ()
 ) -> dict[str, Any]:
-    """Parameters by which each vehicle's drivers and the simulator's emulated hardware find each other.
+    """Parameters that connect each vehicle's drivers to the simulator's emulated hardware.
 
     Args:
         modem: "direct", or "emulated": a pty per vehicle, at modems/auvK in the run folder. Emulated modems have a
@@ -25,7 +25,7 @@ def hardware_of(
         vehicle_link: "direct", or "mavlink": a free UDP port of this machine per vehicle.
         settings: The mission.
         folder: The run folder, absolute.
-        chosen: Names of parameters that the user has set; they stay as they are.
+        chosen: Names of parameters that the user has set; they are kept.
     """
     vehicles = settings.mission.vehicles
     wanted: dict[str, Any] = {}
@@ -46,15 +46,13 @@ def hardware_of(
 
 
 def _free_ports(number: int) -> list[int]:
-    """So many free UDP ports of `PORTS`, which no system gives to a socket by itself.
-
-    A vehicle's driver that was killed finds its port free when it is started again.
+    """Free UDP ports of `PORTS`; a restarted driver finds its port free again.
 
     Raises:
-        OSError: if there are not so many.
+        OSError: if there are not enough.
     """
     found: list[int] = []
-    first = os.getpid() * 8 % len(PORTS)  # runs that begin at the same time look in different places
+    first = os.getpid() * 8 % len(PORTS)  # runs that start at the same time try different ports
     for port in (*PORTS[first:], *PORTS[:first]):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -64,4 +62,4 @@ def _free_ports(number: int) -> list[int]:
         found.append(port)
         if len(found) == number:
             return found
-    raise OSError(f"UDP ports {PORTS[0]} to {PORTS[-1]} of 127.0.0.1: {len(found)} are free; expected {number}")
+    raise OSError(f"UDP ports {PORTS[0]} to {PORTS[-1]} of 127.0.0.1: got {len(found)} free ports; expected {number}")

@@ -1,4 +1,4 @@
-"""The mission file that the simulator was started with."""
+"""The mission file of the simulator."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def parameter_file(arguments: Sequence[str]) -> Path:
     """The mission file among the --params-file arguments: the simulator needs the parameters of every vehicle.
 
     Raises:
-        ParameterError: if there is none.
+        ParameterError: if there is no such file.
     """
     given = [Path(b) for a, b in pairwise(arguments) if a == "--params-file"]
     for path in given:

@@ -1,10 +1,10 @@
-"""The processes of a mission: computed once, used by scripts/mission, the launch file and the simulator."""
+"""The processes of a mission, for scripts/mission, scripts/sim and the launch file."""
 
 from __future__ import annotations
 
 from auv_lse_common.process.processes import RECORDER, Process, vehicle_nodes
 
-#: In lockstep, how many ticks the recorder may be behind before the simulator waits for it; at the mission's end none.
+#: In lockstep, ticks that the recorder may lag behind before the simulator waits; none at the mission's end.
 RECORDER_LAG_TICKS = 20
 
 
@@ -23,8 +23,8 @@ def mission_processes(
             emulated Micromodem-2 per vehicle between them).
         vehicle_link: "direct", or "mavlink" (vehicle_link_node and a simulated MAVLink vehicle between them).
         record: Whether a recorder runs.
-        together: Whether the nodes of a vehicle that are not drivers share a process. In lockstep they hardly ever
-            work at the same time, and a mission of many vehicles starts far sooner, as ROS finds fewer processes.
+        together: Whether the nodes of a vehicle, drivers excepted, share a process. In lockstep they rarely work at
+            the same time, and discovery of fewer processes is faster.
     """
     processes: list[Process] = []
     if record:
