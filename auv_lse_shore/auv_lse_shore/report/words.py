@@ -74,7 +74,7 @@ def cards(s: Summary) -> list[tuple[str, str]]:
         (s.isobath_found_error_m, "{:.1f} m".format, "mean isobath error"),
         (s.isobath_found_m, _m, "of isobath found"),
         (s.isobath_found, _percent, "of the true isobath found"),
-        (s.risk_after, lambda _: risk, "map risk, before → after (cost per place)"),
+        (s.risk_after, lambda _: risk, "map risk before → after (cost per place)"),
         (s.mowing_risk, _three, lawnmower),
         (s.loss_expected, _three, "expected loss (cost per place)"),
         (s.loss_after, _three, "actual loss (cost per place)"),
