@@ -30,7 +30,7 @@ from auv_lse_common.vocabulary.seeds import stream
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_planner.methods.decision import BoundRecord, Decision
 from auv_lse_planner.vehicle.health import planner_health, warnings_of
-from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
+from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
 from auv_lse_planner.vehicle.problems import of_state
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 
@@ -62,7 +62,7 @@ class PlannerNode(VehicleNode):
         self._intake = PlannerIntake(self._planner)
         self._planner.set_blocked(0.0, "safety_node has not reported the mission's state")
         if not self.journal.records:  # else it is started again under way: the sooner it is back, the better
-            rehearse(settings, self.vehicle)
+            rehearse_decision(settings, self.vehicle)
         self.show_parameters(
             {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)},
             tunable=tuple(f"planner.{name}" for name in _TUNABLE),
@@ -155,7 +155,7 @@ class PlannerNode(VehicleNode):
     def _publish(self, now_s: float, decision: Decision) -> None:
         self._publish_plan(now_s, decision.plan)
         self._publish_waypoint(now_s, decision.leg)
-        self._bound.publish(_bound_report(now_s, decision.bound, self._planning_s, self._intake.taken))
+        self._bound.publish(_bound_report(now_s, decision.bound, self._planning_s, self._intake.inputs_used))
         if self._planner.path is not None:
             self._path.publish((now_s, self._planner.path.states, self._settings.vehicle.depth_m))
         self._published += 1
@@ -192,7 +192,7 @@ class PlannerNode(VehicleNode):
             self.publish_health(now_s, planner_health(self._planner, problems, self._planning_s))
 
 
-def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: Taken) -> BoundReport:
+def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: InputsUsed) -> BoundReport:
     """Report of a decision's record; it took `planning_s` of wall clock and follows from what was `taken`."""
     return BoundReport(
         stamp_s=now_s,
@@ -212,7 +212,7 @@ def _bound_report(now_s: float, bound: BoundRecord, planning_s: float, taken: Ta
     )
 
 
-def rehearse(settings: PlannerSettings, vehicle: int) -> None:
+def rehearse_decision(settings: PlannerSettings, vehicle: int) -> None:
     """Decides in a mission of two steps, which nobody takes: it loads the compiled code before the first decision."""
     settings = dataclasses.replace(settings, mission=dataclasses.replace(settings.mission, steps=2))
     planner = VehiclePlanner(vehicle, settings, stream(settings.mission.seed, "rehearsal"))
@@ -223,7 +223,7 @@ def rehearse(settings: PlannerSettings, vehicle: int) -> None:
 
 def prepare() -> None:
     """Loads the compiled code: a process forked later has it."""
-    rehearse(PlannerSettings.from_parameters({}, "rehearsal", 1), 1)
+    rehearse_decision(PlannerSettings.from_parameters({}, "rehearsal", 1), 1)
 
 
 #: Entry point of `ros2 run auv_lse_planner planner_node`.

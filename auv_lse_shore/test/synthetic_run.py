@@ -69,7 +69,7 @@ def drive(vehicle, state, steps, drift_mps, rng):
             t = start_s + leg_s * i / (len(track) - 1)
             heading = state[0] + table.turns_rad[action] * min(1.0, i * table.spacing_m / (15.0 * math.pi / 2.0))
             truth.append((t, state[1] + c * ahead - s * starboard, state[2] + s * ahead + c * starboard, heading))
-        state = table.end_states(state, np.asarray(action))
+        state = table.end_state(state, action)
     truth.append((steps * leg_s, state[1], state[2], state[0]))
     truth = np.array(truth)
     odometry = truth.copy()

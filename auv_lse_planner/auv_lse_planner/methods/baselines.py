@@ -44,8 +44,7 @@ class OneLeg(PathMethod):
         """The best leg."""
         s, space, level = situation, self.context.space, reward.level_set
         choices = space.choices(s.state)
-        ends = space.motion.end_states(np.broadcast_to(s.state, (len(choices), 3)), choices)
-        points = reward.posterior.at(ends[:, 1:])
+        points = reward.posterior.at(np.array([space.motion.end_state(s.state, a)[1:] for a in choices]))
         std = np.sqrt(points.planned_var_m2)
         if s.planner.proposals == "variance":
             scores = std

@@ -30,9 +30,9 @@ from auv_lse_planner.methods.team import Team
 from auv_lse_planner.paths.free_space import FreeSpace
 from auv_lse_planner.paths.rollout import PlannedPath, Rollout
 from auv_lse_planner.reward.anytime import AnytimeReward, Value, Weighting
-from auv_lse_planner.reward.doubt import doubt
-from auv_lse_planner.reward.fix import worth_of_fix
+from auv_lse_planner.reward.fix import gain_of_fix
 from auv_lse_planner.reward.path import PathReward
+from auv_lse_planner.reward.std_inflation import std_inflation
 from auv_lse_planner.search.path_search import SearchProblem
 from auv_lse_planner.search.uct import Actions
 
@@ -88,7 +88,7 @@ class PlanningContext:
             self.team.in_time_order(situation.now_s + planner.replan_lead_s),
             Weighting(steps - situation.step, situation.step, steps, planner.anytime_weight),
             self.coarse_points,
-            doubt(self.posterior),
+            std_inflation(self.posterior),
         )
 
     def path_reward(self, situation: Situation, planned_m: Array) -> PathReward:
@@ -107,7 +107,7 @@ class PlanningContext:
             step=situation.step,
             state=situation.state,
             horizon=min(planner.horizon, left),
-            naive_paths=self.rollout.naive.different(planner.naive_paths) if continued else (),
+            naive_paths=self.rollout.naive.distinct(planner.naive_paths) if continued else (),
             rng=self.rng,
             deadline=situation.deadline,
             seeds=seeds,
@@ -240,7 +240,7 @@ class Method(Protocol):
     def weigh_surfacing(self, situation: Situation, path: PlannedPath, legs: int) -> SurfacingValue:
         """Compares a fix at the end of the leg just decided with the last `legs` of the path that would be missing."""
         self.context.assume_plans(situation)
-        gain = worth_of_fix(self.context.map_points, self.context.settings.level_set)
+        gain = gain_of_fix(self.context.map_points, self.context.settings.level_set)
         reward = self.context.map_reward(situation)
         places = self.context.map_places(path)
         kept = places[: max(len(places) - legs, 0)]

@@ -20,12 +20,13 @@ from __future__ import annotations
 # The functions that numba compiles have no annotations: it infers types itself, per call.
 # mypy: disable-error-code="no-untyped-def"
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.support.compiled import compiled
 from auv_lse_planner.paths.motion import MotionTable, advance
 
@@ -34,21 +35,6 @@ Ints = NDArray[np.int64]
 
 #: Farther outside of the area than this a vehicle holds (m).
 HOLD_BEYOND_M = 5000.0
-
-
-class Area(Protocol):
-    """The part of `auv_lse_common.mission_file.operating_area.OperatingArea` that planning needs."""
-
-    @property
-    def polygon(self) -> Any:
-        """Corners of the operating area, shape (V, 2): north, east (m)."""
-
-    @property
-    def margin_m(self) -> float:
-        """Distance that vehicles keep from the border."""
-
-    def clearance_m(self, places_m: Array) -> Array:
-        """Distance (P,) of places (P, 2) to the nearest border, negative where they must not be."""
 
 
 class Space(NamedTuple):
@@ -256,7 +242,7 @@ class FreeSpace:
         margin_m: Distance that is kept from the border: clearance is counted from there.
     """
 
-    def __init__(self, area: Area, motion: MotionTable, cell_m: float = 2.0) -> None:
+    def __init__(self, area: OperatingArea, motion: MotionTable, cell_m: float = 2.0) -> None:
         """Samples the clearance of `area` at every `cell_m` metres."""
         corners = np.asarray(area.polygon, dtype=float).reshape(-1, 2)
         low, high = corners.min(axis=0) - 2.0 * cell_m, corners.max(axis=0) + 2.0 * cell_m

@@ -19,7 +19,6 @@ from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.leg import Leg, leg_point
 
 Array = NDArray[np.float64]
-TWO_PI = 2.0 * math.pi
 
 
 @compiled
@@ -139,30 +138,6 @@ class MotionTable:
             best.setdefault(side, best.get(1 - side, (math.inf, np.zeros(2), 0)))
         loops = np.array([[*best[side][1], best[side][0]] for side in (0, 1)])
         return loops, np.array([best[0][2], best[1][2]])
-
-    def end_states(self, states: Array, actions: NDArray[np.integer]) -> Array:
-        """States after one action each.
-
-        Args:
-            states: Shape (..., 3): heading, north, east.
-            actions: Indices of actions, of a shape that broadcasts against states[..., 0].
-
-        Returns:
-            States, shape (..., 3), headings in [-pi, pi).
-        """
-        states = np.asarray(states, dtype=float)
-        actions = np.asarray(actions)
-        heading, north, east = states[..., 0], states[..., 1], states[..., 2]
-        step = self.steps_m[actions]
-        c, s = np.cos(heading), np.sin(heading)
-        turned = heading + self.turns_rad[actions]
-        turned = np.where(turned >= math.pi, turned - TWO_PI, np.where(turned < -math.pi, turned + TWO_PI, turned))
-        return np.stack(
-            np.broadcast_arrays(
-                turned, north + c * step[..., 0] - s * step[..., 1], east + s * step[..., 0] + c * step[..., 1]
-            ),
-            axis=-1,
-        )
 
     def leg(self, step: int, state: Array, action: int) -> Leg:
         """The leg of an action from a state (3,) at mission step `step`, as it is travelled."""

@@ -381,7 +381,7 @@ class NaivePaths:
         actions = self.actions_from(states, naive_path, steps)
         return np.asarray(sums_along(self._arguments, states, actions, field, north0, east0, cell))
 
-    def different(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
+    def distinct(self, naive_paths: tuple[int, ...]) -> tuple[int, ...]:
         """`naive_paths` without the ids of strips that name the same path as an earlier one (fewer strips than ids)."""
         named = (*(STRIPS[: self._strips] if self._strips > 1 else ()), *FITTED[: self._strips])
         return tuple(h for h in naive_paths if h not in (*STRIPS, *FITTED) or h in named) or naive_paths[:1]

@@ -6,10 +6,10 @@ and the places that team mates will have measured by then, S the data, O places 
     R_i = sum over p in M of E r(p | S u O u V_i)                                  (paper: expected Bayes risk)
     J   = sum over legs i of w_i (R_{i-1} - R_i),    w_i = 1 + weight (1 - (step + i) / steps)
 
-`weighted` is J, with standard deviations `doubt` times as large. `expected_end` is J with w = 1 and without doubt: it
-telescopes to R_0 - R_L, the drop at the mission's end, which own vehicle and mates bring together. Mates are not
-conditioned on beforehand: they measure at their time, as the own vehicle does. What they measure after the own last leg
-counts at the end.
+`weighted` is J, with inflated standard deviations (`reward/std_inflation.py`). `expected_end` is J with w = 1 and
+without inflation: it telescopes to R_0 - R_L, the drop at the mission's end, which own vehicle and mates bring
+together. Mates measure at their time, as the own vehicle does. What they measure after the own last leg counts at the
+end.
 
 R is computed at some legs only, the *checkpoints*, and taken to fall evenly in between, so that J is a sum over
 checkpoints. `expected_end` does not depend on them.
@@ -57,7 +57,7 @@ class Value:
     """What a path is worth.
 
     Attributes:
-        weighted: Drops of the map's expected risk, those of early legs counted more, by doubted standard deviations.
+        weighted: Drops of the map's expected risk, those of early legs counted more, with inflated standard deviations.
         expected_end: Drop of the map's expected risk at the mission's end (paper: Jbar, over the map).
     """
 
@@ -134,7 +134,7 @@ class AnytimeReward:
         mates: Sequence[tuple[Array, Array]],
         weighting: Weighting,
         coarse: CachedPoints | None = None,
-        doubt: float = 1.0,
+        inflation: float = 1.0,
     ) -> None:
         """Takes the posterior as it stands; places planned on it are taken as measured before the first leg.
 
@@ -145,13 +145,13 @@ class AnytimeReward:
                 (it need not be whole), and the places (P, 2) where it does.
             weighting: Legs that the own vehicle has still to travel, and how much each counts.
             coarse: Places of the gradient's map, of the same posterior; None: those of `fine`.
-            doubt: Factor on the posterior's standard deviations in `weighted` (`reward/doubt.py`).
+            inflation: Factor on the posterior's standard deviations in `weighted`.
         """
         self.legs = weighting.legs
         self._fine, self._coarse = fine, coarse or fine
         self._level_set = replace(LevelSet.of(level_set), method="exact")
         self.mates = [(np.asarray(ahead, float), np.asarray(m, float).reshape(-1, 2)) for ahead, m in mates]
-        self._weighting, self._doubt = weighting, doubt
+        self._weighting, self._inflation = weighting, inflation
         checkpoints = -(-self.legs // LEGS_APART)
         self._exact = self._drop(fine, 1, _Schedule.of(weighting, checkpoints), NO_RISK, cache_inverse=False)
         self._rough: _Drop | None = None
@@ -173,7 +173,7 @@ class AnytimeReward:
         legs = np.concatenate([np.zeros(0), *(ahead for ahead, _ in mates)])
         places = np.concatenate([np.zeros((0, 2)), *(m for _, m in mates)])
         scale = len(self._fine.places_m) / len(points.places_m)
-        counted = _Counted.of(points, self._level_set, self._doubt, least_share, scale)
+        counted = _Counted.of(points, self._level_set, self._inflation, least_share, scale)
         measured = Measured(points.posterior, points.posterior.kernel.scale(places), cache_inverse)
         groups = schedule.after(legs)
         return _Drop(points.posterior, self._level_set, counted, schedule, measured, groups, cache_inverse)
@@ -237,31 +237,33 @@ class _Counted:
     """The cells of a map whose risk counts.
 
     Attributes:
-        cells: The cells; with doubt their means are as much nearer to the level.
+        cells: The cells; with inflation their means are as much nearer to the level.
         places_m: Where they are, (M, 2).
         risk: Their risk before, (M,).
-        undoubted: Without doubt, their means (M,) and the sum of their risk; None where nothing is doubted.
+        uninflated: Without inflation, their means (M,) and the sum of their risk; None where nothing is inflated.
         scale: Weight of a cell.
-        total: Risk of all cells of the map, without doubt and weighted.
+        total: Risk of all cells of the map, without inflation and weighted.
     """
 
     cells: Cells
     places_m: Array
     risk: Array
-    undoubted: tuple[Array, float] | None
+    uninflated: tuple[Array, float] | None
     scale: float
     total: float
 
     @classmethod
-    def of(cls, points: CachedPoints, level_set: LevelSet, doubt: float, least_share: float, scale: float) -> _Counted:
+    def of(
+        cls, points: CachedPoints, level_set: LevelSet, inflation: float, least_share: float, scale: float
+    ) -> _Counted:
         """Cells with at least this share of the largest risk."""
         now = points.current()
         after = np.minimum(now.planned_var_m2, now.data_var_m2)
         std_known, std_left = np.sqrt(now.data_var_m2 - after), np.sqrt(after)
         known_risk = risk = level_set.expected_risk(now.mean_m, std_known, std_left)
         mean = now.mean_m
-        if doubt != 1.0:  # the risk depends on (mean - level) / standard deviation alone
-            mean = level_set.level_m + (now.mean_m - level_set.level_m) / doubt
+        if inflation != 1.0:  # the risk depends on (mean - level) / standard deviation alone
+            mean = level_set.level_m + (now.mean_m - level_set.level_m) / inflation
             risk = level_set.expected_risk(mean, std_known, std_left)
         kept = np.flatnonzero(risk > least_share * level_set.largest_risk)
         cells = Cells(
@@ -272,8 +274,8 @@ class _Counted:
             now.planned_var_m2[kept],
         )
         total = scale * float(known_risk.sum())
-        undoubted = None if doubt == 1.0 else (now.mean_m[kept], float(known_risk[kept].sum()))
-        return cls(cells, points.places_m[kept], np.asarray(risk[kept]), undoubted, scale, total)
+        uninflated = None if inflation == 1.0 else (now.mean_m[kept], float(known_risk[kept].sum()))
+        return cls(cells, points.places_m[kept], np.asarray(risk[kept]), uninflated, scale, total)
 
 
 class _Drop:
@@ -314,7 +316,7 @@ class _Drop:
         return other
 
     def value(self, places_m: Array, legs: Array) -> Value:
-        """What a path is worth: J, and the drop of the risk, without doubt, at the mission's end."""
+        """What a path is worth: J, and the drop of the risk, without inflation, at the mission's end."""
         if not len(places_m) + len(self._mates) or not len(self.schedule.checkpoints):
             return Value(0.0, 0.0)
         left = self._joint(places_m, legs).left(np.arange(len(self.schedule.checkpoints)))
@@ -322,8 +324,8 @@ class _Drop:
         risks = self._level_set.risk_sums(self._cells.mean_m, variance, left)
         drops = -self._scale * np.diff(risks, prepend=self._before)
         end = float(drops.sum())
-        if self._counted.undoubted is not None:
-            mean, before = self._counted.undoubted
+        if self._counted.uninflated is not None:
+            mean, before = self._counted.uninflated
             end = self._scale * (before - float(self._level_set.risk_sums(mean, variance, left[-1:])[0]))
         return Value(float(self.schedule.weights @ drops), end)
 

@@ -21,21 +21,21 @@ from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 
-def worth_of_fix(kept: CachedPoints, level_set: LevelSetConfig) -> float:
+def gain_of_fix(points: CachedPoints, level_set: LevelSetConfig) -> float:
     """What a fix of the vehicle would bring, now; 0 where places count as known.
 
     Args:
-        kept: The map's places, of a posterior without planned places.
+        points: The map's places, of a posterior without planned places.
         level_set: Level and costs.
     """
-    posterior = kept.posterior
+    posterior = points.posterior
     if not posterior.places_uncertain:
         return 0.0
-    columns = kept.current()
-    parts = (columns.white[:, : posterior.data_rows] @ posterior.white_place_effect) ** 2
+    now = points.current()
+    parts = (now.white[:, : posterior.data_rows] @ posterior.white_place_effect) ** 2
     by_places, by_fix = parts.sum(axis=1), parts[:, :2].sum(axis=1)
-    others = posterior.variance_scale * np.maximum(columns.data_var_m2 - by_places, 0.0)
+    others = posterior.variance_scale * np.maximum(now.data_var_m2 - by_places, 0.0)
     levels = LevelSet.of(level_set)
-    before = levels.risk(columns.mean_m, np.sqrt(others + by_places))
-    after = levels.risk(columns.mean_m, np.sqrt(others + by_places - by_fix))
+    before = levels.risk(now.mean_m, np.sqrt(others + by_places))
+    after = levels.risk(now.mean_m, np.sqrt(others + by_places - by_fix))
     return float(np.sum(before - after))

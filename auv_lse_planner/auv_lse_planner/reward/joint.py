@@ -46,7 +46,7 @@ BLOCK = 64
 class Cells:
     """What the posterior says about the map's cells; see `PointPosteriors`, but w is (n, M), a row per measurement.
 
-    With doubt the mean is as much nearer to the level.
+    With inflation the mean is as much nearer to the level.
     """
 
     scaled: Array

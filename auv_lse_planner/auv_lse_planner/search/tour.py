@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ from auv_lse_common.support.compiled import compiled
 from auv_lse_common.vocabulary.plan import MAX_SEGMENTS, Tour
 from auv_lse_planner.paths.free_space import FreeSpace, bilinear
 from auv_lse_planner.paths.polyline import SHORTEST_M, arc_m, places_along, pull_back
+from auv_lse_planner.reward.anytime import AnytimeReward
 
 Array = NDArray[np.float64]
 
@@ -48,13 +48,6 @@ LEAST_GAIN, LEAST_BENT = 1e-6, 1e-7
 CUT_CORNERS = 1.25
 #: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
 LONGEST = 50
-
-
-class Differentiable(Protocol):
-    """A reward of places with its gradient."""
-
-    def value_and_gradient(self, places_m: Array) -> tuple[float, Array]:
-        """Value of places (P, 2) in the order travelled, and its derivative by each of them (P, 2)."""
 
 
 @compiled
@@ -248,7 +241,7 @@ class TourSearch:
         self,
         waypoints_m: Array,
         legs: int,
-        reward: Differentiable,
+        reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None = None,
     ) -> Found:
@@ -273,7 +266,7 @@ class TourSearch:
         self,
         line_m: Array,
         legs: int,
-        reward: Differentiable,
+        reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None = None,
     ) -> Found:
@@ -320,7 +313,7 @@ class TourSearch:
         deformation: Deformation,
         leg_m: float,
         legs: int,
-        reward: Differentiable,
+        reward: AnytimeReward,
         iterations: int,
         deadline: Callable[[], bool] | None,
     ) -> Found:

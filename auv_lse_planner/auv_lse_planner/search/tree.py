@@ -228,7 +228,7 @@ def grown(array: Any, rows: int, fill: int = 0) -> Any:
 
 
 class ActionTree:
-    """A `uct.Tree` over the actions of a free space."""
+    """The tree of action sequences from a state in a free space."""
 
     def __init__(self, space: FreeSpace, state: Array, horizon: int, exploration: float) -> None:
         """Makes the tree of `state` (3,) alone, for sequences of `horizon` actions."""
@@ -250,7 +250,16 @@ class ActionTree:
         return bool(((own >= 0) & (own < len(self._space.turns))).all() and admissible(self._space, self._state, own))
 
     def grow(self, forced: Ints, randoms: Array) -> Ints:
-        """See `uct.Tree`."""
+        """Descends once for each row, one after another, each adding a node.
+
+        Args:
+            forced: Actions to begin with, -1 after their end, shape (B, horizon); they are admissible.
+            randoms: Uniform numbers in [0, 1), shape (B, horizon): the first that is needed picks the node to add
+                among those untried, the others complete the sequence.
+
+        Returns:
+            Sequences, shape (B, horizon).
+        """
         room = self._count + forced.size
         children, *rest = self._nodes
         self._nodes = Nodes(grown(children, room, FORBIDDEN), *(grown(array, room) for array in rest))
@@ -260,10 +269,10 @@ class ActionTree:
         return sequences
 
     def back_up(self, values: Array) -> None:
-        """See `uct.Tree`."""
+        """Takes the values (B,) of the sequences that the last `grow` gave."""
         back_up(self._nodes, self._paths, values)
         self._low, self._high = min(self._low, float(values.min())), max(self._high, float(values.max()))
 
     def changes(self, sequence: tuple[int, ...]) -> Ints:
-        """See `uct.Tree`."""
+        """Admissible sequences (M, horizon) that differ from `sequence` in one action."""
         return np.asarray(single_changes(self._space, self._state, np.array(sequence, dtype=np.int64)))

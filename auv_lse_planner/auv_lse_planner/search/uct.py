@@ -14,18 +14,18 @@ single action are valued; then the same is done with the best of all sequences, 
 and actions a few degrees apart, so this finds what random completion only comes near. The best sequence ever valued is
 the result.
 
-`run_search` drives any `Tree`: `tree.ActionTree`, compiled, for the actions of a vehicle. The tests hold it against a
-tree of plain Python objects. Random numbers are drawn beforehand.
+The tree is compiled (`tree.ActionTree`); the tests compare it with one of plain Python objects.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from auv_lse_planner.search.tree import ActionTree
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -64,33 +64,8 @@ class SearchResult:
     ranking: list[tuple[Actions, float]] = field(default_factory=list)
 
 
-class Tree(Protocol):
-    """What `run_search` needs of a tree: where to descend, and which sequences there are."""
-
-    def admissible(self, actions: Actions) -> bool:
-        """Whether the actions, up to the horizon, may be taken one after another from the root."""
-
-    def grow(self, forced: Ints, randoms: Array) -> Ints:
-        """Descends once for each row, one after another, each adding a node.
-
-        Args:
-            forced: Actions to begin with, -1 after their end, shape (B, horizon); they are admissible.
-            randoms: Uniform numbers in [0, 1), shape (B, horizon): the first that is needed picks the node to add
-                among those untried, the others complete the sequence.
-
-        Returns:
-            Sequences, shape (B, horizon).
-        """
-
-    def back_up(self, values: Array) -> None:
-        """Takes the values (B,) of the sequences that the last `grow` gave."""
-
-    def changes(self, sequence: Actions) -> Ints:
-        """Admissible sequences (M, horizon) that differ from `sequence` in one action."""
-
-
 def run_search(
-    tree: Tree,
+    tree: ActionTree,
     valuer: Valuer,
     horizon: int,
     iterations: int,
@@ -155,7 +130,7 @@ class _Memo:
 
 
 def _polish(
-    tree: Tree,
+    tree: ActionTree,
     memo: _Memo,
     done: int,
     iterations: int,

@@ -16,8 +16,8 @@ KEPT = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Taken:
-    """What a planner has taken so far: all that its next decision follows from, beside its own state.
+class InputsUsed:
+    """The inputs of a planner so far: its next decision follows from them and its own state.
 
     Attributes:
         map_revision: Revision of the kernel centers.
@@ -35,17 +35,17 @@ class PlannerIntake:
 
     Attributes:
         planner: The planner.
-        taken: What the planner has been given.
+        inputs_used: What the planner has been given.
     """
 
     def __init__(self, planner: VehiclePlanner) -> None:
         """Nothing waits yet."""
         self.planner = planner
-        self.taken = Taken()
+        self.inputs_used = InputsUsed()
         self._centers: tuple[Centers, int] | None = None
         self._plans: list[tuple[float, int, Plan]] = []
         self._odometry: tuple[float, float, float, float] | None = None
-        self._told: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east of the last odometry
+        self._recent_odometry: deque[tuple[float, float, float]] = deque(maxlen=KEPT)  # stamp, north, east
         self._corrected: tuple[float, float, float] | None = None
         self._standing: RunStatus | None = None
         self._state: RunState | None = None  # of the mission, as last told
@@ -66,10 +66,10 @@ class PlannerIntake:
     def set_odometry(self, stamp_s: float, heading_rad: float, north_m: float, east_m: float) -> None:
         """The vehicle's navigation; it replaces what still waits."""
         self._odometry = (stamp_s, heading_rad, north_m, east_m)
-        self._told.append((stamp_s, north_m, east_m))
+        self._recent_odometry.append((stamp_s, north_m, east_m))
 
     def set_corrected(self, stamp_s: float, north_m: float, east_m: float) -> None:
-        """Where the map has the vehicle: what odometry of that time tells is displaced against it."""
+        """Where the map has the vehicle; its offset is from odometry of that time."""
         self._corrected = (stamp_s, north_m, east_m)
 
     def set_standing(self, standing: RunStatus) -> None:
@@ -82,7 +82,7 @@ class PlannerIntake:
         Returns:
             Whether a decision is due then.
         """
-        revision, plans, odometry_s = self.taken.map_revision, self.taken.plans, self.taken.odometry_s
+        revision, plans, odometry_s = self.inputs_used.map_revision, self.inputs_used.plans, self.inputs_used.odometry_s
         if self._standing is not None:
             self.planner.set_blocked(now_s, self._standing.blocked_reason)
             self._state = self._standing.state
@@ -95,24 +95,24 @@ class PlannerIntake:
             self.planner.hear(stamp_s, vehicle, plan)
         plans += len(self._plans)
         self._plans = []
-        self.displace()
+        self.apply_correction()
         if self._odometry is not None:
             self.planner.odometry(*self._odometry)
             odometry_s = self._odometry[0]
             self._odometry = None
-        self.taken = Taken(map_revision=revision, plans=plans, odometry_s=odometry_s)
+        self.inputs_used = InputsUsed(map_revision=revision, plans=plans, odometry_s=odometry_s)
         return self.planner.due(now_s)
 
-    def displace(self) -> None:
-        """Tells the planner how its map is displaced against odometry, if both tell of the same time.
+    def apply_correction(self) -> None:
+        """Gives the planner the offset of its map from odometry, if both are of the same time.
 
-        `take` does so, too: this is for a corrected place that is only worked out once a decision is due.
+        `take` does so, too: this is for a corrected place that is computed only once a decision is due.
         """
         if self._corrected is None:
             return
         stamp_s, north_m, east_m = self._corrected
-        for told_s, told_north_m, told_east_m in reversed(self._told):
-            if abs(told_s - stamp_s) < SAME_S:
-                self.planner.displaced(north_m - told_north_m, east_m - told_east_m)
+        for odometry_s, own_north_m, own_east_m in reversed(self._recent_odometry):
+            if abs(odometry_s - stamp_s) < SAME_S:
+                self.planner.set_map_offset(north_m - own_north_m, east_m - own_east_m)
                 self._corrected = None
                 return

@@ -11,8 +11,8 @@ Theory of operation.
 - Steps are counted only while the mission goes (`run`): while it waits or holds nothing is decided, and the leg under
   way takes no time.
 - The method decides (`methods/method.py`); the bound record is written here.
-- Plans are made in the map, whose places may be corrected; odometry is displaced against it (`displaced`). Legs are
-  given to the vehicle, and travelled, as that knows its place (`for_vehicle`).
+- Plans are made in the map, whose places may be corrected; they are offset from odometry (`set_map_offset`). Legs are
+  given to the vehicle, and travelled, as that knows its place (`in_odometry_frame`).
 - Nothing here reads a clock. A decision always yields a leg: where nothing is feasible, the escape (`free_space.py`).
 """
 
@@ -132,8 +132,8 @@ class VehiclePlanner:
         self._map_refused = ""
         self._blocked_reason = ""
         self._recent = Recent()
-        self._displaced_m = np.zeros(3)  # the map against odometry: heading, which is not displaced, north, east
-        self._leg_displaced_m = self._displaced_m  # when the last leg was decided
+        self._map_offset_m = np.zeros(3)  # of the map from odometry: heading (always 0), north, east
+        self._leg_map_offset_m = self._map_offset_m  # when the last leg was decided
 
     def _most_surfacings(self) -> int:
         wanted = self.settings.vehicle.surfacings
@@ -171,14 +171,14 @@ class VehiclePlanner:
         """Takes the estimated state of the vehicle at `now_s`; one that no vehicle can have is ignored and counted."""
         self._travel.move(EstimatedState(now_s, heading_rad, north_m, east_m))
 
-    def displaced(self, north_m: float, east_m: float) -> None:
-        """Takes by how much a place in the map is off the same place by odometry, from now on."""
+    def set_map_offset(self, north_m: float, east_m: float) -> None:
+        """Takes the offset of a place in the map from the same place by odometry, from now on."""
         if math.isfinite(north_m) and math.isfinite(east_m):
-            self._displaced_m = np.array([0.0, north_m, east_m])
+            self._map_offset_m = np.array([0.0, north_m, east_m])
 
-    def for_vehicle(self, leg: Leg) -> Leg:
-        """A leg in the map, as the vehicle knows its place."""
-        _, north_m, east_m = self._displaced_m.tolist()
+    def in_odometry_frame(self, leg: Leg) -> Leg:
+        """A leg in the map, moved to where it is by odometry."""
+        _, north_m, east_m = self._map_offset_m.tolist()
         return dataclasses.replace(leg, north_m=leg.north_m - north_m, east_m=leg.east_m - east_m)
 
     def set_blocked(self, now_s: float, reason: str = "") -> None:
@@ -278,8 +278,8 @@ class VehiclePlanner:
             ),
         )
         decision = self._with_surfacing(situation, decision, path)
-        decision = dataclasses.replace(decision, leg=self.for_vehicle(decision.leg))
-        self._leg_displaced_m = self._displaced_m
+        decision = dataclasses.replace(decision, leg=self.in_odometry_frame(decision.leg))
+        self._leg_map_offset_m = self._map_offset_m
         self._travel.take(decision.leg, now_s, at_once=reanchored)
         self.records.append(decision.bound)
         return decision
@@ -315,7 +315,7 @@ class VehiclePlanner:
             "random": self._context.rng.bit_generator.state,
             "assumed": self.team.snapshot(),
             "surfacings": self._surfacings.snapshot(),
-            "displaced": [self._displaced_m.tolist(), self._leg_displaced_m.tolist()],
+            "displaced": [self._map_offset_m.tolist(), self._leg_map_offset_m.tolist()],
         }
 
     def restore(self, values: Mapping[str, Any]) -> None:
@@ -330,7 +330,7 @@ class VehiclePlanner:
         self._context.rng.bit_generator.state = values["random"]
         self.team.restore(values["assumed"])
         self._surfacings.restore(values["surfacings"])
-        self._displaced_m, self._leg_displaced_m = (np.array(moved) for moved in values["displaced"])
+        self._map_offset_m, self._leg_map_offset_m = (np.array(moved) for moved in values["displaced"])
 
     # ------------------------------------------------------------------ its parts
 
@@ -418,10 +418,10 @@ class VehiclePlanner:
         vehicle back to it.
         """
         anchor, reanchored = self._travel.anchor(self.planner)
-        moved_m = float(np.linalg.norm(self._displaced_m - self._leg_displaced_m))
+        moved_m = float(np.linalg.norm(self._map_offset_m - self._leg_map_offset_m))
         if not reanchored and self._travel.leg is not None and moved_m <= self.planner.reanchor_m:
-            return anchor + self._leg_displaced_m, False
-        return anchor + self._displaced_m, reanchored or self._travel.leg is not None
+            return anchor + self._leg_map_offset_m, False
+        return anchor + self._map_offset_m, reanchored or self._travel.leg is not None
 
     def _assumed_plan(self, mate: int) -> Plan:
         """The plan that a team mate is assumed to follow until it is heard: it mows its strip from the start."""

@@ -110,7 +110,7 @@ def test_one_vehicle_has_one_strip():
     *_, naive = world()
     paths = [naive.actions(np.zeros(3), naive_path, 50) for naive_path in FITTED]
     assert all(np.array_equal(paths[0], path) for path in paths)
-    assert naive.different((*COVERING, *FITTED)) == (*COVERING, FITTED[0])
+    assert naive.distinct((*COVERING, *FITTED)) == (*COVERING, FITTED[0])
 
 
 @pytest.mark.parametrize(

@@ -48,14 +48,16 @@ def test_tracks_lead_from_the_state_to_the_end_state_at_the_wanted_spacing(strai
         assert gaps.sum() == pytest.approx(table.lengths_m[action], rel=2e-3)  # chords are a little shorter than arcs
 
 
-def test_end_states_agree_with_scalar_steps_and_headings_stay_wrapped(table):
+def test_headings_stay_wrapped_and_steps_have_their_length(table):
     rng = np.random.default_rng(2)
-    states = np.column_stack([rng.uniform(-math.pi, math.pi, 300), rng.uniform(-900, 900, (300, 2))])
-    actions = rng.integers(0, table.actions, 300)
-    many = table.end_states(states, actions)
-    for state, action, end in zip(states, actions, many, strict=True):
-        assert table.end_state(state, action) == pytest.approx(end, abs=1e-12)
-    assert np.all((many[:, 0] >= -math.pi) & (many[:, 0] < math.pi))
+    for _ in range(300):
+        state = np.array([rng.uniform(-math.pi, math.pi), *rng.uniform(-900, 900, 2)])
+        action = int(rng.integers(table.actions))
+        end = table.end_state(state, action)
+        assert -math.pi <= end[0] < math.pi
+        off_rad = math.remainder(end[0] - state[0] - table.turns_rad[action], 2.0 * math.pi)
+        assert off_rad == pytest.approx(0.0, abs=1e-12)
+        assert np.hypot(*(end - state)[1:]) == pytest.approx(np.hypot(*table.steps_m[action]))
 
 
 def test_compiled_and_plain_steps_are_the_same_bits(table):

@@ -124,9 +124,9 @@ def test_sums_along_paths_are_those_of_the_places(naive_path):
 
 def test_ids_of_strips_that_name_the_same_path_are_tried_once():
     *_, naive = world()  # two vehicles or one: see planner_helpers
-    different = naive.different((*COVERING, *STRIPS))
+    different = naive.distinct((*COVERING, *STRIPS))
     assert different[:4] == COVERING
     state = np.array([0.0, 50.0, 50.0])
     paths = [naive.actions(state, h, 60).tolist() for h in different]
     assert len({tuple(p) for p in paths[4:]}) == len(paths[4:])
-    assert naive.different((STRIPS[4],)) == (STRIPS[4],)  # never empty
+    assert naive.distinct((STRIPS[4],)) == (STRIPS[4],)  # never empty

@@ -37,19 +37,19 @@ class Case:
         self.kept = CachedPoints(self.posterior, self.places_m)
         self.time = Weighting(legs, step, steps, weight)
         coarse = CachedPoints(self.posterior, self.coarse_m)
-        self.doubt = options.get("doubt", 1.0)
-        self.reward = AnytimeReward(self.kept, self.level, self.mates, self.time, coarse, self.doubt)
+        self.inflation = options.get("inflation", 1.0)
+        self.reward = AnytimeReward(self.kept, self.level, self.mates, self.time, coarse, self.inflation)
         self.path_m = rng.uniform([0, 0], [360, 460], (legs, options.get("each", 1), 2))
 
-    def dense(self, path_m, at_m, checkpoints, mates, doubt=1.0):
-        """Risk after each checkpoint, by a dense solve for each; standard deviations are `doubt` times as large."""
+    def dense(self, path_m, at_m, checkpoints, mates, inflation=1.0):
+        """Risk after each checkpoint, by a dense solve for each; standard deviations are `inflation` times as large."""
         risks = []
         for legs in [-1, *checkpoints]:  # -1: before the first
             measured = [self.planned_m, path_m[: max(legs, 0)].reshape(-1, 2)]
             for ahead, m in mates:
                 measured.append(m[: len(m) if legs == self.time.legs else int(np.sum(ahead <= legs))])
             mean, before, after = dense_posterior(self.config, self.known, np.concatenate(measured), at_m)
-            risks.append(expected_risk(self.level, mean, doubt**2 * before, doubt**2 * after).sum())
+            risks.append(expected_risk(self.level, mean, inflation**2 * before, inflation**2 * after).sum())
         return np.array(risks)
 
     def drop(self, places_m):
@@ -68,7 +68,7 @@ CASES = {
     "mates": {"mates": ((9, 18.0), (7, 30.0))},
     "planned places": {"planned": 8, "mates": ((5, 10.0),)},
     "places along legs": {"each": 3, "legs": 7, "mates": ((6, 7.0),)},
-    "doubt": {"doubt": 2.5, "level": UNEQUAL, "mates": ((9, 18.0),)},
+    "inflation": {"inflation": 2.5, "level": UNEQUAL, "mates": ((9, 18.0),)},
 }
 
 
@@ -77,7 +77,7 @@ def test_value_agrees_with_the_dense_computation(name):
     case = Case(**CASES[name])
     legs, step, steps, weight = dataclasses.astuple(case.time)
     ends = np.unique(np.rint(np.linspace(0, legs, -(-legs // anytime.LEGS_APART) + 1)).astype(int))[1:]
-    drops = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates, case.doubt))
+    drops = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates, case.inflation))
     expected, begin = 0.0, 0
     for end, drop in zip(ends, drops, strict=True):
         for i in range(begin + 1, end + 1):  # the risk falls evenly between checkpoints
@@ -85,8 +85,8 @@ def test_value_agrees_with_the_dense_computation(name):
         begin = end
     value = case.reward.value(case.path_m)
     assert value.weighted == pytest.approx(expected, rel=1e-8)  # cells of 1e-9 of the largest risk are left out
-    undoubted = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates))
-    assert value.expected_end == pytest.approx(undoubted.sum(), rel=1e-8)
+    uninflated = -np.diff(case.dense(case.path_m, case.places_m, ends, case.mates))
+    assert value.expected_end == pytest.approx(uninflated.sum(), rel=1e-8)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -119,11 +119,11 @@ def _dense_rough(case):
     count = min(anytime.GRADIENT_CHECKPOINTS, -(-legs // anytime.LEGS_APART))
     ends = np.unique(np.rint(np.linspace(0, legs, count + 1)).astype(int))[1:]
     mean, before, after = dense_posterior(case.config, case.known, case.planned_m, case.coarse_m)
-    before, after = case.doubt**2 * before, case.doubt**2 * after
+    before, after = case.inflation**2 * before, case.inflation**2 * after
     counted = expected_risk_of_each(case.level, mean, before, after) > anytime.LITTLE_RISK * case.level.largest_risk
     every = anytime.GRADIENT_MATES_EVERY
     mates = [(ahead[every // 2 :: every], m[every // 2 :: every]) for ahead, m in case.mates]
-    drops = -np.diff(case.dense(case.path_m, case.coarse_m[counted], ends, mates, case.doubt))
+    drops = -np.diff(case.dense(case.path_m, case.coarse_m[counted], ends, mates, case.inflation))
     begins = np.concatenate([[0], ends[:-1]])
     weights = 1 + weight * (1 - (step + (begins + 1 + ends) / 2) / steps)  # the mean over legs begin + 1 to end
     return float(weights @ drops) * len(case.places_m) / len(case.coarse_m)

@@ -13,7 +13,7 @@ from auv_lse_gp.inference.cached_points import CachedPoints
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
 from auv_lse_gp.level_set.bayes_risk import LevelSet
-from auv_lse_planner.reward.fix import worth_of_fix
+from auv_lse_planner.reward.fix import gain_of_fix
 
 LEVEL = LevelSet(level_m=15.0, cost_false_safe=10.0, cost_false_unsafe=10.0)
 SLOPE = 0.05
@@ -34,21 +34,21 @@ def slope(displaced_m: float, by_fix: bool, std_soundings: float = 100.0) -> Cac
 def test_a_displaced_isobath_is_worth_the_area_that_it_leaves() -> None:
     """With hardly anything else in doubt: cost times the mean distance, sqrt(2 / pi) sigma, by cells of 2 m."""
     kept = slope(8.0, True, std_soundings=1e-9)  # the soundings are just what was expected
-    assert worth_of_fix(kept, LEVEL) == pytest.approx(10.0 * math.sqrt(2.0 / math.pi) * 8.0 / 2.0, rel=0.05)
+    assert gain_of_fix(kept, LEVEL) == pytest.approx(10.0 * math.sqrt(2.0 / math.pi) * 8.0 / 2.0, rel=0.05)
 
 
 def test_ground_that_is_rough_hides_what_a_fix_brings() -> None:
     by_prior, by_soundings = (slope(8.0, True, std_soundings=worth) for worth in (0.0, 100.0))
     assert by_soundings.posterior.variance_scale < 0.5
-    assert worth_of_fix(by_prior, LEVEL) < 0.9 * worth_of_fix(by_soundings, LEVEL)
+    assert gain_of_fix(by_prior, LEVEL) < 0.9 * gain_of_fix(by_soundings, LEVEL)
 
 
 def test_only_what_a_fix_takes_away_counts_and_more_the_more_it_is() -> None:
-    assert worth_of_fix(slope(8.0, False), LEVEL) == 0.0
-    assert 0.0 < worth_of_fix(slope(2.0, True), LEVEL) < 0.5 * worth_of_fix(slope(8.0, True), LEVEL)
+    assert gain_of_fix(slope(8.0, False), LEVEL) == 0.0
+    assert 0.0 < gain_of_fix(slope(2.0, True), LEVEL) < 0.5 * gain_of_fix(slope(8.0, True), LEVEL)
 
 
 def test_where_places_count_as_known_a_fix_brings_nothing() -> None:
     kept = slope(8.0, True)
     kept.posterior.follow(dataclasses.replace(kept.posterior.centers, place_effect_m=None))
-    assert worth_of_fix(kept, LEVEL) == 0.0
+    assert gain_of_fix(kept, LEVEL) == 0.0

@@ -465,7 +465,7 @@ def test_a_map_that_is_displaced_against_odometry_is_planned_in_and_legs_are_giv
     for number, (north_m, east_m, anew) in enumerate(steps, 1):
         end = leg.end_state
         planner.odometry(15.0 * number, *end)
-        planner.displaced(north_m, east_m)
+        planner.set_map_offset(north_m, east_m)
         decision = planner.decide(15.0 * number)
         leg = decision.leg
         assert decision.statistics.reanchored is anew
@@ -478,8 +478,8 @@ def test_a_map_that_is_displaced_against_odometry_is_planned_in_and_legs_are_giv
 
 def test_a_planner_started_again_goes_on_in_the_displaced_map():
     planners = [VehiclePlanner(1, settings(steps=20), np.random.default_rng(1)) for _ in range(2)]
-    planners[0].displaced(5.0, 6.0)
+    planners[0].set_map_offset(5.0, 6.0)
     planners[0].odometry(0.0, 0.0, 0.0, 0.0)
     leg = planners[0].decide(0.0).leg
     planners[1].restore(planners[0].snapshot())
-    assert planners[1].for_vehicle(leg) == planners[0].for_vehicle(leg) != leg
+    assert planners[1].in_odometry_frame(leg) == planners[0].in_odometry_frame(leg) != leg

@@ -20,7 +20,7 @@ from auv_lse_common.vocabulary.dead_reckoning import DeadReckoning, Fix, MateNav
 from auv_lse_common.vocabulary.leg import Leg
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_common.vocabulary.sounding import Sounding, Soundings
-from auv_lse_planner.vehicle.intake import Taken
+from auv_lse_planner.vehicle.intake import InputsUsed
 from auv_lse_record.recording import SOFTWARE, Recording, RecordingError, recording_in
 from auv_lse_record.run_reader import Patterns, flown_parameters
 
@@ -66,7 +66,7 @@ class RecordedDecision:
     leg: Leg | None
     jbar: float
     deadline_hit: bool
-    taken: Taken | None = None
+    taken: InputsUsed | None = None
 
 
 @dataclass(slots=True)
@@ -250,11 +250,11 @@ class _Gathered:
         return found
 
 
-def _taken(bound: BoundReport | None) -> Taken | None:
+def _taken(bound: BoundReport | None) -> InputsUsed | None:
     """What a planner had taken, by its bound; None where it is not reported (older recordings, the fleet engine)."""
     if bound is None or not (bound.odometry_taken or bound.map_revision or bound.plans_heard):
         return None
-    return Taken(map_revision=bound.map_revision, plans=bound.plans_heard, odometry_s=bound.odometry_taken)
+    return InputsUsed(map_revision=bound.map_revision, plans=bound.plans_heard, odometry_s=bound.odometry_taken)
 
 
 def ticks_of(inputs: VehicleInputs) -> Iterable[float]:

@@ -27,7 +27,7 @@ from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.receivers_risk import ReceiversRisk
-from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
+from auv_lse_planner.vehicle.intake import PlannerIntake, InputsUsed
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from auv_lse_shore.replay.inputs import Pending, RecordedDecision, VehicleInputs, ticks_of
 from auv_lse_shore.replay.recompute_map import RecomputedMap
@@ -123,7 +123,7 @@ class _Recomputer:
                 show(len(rows) / len(decisions))
         return rows
 
-    def _take(self, now_s: float, taken: Taken | None) -> None:
+    def _take(self, now_s: float, taken: InputsUsed | None) -> None:
         """Takes the inputs up to `now_s` (s), or those that the planner reported as `taken`."""
 
         def is_due(there_s: float, value: Any) -> bool:
@@ -202,7 +202,7 @@ class _Recomputer:
         """The leg of a decision of which only the plan was recorded; it surfaces as the one decided now."""
         path = self._planner.rollout.follow(recorded.plan).from_step(recorded.step)
         leg = self._planner.motion.leg(recorded.step, path.states[0], int(path.actions[0]))
-        return self._planner.for_vehicle(dataclasses.replace(leg, surface=surface))
+        return self._planner.in_odometry_frame(dataclasses.replace(leg, surface=surface))
 
 
 def in_words(plan: Plan, turns_rad: Any) -> str:

@@ -14,7 +14,7 @@ from sim_helpers import TINY, other_bag
 from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.topics.records import CentersReport
 from auv_lse_common.vocabulary.plan import Plan
-from auv_lse_planner.vehicle.intake import PlannerIntake, Taken
+from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
 from auv_lse_record.run_writer import write_run
 from auv_lse_shore.replay.__main__ import main
 from auv_lse_shore.replay.inputs import read_inputs, ticks_of
@@ -99,12 +99,12 @@ def test_what_the_planner_told_it_had_taken_goes_before_the_recorders_clock(flow
         if ours.place is not None:
             vehicle.corrected.append((tick, ours.place))
     vehicle.plans = _plans_heard(vehicle, settings)
-    told: dict[float, Taken] = {}
+    told: dict[float, InputsUsed] = {}
     take = PlannerIntake.take
 
     def noted(intake: PlannerIntake, now_s: float) -> bool:
         due = take(intake, now_s)
-        told[now_s] = intake.taken
+        told[now_s] = intake.inputs_used
         return due
 
     monkeypatch.setattr(PlannerIntake, "take", noted)

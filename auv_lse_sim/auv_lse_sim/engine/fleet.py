@@ -174,7 +174,7 @@ class Crew:
         place = None if self.corrector is None else self.corrector.place  # only a decision reads it
         if place is not None:
             self._to_planner.set_corrected(place.stamp_s, place.north_m, place.east_m)
-            self._to_planner.displace()
+            self._to_planner.apply_correction()
         if self.map.revision != self._revision:  # not before: to be read, merged centers must be settled
             self._revision = self.map.revision
             self.planner.set_centers(self.map.centers, now_s)

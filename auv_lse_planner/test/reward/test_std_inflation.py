@@ -6,7 +6,7 @@ import pytest
 from auv_lse_common.mission_file.sections.gp import GpConfig
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.inference.posterior import Posterior
-from auv_lse_planner.reward.doubt import DOUBT, doubt
+from auv_lse_planner.reward.std_inflation import MAX_INFLATION, std_inflation
 
 
 def drawn(std_m: float) -> Posterior:
@@ -23,18 +23,18 @@ def drawn(std_m: float) -> Posterior:
 def test_ground_nearly_as_rough_as_the_prior_is_doubted_in_proportion():
     half = drawn(8.0 * np.sqrt(0.5))
     assert half.residual_ratio == pytest.approx(0.5, rel=0.3)
-    assert doubt(half) == pytest.approx(DOUBT * half.residual_ratio)
+    assert std_inflation(half) == pytest.approx(MAX_INFLATION * half.residual_ratio)
 
 
 def test_flat_ground_is_not_doubted_and_doubt_has_a_limit():
-    assert drawn(2.0).residual_ratio < 1.0 / DOUBT
-    assert doubt(drawn(2.0)) == 1.0
-    assert doubt(drawn(24.0)) == DOUBT
-    assert doubt(Posterior(GpConfig())) == 1.0
+    assert drawn(2.0).residual_ratio < 1.0 / MAX_INFLATION
+    assert std_inflation(drawn(2.0)) == 1.0
+    assert std_inflation(drawn(24.0)) == MAX_INFLATION
+    assert std_inflation(Posterior(GpConfig())) == 1.0
 
 
 def test_what_will_be_measured_is_no_reason_for_doubt():
     posterior = drawn(6.0)
-    before = doubt(posterior)
+    before = std_inflation(posterior)
     posterior = posterior.with_planned(np.array([[10.0, 20.0], [300.0, 40.0]]))
-    assert doubt(posterior) == before
+    assert std_inflation(posterior) == before
