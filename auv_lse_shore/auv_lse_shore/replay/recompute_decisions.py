@@ -27,7 +27,7 @@ from auv_lse_comms.intake import BridgeIntake
 from auv_lse_comms.settings import bridge_of
 from auv_lse_gp.inference.centers import Centers
 from auv_lse_gp.map.receivers_risk import ReceiversRisk
-from auv_lse_planner.vehicle.intake import PlannerIntake, InputsUsed
+from auv_lse_planner.vehicle.intake import InputsUsed, PlannerIntake
 from auv_lse_planner.vehicle.vehicle_planner import VehiclePlanner
 from auv_lse_shore.replay.inputs import Pending, RecordedDecision, VehicleInputs, ticks_of
 from auv_lse_shore.replay.recompute_map import RecomputedMap
