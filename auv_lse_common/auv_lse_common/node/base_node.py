@@ -1,4 +1,4 @@
-"""What all of the stack's nodes do alike: parameters that are checked and shown, steady timers, readers waited for."""
+"""Base of all nodes: checked and declared parameters, steady timers, waiting for readers."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from auv_lse_common.mission_file.parameter_file import merge, nest
 from auv_lse_common.mission_file.parameters import describe, to_mapping
 from auv_lse_common.mission_file.sections.table import check_sections
 
-#: A clock that nothing sets back.
+#: A clock that is never set back.
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides")
 #: How often (s) a node that waits for its readers looks for them.
 _MATCHED_PERIOD_S = 0.05
-#: In lockstep, wall clock (s) without a simulator after which a node says what it waits for.
+#: In lockstep, wall clock (s) without a simulator after which a node warns.
 _NO_SIMULATOR_S = 30.0
 
 
 class BaseNode(Node):
-    """A node whose parameters come strictly from the mission's file and are all visible once it runs.
+    """A node whose parameters are checked against the mission file's sections and are all declared.
 
     Attributes:
-        where: Where its parameters come from, for messages.
+        where: Origin of its parameters, for error messages.
         parameters: Its parameters, nested by section.
-        gather_s: How long (s) messages may gather while nobody waits for the node: taken together they cost less.
+        gather_s: How long (s) messages may gather before they are handled together, which costs less.
     """
 
     gather_s = 0.0
 
     def __init__(self, name: str) -> None:
-        """Reads the parameters given to the node; refuses a top-level section that nobody owns."""
+        """Reads the node's parameters; rejects unknown top-level sections."""
         super().__init__(name, automatically_declare_parameters_from_overrides=True)
         self.where = f"parameters of {self.get_fully_qualified_name()}"
         flat = {key: p.value for key, p in self.get_parameters_by_prefix("").items()}
@@ -52,31 +52,31 @@ class BaseNode(Node):
             self._lonely = self.create_timer(_NO_SIMULATOR_S, self._look_for_simulator)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[[], None], *others: Any, **options: Any) -> Any:
-        """A timer on a steady clock: one on the system's would fall silent for as long as that is set back."""
+        """A timer on a steady clock: on the system's clock it would stop for as long as that is set back."""
         options.setdefault("clock", _STEADY)
         return super().create_timer(timer_period_sec, callback, *others, **options)
 
     def _look_for_simulator(self) -> None:
-        """Lockstep: warns once if nobody gives the ticks that this node waits for."""
+        """Lockstep: warns once if there is no simulator."""
         if self.count_publishers("/lockstep/tick") == 0:
             self._lonely.cancel()
             self.get_logger().warning(
-                f"sim.lockstep is true, but there has been no simulator for {_NO_SIMULATOR_S:g} s; this node does "
-                "nothing until a tick comes. On a vehicle, set sim.lockstep: false (or leave out the section sim)."
+                f"no simulator for {_NO_SIMULATOR_S:g} s although sim.lockstep is true: this node waits for a tick. "
+                "On a vehicle, set sim.lockstep: false (or leave out the section sim)."
             )
 
     @property
     def lockstep(self) -> bool:
-        """True if the simulator leads this node tick by tick (`sim.lockstep`)."""
+        """Whether the simulator drives this node tick by tick (`sim.lockstep`)."""
         return bool(self.parameters.get("sim", {}).get("lockstep", False))
 
     @property
     def recorded(self) -> int:
-        """1 if a recorder reads along in this mission (`record.folder` is set), else 0."""
+        """Number of recorders in this mission: 1 if `record.folder` is set, else 0."""
         return int(bool(self.parameters.get("record", {}).get("folder", "")))
 
     def now_s(self) -> float:
-        """Seconds of the node's ROS clock."""
+        """Time of the node's ROS clock (s)."""
         return self.get_clock().now().nanoseconds * 1e-9
 
     def when_matched(
@@ -86,8 +86,8 @@ class BaseNode(Node):
 
         Args:
             readers: The number of readers each publisher waits for.
-            then: What comes next.
-            patience_s: Wall clock (s) after which it comes without those readers that are not there.
+            then: Called once.
+            patience_s: Wall clock (s) after which `then` is called without the missing readers.
         """
         checks = 0
 
@@ -100,7 +100,7 @@ class BaseNode(Node):
                 timer.cancel()
                 then()
             elif checks % 200 == 0:  # every 10 s
-                self.get_logger().warning(f"still waiting for readers of {waiting}")
+                self.get_logger().warning(f"waiting for readers: {waiting}")
 
         timer = self.create_timer(_MATCHED_PERIOD_S, check)
 
@@ -112,7 +112,7 @@ class BaseNode(Node):
     ) -> None:
         """Declares every parameter of the checked `sections` with its value, and lets the `tunable` ones change.
 
-        A tunable one without a value ("as the method says") is declared as not set, so that it can be set.
+        A tunable parameter without a value (set by the method) is declared as not set, so that it can be set.
 
         Args:
             sections: {section: its configuration}.
@@ -144,11 +144,11 @@ class BaseNode(Node):
         for name in changed:
             if name not in self._tunable:
                 reason = (
-                    f"{name} takes effect only at the start of the node; tunable: {', '.join(self._tunable) or 'none'}"
+                    f"{name}: takes effect only at the start of the node; tunable: {', '.join(self._tunable) or 'none'}"
                 )
                 return SetParametersResult(successful=False, reason=reason)
             if changed[name] is None:
-                reason = f"{name} cannot be unset while the node runs; expected a value"
+                reason = f"{name}: got no value; expected one, since parameters cannot be unset while the node runs"
                 return SetParametersResult(successful=False, reason=reason)
         if changed and self._apply is not None:
             wanted = merge(self.parameters, nest(changed))
@@ -161,13 +161,13 @@ class BaseNode(Node):
         return SetParametersResult(successful=True)
 
     def note_tuned(self, changed: Mapping[str, Any]) -> None:
-        """Parameters were changed while the node runs, {full name: value}."""
+        """Called after parameters have changed while the node runs, {full name: value}."""
 
 
 def _descriptors(config: type, section: str, tunable: tuple[str, ...]) -> dict[str, ParameterDescriptor]:
-    """What `ros2 param describe` says of each parameter of a section: meaning, unit, range, and whether it may change.
+    """Descriptions of a section's parameters for `ros2 param describe`: meaning, unit, range, read-only or not.
 
-    The range is told as text: the node's own check, which names what was expected, stays the one that refuses.
+    The range is given as text: values are checked by the node, whose errors say what was expected.
     """
     return {
         key: ParameterDescriptor(
@@ -181,7 +181,7 @@ def _descriptors(config: type, section: str, tunable: tuple[str, ...]) -> dict[s
 
 
 def _plain(value: Any) -> Any:
-    """A parameter's value as a mission file would have it: numbers come from messages as arrays."""
+    """A parameter's value as in a mission file; ROS gives lists of numbers as arrays."""
     return list(value) if isinstance(value, array.array) else value
 
 

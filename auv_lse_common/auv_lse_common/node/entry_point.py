@@ -1,4 +1,4 @@
-"""A node's entry point: makes the node, serves it until it is to end, and cleans up."""
+"""A node's entry point: makes the node, serves it until it is stopped, and cleans up."""
 
 from __future__ import annotations
 
@@ -20,10 +20,14 @@ from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.node.executor import make_executor
 from auv_lse_common.node.local_post import POST
 from auv_lse_common.process.heartbeat import BEAT_PERIOD_S, Heartbeat
+from auv_lse_common.topics.ros_conversions import message_class
+from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
 
 
 def prepare() -> None:
-    """Loads the type supports of all messages and services imported so far: a process forked later has them."""
+    """Loads the messages of all topics and the services imported so far, so that processes forked later have them."""
+    for topic in (*VEHICLE_TOPICS.values(), *MISSION_TOPICS.values()):
+        message_class(topic.kind)
     for name, module in list(sys.modules.items()):
         if ".msg._" in name or ".srv._" in name:
             for kind in vars(module).values():
@@ -32,51 +36,50 @@ def prepare() -> None:
 
 
 class Stopping:
-    """SIGINT and SIGTERM, taken as the wish that the process end: between two callbacks, never within one.
+    """Requests to stop, by SIGINT or SIGTERM: obeyed between two callbacks, never within one.
 
-    rclpy's own handlers end ROS from a thread of theirs while the node may be taking a message, which crashed nodes;
-    and a KeyboardInterrupt while a node was made or within a callback left recordings that were not closed. A second
-    signal does interrupt: who sends it has waited.
+    rclpy's own handlers shut ROS down from another thread, which can crash a node that is taking a message. A
+    KeyboardInterrupt within a callback can leave a recording open. A second signal interrupts all the same.
 
     Attributes:
-        asked: Whether the process is to end.
+        requested: Whether the process has to stop.
     """
 
     def __init__(self) -> None:
-        """Takes the signals from now on; only in the main thread."""
-        self.asked = False
+        """Handles the signals from now on; only in the main thread."""
+        self.requested = False
         self._wake: Callable[[], None] | None = None
-        self._ended, told = os.pipe()
-        os.set_blocking(told, False)
-        signal.set_wakeup_fd(told, warn_on_full_buffer=False)  # written to at once, whatever the main thread waits for
+        self._signals, written = os.pipe()
+        os.set_blocking(written, False)
+        signal.set_wakeup_fd(written, warn_on_full_buffer=False)  # even while the main thread waits
         threading.Thread(target=self._watch, name="signals", daemon=True).start()
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
+            signal.signal(number, self._request)
 
-    def waking(self, wake: Callable[[], None] | None) -> None:
-        """What ends the main thread's wait from another thread; None: nothing does."""
+    def set_wake(self, wake: Callable[[], None] | None) -> None:
+        """Sets what ends the main thread's wait from another thread, or None."""
         self._wake = wake
 
-    def closing(self) -> None:
-        """Nothing interrupts any more: what is being written must not be lost."""
+    def ignore_signals(self) -> None:
+        """Ignores signals from now on, so that nothing being written is lost."""
         self._wake = None
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 
-    def _ask(self, number: int, frame: object) -> None:
-        if self.asked:
+    def _request(self, number: int, frame: object) -> None:
+        if self.requested:
             raise KeyboardInterrupt
-        self.asked = True
+        self.requested = True
 
     def _watch(self) -> None:
-        while os.read(self._ended, 64):
+        while os.read(self._signals, 64):
             wake = self._wake
             if wake is not None:
                 wake()
 
 
 def spin(stopping: Stopping, *nodes: Node) -> None:
-    """Serves the nodes' callbacks, those of what came before shutdown, too: the one place that chooses the executor."""
+    """Serves the nodes' callbacks, also for messages that arrived before shutdown."""
     executor = make_executor()
     try:
         for node in nodes:
@@ -84,9 +87,9 @@ def spin(stopping: Stopping, *nodes: Node) -> None:
         heartbeat = Heartbeat(os.environ)
         if heartbeat.wanted:
             nodes[0].create_timer(BEAT_PERIOD_S, heartbeat.beat, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        stopping.waking(executor.wake)
+        stopping.set_wake(executor.wake)
         gather_s = max(getattr(node, "gather_s", 0.0) for node in nodes)
-        while not stopping.asked and rclpy.ok():
+        while not stopping.requested and rclpy.ok():
             executor.spin_once()
             if gather_s:
                 time.sleep(gather_s)
@@ -94,7 +97,7 @@ def spin(stopping: Stopping, *nodes: Node) -> None:
             for _ in range(2):
                 executor.spin_once(0.0)
     finally:
-        stopping.waking(None)
+        stopping.set_wake(None)
         executor.shutdown()
 
 
@@ -141,13 +144,13 @@ def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     try:
         try:
             for make in makes:
-                if not stopping.asked:
+                if not stopping.requested:
                     nodes.append(make())
         except ParameterError:
             raise
         except ValueError as error:  # a part that checks its own arguments: here they come from the parameters
             raise ParameterError(str(error)) from error
-        if not stopping.asked:
+        if not stopping.requested:
             spin(stopping, *nodes)
     except ParameterError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
@@ -155,7 +158,7 @@ def _run(makes: Sequence[Callable[[], Node]], arguments: list[str]) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
-        stopping.closing()
+        stopping.ignore_signals()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()

@@ -6,8 +6,8 @@ A file of lines. The first one names the format and the mission; each further on
     5d1c40a2 ["step", {...}]
 
 A record is written by one call of the operating system, so a process that is killed at any moment leaves whole lines,
-and at most the last one torn. Torn and damaged lines are passed over and counted. A journal of another mission, other
-parameters or another format is put aside and not read. What a power failure takes is what the operating system had not
+and at most the last one torn. Torn and damaged lines are skipped and counted. A journal of another mission, other
+parameters or another format is set aside and not read. What a power failure takes is what the operating system had not
 yet written: some seconds.
 """
 
@@ -42,7 +42,7 @@ class Journal:
 
         Args:
             path: The file; its folder is made if it is missing. None: no journal is kept.
-            identity: What the mission is known by: JSON values. A journal of another identity is put aside.
+            identity: What the mission is known by: JSON values. A journal of another identity is set aside.
         """
         self.records: list[list[Any]] = []
         self.damaged = 0
@@ -65,7 +65,7 @@ class Journal:
             self._append(b"\n")
 
     def _read(self, path: Path, head: bytes) -> bool | None:
-        """Reads the records; returns whether the last line is whole, None if the file is new or was put aside."""
+        """Reads the records; returns whether the last line is whole, None if the file is new or was set aside."""
         try:
             data = path.read_bytes()
         except FileNotFoundError:
@@ -96,7 +96,7 @@ class Journal:
         """One line for diagnostics; "" if no journal was asked for."""
         if self._path is None:
             return ""
-        damaged = f", {self.damaged} damaged lines passed over" if self.damaged else ""
+        damaged = f", {self.damaged} damaged lines skipped" if self.damaged else ""
         return self.problem or f"{len(self.records)} records read back{damaged}"
 
     def write(self, kind: str, *values: Any) -> None:

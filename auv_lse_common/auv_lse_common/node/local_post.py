@@ -1,9 +1,9 @@
-"""Messages between the nodes of one process: handed over as they are, without ROS.
+"""Messages between the nodes of one process, without ROS.
 
-A vehicle's nodes share a process in lockstep. What one of them alone writes (`Topic.writer`) reaches those beside it
-through the process's `POST`, without being serialized, sent, waited for, taken and made anew; DDS carries it only to
-whoever reads it from outside. Messages are delivered one after another in the order in which they were sent, and never
-from within a node that is at work: a callback that sends is over before what it sent is read.
+In lockstep a vehicle's nodes share a process. Topics with a single writer among them (`Topic.writer`) reach the other
+nodes of the process through `POST`, without serialization. DDS carries them only to readers in other processes.
+Messages are delivered in the order in which they were sent, and never during a callback: the callback that sends a
+message ends before the message is read.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ Take = Callable[[Any], None]
 
 
 class LocalPost:
-    """The messages that wait between the nodes of one process, and who reads them.
+    """The queue of messages between the nodes of one process, and their readers.
 
     Attributes:
         nodes: Names of the nodes that share this process; empty where a node is alone.
-        answers: What they tell the simulator together.
+        answers: Their common answers to the simulator.
     """
 
     def __init__(self) -> None:
-        """Nobody shares the process yet."""
+        """Starts with no node sharing the process."""
         self.nodes: frozenset[str] = frozenset()
         self.answers = Answers()
         self._readers: dict[str, list[Take]] = {}
@@ -35,24 +35,24 @@ class LocalPost:
         self._delivering = False
 
     def share(self, nodes: Collection[str]) -> None:
-        """These nodes, of one namespace, are going to share the process; one alone shares nothing."""
+        """Sets the nodes, of one namespace, that share the process; a single node shares nothing."""
         self.nodes = frozenset(nodes) if len(nodes) > 1 else frozenset()
 
     def carries(self, topic: Topic) -> bool:
-        """Whether the topic's messages come to its readers in this process without ROS."""
+        """Whether readers in this process get the topic's messages without ROS."""
         return topic.writer in self.nodes
 
     def read(self, name: str, take: Take) -> None:
-        """`take` gets every message that is sent to topic `name` from now on."""
+        """Passes every further message on topic `name` to `take`."""
         self._readers.setdefault(name, []).append(take)
 
     def send(self, name: str, message: Any) -> None:
-        """Puts a message into the post of every reader of topic `name`; nobody may change it any more."""
+        """Queues a message for every reader of topic `name`; it must not change afterwards."""
         for take in self._readers.get(name, ()):
             self._waiting.append((take, message))
 
     def deliver(self) -> None:
-        """Hands over all that waits, and what is sent meanwhile. Within a delivery nothing: that one goes on."""
+        """Delivers all queued messages, and those sent meanwhile. Does nothing during a delivery."""
         if self._delivering:
             return
         self._delivering = True

@@ -18,7 +18,7 @@ from auv_lse_common.topics.table import announces, waits_for
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What the simulator is told of a tick, as in LockstepDone: the phases handled (joined by "+"), their counts."""
+    """A node's answer to a tick, as in LockstepDone: the phases handled (joined by "+") and their counts."""
 
     phase: str
     totals: tuple[int, ...]
@@ -26,31 +26,31 @@ class Answer:
 
 
 class Answers:
-    """Answers of the phases of one process that end a tick, put into one: the simulator waits for all of them anyway.
+    """Combines the answers of one process's phases that end a tick: the simulator waits for all of them anyway.
 
-    A phase that answers a second time, or without having been expected, is told at once.
+    A second answer of a phase, or an unexpected one, is passed on at once.
     """
 
     def __init__(self) -> None:
-        """No phase is expected yet."""
+        """Expects no phase yet."""
         self._expected: list[str] = []
-        self._told: dict[int, dict[str, Answer]] = {}
+        self._answers: dict[int, dict[str, Answer]] = {}
         self._complete = 0  # the last tick that was answered by all
 
     def expect(self, phase: str) -> None:
-        """`phase` is going to answer every tick."""
+        """Expects an answer of `phase` to every tick."""
         self._expected.append(phase)
 
     def add(self, tick: int, answer: Answer) -> Answer | None:
-        """A phase has answered `tick`: what to tell now; None: others have still to answer."""
+        """Takes a phase's answer to `tick`; returns the answer to pass on, None while others are missing."""
         if answer.phase not in self._expected or tick <= self._complete:
             return answer
-        told = self._told.setdefault(tick, {})
+        told = self._answers.setdefault(tick, {})
         told[answer.phase] = answer
         if len(told) < len(self._expected):
             return None
         self._complete = tick
-        del self._told[tick]
+        del self._answers[tick]
         return Answer(
             phase="+".join(told),
             totals=tuple(total for each in told.values() for total in each.totals),
@@ -59,7 +59,7 @@ class Answers:
 
 
 def phases_of(answer: Answer) -> Iterator[Answer]:
-    """The answers of single phases that were put into one."""
+    """The answers of the single phases in a combined one."""
     totals = iter(answer.totals)
     for phase in answer.phase.split("+"):
         own = tuple(islice(totals, len(announces(phase)) if answer.totals else 0))
@@ -105,7 +105,7 @@ class Gate:
         self._announced.pop(tick, None)
 
     def missing(self) -> dict[str, str]:
-        """For messages to people: what the next tick still waits for."""
+        """What the next tick still waits for, for error messages."""
         announced = self._announced.get(self.tick + 1, {})
         return {
             name: f"{self._seen[name]} of {announced.get(name, 'unannounced')}"
@@ -124,7 +124,7 @@ class Ready:
 
 
 class Ticks:
-    """The ticks as one node sees them: what was announced, what is there, and which of its phases may begin.
+    """The ticks of one node: what was announced, what has arrived, and which of its phases may begin.
 
     Attributes:
         now_s: Stamp of the last tick announced (s), or a later time that a message carried; 0 before.
@@ -153,12 +153,12 @@ class Ticks:
         self._announce(tick, dict(zip(announces(phase), totals, strict=True)))
 
     def arrived(self, topic: str, number: int = 1) -> None:
-        """`number` more messages of `topic` are there."""
+        """`number` more messages of `topic` have arrived."""
         for gate in self._gates.values():
             gate.count(topic, number)
 
     def arrived_up_to(self, topic: str, total: int) -> None:
-        """The messages of `topic` up to number `total` are there, or a later one that replaces them."""
+        """The messages of `topic` up to number `total` have arrived, or a later one that replaces them."""
         for gate in self._gates.values():
             gate.reach(topic, total)
 

@@ -1,4 +1,4 @@
-"""Listens for the end of a simulated mission."""
+"""Watches for the end of a simulated mission."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from auv_lse_common.topics.quality import LATCHED
 from auv_lse_msgs.msg import SimStatus
 
 _ENDS = {SimStatus.FINISHED: "finished", SimStatus.FAILED: "failed"}
-#: The simulator is lost if this many looks in a row do not find it: its last status may come after it has gone.
-_LOOKS = 10
+#: The simulator is lost if so many checks in a row do not find it: its last status may arrive after it has ended.
+_CHECKS = 10
 
 
 class SimStatusWatch:
-    """A context that gives a function: how the mission has ended ("finished", "failed", ...), None until then."""
+    """A context manager; it provides a function that returns how the mission has ended, None until then."""
 
     def __init__(self, environment: Mapping[str, str]) -> None:
-        """Joins nothing yet.
+        """Does not join a ROS domain yet.
 
         Args:
             environment: Environment of the mission's nodes: ROS domain and discovery.
@@ -30,7 +30,7 @@ class SimStatusWatch:
         self._environment = environment
         self._state: str | None = None
         self._begun = False
-        self._looks_gone = 0
+        self._checks_gone = 0
 
     def __enter__(self) -> Callable[[], str | None]:
         """Joins the mission's ROS domain; the caller keeps handling signals."""
@@ -40,27 +40,27 @@ class SimStatusWatch:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._node.create_subscription(SimStatus, "/sim/status", self._on_status, LATCHED)
-        return self._look
+        return self._check
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Leaves."""
+        """Leaves the ROS domain."""
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown()
 
-    def _look(self) -> str | None:
-        for _ in range(5):  # a status, and what else may be ready
+    def _check(self) -> str | None:
+        for _ in range(5):  # the status, and other work that may be ready
             self._executor.spin_once(timeout_sec=0.0)
         gone = self._begun and self._node.count_publishers("/sim/status") == 0
-        self._looks_gone = self._looks_gone + 1 if gone else 0
-        if self._state is None and self._looks_gone >= _LOOKS:
+        self._checks_gone = self._checks_gone + 1 if gone else 0
+        if self._state is None and self._checks_gone >= _CHECKS:
             self._state = "lost its simulator"
         return self._state
 
     def _on_status(self, message: SimStatus) -> None:
-        """Takes the end of the mission that this watch has seen waiting or running, not of one before it."""
+        """Takes the end of a mission that this watch has seen waiting or running, not of an earlier one."""
         self._begun = self._begun or message.state not in _ENDS
         if self._begun:
             self._state = _ENDS.get(message.state)

@@ -27,16 +27,16 @@ class _Executor:
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         self.rounds.append(timeout_sec)
-        self._stopping.asked = len(self.rounds) >= 3
+        self._stopping.requested = len(self.rounds) >= 3
 
     def shutdown(self) -> None:
         self.rounds.append(-1.0)
 
 
 class _Stopping:
-    asked = False
+    requested = False
 
-    def waking(self, wake: object) -> None:
+    def set_wake(self, wake: object) -> None:
         pass
 
 

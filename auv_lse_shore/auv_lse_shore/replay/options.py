@@ -25,6 +25,15 @@ def parser() -> argparse.ArgumentParser:
         metavar="RUN",
         help="run folder, rosbag2 directory (also of `ros2 bag record`), or its .mcap or .db3 file",
     )
+    _add_playing(p)
+    _add_recomputing(p)
+    p.add_argument(
+        "--mission", type=Path, metavar="FILE", help="mission file that was flown, if the recording lacks it"
+    )
+    return p
+
+
+def _add_playing(p: argparse.ArgumentParser) -> None:
     play = p.add_argument_group("playing")
     play.add_argument(
         "--rate", type=float, default=1.0, metavar="X", help="speed, in multiples of real time (default: 1)"
@@ -49,6 +58,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="ROS domain to play on, with this shell's discovery settings (default: a free one, on this machine only)",
     )
+
+
+def _add_recomputing(p: argparse.ArgumentParser) -> None:
     again = p.add_argument_group("recomputing, without ROS")
     again.add_argument(
         "--recompute",
@@ -70,10 +82,6 @@ def parser() -> argparse.ArgumentParser:
     )
     again.add_argument("--report", action="store_true", help="renew summary, figures and report.html")
     again.add_argument("--out", type=Path, metavar="DIR", help="folder of the report (default: RUN)")
-    p.add_argument(
-        "--mission", type=Path, metavar="FILE", help="mission file that was flown, if the recording lacks it"
-    )
-    return p
 
 
 def check(options: argparse.Namespace) -> None:

@@ -78,7 +78,7 @@ class MissionEvents:
         self._own_maps: dict[int, OwnMap] = {}
         self._plans: dict[int, Plan] = {}
         self._health: dict[str, tuple[str, str, float]] = {}
-        self._told_s: dict[str, float] = {}
+        self._event_s: dict[str, float] = {}
         self._runs: dict[int, Event] = {}
         self._state = ""
         self.last_s: dict[str, float] = {}
@@ -93,19 +93,17 @@ class MissionEvents:
         assert found.topic.decode is not None
         return self.TAKERS[found.topic.name](self, found.vehicle, stamp_s, found.topic.decode(message))
 
-    def _due(self, key: str, stamp_s: float, period_s: float) -> bool:
-        """Whether it is `period_s` of mission time away from the last time that this was so."""
-        if abs(stamp_s - self._told_s.get(key, -math.inf)) < period_s - 1e-6:
-            return False
-        self._told_s[key] = stamp_s
-        return True
+    def _is_due(self, key: str, stamp_s: float, period_s: float) -> bool:
+        """Whether the last event of `key` is at least `period_s` of mission time away."""
+        return abs(stamp_s - self._event_s.get(key, -math.inf)) >= period_s - 1e-6
 
     # ------------------------------------------------------------------ where the vehicles are
 
     def _pose(self, vehicle: int, stamp_s: float, odometry: Odometry) -> list[Event]:
         maps = self._own_map(vehicle, stamp_s)
-        if not self._due(f"pose {vehicle}", stamp_s, _TRACK_S):
+        if not self._is_due(f"pose {vehicle}", stamp_s, _TRACK_S):
             return maps
+        self._event_s[f"pose {vehicle}"] = stamp_s
         north_std_m, east_std_m = odometry.place_std_m
         event = {
             "kind": "pose",
@@ -121,8 +119,9 @@ class MissionEvents:
         return [event, *maps]
 
     def _truth(self, vehicle: int, stamp_s: float, truth: Odometry) -> list[Event]:
-        if not self._due(f"truth {vehicle}", stamp_s, _TRACK_S):
+        if not self._is_due(f"truth {vehicle}", stamp_s, _TRACK_S):
             return []
+        self._event_s[f"truth {vehicle}"] = stamp_s
         north, east = round(truth.north_m, 1), round(truth.east_m, 1)
         return [{"kind": "truth", "vehicle": vehicle, "t": stamp_s, "north": north, "east": east}]
 
@@ -305,9 +304,9 @@ class MissionEvents:
 
     def _status(self, vehicle: int, stamp_s: float, report: SimReport) -> list[Event]:
         state = _STATES[report.state]
-        if state == self._state and not self._due("status", stamp_s, _STATUS_S):
+        if state == self._state and not self._is_due("status", stamp_s, _STATUS_S):
             return []
-        self._state = state
+        self._state, self._event_s["status"] = state, stamp_s
         event = {
             "kind": "status",
             "t": stamp_s,
