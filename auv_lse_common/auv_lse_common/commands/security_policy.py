@@ -14,7 +14,7 @@ from auv_lse_common.commands.vehicle import vehicle_number
 from auv_lse_common.mission_file.parameters import ParameterError
 from auv_lse_common.topics.table import MISSION_TOPICS, VEHICLE_TOPICS
 
-#: What every node of ROS 2 has: topics, and services of its parameters.
+#: Topics and parameter services of every ROS 2 node.
 _TOPICS_OF_ALL = ("/rosout", "/parameter_events", "/clock")
 _SERVICES_OF_ALL = (
     "describe_parameters",
@@ -61,7 +61,7 @@ def _profile(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints a vehicle's policy. Returns 0, or 2 for a name that is no vehicle's."""
+    """Prints a vehicle's policy. Returns 0, or 2 for an invalid vehicle name."""
     parser = argparse.ArgumentParser(prog="python -m auv_lse_common.commands.security_policy", description=__doc__)
     parser.add_argument("vehicle", metavar="VEHICLE", help="the vehicle, as auv2")
     options = parser.parse_args(argv)

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, whatever the disk does."""
+"""Atomic writing of files: completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from pathlib import Path
 
 @contextlib.contextmanager
 def written_whole(folder: Path) -> Iterator[Path]:
-    """A context that gives an empty folder beside what is in `folder`; its files are moved there at the end.
+    """A context whose value is an empty folder; its files are moved into `folder` at the end.
 
-    If anything goes wrong `folder` stays as it was. It is made if needed.
+    After an error `folder` is as before. It is created if needed.
 
     Raises:
         OSError: naming `folder`, or the file that the system names.
@@ -25,16 +25,16 @@ def written_whole(folder: Path) -> Iterator[Path]:
             for path in sorted(part.iterdir()):
                 path.replace(folder / path.name)
     except OSError as error:
-        if error.filename is None:  # a write that fails does not say where
+        if error.filename is None:  # a failed write does not name its file
             raise OSError(error.errno, error.strerror or str(error), str(folder)) from error
         raise
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Writes a text file, in place of one that is there.
+    """Writes a text file, and replaces an existing one.
 
     Raises:
-        OSError: naming the file, which is then as it was.
+        OSError: naming the file, which is then unchanged.
     """
     try:
         with tempfile.TemporaryDirectory(prefix=".part-", dir=path.parent) as name:

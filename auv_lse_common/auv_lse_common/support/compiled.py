@@ -1,10 +1,10 @@
-"""The one numba switch: inner loops run through numba where it is installed, and as plain Python or NumPy where not.
+"""Compilation of inner loops with numba if it is installed; otherwise they run as plain Python or NumPy.
 
 The plain functions are the reference; tests call both (`plain(function)`) and compare them. The environment variable
 AUV_LSE_NUMBA=0, set before the import, forces the plain ones.
 
-Numba's cache keeps what was compiled until the function's own file changes; what it called in another file stays as it
-was then. So the cache's folder is named after the text of all files of the package that hold compiled functions.
+Numba's cache notices changes of a function's own file, but not of the functions that it calls in other files. So the
+cache's folder is named after a hash of all files of the package with compiled functions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ USE_NUMBA = os.environ.get("AUV_LSE_NUMBA", "1") != "0" and importlib.util.find_
 
 
 def _choose_cache_folder() -> None:
-    """Puts numba's cache under /tmp if neither this package nor the home is writable: numba would refuse to compile."""
+    """Puts numba's cache under /tmp if neither this package nor the home is writable."""
     if "NUMBA_CACHE_DIR" in os.environ:
         return
     package, home = Path(__file__).parent, Path(os.environ.get("XDG_CACHE_HOME", os.path.expanduser("~")))
@@ -38,7 +38,7 @@ if USE_NUMBA:
 
 @cache
 def cache_folder(package: Path) -> str:
-    """Where numba keeps what it compiles of these very files of `package` (its folder, with all below it)."""
+    """Numba's cache folder for the present files of `package` (its folder)."""
     import numba
 
     digest = hashlib.sha256()
@@ -62,7 +62,7 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """`function` compiled by numba (strict IEEE arithmetic, kept in numba's cache), or itself without numba."""
     if not USE_NUMBA:
         return function
-    import numba  # here and not above: auv_lse_gp alone starts without it
+    import numba  # here, so that auv_lse_gp can be imported without numba
 
     before = numba.config.CACHE_DIR
     folder = cache_folder(_package_of(Path(function.__code__.co_filename).resolve()))

@@ -1,8 +1,8 @@
-"""Packages that only some of the stack needs: how a missing one is named, with the command that installs it."""
+"""Errors about optional packages that are missing, with the install command."""
 
 from __future__ import annotations
 
-#: The command for each, where ROS 2 is installed on Ubuntu; elsewhere `scripts/setup` installs them all.
+#: Install commands for ROS 2 on Ubuntu; elsewhere `scripts/setup` installs all packages.
 COMMANDS = {
     "contourpy": "sudo apt install python3-contourpy",
     "dask": "pip install dask",
@@ -22,14 +22,14 @@ COMMANDS = {
 
 
 class MissingPackageError(ImportError):
-    """A package that is not installed: which, what needs it, and the command that installs it."""
+    """A package is not installed: its name, what needs it, and the install command."""
 
 
 def missing(error: ImportError, purpose: str) -> MissingPackageError:
-    """The error to raise where a package that `purpose` needs could not be imported.
+    """The error to raise for a failed import.
 
     Args:
-        error: What the import raised.
+        error: The error of the import.
         purpose: What needs the package, as the subject of a sentence: "figures".
     """
     name = (error.name or str(error)).split(".")[0]

@@ -1,4 +1,4 @@
-"""The project's folder: config/, and where runs, dives and campaigns go unless told otherwise."""
+"""The project's folder, with config/ and the default folders of runs, dives and campaigns."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ from pathlib import Path
 
 
 def project_folder() -> Path:
-    """The folder that the scripts name (AUV_LSE_ROOT), else that of the source tree, else the working directory.
-
-    A package that colcon has installed knows no source tree: there the nodes' commands work where they are called.
-    """
+    """The folder in AUV_LSE_ROOT, which the scripts set, else the source tree, else the working directory."""
     named = os.environ.get("AUV_LSE_ROOT")
     if named:
         return Path(named)

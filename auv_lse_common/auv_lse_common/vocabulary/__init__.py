@@ -1,1 +1,1 @@
-"""What all packages speak of: places, legs, plans, missions, seeds. No ROS, no files."""
+"""Shared vocabulary: positions, legs, plans, missions, seeds. No ROS, no files."""

@@ -1,9 +1,9 @@
-"""Places as dead-reckoned from the start, and the measurements that can correct them afterwards.
+"""Dead-reckoned positions, and the measurements that can correct them afterwards.
 
-A navigation filter that takes a fix forgets where dead reckoning alone had brought it, and with it how the soundings
-before the fix were displaced. So each vehicle also keeps its *raw* place: from its start, without any fix under way.
-What is told to the team are raw places and measurements, never estimates, which their receivers would count twice.
-All places are north, east (m) in the local tangent plane.
+A navigation filter that takes a fix loses the drift of dead reckoning, and with it the displacement of the soundings
+before the fix. So each vehicle also keeps its *raw* position: dead-reckoned from its start, without any fix under way.
+Vehicles send raw positions and measurements, never estimates, which receivers would count twice. All positions are
+north, east (m) in the local tangent plane.
 """
 
 from __future__ import annotations
@@ -13,16 +13,13 @@ from dataclasses import dataclass
 
 
 def raw_place(north_m: float, east_m: float) -> tuple[float, float]:
-    """The raw place (m) that a message tells; NaN, NaN if it tells none.
-
-    A driver that knows no raw place may leave the message's fields as they are made: both exactly 0.
-    """
+    """The raw position (m) of a message; NaN, NaN if it has none: a driver may leave both fields at exactly 0."""
     return (math.nan, math.nan) if north_m == 0.0 and east_m == 0.0 else (north_m, east_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeadReckoning:
-    """Where a vehicle is by dead reckoning from its start, without any fix under way: its raw place.
+    """The raw position of a vehicle: dead-reckoned from its start, without any fix under way.
 
     Attributes:
         stamp_s: Time (s).
@@ -41,7 +38,7 @@ class DeadReckoning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fix:
-    """A place by GPS, taken at the surface under way.
+    """A GPS position, taken at the surface under way.
 
     Attributes:
         stamp_s: When it was taken (s).
@@ -62,13 +59,13 @@ class Fix:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MateNavigation:
-    """What a packet tells of its sender's navigation, and how long its sound travelled; or a range by a ping alone.
+    """The navigation data in a packet with its travel time, or a range measured by a ping.
 
-    A ping that a mate's modem answers tells of no place: the raw place and `sent_s` are NaN, and its travel time is by
-    the receiver's clock alone.
+    A ping carries no position: the raw position and `sent_s` are NaN, and the receiver's clock alone measures the
+    travel time.
 
     Attributes:
-        stamp_s: Start of reception, by the receiver's clock (s); of a ping the time for which the range holds.
+        stamp_s: Start of reception by the receiver's clock (s); for a ping the time of the range.
         source: Number of the sender.
         sent_s: Start of transmission, by the sender's clock (s); NaN if unknown.
         raw_north_m: North of the sender's raw place at transmission; NaN of a ping.
@@ -77,7 +74,7 @@ class MateNavigation:
         fix_raw_east_m: East of it; likewise.
         fix_north_m: North of the same place by GPS; likewise.
         fix_east_m: East of it; likewise.
-        travel_s: One-way travel time (s), measured with both clocks, or by a ping; NaN if unknown.
+        travel_s: One-way travel time (s), measured with both clocks or by a ping; NaN if unknown.
     """
 
     stamp_s: float
@@ -93,7 +90,7 @@ class MateNavigation:
 
     @property
     def by_ping(self) -> bool:
-        """Whether it is a range by a ping alone."""
+        """Whether it is a range measured by a ping."""
         return math.isnan(self.raw_north_m) and math.isnan(self.sent_s) and math.isfinite(self.travel_s)
 
     @property

@@ -1,4 +1,4 @@
-"""Angles and frames: the one place where conventions meet (see docs/reference/frames.md).
+"""Conversions between angles and frames (see docs/reference/frames.md).
 
 Inside: north, east in metres on the local tangent plane, heading in radians clockwise from north.
 At the ROS boundary: map frame ENU (REP 103): x east, y north, z up, yaw counter-clockwise from east.
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: No vehicle is farther than this from the map's origin, north or east (m).
+#: Largest plausible distance (m) from the map's origin, north or east.
 FARTHEST_M = 1e6
 
 
@@ -25,7 +25,7 @@ def wrap_pi(angle_rad: Any) -> Any:
 
 
 def is_possible(heading_rad: float, north_m: float, east_m: float) -> bool:
-    """Whether numbers can be a vehicle's state: within a turn, and within `FARTHEST_M` of the origin; not if NaN."""
+    """Whether a state is plausible: finite, heading within a turn, position within `FARTHEST_M` of the origin."""
     turn = 2.0 * math.pi * (1.0 + 1e-6)  # float32's 2 pi is a little more than 2 pi
     return abs(heading_rad) <= turn and abs(north_m) <= FARTHEST_M and abs(east_m) <= FARTHEST_M
 

@@ -1,4 +1,4 @@
-"""How a node is: what its diagnostics say, and which problems are new and go to the log."""
+"""Health of a node: its diagnostics, and which problems are new."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-#: What was counted no longer ago than this (s) is a problem of now; what was counted before is history.
+#: Age (s) up to which a counted event is a present problem.
 RECENT_S = 120.0
 
 
 class Level(enum.IntEnum):
-    """How bad it is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
+    """Severity; numbers as in diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -25,8 +25,8 @@ class Health:
     """The state of a node or device in one status.
 
     Attributes:
-        level: How bad it is.
-        text: One line for a person.
+        level: Severity.
+        text: One line for people.
         values: Numbers and texts by name.
     """
 
@@ -36,18 +36,18 @@ class Health:
 
 
 class NewProblems:
-    """Tells which problems are new, so that each is logged once for as long as it lasts."""
+    """Finds new problems, so that each is logged once while it lasts."""
 
     def __init__(self) -> None:
-        """Starts with no problem known."""
+        """Starts without problems."""
         self._known: frozenset[str] = frozenset()
 
     def of(self, problems: Mapping[str, str]) -> list[str]:
-        """The texts of the problems that were not there at the last call.
+        """The texts of the problems that did not exist at the last call.
 
         Args:
-            problems: Every problem there is now, {key: text}. The key stays the same while the problem lasts, the text
-                may change ("heard 12 s ago").
+            problems: All present problems, {key: text}. A lasting problem keeps its key, its text may change
+                ("heard 12 s ago").
         """
         new = [text for key, text in problems.items() if key not in self._known]
         self._known = frozenset(problems)
@@ -55,19 +55,19 @@ class NewProblems:
 
 
 class Recent:
-    """Tells by how much totals, which only grow, have grown lately: one spike must not warn for the whole dive."""
+    """Recent growth of counters, so that a single event does not warn for the whole dive."""
 
     def __init__(self) -> None:
-        """Every total is 0."""
+        """Starts with all counters at 0."""
         self._last: dict[str, int] = {}
         self._grown: deque[tuple[float, str, int]] = deque()
 
     def of(self, now_s: float, totals: Mapping[str, int]) -> Counter[str]:
-        """By how much each total has grown in the last `RECENT_S`; totals that have not are left out.
+        """Growth of each counter in the last `RECENT_S`, without counters that have not grown.
 
         Args:
-            now_s: Time (s). A clock that was set back makes nothing recent.
-            totals: What was counted so far. One that is less than it was is counted from 0 again.
+            now_s: Time (s); when the clock is set back, earlier growth is forgotten.
+            totals: The counters; one that has decreased was reset to 0.
         """
         if self._grown and now_s < self._grown[-1][0]:
             self._grown.clear()

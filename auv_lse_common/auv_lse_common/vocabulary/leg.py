@@ -1,4 +1,4 @@
-"""A leg as it is travelled: one action, an arc at the turning radius and then a straight (paper, section 4)."""
+"""A leg: one action, an arc at the turning radius and then a straight (paper, section 4)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float
     Args:
         action_rad: Heading change (rad, positive clockwise).
         radius_m: Turning radius of the arc.
-        along_m: Distance gone along the leg: on the arc first, then on the straight, which has no end here.
-            Less than 0 is straight back from the start.
+        along_m: Distance along the leg: on the arc, then on the straight, which does not end here. Negative values
+            lead straight back from the start.
 
     Returns:
         Heading change until there (rad, positive clockwise), distance ahead and to starboard (m).
@@ -34,17 +34,17 @@ def leg_point(action_rad: float, radius_m: float, along_m: float) -> tuple[float
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leg:
-    """One action as travelled: an arc, then a straight.
+    """One action: an arc, then a straight.
 
     Attributes:
-        step: Mission step it leads from.
+        step: Mission step of its start.
         heading_rad: Heading at its start (rad, clockwise from north).
         north_m: North of its start.
         east_m: East of its start.
         action_rad: Heading change (rad, positive clockwise).
         radius_m: Turning radius of the arc.
         straight_m: Length of the straight.
-        surface: Whether the vehicle, where the leg ends, stops, surfaces for a fix and dives before it goes on.
+        surface: Whether the vehicle surfaces for a fix at the end of the leg.
     """
 
     step: int
@@ -85,9 +85,9 @@ class Leg:
         return self.state_at(self.length_m)
 
     def progress_m(self, north_m: float, east_m: float) -> float:
-        """Arc length (m) of the leg's point nearest to a place; beyond the end, the distance gone straight on.
+        """Arc length (m) of the leg's point nearest to a place.
 
-        Less than 0 before the start, more than `length_m` after the end.
+        Negative before the start; more than `length_m` beyond the end, along the extended straight.
         """
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         dn, de = north_m - self.north_m, east_m - self.east_m

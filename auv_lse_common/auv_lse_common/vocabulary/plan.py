@@ -1,4 +1,4 @@
-"""A plan: what a vehicle tells its team mates of the path that it means to travel (paper, section 5)."""
+"""A plan: the intended path that a vehicle sends to its team mates (paper, section 5)."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ _ROUNDED = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tour:
-    """A way of equally long, straight segments: what is left of a mission, as waypoints of one byte each.
+    """The rest of a mission as straight segments of equal length, one byte each.
 
-    A tour says only directions. Where it begins is where a plan's actions end.
+    A tour holds only directions; it begins where the plan's actions end.
 
     Attributes:
         segment_legs: Legs that a segment is long, 1 to `MAX_SEGMENT_LEGS`.

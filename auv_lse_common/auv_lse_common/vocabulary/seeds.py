@@ -1,4 +1,4 @@
-"""Named random streams from one mission seed, so that every part draws from its own and runs repeat."""
+"""Named random streams from one mission seed, so that runs are repeatable."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 
 def stream(seed: int, *names: str | int) -> np.random.Generator:
-    """A Generator for the part called `names` (for example `stream(seed, "planner", 2)`) of a run with `seed`.
+    """A random generator for the part `names` of a run with `seed`, for example `stream(seed, "planner", 2)`.
 
-    Streams of different names are independent; adding a part does not shift the numbers of another.
+    Streams of different names are independent, so a new part does not change the numbers of another.
     """
     keys = [zlib.crc32(str(name).encode()) for name in names]
     return np.random.default_rng(np.random.SeedSequence(entropy=seed, spawn_key=keys))

@@ -1,4 +1,4 @@
-"""Times as ROS stamps hold them, for what must give the same numbers with and without ROS."""
+"""Times with the resolution of ROS stamps, for equal numbers with and without ROS."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def stamped(time_s: float) -> float:
-    """A time (s) as a ROS stamp gives it back: to the nanosecond."""
+    """A time (s) rounded to the nanosecond, as a ROS stamp stores it."""
     nanoseconds = round(time_s * 1e9)
     return float(nanoseconds // 10**9) + (nanoseconds % 10**9) * 1e-9
 
