@@ -1,6 +1,6 @@
-"""What a fix brings: how much less is lost because soundings are not where they are booked.
+"""Gain of a fix: the drop of the loss from soundings at uncertain places.
 
-The risk that plans are made by undervalues it. Its prior is wider than lakes are, so that its variance is several times
+The risk that plans minimize undervalues it. Its prior is wider than lakes are, so that its variance is several times
 the square of the map's errors (docs/design/places.md), and beside that variance those of places hardly count. What is
 lost to places is therefore priced beside the variance that the soundings show: with v the map's variance without
 places, D the place effects (`Posterior`), D_1 those that a fix takes away, and c^2 = `Posterior.variance_scale`,
@@ -22,7 +22,7 @@ from auv_lse_gp.level_set.bayes_risk import LevelSet
 
 
 def gain_of_fix(points: CachedPoints, level_set: LevelSetConfig) -> float:
-    """What a fix of the vehicle would bring, now; 0 where places count as known.
+    """Gain of a fix of the vehicle, now; 0 where places count as known.
 
     Args:
         points: The map's places, of a posterior without planned places.

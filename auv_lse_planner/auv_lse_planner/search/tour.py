@@ -46,7 +46,7 @@ BEND_WEIGHT = 3e-3
 LEAST_GAIN, LEAST_BENT = 1e-6, 1e-7
 #: A polyline is so many times as long as the tour of equal segments through it, at most: they cut its corners.
 CUT_CORNERS = 1.25
-#: Segments of a tour at most: what leaves 15 samples in a packet, with the actions before them.
+#: Most segments of a tour: with the actions before them, a packet keeps room for 15 samples.
 LONGEST = 50
 
 
@@ -131,7 +131,7 @@ class Deformation:
 
 
 class TourSearch:
-    """Moves waypoints uphill, and knows what to start from."""
+    """Optimizes waypoints, and makes the tours to start from."""
 
     def __init__(self, space: FreeSpace, samples_per_leg: int) -> None:
         """Takes where to go.

@@ -1,4 +1,4 @@
-"""What a vehicle's planner does in a tick: takes what has come in."""
+"""Inputs of a vehicle's planner between two ticks, and the order in which the planner takes them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class PlannerIntake:
     """
 
     def __init__(self, planner: VehiclePlanner) -> None:
-        """Nothing waits yet."""
+        """Starts without inputs."""
         self.planner = planner
         self.inputs_used = InputsUsed()
         self._centers: tuple[Centers, int] | None = None
@@ -52,7 +52,7 @@ class PlannerIntake:
 
     @property
     def end_is_news(self) -> bool:
-        """The last leg is travelled, and the mission's state does not say so yet: a word may have been lost."""
+        """Whether the last leg is travelled, but the mission's state does not show it yet: a message may be lost."""
         return self.planner.finished and self._state in (None, RunState.WAITING, RunState.RUNNING)
 
     def set_centers(self, centers: Centers, revision: int) -> None:

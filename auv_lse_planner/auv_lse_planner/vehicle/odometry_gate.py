@@ -1,14 +1,13 @@
-"""The gate for odometry: a place that the vehicle cannot have reached since the last one.
+"""Rejects odometry places that the vehicle cannot have reached since the last one.
 
-A fix after a long dive moves the place for good, so `AGREEING` places in a row that agree with one another are
-believed.
+A fix after a long dive moves the place for good, so `AGREEING` consistent places in a row are accepted.
 """
 
 from __future__ import annotations
 
 import math
 
-#: Times the speed through the water that a place may move, for currents and a vehicle faster than told, and more (m).
+#: A place may move this many times as far as the speed through the water allows (currents), plus a margin (m).
 FASTER = 3.0
 SPREAD_M = 30.0
 AGREEING = 4
@@ -32,7 +31,7 @@ class OdometryGate:
         self._in_a_row = 0
 
     def passes(self, stamp_s: float, north_m: float, east_m: float) -> bool:
-        """Whether the place can be: it follows from the last one that did, or from others that said the same."""
+        """Whether the place is plausible: it follows from the last accepted one, or from `AGREEING` consistent ones."""
         place = (stamp_s, north_m, east_m)
         if self._last is not None and not self._follows(self._last, place):
             agrees = self._refused is not None and self._follows(self._refused, place)

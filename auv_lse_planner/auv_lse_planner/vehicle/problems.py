@@ -1,4 +1,4 @@
-"""What keeps a planner from working as it should, in words.
+"""Problems of a planner, as texts for people.
 
 Each function gives a text for each problem, by the problem's key. A key names the kind of problem (and the team mate,
 where it is about one) and stays the same while the problem lasts; its text may change from call to call.
@@ -15,7 +15,7 @@ from auv_lse_planner.vehicle.travel import Travel
 
 #: A mate that has been silent for this share of the time for which its plan counts is named.
 SILENT_SHARE = 0.25
-#: After this time (s) without a word of safety_node it is missed: it has had time to start again.
+#: After this time (s) without mission/state from safety_node, warn: it has had time to restart.
 STATE_SILENT_S = 15.0
 
 
@@ -33,7 +33,7 @@ def of_odometry(now_s: float, travel: Travel, planner: PlannerConfig, started: b
 
 
 def of_state(silent_s: float) -> dict[str, str]:
-    """safety_node says every second how it stands with the mission; it has been silent for so long (s)."""
+    """No mission/state for this time (s); safety_node sends one every second."""
     if silent_s <= STATE_SILENT_S:
         return {}
     return {
