@@ -152,11 +152,12 @@ def test_the_page_of_the_python_api_shows_every_example():
     assert [name for name in examples if f"](python/{name})" not in page] == []
 
 
-def words(*patterns):
-    """Words in pages: what has a letter or a digit, so that a table's bars do not count."""
+def words(*patterns, code=True):
+    """Words in pages: what has a letter or a digit, so that a table's bars do not count. Blocks of code if wanted."""
     files = {file for pattern in patterns for file in ROOT.glob(pattern)}
     assert files
-    return sum(len(re.findall(r"\S*\w\S*", file.read_text())) for file in files)
+    texts = [file.read_text() if code else "\n".join(line for _, line in prose(file)) for file in files]
+    return sum(len(re.findall(r"\S*\w\S*", text)) for text in texts)
 
 
 @pytest.mark.parametrize(
@@ -170,6 +171,10 @@ def words(*patterns):
 )
 def test_pages_are_short(most, patterns):
     assert words(*patterns) <= most
+
+
+def test_the_reference_is_short():
+    assert words("docs/reference/**/*.md", code=False) <= 11_000
 
 
 @pytest.mark.ros  # the commands' modules import ROS
