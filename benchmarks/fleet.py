@@ -60,13 +60,13 @@ def flown(method: str, size: dict[str, Any]) -> Flown:
         setattr(owner, name, _timed(getattr(owner, name), times_s[part][-1]))
 
     watch(fleet.world, "tick", "world")
-    for crew in fleet.crews:
-        watch(crew, "update_map", "map")
-        if crew.corrector is not None:
-            watch(crew.corrector, "correct", "places")
-        for name in ("hear", "say"):
-            watch(crew, name, "packets")
-        watch(crew.planner, "decide", "planner")
+    for cores in fleet.cores:
+        watch(cores, "update_map", "map")
+        if cores.corrector is not None:
+            watch(cores.corrector, "correct", "places")
+        for name in ("receive", "next_packet"):
+            watch(cores, name, "packets")
+        watch(cores.planner, "decide", "planner")
     began = time.process_time()
     run = fleet.run()
     mission_s = time.process_time() - began

@@ -36,7 +36,7 @@ def run(smoke: bool = False) -> list[Row]:
     settings, _ = fit_to_ground(settings, ground)
     fleet = Fleet(settings, ground)
     run_data = fleet.run()
-    corrector = fleet.crews[0].corrector
+    corrector = fleet.cores[0].corrector
     assert corrector is not None
     gp = corrector.corrected_map.map.gp
     terrain = Terrain(corrector.log.segments(), gp.kernel, gp.prior_mean, gp.config.noise_std_m)

@@ -27,24 +27,24 @@ from auv_lse_sim.water.ranging import Ranging
 
 Array = NDArray[np.float64]
 
-#: A packet is read at the latest so long (s) after it was sent: its duration and the way to the farthest receiver.
+#: Longest time (s) from a packet's start to its last reception: duration and travel time.
 LONGEST_TRAVEL_S = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleOutput:
-    """What one tick brings for one vehicle.
+    """The output of one tick for one vehicle.
 
     Attributes:
-        soundings: Stamp (s), estimated north and east (m), measured depth of water (m), raw north and east (m), shape
-            (n, 6), by time.
+        soundings: Stamp (s), estimated north and east (m), measured water depth (m), dead-reckoned north and east (m),
+            shape (n, 6), by time.
         odometry: The vehicle's own estimate at the tick's end.
-        dead_reckoning: Its raw place then.
+        dead_reckoning: Its dead reckoning at the tick's end.
         fixes: Fixes completed in this tick, by time.
         altitude_m: Measured altitude above the bottom at the tick's end, NaN without an echo.
         pressure_depth_m: Measured depth of the vehicle below the surface.
         gps_m: North, east of its last GPS reading, if it is at the surface; else None.
-        arrivals: Packets that its modem has read in this tick, by time.
+        arrivals: Packets that its modem received in this tick, by time.
         truth: Its true state.
     """
 
@@ -60,25 +60,25 @@ class VehicleOutput:
 
 
 class World:
-    """Everything outside the cores.
+    """The simulated world outside the vehicles' cores.
 
     One tick, ending at `now_s`: `tick(now_s)`, then the vehicles' `command` and `transmit` of that tick.
 
-    Random numbers come from named streams of `seed`: ("sensors", k), ("current",), ("channel",) and ("ranging",). How
-    many each of them draws depends only on the times and the transmissions.
+    Random numbers come from named streams of `seed`: ("sensors", k), ("current",), ("channel",) and ("ranging",). The
+    number of draws from each depends only on the times and the transmissions.
 
     Args:
         sim: Section `sim`.
         vehicles: One configuration per vehicle, by number from 1.
-        area: Section `area`; a vehicle that waits circles to the side with more room. None: to either side.
-        ground: The ground that they sound.
+        area: Section `area`; a waiting vehicle circles to the side with more room. None: no limits.
+        ground: The ground under the vehicles.
         seed: The mission's seed.
     """
 
     def __init__(
         self, sim: SimConfig, vehicles: Sequence[VehicleConfig], area: AreaConfig | None, ground: Ground, seed: int
     ) -> None:
-        """Puts the vehicles at their starts."""
+        """Places the vehicles at their starts."""
         self.config = sim
         self.ground = ground
         operating_area = OperatingArea(area) if area is not None else None
@@ -105,7 +105,7 @@ class World:
 
     @classmethod
     def of(cls, settings: Settings, ground: Ground) -> World:
-        """The world of a whole mission's settings."""
+        """Builds the world of a mission."""
         vehicles = [own.vehicle for own in settings.vehicles]
         return cls(settings.sim, vehicles, settings.area, ground, settings.mission.seed)
 
@@ -117,7 +117,7 @@ class World:
     def tick(self, now_s: float) -> dict[int, VehicleOutput]:
         """Advances everything to `now_s`.
 
-        Packets that could not be read are in `lost` until the next tick.
+        `lost` holds the packets that could not be read, until the next tick.
 
         Raises:
             ValueError: if time runs backwards.
@@ -156,7 +156,7 @@ class World:
         return output
 
     def _timed(self, arrival: Arrival) -> Arrival:
-        """An arrival with its measured travel time; sound that is there at once has none."""
+        """Adds the measured travel time to an arrival, unless the channel has no delay."""
         source, receiver = self._place(arrival.source, arrival.sent_s), self._place(arrival.receiver, arrival.start_s)
         travel_s = self._ranging.travel_s(
             arrival.source, arrival.receiver, arrival.sent_s, float(np.linalg.norm(source - receiver))
@@ -174,11 +174,11 @@ class World:
         self.vehicles[vehicle].command(leg, speed_mps, then)
 
     def obey(self, vehicle: int, stop: Stop | None) -> None:
-        """Tells a vehicle to stop, or to travel on (None)."""
+        """Makes a vehicle stop, or continue (None)."""
         self.vehicles[vehicle].obey(stop)
 
     def transmit(self, vehicle: int, now_s: float, payload: bytes) -> float:
-        """A vehicle starts to send. Returns when its transmission ends (s)."""
+        """Starts a vehicle's transmission; returns its end (s)."""
         return self.channel.transmit(now_s, vehicle, payload, self.positions())
 
     def positions(self) -> Mapping[int, tuple[float, float, float]]:

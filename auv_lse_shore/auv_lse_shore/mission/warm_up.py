@@ -20,8 +20,8 @@ def main() -> int:
         fleet = Fleet(settings, ground_of(settings))
         for _ in range(25):
             fleet.tick()
-        for crew in fleet.crews:
-            crew.map.field()
+        for cores in fleet.cores:
+            cores.map.field()
     return 0
 
 

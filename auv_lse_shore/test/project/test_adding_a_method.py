@@ -26,7 +26,7 @@ settings = Settings.load(None, {"planner.method": "cma_es", "planner.horizon": 4
                                 "mission.vehicles": 1, "mission.steps": 6})
 fleet = Fleet(settings, ground_of(settings))
 run = fleet.run()
-planner = fleet.crews[0].planner
+planner = fleet.cores[0].planner
 places = [planner.rollout.follow(d.plan).from_step(d.step).states[:2, 1:].tolist() for d in run.vehicles[0].decisions]
 print(json.dumps({
     "file": own.__file__,

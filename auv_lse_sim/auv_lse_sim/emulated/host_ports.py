@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
-#: Bytes kept for a host that does not read; more are dropped, oldest first, as a full line buffer does.
+#: Bytes kept for a host that does not read; older bytes are dropped.
 MAX_UNREAD_BYTES = 1 << 16
 
 
@@ -19,7 +19,7 @@ class HostPort(Protocol):
 
     @property
     def port(self) -> str:
-        """Where the host finds it, as `modem.port` takes it."""
+        """The port's address in the form of `modem.port`."""
         ...
 
     def filenos(self) -> Iterable[int]:
@@ -27,11 +27,11 @@ class HostPort(Protocol):
         ...
 
     def read(self) -> bytes:
-        """What the host has written; b"" if nothing."""
+        """Bytes from the host; b"" if there are none."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Writes what the host takes at once; keeps the rest for the next call (b"" tries again)."""
+        """Writes without blocking; keeps the rest for the next call (b"" tries again)."""
         ...
 
     def close(self) -> None:
@@ -40,14 +40,14 @@ class HostPort(Protocol):
 
 
 class _Unread:
-    """Bytes on their way to a host that reads slowly, or not at all."""
+    """Bytes for a host that reads slowly or not at all."""
 
     def __init__(self) -> None:
         self._data = bytearray()
         self.dropped = 0
 
     def write(self, data: bytes, put: Callable[[bytes], int]) -> None:
-        """Puts old bytes, then `data`; keeps what does not go."""
+        """Writes older bytes, then `data`; keeps the rest."""
         self._data += data
         while self._data:
             try:
@@ -64,15 +64,15 @@ class _Unread:
 
 
 class PtyPort:
-    """A pseudo-terminal: to the host a serial device like any other."""
+    """A pseudo-terminal, which the host uses like a serial device."""
 
     def __init__(self, link: Path | None = None) -> None:
-        """Makes the terminal.
+        """Creates the terminal.
 
         Args:
-            link: Symbolic link to make to it (replacing one that is there), so that its name is known beforehand.
+            link: Symbolic link to create to it (replaces an existing one), so that its name is known in advance.
         """
-        self._master, self._slave = os.openpty()  # the slave stays open here: the host may come and go
+        self._master, self._slave = os.openpty()  # the slave stays open, so that the host may reconnect
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self._unread = _Unread()
@@ -118,10 +118,10 @@ class PtyPort:
 
 
 class TcpServerPort:
-    """A TCP server on the loopback interface for one host at a time; a new one takes the place of the old."""
+    """A TCP server on the loopback interface for one host at a time; a new host replaces the old one."""
 
     def __init__(self, port: int = 0) -> None:
-        """Listens on 127.0.0.1:`port`; 0 takes a free one."""
+        """Listens on 127.0.0.1:`port`; 0: any free port."""
         self._server = socket.create_server(("127.0.0.1", port))
         self._server.setblocking(False)
         self._client: socket.socket | None = None
@@ -137,7 +137,7 @@ class TcpServerPort:
         return (self._server.fileno(),) if self._client is None else (self._server.fileno(), self._client.fileno())
 
     def read(self) -> bytes:
-        """See `HostPort`; also takes a new host's call."""
+        """See `HostPort`; also accepts a new host."""
         with contextlib.suppress(BlockingIOError):
             client, _ = self._server.accept()
             if self._client is not None:
@@ -160,7 +160,7 @@ class TcpServerPort:
         return data
 
     def write(self, data: bytes) -> None:
-        """See `HostPort`; without a host the bytes go nowhere, as on an open line."""
+        """See `HostPort`; drops the bytes without a host."""
         client = self._client
         if client is not None:
             self._unread.write(data, client.send)

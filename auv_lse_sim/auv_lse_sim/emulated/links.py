@@ -1,8 +1,8 @@
-"""Emulated modems and autopilots, which stand between the simulated world and the vehicles' hardware drivers.
+"""Emulated modems and autopilots between the simulated world and the vehicles' hardware drivers.
 
-Which vehicle has which comes from its own sections: `modem.kind: micromodem` gives it an emulated Micromodem-2 on the
+Each vehicle's sections select them: `modem.kind: micromodem` gives it an emulated Micromodem-2 on the
 port that `modem.port` names (a link to a pty, or a TCP port of this machine); `link.kind: mavlink` gives it a simulated
-autopilot that calls the UDP port on which `link.endpoint` listens. Knows no ROS, no clock and no thread.
+autopilot that calls the UDP port on which `link.endpoint` listens. No ROS, no clock and no threads.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from auv_lse_sim.vehicle.vehicle import tightest_radius_m
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
 
-#: Pressure of the air (Pa), and of each metre of fresh water above a vehicle (Pa/m).
+#: Air pressure (Pa), and pressure of fresh water per metre of depth (Pa/m).
 AIR_PA, WATER_PA_PER_M = 101325.0, 9806.65
-_OWN = ("127.0.0.1", "localhost", "::1")
+_LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 
 
 class EmulatedLinks:
@@ -51,12 +51,12 @@ class EmulatedLinks:
 
         Args:
             settings: The mission.
-            transmit: Takes (vehicle, start (s), payload) into the water; returns the transmission's duration (s).
-            follow: Takes (vehicle, leg), to be travelled after the legs before it.
-            obey: Takes (vehicle, what it does in place of travelling; None: it travels on).
+            transmit: Sends (vehicle, start (s), payload) into the water; returns the transmission's duration (s).
+            follow: Takes (vehicle, leg); the leg follows the earlier ones.
+            obey: Takes (vehicle, stop); None: the vehicle continues.
 
         Raises:
-            ParameterError: naming a port that cannot be offered, and why.
+            ParameterError: if a port cannot be opened; names it and the reason.
         """
         numbers = range(1, settings.mission.vehicles + 1)
         self.modems = tuple(k for k in numbers if settings.vehicle(k).modem.kind == "micromodem")
@@ -66,12 +66,12 @@ class EmulatedLinks:
         self._settings = settings
         try:
             if self.modems:
-                shells = {k: _shell(settings.vehicle(k).modem.port) for k in self.modems}
-                self.rack = ModemRack(shells, lambda k, packet: transmit(k, packet.start_s, packet.payload))
+                ports = {k: _host_port(settings.vehicle(k).modem.port) for k in self.modems}
+                self.rack = ModemRack(ports, lambda k, packet: transmit(k, packet.start_s, packet.payload))
             if self.autopilots:
                 autopilots = {k: self._autopilot(k, follow, obey) for k in self.autopilots}
                 self.dock = MavlinkDock(
-                    autopilots, {k: _calls(settings.vehicle(k).link.endpoint) for k in self.autopilots}
+                    autopilots, {k: _autopilot_endpoint(settings.vehicle(k).link.endpoint) for k in self.autopilots}
                 )
         except (OSError, AddressError) as error:
             self.close()
@@ -97,26 +97,26 @@ class EmulatedLinks:
             tightest_m=tightest_radius_m(vehicle, self._settings.sim),
         )
 
-    def greet(self, now_s: float) -> None:
-        """Lets the drivers find their hardware before the mission's time runs."""
+    def send_heartbeats(self, now_s: float) -> None:
+        """Lets the drivers find their autopilots before the first tick."""
         if self.dock is not None:
             for k in self.autopilots:
-                self.dock.greet(k, now_s)
+                self.dock.send_heartbeat(k, now_s)
 
     def serve(self, now_s: float) -> None:
-        """Reads what the drivers have written and answers; never waits."""
+        """Reads and answers the drivers' bytes; never blocks."""
         if self.rack is not None:
             self.rack.serve(now_s)
         if self.dock is not None:
             self.dock.serve(now_s)
 
     def poll(self, now_s: float) -> None:
-        """Lets a tick pass on the modems: transmissions end."""
+        """Advances the modems: ends transmissions."""
         if self.rack is not None:
             self.rack.poll(now_s)
 
     def arrive(self, now_s: float, k: int, arrival: Arrival) -> None:
-        """A packet has reached a vehicle's modem, readable or not."""
+        """Delivers a packet, readable or not, to a vehicle's modem."""
         assert self.rack is not None
         self.rack.arrive(
             now_s,
@@ -133,16 +133,16 @@ class EmulatedLinks:
         )
 
     def report(self, k: int, now_s: float, output: VehicleOutput) -> None:
-        """A vehicle's autopilot sends its telemetry."""
+        """Sends the telemetry of a vehicle's autopilot."""
         assert self.dock is not None
         self.dock.report(k, now_s, report_of(output, self._settings.sim.gps.noise_m))
 
     def delivered(self, k: int) -> int:
-        """Packets that a vehicle's modem has handed to its driver so far."""
+        """Number of packets that a vehicle's modem has passed to its driver."""
         return self.rack.delivered[k] if self.rack is not None else 0
 
-    def heard(self, k: int) -> tuple[int, int]:
-        """Position targets and missions that a vehicle's autopilot has taken so far."""
+    def accepted(self, k: int) -> tuple[int, int]:
+        """Numbers of position targets and missions that a vehicle's autopilot has received."""
         if self.dock is None:
             return (0, 0)
         counts = self.dock.vehicles[k].counts
@@ -157,7 +157,7 @@ class EmulatedLinks:
 
 
 def report_of(output: VehicleOutput, gps_std_m: float) -> Report:
-    """What a vehicle's autopilot believes after a tick; GPS readings are as good as `gps_std_m`."""
+    """The state that a vehicle's autopilot reports after a tick; `gps_std_m` is the accuracy of GPS."""
     estimate = output.odometry
     return Report(
         heading_rad=estimate.heading_rad,
@@ -172,20 +172,22 @@ def report_of(output: VehicleOutput, gps_std_m: float) -> Report:
     )
 
 
-def _shell(port: str) -> HostPort:
+def _host_port(port: str) -> HostPort:
     address = read_address(port)
-    if address.kind == "tcp" and address.place in _OWN:
+    if address.kind == "tcp" and address.place in _LOCAL_HOSTS:
         return TcpServerPort(address.number)
     if address.kind == "serial" and not address.place.startswith("/dev/"):
         return PtyPort(Path(address.place))
     raise AddressError(
-        f"modem.port {port!r}: an emulated modem can be offered at a path outside /dev (a link to a pty), or at "
-        "tcp://127.0.0.1:PORT"
+        f"modem.port got {port!r}; expected a path outside /dev (a link to a pty) or tcp://127.0.0.1:PORT for an "
+        "emulated modem. Change modem.port"
     )
 
 
-def _calls(endpoint: str) -> str:
+def _autopilot_endpoint(endpoint: str) -> str:
     address = read_address(endpoint)
-    if address.kind != "udpin" or address.place not in _OWN or address.number == 0:
-        raise AddressError(f"link.endpoint {endpoint!r}: a simulated autopilot calls udpin://127.0.0.1:PORT")
+    if address.kind != "udpin" or address.place not in _LOCAL_HOSTS or address.number == 0:
+        raise AddressError(
+            f"link.endpoint got {endpoint!r}; expected udpin://127.0.0.1:PORT for a simulated autopilot. Change it"
+        )
     return f"udpout://{address.place}:{address.number}"

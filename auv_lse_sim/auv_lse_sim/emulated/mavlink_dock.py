@@ -10,7 +10,7 @@ from auv_lse_sim.emulated.mavlink_vehicle import MavlinkVehicle, Report
 
 
 class MavlinkDock:
-    """One simulated autopilot per vehicle, each on its UDP port; has no thread and no clock.
+    """One simulated autopilot per vehicle, each on its UDP port; no threads and no clock.
 
     The owner calls `serve` whenever `fileno` is readable, and `report` once a tick, both with the simulation's time.
     """
@@ -20,8 +20,8 @@ class MavlinkDock:
 
         Args:
             vehicles: Autopilots by vehicle.
-            endpoints: Their ports: "udpin://127.0.0.1:PORT" waits there (0: a free one), "udpout://127.0.0.1:PORT"
-                calls there.
+            endpoints: Their ports: "udpin://127.0.0.1:PORT" listens (0: any free port), "udpout://127.0.0.1:PORT"
+                sends first.
 
         Raises:
             TransportError: if a port is taken.
@@ -39,7 +39,7 @@ class MavlinkDock:
         return self._epoll.fileno()
 
     def serve(self, now_s: float) -> int:
-        """Reads every port and answers; returns the number of bytes read. Never waits."""
+        """Reads every port and answers; returns the number of bytes read. Never blocks."""
         total = 0
         for vehicle, port in self._ports.items():
             data = port.read()
@@ -49,9 +49,9 @@ class MavlinkDock:
             self._flush(vehicle)
         return total
 
-    def greet(self, vehicle: int, now_s: float) -> None:
+    def send_heartbeat(self, vehicle: int, now_s: float) -> None:
         """Sends a vehicle's heartbeat."""
-        self.vehicles[vehicle].greet(now_s)
+        self.vehicles[vehicle].send_heartbeat(now_s)
         self._flush(vehicle)
 
     def report(self, vehicle: int, now_s: float, report: Report) -> None:

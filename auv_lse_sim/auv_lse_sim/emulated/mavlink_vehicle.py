@@ -1,20 +1,22 @@
 """A simulated vehicle's autopilot as seen over MAVLink: telemetry out, position targets and missions in.
 
 The simulation reports the vehicle's state once a tick (`report`) and gets each leg to travel (`follow`);
-`mavlink_dock.py` joins one autopilot per vehicle to its UDP port. It behaves as an AUV's autopilot does towards a
-companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT, GPS_RAW_INT,
-DISTANCE_SENSOR, SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN, REQUEST_MESSAGE,
-TIMESYNC. Its estimate jumps when GPS is there again at the surface. It keeps the index of its current mission item when
-another mission is uploaded, as ArduPilot does, and goes on from there unless told otherwise by MISSION_SET_CURRENT.
+`mavlink_dock.py` connects one autopilot per vehicle to its UDP port. It sends and accepts what an AUV's autopilot does
+towards a companion computer or ground station: heartbeat, ATTITUDE, LOCAL_POSITION_NED, GLOBAL_POSITION_INT,
+GPS_RAW_INT, DISTANCE_SENSOR, SCALED_PRESSURE2, SYSTEM_TIME; the mission protocol both ways; GPS_GLOBAL_ORIGIN,
+REQUEST_MESSAGE, TIMESYNC. Its estimate jumps when GPS returns at the surface. Like ArduPilot, it keeps the index of the
+current mission item when a new mission is uploaded, and continues from there unless MISSION_SET_CURRENT changes it.
 
-A new target or mission item is travelled to after the one before it (the sender sends it when the vehicle is about to
-reach that one), by the shortest arc and straight of the vehicle's turn radius. For the ends of the planner's legs,
-which are arcs and straights of that radius, that is the leg itself, to the rounding of the message (float32: 0.03 mm at
-500 m; mission items: 1 cm). A target inside the turning circle is turned to more tightly, as far as the vehicle can:
-the end of a leg moves by metres when the map's places are corrected. A position target that comes long before the
-vehicle is at the one before it, or when that is passed, is turned to at once. A target's depth and a commanded speed
-are ignored, since a simulated vehicle keeps its own, but for a target at the surface, which brings it up where it is. A
-new target where the vehicle has just been stops it there. The next other target lets it travel on.
+Rules for targets:
+
+- The vehicle travels to a new target or mission item after the previous one, by the shortest arc and straight of its
+  turn radius. For the ends of the planner's legs this reproduces the leg, up to the rounding of the message (float32:
+  0.03 mm at 500 m; mission items: 1 cm).
+- It turns more tightly for a target inside its turning circle, as far as it can. Such targets occur because leg ends
+  move by metres when the map's positions are corrected.
+- It turns at once to a position target that comes long before it reaches the previous one, or after it has passed it.
+- It ignores a target's depth and a commanded speed. A target at the surface makes it surface where it is.
+- A new target at a recent position of the vehicle stops it there. The next different target lets it continue.
 """
 
 from __future__ import annotations
@@ -31,32 +33,32 @@ from auv_lse_comms.mavlink.messages.datum import Datum, Origin
 from auv_lse_comms.mavlink.messages.wire import MavlinkCodec, Message, mavlink
 from auv_lse_sim.vehicle.target_leg import leg_to
 
-#: A target nearer than this to an earlier one is that one again (m): the rounding of a mission item.
+#: A target within this distance (m) of an earlier one repeats it; allows for the rounding of mission items.
 SAME_M = 0.05
-#: A target's heading is taken for the leg's end if it is within this of the leg's own (rad).
+#: A target's heading replaces the heading at the leg's end if they differ by at most this (rad).
 SAME_RAD = 0.1
-#: A position target that comes this far (m) from the one before it takes its place.
+#: A position target that arrives when the vehicle is this far (m) from the previous one replaces it.
 REPLACED_M = 8.0
-#: A vehicle so far (m) past the end of its leg has passed it: it circles, and waits for no target at that place.
+#: A vehicle this far (m) past the end of its leg has passed it and circles.
 AT_END_M = 0.5
-#: A new target nearer than `SAME_M` to one of so many places reported last stops the vehicle there.
+#: A new target within `SAME_M` of one of this many last reported positions stops the vehicle there.
 REPORTS = 8
-#: A target less deep than this brings the vehicle to the surface (m).
+#: A target shallower than this (m) makes the vehicle surface.
 SURFACE_M = 0.5
-#: Targets remembered to recognize their repetition: of items, which come again with each upload; and of position
-#: targets, no more than the last few, since four quarter turns lead back to a place, and that is another target.
+#: Numbers of targets remembered to recognize repetitions: mission items, which return with each upload; and position
+#: targets, only a few, because four quarter turns lead back to a place that is then a new target.
 REMEMBERED = 8
 REPEATED = 3
-#: A mission has at most this many items.
+#: Maximum number of items of a mission.
 MAX_ITEMS = 512
-#: The uploader is asked again for an item after so long without it (s), so often.
+#: Time (s) after which a missing item is requested again, and the number of such requests.
 ITEM_TIMEOUT_S = 1.0
 ITEM_REPEATS = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What the autopilot believes of its vehicle: its estimate, not the truth.
+    """The autopilot's estimate of its vehicle's state.
 
     Attributes:
         heading_rad: Clockwise from north.
@@ -89,9 +91,9 @@ class MavlinkVehicle:
     Attributes:
         counts: "targets" (position targets received, repeated ones too), "missions" (accepted), "legs" (handed out),
             "refused".
-        current: Index of the mission item that is travelled to; their number once all are.
+        current: Index of the current mission item; the number of items at the end.
         datum: The mission's origin and this autopilot's own.
-        mission: Items of the mission accepted last.
+        mission: Items of the last accepted mission.
     """
 
     def __init__(
@@ -113,10 +115,10 @@ class MavlinkVehicle:
             start: Heading (rad), north, east (m) where the first leg begins.
             radius_m: Turn radius.
             origin: The mission's origin; None: no geodetic positions.
-            follow: Takes each leg, to be travelled after the legs before it.
-            obey: Takes what the vehicle does in place of travelling; None: it travels on.
+            follow: Takes each leg; it follows the earlier ones.
+            obey: Takes a stop; None: the vehicle continues.
             tightest_m: Radius of the vehicle's tightest turn, for targets inside the turning circle; None: `radius_m`.
-            own_origin: The estimator's origin, if it is another than the mission's.
+            own_origin: The estimator's origin, if it differs from the mission's.
         """
         self.counts: Counter[str] = Counter()
         self.datum = Datum(origin, own_origin or origin)
@@ -124,10 +126,10 @@ class MavlinkVehicle:
         self.current = 0
         self._system_id = system_id
         self._codec = MavlinkCodec(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        self._state = start  # at the end of the leg given out last
+        self._state = start  # at the end of the last leg
         self._last_leg: Leg | None = None
-        self._here = start  # as reported last
-        self._passed = False  # that end
+        self._here = start  # last reported pose
+        self._passed = False  # whether the vehicle has passed that end
         self._radius_m, self._tightest_m = radius_m, tightest_m
         self._follow, self._obey = follow, obey
         self._stopped: Stop | None = None
@@ -139,7 +141,7 @@ class MavlinkVehicle:
         self._incoming: list[Message] = []
         self._wanted = 0
         self._uploader = (0, 0)
-        self._asked_s = 0.0
+        self._requested_s = 0.0
         self._repeats = 0
 
     def receive(self, now_s: float, data: bytes) -> None:
@@ -163,16 +165,16 @@ class MavlinkVehicle:
             self._heartbeat()
         self._send(mavlink.MAVLink_system_time_message(round(now_s * 1e6), self._boot_ms))
         self._telemetry(report)
-        if self._wanted and now_s - self._asked_s >= ITEM_TIMEOUT_S:
-            self._ask_again()
+        if self._wanted and now_s - self._requested_s >= ITEM_TIMEOUT_S:
+            self._request_again()
 
-    def greet(self, now_s: float) -> None:
-        """Sends a heartbeat now, so that the other side knows where to speak to."""
+    def send_heartbeat(self, now_s: float) -> None:
+        """Sends a heartbeat, from which the other side learns this port."""
         self._now_s = now_s
         self._heartbeat()
 
     def outgoing(self) -> list[bytes]:
-        """The datagrams to send now; they are handed out once."""
+        """The datagrams to send; returns each once."""
         data, self._out = self._out, []
         return data
 
@@ -234,10 +236,7 @@ class MavlinkVehicle:
         self._send(mavlink.MAVLink_scaled_pressure2_message(self._boot_ms, report.pressure_pa / 100.0, 0.0, 1000))
 
     def _send_gps(self, report: Report) -> None:
-        """GPS_RAW_INT: under water it comes as well, and says that there is no fix.
-
-        A mission without an origin lies nowhere: its vehicles have a fix at 0, 0.
-        """
+        """Sends GPS_RAW_INT; under water without a fix, and without a mission origin with a fix at 0, 0."""
         kind, lat, lon, accuracy_mm = mavlink.GPS_FIX_TYPE_NO_FIX, 0, 0, 0
         if report.gps_m is not None:
             kind, accuracy_mm = mavlink.GPS_FIX_TYPE_3D_FIX, round(1000.0 * report.gps_std_m)
@@ -253,15 +252,15 @@ class MavlinkVehicle:
     # ------------------------------------------------------------------ targets
 
     def _go(self, target: Target, remembered: int = REMEMBERED, replaces_m: float = math.inf) -> None:
-        """Goes to a target, unless it is one of so many remembered; at once if it comes so far from the last one."""
+        """Goes to a target that repeats none of the last `remembered`; at once if `replaces_m` from the last target."""
         recent = list(self._recent)[-remembered:]
         known = any(_apart_m(target, (last.north_m, last.east_m)) <= SAME_M for last in recent)
-        if target.depth_m <= SURFACE_M:  # where it comes up makes no difference
-            self._tell(Stop(action=Action.SURFACE))
+        if target.depth_m <= SURFACE_M:  # wherever it surfaces
+            self._set_stop(Stop(action=Action.SURFACE))
             return
         if not known and self._stops(target):
             return
-        self._tell(None)
+        self._set_stop(None)
         if known:
             return
         place_m = (target.north_m, target.east_m)
@@ -270,8 +269,7 @@ class MavlinkVehicle:
         begin = self._here if at_once or self._passed else self._state
         leg = leg_to(*begin, place_m, self._radius_m, self.counts["legs"], self._tightest_m)
         self._recent.append(target)
-        # The next leg begins at the target as it was meant, not as it comes out of the geometry: from leg to leg a
-        # heading that is a little off would be off by more and more.
+        # The next leg begins at the target itself, not at the computed end of this leg: heading errors would add up.
         heading = float(leg.end_state[0])
         if abs(math.remainder(target.heading_rad - heading, 2.0 * math.pi)) <= SAME_RAD:
             heading = target.heading_rad
@@ -281,14 +279,14 @@ class MavlinkVehicle:
         self._follow(leg)
 
     def _stops(self, target: Target) -> bool:
-        """Whether a target is a place to stop at: that of a stop, or where the vehicle just was; it then stops."""
+        """Stops if a target repeats the stop or a recent position; returns whether it does."""
         places = self._reported if self._stopped is None else [*self._reported, self._stopped.place_m]
         if not any(_apart_m(target, place) <= SAME_M for place in places):
             return False
-        self._tell(Stop(action=Action.HOLD, place_m=(target.north_m, target.east_m)))
+        self._set_stop(Stop(action=Action.HOLD, place_m=(target.north_m, target.east_m)))
         return True
 
-    def _tell(self, stop: Stop | None) -> None:
+    def _set_stop(self, stop: Stop | None) -> None:
         if stop != self._stopped:
             self._obey(stop)
         self._stopped = stop
@@ -322,38 +320,38 @@ class MavlinkVehicle:
         if self._wanted == 0:
             self._accept()
         else:
-            self._ask()
+            self._request_item()
 
-    def _ask(self) -> None:
-        self._asked_s = self._now_s
+    def _request_item(self) -> None:
+        self._requested_s = self._now_s
         self._send(
             mavlink.MAVLink_mission_request_int_message(
                 *self._uploader, len(self._incoming), mavlink.MAV_MISSION_TYPE_MISSION
             )
         )
 
-    def _ask_again(self) -> None:
+    def _request_again(self) -> None:
         self._repeats += 1
         if self._repeats > ITEM_REPEATS:
             self._wanted = 0
             self._acknowledge(mavlink.MAV_MISSION_OPERATION_CANCELLED)
         else:
-            self._ask()
+            self._request_item()
 
     def _on_mission_item(self, message: Message) -> None:
         if message.mission_type != mavlink.MAV_MISSION_TYPE_MISSION:
             return
         if not self._wanted:
             if self.mission and message.seq == len(self.mission) - 1:
-                self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)  # sent again: the acknowledgement was lost
+                self._acknowledge(mavlink.MAV_MISSION_ACCEPTED)  # repeated because the acknowledgement was lost
             return
         if message.seq != len(self._incoming):
-            self._ask()  # repeated or out of order: not the one asked for
+            self._request_item()  # repeated or out of order
             return
         self._incoming.append(message)
         self._repeats = 0
         if len(self._incoming) < self._wanted:
-            self._ask()
+            self._request_item()
         else:
             self._accept()
 
@@ -361,7 +359,7 @@ class MavlinkVehicle:
         items, self._incoming, self._wanted = tuple(self._incoming), [], 0
         for item in items:
             if item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
-                continue  # for a camera or gimbal, which this vehicle does not have
+                continue  # for a camera or gimbal
             try:
                 target_of_item(item, self.datum)
             except ValueError as error:
@@ -375,7 +373,7 @@ class MavlinkVehicle:
         self._travel_mission()
 
     def _travel_mission(self) -> None:
-        """Goes to the items from the current one on."""
+        """Goes to the current item and the following ones."""
         for item in self.mission[self.current :]:
             if item.command == mavlink.MAV_CMD_NAV_WAYPOINT:
                 self._go(target_of_item(item, self.datum))
@@ -387,15 +385,15 @@ class MavlinkVehicle:
             self._send(mavlink.MAVLink_mission_current_message(message.seq))
             self._travel_mission()
         else:
-            self._send_text(mavlink.MAV_SEVERITY_WARNING, f"item {message.seq} of {len(self.mission)}")
+            self._send_text(mavlink.MAV_SEVERITY_WARNING, f"no item {message.seq}: mission has {len(self.mission)}")
 
     def _acknowledge(self, result: int, mission_type: int = mavlink.MAV_MISSION_TYPE_MISSION) -> None:
         self._send(mavlink.MAVLink_mission_ack_message(*self._uploader, result, mission_type))
 
     def _on_mission_list(self, message: Message) -> None:
-        asker = (message.get_srcSystem(), message.get_srcComponent())
+        sender = (message.get_srcSystem(), message.get_srcComponent())
         count = len(self.mission) if message.mission_type == mavlink.MAV_MISSION_TYPE_MISSION else 0
-        self._send(mavlink.MAVLink_mission_count_message(*asker, count, message.mission_type))
+        self._send(mavlink.MAVLink_mission_count_message(*sender, count, message.mission_type))
 
     def _on_mission_request(self, message: Message) -> None:
         if not 0 <= message.seq < len(self.mission):
@@ -424,8 +422,8 @@ class MavlinkVehicle:
                 mavlink.MAV_CMD_DO_CHANGE_SPEED,
             )
         result = mavlink.MAV_RESULT_ACCEPTED if known else mavlink.MAV_RESULT_UNSUPPORTED
-        asker = (message.get_srcSystem(), message.get_srcComponent())
-        self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *asker))
+        sender = (message.get_srcSystem(), message.get_srcComponent())
+        self._send(mavlink.MAVLink_command_ack_message(message.command, result, 0, 0, *sender))
 
     def _send_version(self) -> bool:
         able = (
@@ -460,13 +458,13 @@ def _apart_m(target: Target, place_m: tuple[float, float]) -> float:
     return math.hypot(target.north_m - place_m[0], target.east_m - place_m[1])
 
 
-#: What `MAV_CMD_REQUEST_MESSAGE` can ask for.
+#: Messages that `MAV_CMD_REQUEST_MESSAGE` can request.
 MESSAGES_ON_REQUEST: dict[int, Callable[[MavlinkVehicle], bool]] = {
     mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: MavlinkVehicle._send_version,
     mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: MavlinkVehicle._send_origin,
 }
 
-#: What is done with each message; others are ignored.
+#: Handler of each message; others are ignored.
 HANDLERS: dict[str, Callable[[MavlinkVehicle, Message], None]] = {
     "SET_POSITION_TARGET_LOCAL_NED": MavlinkVehicle._on_position_target,
     "MISSION_COUNT": MavlinkVehicle._on_mission_count,

@@ -1,4 +1,4 @@
-"""The emulated modems of a team, each on its port, all joined to one channel."""
+"""The emulated modems of a team, each on its port, all connected to one channel."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ from auv_lse_sim.emulated.modem_packets import HeardPacket, Transmission
 
 
 class ModemRack:
-    """One emulated modem per vehicle, each on its port, all joined to one channel; has no thread and no clock.
+    """One emulated modem per vehicle, each on its port, all connected to one channel; no threads and no clock.
 
-    The owner calls `serve` whenever its `fileno` is readable, and `poll` once
-    a tick; both with the simulation's time.
+    The owner calls `serve` whenever `fileno` is readable, and `poll` once a tick, both with the simulation's time.
     """
 
     def __init__(
@@ -27,7 +26,7 @@ class ModemRack:
 
         Args:
             ports: Where a host reaches each vehicle's modem.
-            transmit: Takes (vehicle, packet) into the water; returns the duration (s), or None for the nominal one.
+            transmit: Sends (vehicle, packet) into the water; returns the duration (s), or None for the nominal one.
             now_s: The simulation's time.
         """
         self._ports = dict(ports)
@@ -38,7 +37,7 @@ class ModemRack:
         self._epoll = select.epoll()
         self._watched: dict[int, int] = {}
         for vehicle in self._ports:
-            self.modems[vehicle] = ModemEmulator(self._joined(vehicle))
+            self.modems[vehicle] = ModemEmulator(self._transmitter(vehicle))
             self.modems[vehicle].boot(now_s)
             self._flush(vehicle)
 
@@ -52,7 +51,7 @@ class ModemRack:
         return self._epoll.fileno()
 
     def serve(self, now_s: float) -> int:
-        """Reads every port and answers; returns the number of bytes read. Never waits."""
+        """Reads every port and answers; returns the number of bytes read. Never blocks."""
         total = 0
         for vehicle, port in self._ports.items():
             while data := port.read():
@@ -62,13 +61,13 @@ class ModemRack:
         return total
 
     def poll(self, now_s: float) -> None:
-        """Lets time pass on every modem."""
+        """Advances every modem to `now_s`."""
         for vehicle, modem in self.modems.items():
             modem.poll(now_s)
             self._flush(vehicle)
 
     def arrive(self, now_s: float, vehicle: int, arrival: HeardPacket) -> None:
-        """A packet has reached a vehicle: its modem reports it. What it brings the host counts as delivered."""
+        """Delivers a packet to a vehicle's modem; counts what the modem passes to its host."""
         self.delivered[vehicle] += self.modems[vehicle].arrive(now_s, arrival)
         self._flush(vehicle)
 
@@ -78,7 +77,7 @@ class ModemRack:
             port.close()
         self._epoll.close()
 
-    def _joined(self, vehicle: int) -> Callable[[Transmission], float | None]:
+    def _transmitter(self, vehicle: int) -> Callable[[Transmission], float | None]:
         def transmit(transmission: Transmission) -> float | None:
             self.transmitted[vehicle] += 1
             return self._transmit(vehicle, transmission)
@@ -93,7 +92,7 @@ class ModemRack:
         wanted = {number for port in self._ports.values() for number in port.filenos()}
         for number in set(self._watched) - wanted:
             del self._watched[number]
-            with contextlib.suppress(OSError):  # closing a file has taken it out already
+            with contextlib.suppress(OSError):  # already removed when the file was closed
                 self._epoll.unregister(number)
         for number in wanted - set(self._watched):
             self._watched[number] = 1
@@ -103,10 +102,10 @@ class ModemRack:
 def perfect_water(
     rack: Callable[[], ModemRack], delay_s: float = 0.5
 ) -> tuple[Callable[[int, Transmission], None], Callable[[float], None]]:
-    """A channel for tests and the desk: everyone hears everything, `delay_s` later.
+    """A channel for tests and the modem desk: every modem receives every packet after `delay_s`.
 
     Returns:
-        `transmit` for an `ModemRack`, and `tick(now_s)`, which delivers what has arrived by then.
+        `transmit` for a `ModemRack`, and `tick(now_s)`, which delivers the packets that have arrived by then.
     """
     under_way: deque[tuple[float, int, HeardPacket]] = deque()
 

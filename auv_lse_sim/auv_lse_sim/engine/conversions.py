@@ -1,4 +1,4 @@
-"""What the simulation's values are in the records that its topics carry."""
+"""Converts the simulation's values to the records of its topics."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def status_report(simulation: Simulation, state: MissionState, message: str, spe
 
     Args:
         simulation: The simulation.
-        state: Where the mission is.
+        state: State of the mission.
         message: Why it waits or has failed.
         speed: Simulated seconds per second of wall clock.
     """

@@ -1,6 +1,6 @@
-"""A whole mission in one process, without ROS: the nodes' cores, called in the order of docs/design/architecture.md.
+"""Runs a whole mission in one process without ROS: calls the nodes' cores in the order of docs/design/architecture.md.
 
-The nodes make the same calls with the same numbers, so that both give the same mission from the same seed. Where a
+The nodes make the same calls with the same numbers, so both produce the same mission from the same seed. Where a
 message rounds (a stamp to nanoseconds, a heading to a quaternion and back), the fleet rounds too.
 """
 
@@ -51,7 +51,7 @@ Array = NDArray[np.float64]
 
 @dataclass(slots=True)
 class _Log:
-    """What is kept of one vehicle, in lists that grow by the tick."""
+    """The record of one vehicle; the lists grow with each tick."""
 
     truth: list[tuple[float, float, float, float]] = field(default_factory=list)
     odometry: list[tuple[float, float, float, float]] = field(default_factory=list)
@@ -69,38 +69,38 @@ def _samples(received: Received) -> Array:
     return np.asarray(received.packet.samples, dtype=np.float32).astype(float).reshape(-1, 3)
 
 
-def _as_message_has_it(raw: DeadReckoning) -> DeadReckoning:
-    """A raw place with the rounding of its message: its stamp to nanoseconds, its heading to a quaternion and back."""
+def _rounded_dead_reckoning(raw: DeadReckoning) -> DeadReckoning:
+    """Dead reckoning as its message rounds it: stamp to nanoseconds, heading to a quaternion and back."""
     heading_rad = heading_from_quaternion(*quaternion_from_heading(raw.heading_rad))
     return replace(raw, stamp_s=stamped(raw.stamp_s), heading_rad=heading_rad)
 
 
-def _fix_as_message_has_it(fix: Fix) -> Fix:
-    """A fix with its message's rounding of the stamp."""
+def _rounded_fix(fix: Fix) -> Fix:
+    """A fix as its message rounds it: stamp to nanoseconds."""
     return replace(fix, stamp_s=stamped(fix.stamp_s))
 
 
-def _mate_as_message_has_it(mate: MateNavigation) -> MateNavigation:
-    """A mate's navigation with the rounding of its message: its stamp to nanoseconds."""
+def _rounded_mate(mate: MateNavigation) -> MateNavigation:
+    """A mate's navigation as its message rounds it: stamp to nanoseconds."""
     return replace(mate, stamp_s=stamped(mate.stamp_s))
 
 
-class Crew:
-    """The cores of one vehicle, wired by direct calls where the nodes exchange messages.
+class VehicleCores:
+    """The cores of one vehicle, connected by direct calls where the nodes exchange messages.
 
     Attributes:
         vehicle: Its number.
         bridge: Its modem bridge.
         map: Its map.
-        safety: Its mission's state and the watch over it.
+        safety: Its mission state and safety limits.
         planner: Its planner.
-        log: What is kept of it.
+        log: Its record.
     """
 
     def __init__(
         self, vehicle: int, bridge: ModemBridge, to_map: MapIntake, safety: Safety, planner: VehiclePlanner
     ) -> None:
-        """Nothing has come in yet."""
+        """Connects the cores."""
         self.vehicle = vehicle
         self.bridge = bridge
         self.map = to_map.map
@@ -114,14 +114,14 @@ class Crew:
 
     @property
     def corrector(self) -> PositionCorrector | None:
-        """What corrects the places of its map's soundings, if anything does."""
+        """The corrector of its soundings' positions, if it has one."""
         return self._to_map.corrector
 
-    def hear(self, output: VehicleOutput) -> list[Received]:
-        """The bridge takes own soundings and packets, as modem_node does; returns the packets that it accepts."""
-        self._to_bridge.set_dead_reckoning(_as_message_has_it(output.dead_reckoning))
+    def receive(self, output: VehicleOutput) -> list[Received]:
+        """Hands own soundings and received packets to the bridge, as modem_node does; returns the accepted packets."""
+        self._to_bridge.set_dead_reckoning(_rounded_dead_reckoning(output.dead_reckoning))
         for fix in output.fixes:
-            self._to_bridge.add_fix(_fix_as_message_has_it(fix))
+            self._to_bridge.add_fix(_rounded_fix(fix))
         self._to_bridge.add_soundings(output.soundings)
         for arrival in output.arrivals:
             timing = Timing(sent_s=arrival.sent_s, arrival_s=arrival.heard_s, travel_s=arrival.travel_s)
@@ -133,24 +133,24 @@ class Crew:
         return heard
 
     def update_map(self, output: VehicleOutput, heard: list[Received]) -> None:
-        """The map takes navigation, own soundings and the team's samples, as gp_node does."""
+        """Hands navigation, own soundings and the team's samples to the map, as gp_node does."""
         self._to_map.add_soundings(output.soundings)
-        self._to_map.add_dead_reckoning(_as_message_has_it(output.dead_reckoning))
+        self._to_map.add_dead_reckoning(_rounded_dead_reckoning(output.dead_reckoning))
         for fix in output.fixes:
-            self._to_map.add_fix(replace(fix, stamp_s=stamped(fix.stamp_s)))
+            self._to_map.add_fix(_rounded_fix(fix))
         for received in heard:
             if received.navigation is not None:
-                self._to_map.add_navigation(_mate_as_message_has_it(received.navigation))
+                self._to_map.add_navigation(_rounded_mate(received.navigation))
             if len(received.packet.samples):
                 self._to_map.add_samples(received.stamp_s, received.source, _samples(received))
         self._to_map.step(output.odometry.stamp_s)
 
-    def watch(self, now_s: float, output: VehicleOutput) -> Stop | None:
-        """The watch looks at odometry and altitude, as safety_node does; returns what stops the vehicle."""
+    def update_safety(self, now_s: float, output: VehicleOutput) -> Stop | None:
+        """Checks odometry and altitude, as safety_node does; returns the stop that is in force, if any."""
         o, safety = output.odometry, self.safety
         heading = heading_from_quaternion(*quaternion_from_heading(o.heading_rad))
         safety.watch.odometry(heading, o.north_m, o.east_m, output.pressure_depth_m, o.speed_mps)
-        safety.watch.altitude(float(np.float32(output.altitude_m)))  # as a Range has it
+        safety.watch.altitude(float(np.float32(output.altitude_m)))  # rounded as in Range
         if self.planner.finished:
             safety.run.command(Command.END, "planner_node")
         safety.watch.step(now_s, safety.run)
@@ -159,10 +159,10 @@ class Crew:
         return safety.run.status.stop
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
-        """The planner takes map, plans and odometry, as planner_node does.
+        """Hands map, plans and odometry to the planner, as planner_node does.
 
         Returns:
-            The decision and the wall clock that it took (s), if one is due.
+            The decision and its wall-clock time (s), or None if none is due.
         """
         for received in heard:
             self._to_planner.add_plan(received.stamp_s, received.source, received.packet.plan)
@@ -171,19 +171,19 @@ class Crew:
         self._to_planner.set_odometry(stamped(o.stamp_s), heading, o.north_m, o.east_m)
         if not self._to_planner.take(now_s):
             return None
-        place = None if self.corrector is None else self.corrector.place  # only a decision reads it
+        place = None if self.corrector is None else self.corrector.place  # only decisions read it
         if place is not None:
             self._to_planner.set_corrected(place.stamp_s, place.north_m, place.east_m)
             self._to_planner.apply_correction()
-        if self.map.revision != self._revision:  # not before: to be read, merged centers must be settled
+        if self.map.revision != self._revision:  # reading settles merged centers, so not earlier
             self._revision = self.map.revision
             self.planner.set_centers(self.map.centers, now_s)
         began = time.perf_counter()
         decision = self.planner.decide(now_s)
         return decision, time.perf_counter() - began
 
-    def say(self, now_s: float, decision: Decision | None) -> bytes | None:
-        """The bridge takes the plan, as modem_node does; returns the packet to send in the vehicle's slot."""
+    def next_packet(self, now_s: float, decision: Decision | None) -> bytes | None:
+        """Hands the plan to the bridge, as modem_node does; returns the packet to send if the vehicle's slot is due."""
         if decision is not None:
             self._to_bridge.set_plan(decision.plan)
         return self._to_bridge.poll(now_s)
@@ -194,16 +194,16 @@ class Fleet:
 
     Args:
         settings: The whole mission.
-        ground: What the vehicles sound.
+        ground: The ground under the vehicles.
     """
 
     def __init__(self, settings: Settings, ground: Ground) -> None:
-        """Builds the world and the crews; nothing moves yet."""
+        """Builds the world and the vehicles' cores."""
         self.settings = settings
         self.ground = ground
         self.world = World.of(settings, ground)
         self.area = OperatingArea(settings.area)
-        self.crews = [self._crew(number) for number in range(1, settings.mission.vehicles + 1)]
+        self.cores = [self._build_cores(number) for number in range(1, settings.mission.vehicles + 1)]
         self.now_s = 0.0
         self.sent: list[PacketSent] = []
         self.received: list[PacketReceived] = []
@@ -211,11 +211,11 @@ class Fleet:
         self._wall_s = 0.0
         self._ticks = 0
 
-    def _crew(self, number: int) -> Crew:
+    def _build_cores(self, number: int) -> VehicleCores:
         parameters = parameters_for(self.settings.to_patterns(), f"/auv{number}/modem_node")
         own = self.settings.planner_settings(number)
         depth_map = DepthMap(own.gp, self.settings.level_set, self.area)
-        return Crew(
+        return VehicleCores(
             vehicle=number,
             bridge=bridge_of(parameters, f"{self.settings.where} (auv{number})", number, ReceiversRisk.from_parameters),
             to_map=MapIntake(depth_map, corrector_for(number, self.settings.places_in_force(number), depth_map)),
@@ -225,11 +225,11 @@ class Fleet:
 
     @property
     def finished(self) -> bool:
-        """Whether every vehicle has travelled all its legs, or has aborted its mission."""
-        return all(crew.planner.finished or crew.safety.run.status.state is RunState.ABORTED for crew in self.crews)
+        """Whether every vehicle has travelled all its legs or aborted its mission."""
+        return all(cores.planner.finished or cores.safety.run.status.state is RunState.ABORTED for cores in self.cores)
 
     def tick(self) -> None:
-        """One tick of the mission."""
+        """Runs one tick of the mission."""
         began = time.perf_counter()
         self._ticks += 1
         now_s = stamped(self._ticks * self.settings.sim.tick_s)
@@ -238,18 +238,18 @@ class Fleet:
         payloads: list[tuple[int, bytes]] = []
         stops: list[tuple[int, Stop | None]] = []
         decisions: list[tuple[int, Decision]] = []
-        for crew in self.crews:
-            output = outputs[crew.vehicle]
-            heard = crew.hear(output)
-            crew.update_map(output, heard)
-            stops.append((crew.vehicle, crew.watch(now_s, output)))
-            decided = crew.decide(now_s, output, heard)
-            payload = crew.say(now_s, decided[0] if decided else None)
+        for cores in self.cores:
+            output = outputs[cores.vehicle]
+            heard = cores.receive(output)
+            cores.update_map(output, heard)
+            stops.append((cores.vehicle, cores.update_safety(now_s, output)))
+            decided = cores.decide(now_s, output, heard)
+            payload = cores.next_packet(now_s, decided[0] if decided else None)
             if decided:
-                decisions.append((crew.vehicle, decided[0]))
+                decisions.append((cores.vehicle, decided[0]))
             if payload is not None:
-                payloads.append((crew.vehicle, payload))
-            self._record(crew, now_s, output, heard, decided)
+                payloads.append((cores.vehicle, payload))
+            self._record(cores, now_s, output, heard, decided)
         for vehicle, stop in stops:
             self.world.obey(vehicle, stop)
         for vehicle, decision in decisions:
@@ -263,22 +263,20 @@ class Fleet:
 
     def _record(
         self,
-        crew: Crew,
+        cores: VehicleCores,
         now_s: float,
         output: VehicleOutput,
         heard: list[Received],
         decided: tuple[Decision, float] | None,
     ) -> None:
-        log, truth, odometry = crew.log, output.truth, output.odometry
+        log, truth, odometry = cores.log, output.truth, output.odometry
         log.truth.append((now_s, truth.north_m, truth.east_m, truth.heading_rad))
         log.odometry.append((now_s, odometry.north_m, odometry.east_m, odometry.heading_rad))
         log.place_std.append((odometry.covariance[1][1] ** 0.5, odometry.covariance[2][2] ** 0.5))
-        raw = _as_message_has_it(output.dead_reckoning)
+        raw = _rounded_dead_reckoning(output.dead_reckoning)
         log.dead_reckoning.append((raw.stamp_s, raw.north_m, raw.east_m, raw.heading_rad, raw.depth_m))
-        log.fixes += [_fix_as_message_has_it(fix) for fix in output.fixes]
-        log.mates += [
-            _mate_as_message_has_it(received.navigation) for received in heard if received.navigation is not None
-        ]
+        log.fixes += [_rounded_fix(fix) for fix in output.fixes]
+        log.mates += [_rounded_mate(received.navigation) for received in heard if received.navigation is not None]
         if len(output.soundings):
             log.soundings.append(output.soundings)
         for received in heard:
@@ -287,7 +285,7 @@ class Fleet:
             self.received.append(
                 PacketReceived(
                     stamp_s=stamped(arrival.arrival_s),
-                    receiver=crew.vehicle,
+                    receiver=cores.vehicle,
                     source=arrival.source,
                     snr_db=arrival.snr_db,
                     payload=arrival.payload,
@@ -320,11 +318,11 @@ class Fleet:
             progress: Called after every tick.
 
         Returns:
-            What the mission leaves; if it was stopped after `Settings.longest_s`, its notes say so.
+            The run data; a note reports a stop after `Settings.longest_s`.
         """
         while not self.finished:
             if self.now_s >= self.settings.longest_s:
-                late = [f"auv{crew.vehicle}" for crew in self.crews if not crew.planner.finished]
+                late = [f"auv{cores.vehicle}" for cores in self.cores if not cores.planner.finished]
                 self.notes.append(f"stopped at {self.now_s:.0f} s: {', '.join(late)} had not finished")
                 break
             self.tick()
@@ -334,7 +332,7 @@ class Fleet:
 
     def run_data(self) -> RunData:
         """The run data up to now."""
-        grid = self.crews[0].map.grid
+        grid = self.cores[0].map.grid
         notes = list(self.notes)
         for number, vehicle in self.world.vehicles.items():
             if vehicle.groundings:
@@ -343,18 +341,18 @@ class Fleet:
             parameters=self.settings.to_patterns(),
             vehicles=[
                 VehicleRun(
-                    vehicle=crew.vehicle,
-                    truth=np.array(crew.log.truth).reshape(-1, 4),
-                    odometry=np.array(crew.log.odometry).reshape(-1, 4),
-                    soundings=Soundings.from_rows(np.concatenate([np.empty((0, 6)), *crew.log.soundings])),
-                    dead_reckoning=np.array(crew.log.dead_reckoning).reshape(-1, 5),
-                    fixes=crew.log.fixes,
-                    mates=crew.log.mates,
-                    received=Soundings.join(crew.log.received),
-                    decisions=crew.log.decisions,
-                    place_std_m=np.array(crew.log.place_std).reshape(-1, 2),
+                    vehicle=cores.vehicle,
+                    truth=np.array(cores.log.truth).reshape(-1, 4),
+                    odometry=np.array(cores.log.odometry).reshape(-1, 4),
+                    soundings=Soundings.from_rows(np.concatenate([np.empty((0, 6)), *cores.log.soundings])),
+                    dead_reckoning=np.array(cores.log.dead_reckoning).reshape(-1, 5),
+                    fixes=cores.log.fixes,
+                    mates=cores.log.mates,
+                    received=Soundings.join(cores.log.received),
+                    decisions=cores.log.decisions,
+                    place_std_m=np.array(cores.log.place_std).reshape(-1, 2),
                 )
-                for crew in self.crews
+                for cores in self.cores
             ],
             sent=list(self.sent),
             received=sorted(self.received, key=lambda r: (r.stamp_s, r.receiver, r.source)),

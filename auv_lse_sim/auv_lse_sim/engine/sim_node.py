@@ -1,4 +1,4 @@
-"""Stands in for INS, DVL and acoustic modem of every vehicle, and keeps the mission's time."""
+"""Simulates INS, DVL and acoustic modem of every vehicle, and drives the mission's time."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from auv_lse_sim.engine.sim_topics_node import VehicleTopics
 from auv_lse_sim.engine.simulation import MissionState, Simulation, Speed
 from auv_lse_sim.ground.ground_source import ground_of
 
-#: How often (s of wall clock) the status is published at most while nothing in it is new but numbers.
+#: Minimum time (s of wall clock) between two statuses that differ only in numbers.
 _STATUS_PERIOD_S = 0.2
 
 
 class SimNode(BaseNode):
-    """sim_node: the simulated world of all vehicles. Namespace: none; needs the whole file (--params-file)."""
+    """sim_node: the simulated world of all vehicles. Has no namespace; reads the whole mission file (--params-file)."""
 
     def __init__(self) -> None:
-        """Makes the world from the mission file, wires every vehicle's topics, and waits for the nodes."""
+        """Builds the world from the mission file, creates every vehicle's topics, and waits for the nodes."""
         super().__init__("sim_node")
         settings = Settings.load(parameter_file(sys.argv))
         self._settings = settings
@@ -49,19 +49,19 @@ class SimNode(BaseNode):
         self._nodes = [name for k in self._sim.vehicles for name in self._sim.nodes(k)]
         self._nodes += ["recorder_node"] * self.recorded
         self._clock_topic = self._publisher("/clock")
-        if self.lockstep:  # in which the vehicles' nodes take the time from the ticks
+        if self.lockstep:  # the vehicles' nodes take the time from the ticks
             self._readers[self._clock_topic] = self.recorded
         self._status = self._publisher("/sim/status")
-        self._said: tuple[MissionState, str] | None = None
-        self._said_s = 0.0
-        self._topics = {k: self._wire(k) for k in self._sim.vehicles}
+        self._last_status: tuple[MissionState, str] | None = None
+        self._status_s = 0.0
+        self._topics = {k: self._connect(k) for k in self._sim.vehicles}
         self.create_subscription(MissionCommand, "/mission/command", self._on_command, EVERY)
         self.create_service(RunMission, "/mission/run", self._on_call)
         self._bytes = self.create_guard_condition(self._on_bytes)
         ports = [port for port in (self._sim.links.rack, self._sim.links.dock) if port is not None]
         self._watchers = [PortWatcher(port, self._bytes.trigger) for port in ports]
         if ports:
-            self.create_timer(0.2, self._sim.greet)
+            self.create_timer(0.2, self._sim.send_heartbeats)
         if self.lockstep:
             self._tick = self._publisher("/lockstep/tick")
             self.create_subscription(LockstepDone, "/lockstep/done", self._on_done, EVERY)
@@ -75,26 +75,26 @@ class SimNode(BaseNode):
         self._readers[publisher] = reader_count(topic, self._nodes) + self.recorded * topic.recorded
         return publisher
 
-    def _wire(self, k: int) -> VehicleTopics:
-        """The topics on which vehicle `k` gets what a tick brings; subscribes to what it sends."""
+    def _connect(self, k: int) -> VehicleTopics:
+        """Creates the publishers for vehicle `k`, and subscribes to its topics."""
         if k not in self._sim.links.modems:
-            self._listen(k, "modem/tx", self._on_packet)
-        self._listen(k, "mission/state", self._on_state)
+            self._subscribe(k, "modem/tx", self._on_packet)
+        self._subscribe(k, "mission/state", self._on_state)
         if k not in self._sim.links.autopilots:
-            self._listen(k, "waypoint", self._on_waypoint)
+            self._subscribe(k, "waypoint", self._on_waypoint)
         topics = VehicleTopics(self, k, self._sim)
         self._readers |= topics.readers
         return topics
 
-    def _listen(self, k: int, name: str, take: Callable[[int, Any], None]) -> None:
+    def _subscribe(self, k: int, name: str, take: Callable[[int, Any], None]) -> None:
         topic = VEHICLE_TOPICS[name]
-        quality = EVERY if name == "waypoint" else writer_quality(topic)  # a waypoint of an earlier mission is not due
+        quality = EVERY if name == "waypoint" else writer_quality(topic)  # ignores waypoints of an earlier mission
         self.create_subscription(message_class(topic.kind), full_name(topic, k), partial(take, k), quality)
 
     # ------------------------------------------------------------------ time
 
     def _begin(self) -> None:
-        self.get_logger().info(f"every node is there; {self._sim.world.ground.describe()}")
+        self.get_logger().info(f"all nodes are ready; ground: {self._sim.world.ground.describe()}")
         self._sim.begin()
         if not self.lockstep:
             factor = self._settings.sim.real_time_factor or 1.0
@@ -102,12 +102,12 @@ class SimNode(BaseNode):
         self._advance()
 
     def _advance(self) -> None:
-        """Lockstep: runs the next tick once everything that it waits for is there."""
+        """Lockstep: runs the next tick if it is ready."""
         if self._sim.ready():
             self._run_tick()
 
     def _run_tick(self) -> None:
-        """One tick: advances the world, publishes what it brings and, in lockstep, announces it."""
+        """Runs one tick: advances the world, publishes its output and, in lockstep, announces it."""
         sim = self._sim
         outputs = sim.advance()
         for problem in sim.take_problems():
@@ -118,33 +118,33 @@ class SimNode(BaseNode):
             self._clock_topic.publish(ClockMessage(clock=stamp(sim.now_s)))
             for k, output in outputs.items():
                 sim.deliver(k, output)
-            if self.lockstep:  # first: a vehicle begins when the last message that it waits for is there
+            if self.lockstep:  # before the output: a vehicle starts its phase when its last input has arrived
                 self._waiting_since_s = time.monotonic()
                 self._tick.publish(_tick_message(sim))
             for k, output in outputs.items():
                 self._topics[k].publish(output)
             for k, output in outputs.items():
                 self._topics[k].publish_unread(output)
-            self._speed.note(sim.now_s, time.monotonic())
+            self._speed.mark(sim.now_s, time.monotonic())
         self._publish_status(sim.state, sim.message)
 
     def _watch(self) -> None:
-        """Lockstep: names a node that does not answer, instead of waiting in silence for ever."""
+        """Lockstep: reports nodes that do not answer."""
         stalled = self._sim.stalled(time.monotonic() - self._waiting_since_s)
         if stalled:
             self._publish_status(MissionState.FAILED, stalled)
             self._waiting_since_s = time.monotonic()
 
     def _publish_status(self, state: MissionState, message: str) -> None:
-        """Says how the mission stands, if that is news, or was not said for a while."""
+        """Publishes the status if its state or message is new, or after `_STATUS_PERIOD_S`."""
         now_s = time.monotonic()
-        if (state, message) == self._said and now_s - self._said_s < _STATUS_PERIOD_S:
+        if (state, message) == self._last_status and now_s - self._status_s < _STATUS_PERIOD_S:
             return
-        self._said, self._said_s = (state, message), now_s
+        self._last_status, self._status_s = (state, message), now_s
         report = status_report(self._sim, state, message, self._speed.value)
         self._status.publish(encoded(MISSION_TOPICS["/sim/status"], report, 0))
 
-    # ------------------------------------------------------------------ what comes in
+    # ------------------------------------------------------------------ incoming messages
 
     def _on_waypoint(self, k: int, message: Any) -> None:
         try:
@@ -166,7 +166,7 @@ class SimNode(BaseNode):
         self._advance()
 
     def _on_command(self, message: MissionCommand) -> None:
-        """A command to all vehicles."""
+        """Passes a command on to all vehicles."""
         for k, topics in self._topics.items():
             self._sim.commands[k - 1] += 1
             message.number = self._sim.commands[k - 1]
@@ -174,7 +174,7 @@ class SimNode(BaseNode):
 
     def _on_call(self, request: RunMission.Request, response: RunMission.Response) -> RunMission.Response:
         self._on_command(request.command)
-        response.accepted, response.message = True, f"told {len(self._topics)} vehicles"
+        response.accepted, response.message = True, f"sent to {len(self._topics)} vehicles"
         return response
 
     def _on_packet(self, k: int, message: ModemTx) -> None:
@@ -191,13 +191,13 @@ class SimNode(BaseNode):
         if message.phase == LockstepDone.RECORDER:
             self._sim.take_recorded(message.tick)
         else:
-            told = Answer(phase=message.phase, totals=tuple(message.totals), finished=message.finished)
-            for part in phases_of(told):
+            answer = Answer(phase=message.phase, totals=tuple(message.totals), finished=message.finished)
+            for part in phases_of(answer):
                 self._sim.take_done(message.vehicle, part.phase, message.tick, part.totals, part.finished)
         self._advance()
 
     def destroy_node(self) -> None:
-        """Takes the emulated hardware away."""
+        """Closes the emulated hardware."""
         for watcher in self._watchers:
             watcher.stop()
         self._sim.links.close()

@@ -19,14 +19,14 @@ from auv_lse_sim.world import VehicleOutput
 
 
 class VehicleTopics:
-    """What a tick brings for one vehicle, on its topics or to its emulated hardware.
+    """Publishes the output of a tick on one vehicle's topics.
 
     Attributes:
-        readers: How many readers each publisher has to wait for.
+        readers: Number of readers that each publisher waits for.
     """
 
     def __init__(self, node: BaseNode, vehicle: int, simulation: Simulation) -> None:
-        """Makes the publishers on `node`."""
+        """Creates the publishers on `node`."""
         self.readers: dict[Publisher, int] = {}
         self._vehicle = vehicle
         self._sim = simulation
@@ -46,11 +46,11 @@ class VehicleTopics:
         self._publishers[name].publish(encoded(VEHICLE_TOPICS[name], value, self._vehicle))
 
     def command(self, message: MissionCommand) -> None:
-        """Gives the vehicle's mission a command."""
+        """Sends a command to the vehicle's mission."""
         self._publishers["mission/command"].publish(message)
 
     def publish(self, output: VehicleOutput) -> None:
-        """Publishes what the last tick brought for the vehicle's nodes, unless emulated hardware brings it."""
+        """Publishes the last tick's output for the vehicle's nodes, except what emulated hardware delivers."""
         k, now_s, links = self._vehicle, self._sim.now_s, self._sim.links
         for row in output.soundings:
             self._publish("sounding", Sounding(*row))
@@ -65,7 +65,7 @@ class VehicleTopics:
             self._publish("odometry", odometry_of(output.odometry, output.pressure_depth_m))
 
     def publish_unread(self, output: VehicleOutput) -> None:
-        """Publishes what none of the vehicle's nodes waits for."""
+        """Publishes the topics that no node of the vehicle waits for."""
         if self._vehicle not in self._sim.links.autopilots:
             pressure = Pressure(stamp_s=self._sim.now_s, pressure_pa=pressure_pa(output.pressure_depth_m))
             self._publish("pressure", pressure)

@@ -1,6 +1,6 @@
-"""The simulated side of a mission: what `sim_node` owns. Knows no ROS and no wall clock.
+"""The simulated side of a mission, without ROS and without a clock: the core of `sim_node`.
 
-It keeps the world, the emulated hardware, the mission's state and, in lockstep, what the next tick waits for: the
+It owns the world, the emulated hardware, the mission's state and, in lockstep, the conditions for the next tick: the
 waypoints and packets that the nodes announce for this tick, and the answers of the hardware drivers.
 """
 
@@ -23,15 +23,15 @@ from auv_lse_sim.engine.processes import RECORDER_LAG_TICKS
 from auv_lse_sim.ground.ground import Ground
 from auv_lse_sim.world import VehicleOutput, World
 
-#: In lockstep, wall clock (s) after which a tick without an answer counts as failed.
+#: In lockstep, a tick without an answer fails after this wall-clock time (s).
 STALLED_S = 60.0
-#: Simulated time (s) in which no vehicle's mission goes that does not count against the mission's longest time.
-HELD_AT_MOST_S = 6.0 * 3600.0
+#: Up to this simulated time (s) in which all vehicles wait or hold does not count towards the mission's time limit.
+MAX_HELD_S = 6.0 * 3600.0
 _HELD = (RunState.WAITING, RunState.HOLDING)
 
 
 class MissionState(enum.Enum):
-    """Where a mission is."""
+    """State of a mission."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -46,8 +46,8 @@ class Simulation:
         world: The world.
         links: The emulated modems and autopilots.
         vehicles: Numbers of the vehicles.
-        state: Where the mission is.
-        message: Why it waits or has failed.
+        state: State of the mission.
+        message: Why it waits or has failed; else the vehicles that wait or hold.
         tick: Number of the last tick; 0 before the first.
         now_s: Its time (s).
         steps: Legs travelled, per vehicle.
@@ -55,25 +55,25 @@ class Simulation:
         soundings: Soundings made so far, per vehicle.
         arrivals: Packets received so far, per vehicle.
         commands: Commands given to the missions so far, per vehicle.
-        runs: Where each vehicle's mission is, as far as is known.
-        fixes: Fixes taken under way so far, per vehicle; of one with an emulated autopilot 0, as its driver finds them.
-        sent: Packets sent by all.
-        received: Packets received by all.
+        runs: Each vehicle's last reported mission state.
+        fixes: Fixes so far, per vehicle; 0 with an emulated autopilot, whose driver detects them.
+        sent: Packets sent by the team.
+        received: Packets received by the team.
         lost: Receptions that the channel lost.
-        problems: What could not be done since the last `take_problems`.
+        problems: Errors since the last `take_problems`.
     """
 
     def __init__(self, settings: Settings, ground: Ground, lockstep: bool, recorded: bool) -> None:
-        """Makes the world and opens the emulated hardware's ports.
+        """Builds the world and opens the ports of the emulated hardware.
 
         Args:
             settings: The mission.
-            ground: What the vehicles sound.
+            ground: The ground under the vehicles.
             lockstep: Whether a tick waits for the nodes.
-            recorded: Whether a recorder reads along.
+            recorded: Whether a recorder runs.
 
         Raises:
-            ParameterError: naming a port that cannot be offered, and why.
+            ParameterError: if a port cannot be opened; names it and the reason.
         """
         self.world = World.of(settings, ground)
         self.vehicles = range(1, settings.mission.vehicles + 1)
@@ -93,12 +93,12 @@ class Simulation:
         self._lockstep, self._recorded = lockstep, recorded
         self._finished = [False] * len(self.vehicles)
         self._transmissions: list[tuple[float, int, bytes]] = []
-        self._legs: dict[int, Leg] = {}  # the last one of each vehicle
+        self._legs: dict[int, Leg] = {}  # the last leg of each vehicle
         self._begun = False
-        self._held_s = 0.0  # time in which no vehicle's mission went
-        self._greeted: set[tuple[int, str]] = set()
+        self._held_s = 0.0  # time in which every vehicle waited or held
+        self._present: set[tuple[int, str]] = set()
         self._recorded_tick = 0
-        self._targets_heard = [0] * len(self.vehicles)
+        self._targets_accepted = [0] * len(self.vehicles)
         self._lost_by_modem = [0] * len(self.vehicles)
         inputs = [f"packets of auv{k}" for k in self.vehicles]
         inputs += [f"waypoints of auv{k}" for k in self.vehicles]
@@ -117,25 +117,25 @@ class Simulation:
 
     @property
     def finished(self) -> bool:
-        """Whether every vehicle has travelled its last leg, or has aborted its mission."""
+        """Whether every vehicle has travelled its last leg or aborted its mission."""
         aborted = (run is RunState.ABORTED for run in self.runs)
-        return all(done or gone for done, gone in zip(self._finished, aborted, strict=True))
+        return all(done or stopped for done, stopped in zip(self._finished, aborted, strict=True))
 
     def begin(self) -> None:
-        """The simulator's topics have their readers: the first tick may come."""
+        """Allows the first tick, because every topic has its readers."""
         self._begun = True
 
     def ready(self) -> bool:
         """Lockstep: whether the next tick may run.
 
-        The first one waits for `begin` and for every node of every vehicle to say that it is there; the next ones wait
-        until every vehicle has handled the last tick and the recorder is not far behind. A mission does not end before
-        the recorder has come to its last tick: it would be stopped with messages of many ticks unread.
+        The first tick waits for `begin` and for a report of every node of every vehicle. Later ticks wait until every
+        vehicle has handled the last tick and the recorder is not far behind. A mission ends only after the recorder has
+        reached the last tick, because stopping it earlier would lose messages.
         """
         if not self._lockstep:
             return False
         if self.tick == 0:
-            return self._begun and len(self._greeted) == sum(len(self.nodes(k)) for k in self.vehicles)
+            return self._begun and len(self._present) == sum(len(self.nodes(k)) for k in self.vehicles)
         return not self._recorder_behind() and self._gate.ready() is not None
 
     def _recorder_behind(self) -> bool:
@@ -143,10 +143,10 @@ class Simulation:
         return self._recorded and self._recorded_tick < self.tick - allowed
 
     def advance(self) -> dict[int, VehicleOutput]:
-        """One tick: transmits what waits, moves the world, and hands the emulated hardware its part.
+        """Runs one tick: sends waiting packets, moves the world, and updates the emulated hardware.
 
         Returns:
-            What the tick brings for each vehicle; nothing if the mission is over (see `state`).
+            The tick's output per vehicle; empty if the mission has ended (see `state`).
         """
         if self._lockstep and self.tick:
             self._gate.handled(self.tick)
@@ -161,12 +161,12 @@ class Simulation:
         self.now_s = self.tick * self._settings.sim.tick_s
         holding = [f"auv{k} {run.name}" for k, run in enumerate(self.runs, 1) if run in _HELD]
         if len(holding) == len(self.runs):
-            self._held_s = min(self._held_s + self._settings.sim.tick_s, HELD_AT_MOST_S)
+            self._held_s = min(self._held_s + self._settings.sim.tick_s, MAX_HELD_S)
         if self.now_s - self._held_s > self._settings.longest_s:
             slow = [k for k in self.vehicles if not self._finished[k - 1]]
             self.state, self.message = (
                 MissionState.FAILED,
-                f"vehicles {slow} have not finished by {self.now_s:.0f} s",
+                f"time limit: vehicles {slow} have not finished by {self.now_s:.0f} s",
             )
             return {}
         self.state, self.message = MissionState.RUNNING, ", ".join(holding)
@@ -180,17 +180,17 @@ class Simulation:
         return outputs
 
     def deliver(self, k: int, output: VehicleOutput) -> None:
-        """Hands vehicle `k`'s emulated modem and autopilot, where it has them, what the tick brought."""
+        """Passes the tick's output to the emulated modem and autopilot of vehicle `k`, where it has them."""
         if k in self.links.modems:
-            noticed = [a for a in self.world.lost if a.receiver == k and a.audible]
-            for arrival in sorted((*output.arrivals, *noticed), key=lambda a: a.arrival_s):
+            unreadable = [a for a in self.world.lost if a.receiver == k and a.audible]
+            for arrival in sorted((*output.arrivals, *unreadable), key=lambda a: a.arrival_s):
                 self.links.arrive(self.now_s, k, arrival)
-            self.arrivals[k - 1] = self.links.delivered(k)  # of pings only the answers reach the driver
+            self.arrivals[k - 1] = self.links.delivered(k)  # the driver gets only the answers to its pings
         if k in self.links.autopilots:
             self.links.report(k, self.now_s, output)
 
     def stalled(self, waited_s: float) -> str:
-        """Lockstep: what the next tick has waited for since `waited_s` (s of wall clock); "" if that is not long."""
+        """Lockstep: names what the next tick lacks after `waited_s` (s of wall clock); "" before `STALLED_S`."""
         if self.tick == 0 or self.state is MissionState.FINISHED or waited_s <= STALLED_S:
             return ""
         missing = [f"{name}: {count}" for name, count in self._gate.missing().items()]
@@ -213,7 +213,7 @@ class Simulation:
     # ------------------------------------------------------------------ what the vehicles do
 
     def take_waypoint(self, k: int, leg: Leg | None, speed_mps: float = math.nan, then: Stop | None = None) -> None:
-        """Vehicle `k` is to travel `leg` next; None: a waypoint that cannot be used. One that is said again is known.
+        """Gives vehicle `k` its next leg; ignores repetitions. None: the waypoint was invalid.
 
         Args:
             k: Number of the vehicle.
@@ -230,14 +230,14 @@ class Simulation:
         self._gate.count(f"waypoints of auv{k}")
 
     def take_state(self, k: int, revision: int, run: RunState, stop: Stop | None) -> None:
-        """How it stands with vehicle `k`'s mission; without an autopilot between, the vehicle obeys at once."""
+        """Takes the mission state of vehicle `k`; without an autopilot the vehicle stops or continues at once."""
         self.runs[k - 1] = run
         if k not in self.links.autopilots:
             self.world.obey(k, stop)
         self._gate.reach(f"states of auv{k}", revision)
 
     def take_packet(self, k: int, stamp_s: float, payload: bytes) -> None:
-        """Vehicle `k` transmits a packet from `stamp_s` (s) on; it goes into the water before the next tick."""
+        """Queues a packet of vehicle `k` that starts at `stamp_s` (s); it is sent before the next tick."""
         self._gate.count(f"packets of auv{k}")
         self._transmissions.append((stamp_s, k, payload))
 
@@ -251,29 +251,29 @@ class Simulation:
                 self.problems.append(f"packet of auv{k} at {stamp_s:.1f} s: {error}")
 
     def take_problems(self) -> list[str]:
-        """What could not be done since the last call, for the log."""
+        """Returns the errors since the last call, for the log."""
         problems, self.problems = self.problems, []
         return problems
 
     # ------------------------------------------------------------------ emulated modems and autopilots
 
-    def greet(self) -> None:
-        """Lets the drivers find their hardware before the mission's time runs."""
+    def send_heartbeats(self) -> None:
+        """Lets the drivers find their autopilots before the first tick."""
         if self.tick == 0:
-            self.links.greet(self.now_s)
+            self.links.send_heartbeats(self.now_s)
 
     def serve(self) -> None:
-        """Reads what the drivers have written and answers; never waits."""
+        """Reads and answers the drivers' bytes; never blocks."""
         self.links.serve(self.now_s)
         for k in self.links.autopilots:
-            targets, missions = self.links.heard(k)
-            heard = missions if self._settings.vehicle(k).link.mode == "mission" else targets
-            self._gate.count(f"targets of auv{k}", heard - self._targets_heard[k - 1])
-            self._targets_heard[k - 1] = heard
+            targets, missions = self.links.accepted(k)
+            accepted = missions if self._settings.vehicle(k).link.mode == "mission" else targets
+            self._gate.count(f"targets of auv{k}", accepted - self._targets_accepted[k - 1])
+            self._targets_accepted[k - 1] = accepted
 
     def _on_emulated_packet(self, k: int, start_s: float, payload: bytes) -> float:
         mini = MiniPacket.read(payload)
-        if mini is not None and mini.answer:  # a modem's own doing: no node has announced it
+        if mini is not None and mini.answer:  # the modem answers by itself: no node has announced it
             self._transmissions.append((stamped(start_s), k, payload))
         else:
             self.take_packet(k, stamped(start_s), payload)
@@ -282,9 +282,9 @@ class Simulation:
     # ------------------------------------------------------------------ lockstep
 
     def take_done(self, k: int, phase: str, tick: int, totals: Sequence[int], finished: bool) -> None:
-        """A node of vehicle `k` has handled its phase of a tick; arguments as in LockstepDone."""
+        """Records that a node of vehicle `k` has handled its phase of a tick; arguments as in LockstepDone."""
         if tick == 0:
-            self._greeted.add((k, phase))
+            self._present.add((k, phase))
             return
         counts = dict(zip(announces(phase), totals, strict=True))
         match phase:
@@ -297,34 +297,34 @@ class Simulation:
                 self._gate.announce(tick, f"states of auv{k}", counts["mission/state"])
             case "modem_sent":
                 self._gate.announce(tick, f"packets of auv{k}", counts["modem/tx"])
-            case "vehicle_link":  # what it has sent to the autopilot, once it has that many waypoints
+            case "vehicle_link":  # targets sent to the autopilot, once it has this many waypoints
                 self._gate.announce(tick, f"targets of auv{k}", counts["targets"])
                 self._gate.reach(f"waypoints of auv{k}", counts["waypoint"])
             case "micromodem":
                 self._gate.count(f"modem of auv{k}")
-            case "micromodem_lost":  # a packet that its driver could not send: nothing to wait for
+            case "micromodem_lost":  # the driver could not send this packet, so do not wait for it
                 self._gate.count(f"packets of auv{k}", counts["modem/failed"] - self._lost_by_modem[k - 1])
                 self._lost_by_modem[k - 1] = counts["modem/failed"]
 
     def take_recorded(self, tick: int) -> None:
-        """The recorder has read the announcement of `tick`, and all that was published before it."""
+        """Records that the recorder has read `tick` and everything published before it."""
         self._recorded_tick = max(self._recorded_tick, tick)
 
 
 class Speed:
-    """Simulated seconds per second of wall clock, over the last few seconds.
+    """Measures simulated seconds per second of wall clock over the last few seconds.
 
     Attributes:
-        value: The speed; 0 until it is known.
+        value: The speed; 0 before the second mark.
     """
 
     def __init__(self) -> None:
-        """Nothing is known yet."""
+        """Starts without marks."""
         self.value = 0.0
         self._marks: list[tuple[float, float]] = []
 
-    def note(self, sim_s: float, wall_s: float) -> None:
-        """At wall clock `wall_s` (s) the mission's time is `sim_s` (s)."""
+    def mark(self, sim_s: float, wall_s: float) -> None:
+        """Adds a mark: mission time `sim_s` (s) at wall clock `wall_s` (s)."""
         if self._marks and wall_s - self._marks[-1][0] < 0.2:
             return
         self._marks = [*self._marks[-25:], (wall_s, sim_s)]

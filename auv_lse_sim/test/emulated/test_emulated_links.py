@@ -171,7 +171,7 @@ def test_what_is_heard_but_not_read_is_reported_as_a_failed_reception(emulated):
 
 def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
     sea = emulated
-    sea.links.greet(0.0)
+    sea.links.send_heartbeats(0.0)
     sea.until(lambda: all(a.state is LinkState.UP for a in sea.autopilots.values()), "no autopilot was heard")
     vehicle = sea.settings.vehicle(1).vehicle
     north, east = vehicle.start_north_m, vehicle.start_east_m
@@ -184,7 +184,7 @@ def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
     )
     sea.autopilots[1].command(0.0, target)
     sea.until(lambda: sea.legs, "the target was not taken")
-    assert sea.links.heard(1)[0] >= 1
+    assert sea.links.accepted(1)[0] >= 1
     for number in range(1, 31):
         sea.tick()
         sea.until(
@@ -202,7 +202,7 @@ def test_a_vehicle_travels_to_its_targets_and_its_odometry_comes_back(emulated):
 def test_a_target_inside_the_turning_circle_is_turned_to_as_tightly_as_the_vehicle_can(emulated):
     """12 m ahead and 15 m to starboard; by the other circle the leg would be 90 m long."""
     sea = emulated
-    sea.links.greet(0.0)
+    sea.links.send_heartbeats(0.0)
     sea.until(lambda: all(a.state is LinkState.UP for a in sea.autopilots.values()), "no autopilot was heard")
     vehicle = sea.settings.vehicle(1).vehicle
     heading = vehicle.start_heading_rad
@@ -224,9 +224,9 @@ def test_without_hardware_there_is_nothing_to_open():
     assert links.modems == links.autopilots == ()
     links.serve(0.0)
     links.poll(0.0)
-    links.greet(0.0)
+    links.send_heartbeats(0.0)
     assert links.delivered(1) == 0
-    assert links.heard(1) == (0, 0)
+    assert links.accepted(1) == (0, 0)
     links.close()
 
 
@@ -235,10 +235,10 @@ def test_without_hardware_there_is_nothing_to_open():
     [
         ({"auv1.modem.kind": "micromodem", "auv1.modem.port": "/dev/ttyUSB0"}, "outside /dev"),
         ({"auv1.modem.kind": "micromodem", "auv1.modem.port": "tcp://10.0.0.1:4001"}, "tcp://127.0.0.1"),
-        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpout://127.0.0.1:14550"}, "calls udpin"),
-        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpin://0.0.0.0:14550"}, "calls udpin"),
+        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpout://127.0.0.1:14550"}, "expected udpin"),
+        ({"auv1.link.kind": "mavlink", "auv1.link.endpoint": "udpin://0.0.0.0:14550"}, "expected udpin"),
     ],
 )
-def test_ports_that_cannot_be_offered_are_named(overrides, words):
+def test_invalid_ports_are_named(overrides, words):
     with pytest.raises(ParameterError, match=words):
         EmulatedLinks(settings_with(**overrides), lambda *a: 0.0, lambda *a: None, lambda *a: None)

@@ -105,7 +105,7 @@ class Sea:
         self.lose = lose
         self.now_s = 100.0
         self.told = []
-        self.vehicle.greet(self.now_s)
+        self.vehicle.send_heartbeat(self.now_s)
         self.flow()
 
     def tick(self, north=10.0, east=-20.0, heading=0.3):
@@ -318,7 +318,7 @@ def test_twenty_vehicles_over_real_udp():
 
     try:
         for k in team:
-            dock.greet(k, 0.0)
+            dock.send_heartbeat(k, 0.0)
         until = time.monotonic() + 10.0
         while not all(link.state is LinkState.UP for link in links.values()):
             assert time.monotonic() < until
@@ -362,7 +362,7 @@ class Dive:
         )
         self.link = VehicleLink(LinkConfig(kind="mavlink", mode=mode), 1, ORIGIN)
         self.now_s, self.told, self.truth, self.raw, self.outputs = 0.0, [], [], [], None
-        self.vehicle.greet(0.0)
+        self.vehicle.send_heartbeat(0.0)
         self.flow()
 
     def leg(self, step: int, length_m: float, surface: bool = False) -> None:

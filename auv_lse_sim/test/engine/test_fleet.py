@@ -43,7 +43,7 @@ def test_packets_are_those_of_the_protocol(mission):
     assert {s.source for s in run.sent} == {1, 2, 3}
     for sent in run.sent:
         assert len(sent.payload) == 252
-        slot = f.crews[0].bridge.tdma.slot(sent.stamp_s)
+        slot = f.cores[0].bridge.tdma.slot(sent.stamp_s)
         assert slot.owner == sent.source
         packet = decode(sent.payload)
         step = [d.step for d in run.vehicles[sent.source - 1].decisions if d.now_s <= sent.stamp_s][-1]
@@ -56,8 +56,8 @@ def test_packets_are_those_of_the_protocol(mission):
 
 def test_vehicles_follow_their_plans(mission):
     f, run = mission
-    for crew, v in zip(f.crews, run.vehicles, strict=True):
-        leg = crew.planner.leg
+    for cores, v in zip(f.cores, run.vehicles, strict=True):
+        leg = cores.planner.leg
         assert leg is not None
         assert leg.step == 11
         end = leg.end_state
@@ -83,8 +83,8 @@ def test_another_seed_another_mission(mission):
 
 def test_maps_hold_own_and_heard_soundings(mission):
     f, run = mission
-    for crew, v in zip(f.crews, run.vehicles, strict=True):
-        counts = crew.map.counts
+    for cores, v in zip(f.cores, run.vehicles, strict=True):
+        counts = cores.map.counts
         total = counts.kept + counts.too_close + counts.merged + counts.outliers + counts.refused
         assert total == len(v.soundings) + len(v.received)
 
@@ -120,7 +120,7 @@ def test_twenty_vehicles():
 
 def test_mission_that_cannot_end_is_given_up(monkeypatch):
     f = fleet(**{"mission.vehicles": 1, "mission.steps": 20, "planner.iterations": 5})
-    monkeypatch.setattr(f.crews[0].planner, "due", lambda now_s: False)
+    monkeypatch.setattr(f.cores[0].planner, "due", lambda now_s: False)
     run = f.run()
     assert run.sim_s >= f.settings.longest_s
     assert any("stopped at" in note and "auv1 had not finished" in note for note in run.notes)

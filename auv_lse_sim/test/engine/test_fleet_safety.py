@@ -26,14 +26,14 @@ def until(team: Fleet, now_s: float) -> None:
 def test_a_vehicle_holds_and_goes_on_and_no_step_is_lost() -> None:
     team = fleet()
     until(team, 40.0)
-    first = team.crews[0]
+    first = team.cores[0]
     steps = len(first.log.decisions)
     place = np.array(first.log.truth[-1][1:3])
     first.safety.run.command(Command.HOLD, "test")
     until(team, 240.0)
     assert len(first.log.decisions) == steps, "nothing is decided"
     assert np.hypot(*(np.array(first.log.truth)[40:, 1:3] - place).T).max() < 45.0, "it stays"
-    assert len(team.crews[1].log.decisions) == 8, "its mate goes on"
+    assert len(team.cores[1].log.decisions) == 8, "its mate goes on"
     first.safety.run.command(Command.GO, "test")
     run = team.run()
     assert [d.step for d in run.vehicles[0].decisions] == list(range(8))
@@ -43,16 +43,16 @@ def test_a_vehicle_holds_and_goes_on_and_no_step_is_lost() -> None:
 def test_a_mission_on_call_does_not_start_by_itself() -> None:
     team = fleet(**{"vehicle.start": "on_call"})
     until(team, 100.0)
-    assert [len(crew.log.decisions) for crew in team.crews] == [0, 0]
-    for crew in team.crews:
-        crew.safety.run.command(Command.GO, "test")
+    assert [len(cores.log.decisions) for cores in team.cores] == [0, 0]
+    for cores in team.cores:
+        cores.safety.run.command(Command.GO, "test")
     assert [v.steps for v in team.run().vehicles] == [8, 8]
 
 
 def test_a_limit_that_trips_brings_the_vehicle_to_the_surface() -> None:
     team = fleet(**{"safety.max_depth_m": 2.0, "safety.patience_s": 5.0})
     until(team, 20.0)
-    status = team.crews[0].safety.run.status
+    status = team.cores[0].safety.run.status
     assert status.state is RunState.HOLDING
     assert "expected at most 2.0 m" in status.limits[0]
     until(team, 60.0)
@@ -62,24 +62,24 @@ def test_a_limit_that_trips_brings_the_vehicle_to_the_surface() -> None:
 def test_an_abort_is_heard_through_the_water_and_ends_the_mission() -> None:
     team = fleet(**{"packet.abort_without_tag": True, "mission.steps": 60})
     until(team, 60.0)
-    team.crews[0].safety.run.command(Command.ABORT, "test", team=True)
+    team.cores[0].safety.run.command(Command.ABORT, "test", team=True)
     run = team.run()
     assert run.sim_s < 200.0
-    states = [crew.safety.run.status for crew in team.crews]
+    states = [cores.safety.run.status for cores in team.cores]
     assert [status.state for status in states] == [RunState.ABORTED] * 2
     assert states[1].reason == "ABORT by vehicle 1, by acoustic packet"
     deaf = fleet(**{"mission.steps": 12})
     until(deaf, 60.0)
-    deaf.crews[0].safety.run.command(Command.ABORT, "test", team=True)
+    deaf.cores[0].safety.run.command(Command.ABORT, "test", team=True)
     deaf.run()
-    assert deaf.crews[1].planner.finished, "without a tag nobody is believed"
-    assert deaf.crews[1].bridge.counts["aborts_refused.1"] > 0
+    assert deaf.cores[1].planner.finished, "without a tag nobody is believed"
+    assert deaf.cores[1].bridge.counts["aborts_refused.1"] > 0
 
 
 def test_after_a_team_abort_one_reset_is_enough_while_the_mates_still_call() -> None:
     team = fleet(**{"packet.abort_without_tag": True, "mission.steps": 60})
     until(team, 60.0)
-    first, second = (crew.safety.run for crew in team.crews)
+    first, second = (cores.safety.run for cores in team.cores)
     first.command(Command.ABORT, "test", team=True)
     until(team, 120.0)
     assert second.status.state is RunState.ABORTED

@@ -31,19 +31,19 @@ def survivor(expiry_s: float) -> tuple[Fleet, NDArray[np.float64], list[str]]:
     fleet = Fleet(settings, ground_of(settings))
     while fleet.now_s < LOST_S:
         fleet.tick()
-    lost = fleet.crews.pop()
+    lost = fleet.cores.pop()
     assert lost.planner.path is not None
     ahead = lost.planner.path.places_m
     said: list[str] = []
     while not fleet.finished:
         fleet.tick()
-        said += [text for text in fleet.crews[0].planner.problems(fleet.now_s).values() if text not in said]
+        said += [text for text in fleet.cores[0].planner.problems(fleet.now_s).values() if text not in said]
     return fleet, ahead, said
 
 
 def visited(fleet: Fleet, places_m: NDArray[np.float64]) -> float:
     """Share of the places to which auv1 came within 25 m after auv2 was lost."""
-    track = np.array(fleet.crews[0].log.truth)
+    track = np.array(fleet.cores[0].log.truth)
     track = track[track[:, 0] > LOST_S, 1:3]
     return float(np.mean([np.hypot(*(track - place).T).min() < 25.0 for place in places_m]))
 

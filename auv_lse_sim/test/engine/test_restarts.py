@@ -15,7 +15,7 @@ from auv_lse_common.mission_file.settings import Settings
 from auv_lse_common.node.journal import Journal
 from auv_lse_common.vocabulary.plan import Plan
 from auv_lse_comms.bridge import ModemBridge, ModemFeatures
-from auv_lse_sim.engine.fleet import Crew, Fleet
+from auv_lse_sim.engine.fleet import Fleet, VehicleCores
 from auv_lse_sim.ground.ground_source import ground_of
 
 SMALL: dict[str, Any] = {
@@ -34,12 +34,12 @@ class Journalled(Fleet):
     def __init__(self, settings: Settings, folder: Path) -> None:
         super().__init__(settings, ground_of(settings))
         self._folder = folder
-        self.wear(self.crews[0])
+        self.wear(self.cores[0])
 
-    def wear(self, crew: Crew) -> None:
-        """Reads the journals into the crew's cores, and has the cores write them."""
+    def wear(self, cores: VehicleCores) -> None:
+        """Reads the journals into the cores, and has the cores write them."""
         gp, planner, modem = (Journal(self._folder / f"{name}.journal", {}) for name in ("gp", "planner", "modem"))
-        to_map = crew._to_map
+        to_map = cores._to_map
         for _, waiting, now_s in gp.records:
             to_map.put_back(waiting)
             to_map.step(now_s)
@@ -55,11 +55,11 @@ class Journalled(Fleet):
         to_map.step = step_and_write
         for kind, *values in planner.records:
             if kind == "heard":
-                crew.planner.hear(values[0], values[1], Plan.from_mapping(values[2]))
+                cores.planner.hear(values[0], values[1], Plan.from_mapping(values[2]))
         decided = [values for kind, *values in planner.records if kind == "decided"]
         if decided:
-            crew.planner.restore(decided[-1][0])
-        hear, decide = crew.planner.hear, crew.planner.decide
+            cores.planner.restore(decided[-1][0])
+        hear, decide = cores.planner.hear, cores.planner.decide
 
         def hear_and_write(now_s: float, vehicle: int, plan: Plan) -> None:
             hear(now_s, vehicle, plan)
@@ -67,19 +67,19 @@ class Journalled(Fleet):
 
         def decide_and_write(now_s: float, deadline: Callable[[], bool] | None = None) -> Any:
             decision = decide(now_s, deadline)
-            planner.write("decided", crew.planner.snapshot())
+            planner.write("decided", cores.planner.snapshot())
             return decision
 
-        crew.planner.hear, crew.planner.decide = hear_and_write, decide_and_write
-        crew.bridge.recall(modem.records)
-        crew.bridge.remember = modem.write
+        cores.planner.hear, cores.planner.decide = hear_and_write, decide_and_write
+        cores.bridge.recall(modem.records)
+        cores.bridge.remember = modem.write
 
     def restart(self) -> None:
         """The first vehicle's processes die between two ticks, and come back."""
-        log = self.crews[0].log
-        self.crews[0] = self._crew(1)
-        self.crews[0].log = log
-        self.wear(self.crews[0])
+        log = self.cores[0].log
+        self.cores[0] = self._build_cores(1)
+        self.cores[0].log = log
+        self.wear(self.cores[0])
 
 
 @pytest.mark.parametrize(
@@ -117,13 +117,13 @@ def test_without_a_journal_the_mission_is_another_one(tmp_path: Path) -> None:
     fleet = Journalled(settings, tmp_path)
     for _ in range(60):
         fleet.tick()
-    centers = len(fleet.crews[0].map.centers)
+    centers = len(fleet.cores[0].map.centers)
     for file in tmp_path.iterdir():
         os.unlink(file)
     fleet.restart()
     assert centers > 3
-    assert len(fleet.crews[0].map.centers) == 0
-    assert fleet.crews[0].planner.snapshot()["travel"]["decided"] == 0
+    assert len(fleet.cores[0].map.centers) == 0
+    assert fleet.cores[0].planner.snapshot()["travel"]["decided"] == 0
 
 
 def bridge(confirm_s: float) -> ModemBridge:

@@ -70,4 +70,4 @@ def test_a_fleet_flies_with_it() -> None:
     settings = Settings.load(overrides=overrides)
     fleet = Fleet(settings, ground_of(settings))
     fleet.run()
-    assert all(crew.bridge.counts["samples.sent"] > 19 for crew in fleet.crews)
+    assert all(cores.bridge.counts["samples.sent"] > 19 for cores in fleet.cores)
