@@ -84,25 +84,25 @@ def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -
     steps = max(4, int(minutes * 60.0 / 15.7))
     settings = Settings.load(None, {"mission.vehicles": vehicles, "mission.steps": steps, "mission.seed": seed})
     fleet = Fleet(settings, ground_of(settings))
-    crew, rng = fleet.crews[0], np.random.default_rng(seed)
+    cores, rng = fleet.cores[0], np.random.default_rng(seed)
     corners = np.reshape(settings.area.polygon_m, (-1, 2))
     samples: list[Sample] = []
     ticks, decision_s, tick_s = int(minutes * 60.0), 0.0, 0.0
     for tick in range(1, ticks + 1):
         output = _loaded(fleet.world.tick(float(tick))[1], fleet, float(tick), corners, rng)
         began = time.process_time()
-        heard = crew.hear(output)
-        crew.update_map(output, heard)
+        heard = cores.receive(output)
+        cores.update_map(output, heard)
         deciding = time.process_time()
-        decided = crew.decide(float(tick), output, heard)
-        crew.say(float(tick), decided[0] if decided else None)
+        decided = cores.decide(float(tick), output, heard)
+        cores.next_packet(float(tick), decided[0] if decided else None)
         tick_s = max(tick_s, time.process_time() - began)
         if decided:
             decision_s = max(decision_s, time.process_time() - deciding)
             fleet.world.command(1, decided[0].leg)
         if tick % max(1, ticks // 10) == 0:
-            samples.append(Sample(float(tick), memory_mb(), len(crew.map.gp), decision_s, tick_s))
-            say(f"{tick / 60.0:.1f} min of the mission: {samples[-1].memory_mb:.0f} MB, {len(crew.map.gp)} centers")
+            samples.append(Sample(float(tick), memory_mb(), len(cores.map.gp), decision_s, tick_s))
+            say(f"{tick / 60.0:.1f} min of the mission: {samples[-1].memory_mb:.0f} MB, {len(cores.map.gp)} centers")
             decision_s = tick_s = 0.0
     return samples, fleet
 
@@ -110,14 +110,14 @@ def soak(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -
 def run(minutes: float, vehicles: int, seed: int, say: Callable[[str], None]) -> tuple[list[str], bool]:
     """The table of a soak, and whether memory and time stayed bounded."""
     samples, fleet = soak(minutes, vehicles, seed, say)
-    crew = fleet.crews[0]
+    cores = fleet.cores[0]
     lines = ["| mission time | memory | centers | longest decision | longest tick |", "|---|---|---|---|---|"]
     for s in samples:
         sizes = f"{s.memory_mb:.0f} MB | {s.centers}"
         lines.append(f"| {s.now_s / 60.0:.1f} min | {sizes} | {s.decision_s:.2f} s | {s.tick_s:.2f} s |")
-    counts, most = crew.map.counts, crew.map.gp.config.max_centers
+    counts, most = cores.map.counts, cores.map.gp.config.max_centers
     lines.append(
-        f"{crew.bridge.counts['received']} packets taken, {crew.bridge.counts['rejected.excess']} refused as excess; "
+        f"{cores.bridge.counts['received']} packets taken, {cores.bridge.counts['rejected.excess']} refused as excess; "
         f"{counts.kept} soundings and samples kept, {counts.merged + counts.too_close} merged or too close, "
         f"{counts.outliers} outliers, {counts.full} given up (gp.max_centers = {most})"
     )

@@ -20,7 +20,7 @@ from auv_lse_common.vocabulary.mission_run import Stop
 from auv_lse_comms.bridge import Received
 from auv_lse_planner.methods.decision import Decision
 from auv_lse_shore.judge.evaluation import evaluate
-from auv_lse_sim.engine.fleet import Crew, Fleet
+from auv_lse_sim.engine.fleet import Fleet, VehicleCores
 from auv_lse_sim.ground.ground_source import ground_of
 from auv_lse_sim.water.channel import Arrival
 from auv_lse_sim.world import VehicleOutput
@@ -116,21 +116,21 @@ FAULTS = (
 _OFF = 2
 
 
-class _OffClock(Crew):
+class _OffClock(VehicleCores):
     """A vehicle's cores that live by a clock that is off; what comes from the world has its stamps already."""
 
-    def __init__(self, crew: Crew, clock: Clock) -> None:
-        super().__init__(crew.vehicle, crew.bridge, crew._to_map, crew.safety, crew.planner)
+    def __init__(self, cores: VehicleCores, clock: Clock) -> None:
+        super().__init__(cores.vehicle, cores.bridge, cores._to_map, cores.safety, cores.planner)
         self._clock = clock
 
-    def watch(self, now_s: float, output: VehicleOutput) -> Stop | None:
-        return super().watch(now_s + self._clock(now_s), output)
+    def update_safety(self, now_s: float, output: VehicleOutput) -> Stop | None:
+        return super().update_safety(now_s + self._clock(now_s), output)
 
     def decide(self, now_s: float, output: VehicleOutput, heard: list[Received]) -> tuple[Decision, float] | None:
         return super().decide(now_s + self._clock(now_s), output, heard)
 
-    def say(self, now_s: float, decision: Decision | None) -> bytes | None:
-        return super().say(now_s + self._clock(now_s), decision)
+    def next_packet(self, now_s: float, decision: Decision | None) -> bytes | None:
+        return super().next_packet(now_s + self._clock(now_s), decision)
 
 
 def _restamped(output: VehicleOutput, mine: Clock, senders: Callable[[int], Clock]) -> VehicleOutput:
@@ -181,11 +181,11 @@ class RoughWater(Fleet):
             return {k: _restamped(output, clock_of(k), clock_of) for k, output in tick(now_s).items()}
 
         self.world.tick = restamped  # type: ignore[method-assign]  # the water, by each vehicle's clock
-        self.crews[_OFF - 1] = _OffClock(self.crews[_OFF - 1], clock)
+        self.cores[_OFF - 1] = _OffClock(self.cores[_OFF - 1], clock)
 
     def _spoil(self, make: Callable[[], Distort], rng: np.random.Generator) -> None:
         tick = self.world.tick
-        distort = {crew.vehicle: make() for crew in self.crews}
+        distort = {cores.vehicle: make() for cores in self.cores}
 
         def distorted(now_s: float) -> dict[int, Any]:
             return {
@@ -215,7 +215,7 @@ def fly(fault: Fault, seed: int, vehicles: int, steps: int) -> Outcome:
     )
     fleet = RoughWater(settings, fault, seed)
     summary = evaluate(fleet.run()).summary
-    counts = [crew.bridge.counts for crew in fleet.crews]
+    counts = [cores.bridge.counts for cores in fleet.cores]
     return Outcome(
         risk=summary.risk_after,
         loss=summary.loss_after or 0.0,

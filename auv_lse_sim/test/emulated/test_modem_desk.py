@@ -43,13 +43,13 @@ def test_two_drivers_talk_over_the_desk_and_ctrl_c_takes_it_away(tmp_path):
         desk.stdout.close()
 
 
-def test_a_port_that_cannot_be_offered_is_named(capsys):
+def test_a_port_in_use_is_named(capsys):
     from auv_lse_sim.emulated.host_ports import TcpServerPort
 
     taken = TcpServerPort()
     number = int(taken.port.rsplit(":", 1)[1])
     assert modem_desk.main(["--tcp", str(number)]) == 2
-    assert "port 1 cannot be offered" in capsys.readouterr().err
+    assert "port of modem 1 cannot be opened" in capsys.readouterr().err
     taken.close()
 
 
