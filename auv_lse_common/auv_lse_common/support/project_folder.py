@@ -11,5 +11,5 @@ def project_folder() -> Path:
     named = os.environ.get("AUV_LSE_ROOT")
     if named:
         return Path(named)
-    source = Path(__file__).resolve().parents[2]
+    source = Path(__file__).resolve().parents[3]
     return source if (source / "config" / "missions").is_dir() else Path.cwd()
