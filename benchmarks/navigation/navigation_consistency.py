@@ -82,7 +82,7 @@ def measure(
         seed = first_seed + dive
         vehicle = SimVehicle(1, VehicleConfig(start_delay_s=30.0), sim, stream(seed, "sensors", 1))
         if not told:
-            vehicle.forget_harmonics()
+            vehicle.ignore_harmonics()
         current = Current(sim.current, stream(seed, "current"))
         rng = stream(seed, "path")
         state, step = np.zeros(3), 0

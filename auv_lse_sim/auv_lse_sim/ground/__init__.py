@@ -1,1 +1,1 @@
-"""Ground of the simulated lake."""
+"""Ground of the simulated world: synthetic lakes, and bathymetry from files."""

@@ -14,7 +14,7 @@ from auv_lse_sim.ground.raster_ground import raster_ground
 
 
 def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
-    """The ground that an ESRI ASCII grid holds; a .prj file beside it names its projection.
+    """Reads ground from an ESRI ASCII grid; a .prj file beside it gives its projection.
 
     Raises:
         GroundError: naming the line and what was expected.
@@ -59,7 +59,7 @@ def read_ascii_ground(path: Path, config: BathymetryConfig, origin: tuple[float,
     columns, expected = int(header["ncols"]), int(header["nrows"])
     if rows != expected:
         raise GroundError(f"{path}: {rows} rows of values; expected nrows = {expected}")
-    grid = np.array(values).reshape(rows, columns)[::-1]  # the file runs from north to south
+    grid = np.array(values).reshape(rows, columns)[::-1]  # rows run from north to south
     grid = np.where(grid == header.get("nodata_value", math.nan), np.nan, grid)
     step = header["cellsize"]
     if step <= 0.0:

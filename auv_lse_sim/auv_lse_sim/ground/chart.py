@@ -1,7 +1,7 @@
-"""A coarse chart of the ground, as a team may have before its mission: the truth, smoothed, with errors of its own.
+"""A coarse chart of the ground that the team has before its mission: the smoothed truth with random errors.
 
-The mission then starts from the chart instead of a constant depth: `gp.mean` becomes `survey`, `gp.survey_file` the
-chart's file, which every node and the judge read.
+The mission then starts from the chart instead of a constant depth: `gp.mean` becomes `survey`, and `gp.survey_file` the
+chart's file.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from auv_lse_sim.ground.ground_source import ground_of
 
 Array = NDArray[np.float64]
 
-#: The chart reaches so far (m) beyond the box around the operating area.
+#: Distance (m) by which the chart extends beyond the bounding box of the operating area.
 BEYOND_M = 50.0
-#: Name of its file.
+#: Name of the chart's file.
 FILE = "chart.npz"
 
 
 def with_chart(settings: Settings, folder: Path) -> Settings:
-    """The settings with the chart that they ask for, written into `folder`; the same settings if they ask for none.
+    """Writes the chart that the settings request into `folder`, and returns settings that use it.
 
     Raises:
         GroundError: if the ground is unknown in the whole area.
@@ -54,9 +54,9 @@ def coarse_chart(
 ) -> tuple[Array, Array, Array]:
     """Nodes of the chart: north (R,), east (C,), depth (R, C) in metres, NaN where no ground is known nearby.
 
-    The ground is read every eighth of `smoothing_m` and averaged with Gaussian weights of that standard deviation;
-    land counts as unknown. Errors are white noise averaged alike over `error_length_m`, with `error_m` as standard
-    deviation. Every fourth node is kept.
+    The ground is sampled every `smoothing_m` / 8 and smoothed with Gaussian weights of standard deviation
+    `smoothing_m`; land counts as unknown. The errors are white noise smoothed over `error_length_m`, with standard
+    deviation `error_m`. Every fourth node is kept.
 
     Raises:
         GroundError: if no ground is known.
@@ -66,7 +66,10 @@ def coarse_chart(
     truth = np.asarray(ground.depth_m(*np.meshgrid(north, east, indexing="ij")))
     known = np.isfinite(truth)
     if not known.any():
-        raise GroundError("sim.chart: no ground is known in the operating area; expected some to draw a chart of")
+        raise GroundError(
+            "sim.chart: no ground is known in the operating area; expected some. Choose "
+            "another area, or set sim.chart.smoothing_m: 0"
+        )
     sigma = config.smoothing_m / spacing_m
     weight = ndimage.gaussian_filter(known.astype(float), sigma, mode="nearest")
     depth = ndimage.gaussian_filter(np.where(known, truth, 0.0), sigma, mode="nearest")

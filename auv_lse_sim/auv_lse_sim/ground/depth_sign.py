@@ -1,8 +1,8 @@
-"""Which way the depths of a file grow.
+"""The sign of a file's depths.
 
 A column or array called `depth_m` is positive down; one called `elevation_m` (or `z_m`) is positive up:
-depth = water_level_m - elevation. Rasters have no names: there, `depth_sign` "auto" takes values that are mostly
-negative as elevations, and refuses those that may be either.
+depth = water_level_m - elevation. Rasters have no names: with `depth_sign` "auto", mostly negative values are
+elevations, and ambiguous values are an error.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from auv_lse_sim.ground.ground import GroundError
 
 Array = NDArray[np.float64]
 
-#: Values all farther than this from 0 are elevations above sea level rather than depths, unless the user says so.
+#: Positive values above this are taken for elevations above sea level unless the user sets the sign.
 _ELEVATED_M = 200.0
-#: With more than this share of the values on either side of 0, a raster's sign is not guessed.
+#: A raster with more than this fraction of its values on both sides of 0 is ambiguous.
 _BOTH_SIGNS = 0.05
 
 _DOWN = "depth positive down"
@@ -28,17 +28,17 @@ SIGN_ADVICE = "set sim.bathymetry.depth_sign: up for elevations, down for depths
 
 
 def depths_of(values: Array, path: Path, what: str, up: bool | None, config: BathymetryConfig) -> tuple[Array, str]:
-    """Depths (m, positive down) of a file's values, and in words how they were taken.
+    """Converts a file's values to depths (m, positive down); returns them and a note on how.
 
     Args:
-        values: What the file holds, any shape, NaN for unknown.
+        values: The file's values, any shape, NaN for unknown.
         path: The file, for messages.
-        what: What the file calls them.
-        up: Whether that name says that they are elevations; None for a raster, which has no names.
+        what: Their name in the file.
+        up: Whether the name means elevations; None for a raster, which has no names.
         config: How to read them.
 
     Raises:
-        GroundError: if they can be taken either way, or are elevations none of which is under water.
+        GroundError: if the sign is ambiguous, or no elevation lies under water.
     """
     known = values[np.isfinite(values)]
     if not known.size:
@@ -69,7 +69,7 @@ def depths_of(values: Array, path: Path, what: str, up: bool | None, config: Bat
 def grid_depths(
     values: Array, path: Path, what: str, up: bool | None, config: BathymetryConfig
 ) -> tuple[Array, list[str]]:
-    """As `depths_of`, for a grid: marks for no data become NaN, and a note says so."""
+    """As `depths_of` for a grid: no-data values become NaN, which a note reports."""
     marks = is_no_data(values)
     notes = []
     if marks.any():
@@ -81,10 +81,10 @@ def grid_depths(
 
 
 def _looks_up(known: Array, span: str) -> bool:
-    """Whether a raster's values are elevations, by their signs.
+    """Whether a raster's values are elevations according to their signs.
 
     Raises:
-        GroundError: if signs do not tell.
+        GroundError: if the signs are ambiguous.
     """
     negative, positive = float((known < 0.0).mean()), float((known > 0.0).mean())
     if min(negative, positive) > _BOTH_SIGNS:
@@ -93,7 +93,7 @@ def _looks_up(known: Array, span: str) -> bool:
             "is which? Expected sim.bathymetry.water_level_m, the elevation of the water surface in the file's datum "
             "(these are elevations), or sim.bathymetry.depth_sign: down (these are depths, positive down)"
         )
-    # Zeros often fill what is outside of the survey, and stray values happen: the bulk decides.
+    # Zeros often fill the outside of a survey, and outliers occur, so most values decide.
     if positive > 0.5 and float(np.quantile(known[known != 0.0], _BOTH_SIGNS)) > _ELEVATED_M:
         raise GroundError(
             f"{span}: elevations above sea level, or depths? Expected sim.bathymetry.water_level_m, the elevation of "
@@ -104,7 +104,7 @@ def _looks_up(known: Array, span: str) -> bool:
 
 
 def upside_down(depth: Array, note: str, config: BathymetryConfig) -> bool:
-    """Whether what a name says are depths cannot be: mostly negative, or, where the user insists, nowhere positive."""
+    """Whether named depths must be wrong: mostly negative, or, with a sign set by the user, never positive."""
     known = depth[np.isfinite(depth)]
     if note != _DOWN:
         return False

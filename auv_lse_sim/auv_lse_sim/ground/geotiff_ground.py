@@ -13,7 +13,7 @@ from auv_lse_sim.ground.raster_ground import raster_ground
 
 
 def read_geotiff_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
-    """The ground that a GeoTIFF's first band holds.
+    """Reads ground from the first band of a GeoTIFF.
 
     Raises:
         GroundError: if rasterio is not installed, the file cannot be read, or is not north-up.

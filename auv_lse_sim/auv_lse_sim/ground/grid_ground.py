@@ -1,7 +1,7 @@
 """Ground on a regular grid of depths; every bathymetry file becomes one.
 
-The grid lies on the local tangent plane, NaN where nothing is known, and is interpolated by a bicubic spline (twice
-continuously differentiable) between its nodes. Depths of 0 or less are land, and unknown (NaN), too.
+The grid lies on the local tangent plane and is interpolated by a bicubic spline (twice continuously differentiable).
+NaN is unknown ground; depths of 0 or less are land, which counts as unknown.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from auv_lse_sim.ground.ground import GroundError
 
 Array = NDArray[np.float64]
 
-DEEPEST_M = 11_000.0  # deeper than any water on Earth: a depth beyond it is in another unit, or wrong
+DEEPEST_M = 11_000.0  # deeper than any ocean: larger depths have another unit or are wrong
 
 
 class GridGround:
     """Ground on a regular north-east grid, bicubic between the nodes.
 
-    A place is known if the four nodes about it are.
+    A place is known if the four nodes around it are known.
 
     Args:
         north_m: Node coordinates (ny,), evenly spaced, growing.
         east_m: Node coordinates (nx,), evenly spaced, growing.
         depth_m: Depths (ny, nx), positive down; NaN or <= 0 for unknown or land.
-        name: The file or survey that it came from, for messages.
+        name: Its file or survey, for messages.
         origin: WGS84 latitude and longitude (deg) of the local origin.
-        notes: Phrases on how it was made, for `describe`.
+        notes: How it was made, for `describe`.
 
     Raises:
-        GroundError: if shapes do not fit, an axis is uneven, nothing is known, or the origin is nowhere on Earth.
+        GroundError: if shapes do not match, an axis is uneven, nothing is known, or the origin is invalid.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class GridGround:
         self._notes = notes
         self._land = int((np.isfinite(depth) & (depth <= 0.0)).sum())
         self._known = known
-        # The spline needs a value everywhere: unknown nodes take the nearest known one, and are masked afterwards.
+        # The spline needs a value everywhere: unknown nodes get the nearest known value and are masked afterwards.
         nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
         filled = depth[tuple(nearest)]
         self._low, self._high = float(depth[known].min()), float(depth[known].max())
@@ -111,11 +111,11 @@ class GridGround:
         depth = ndimage.map_coordinates(self._coefficients, at, order=3, mode="mirror", prefilter=False).reshape(
             row.shape
         )
-        # A spline may swing a little beyond the data; ground is kept within them, so that water stays water.
+        # The spline may overshoot; clipping to the range of the data keeps water from becoming land.
         return np.where(inside, np.clip(depth, self._low, self._high), np.nan)
 
     def describe(self) -> str:
-        """Its source, its size, and how it was read."""
+        """Its source, size and depths, and how it was read."""
         e = self._extent
         where = f", origin {self._origin[0]:.5f}, {self._origin[1]:.5f} deg" if self._origin else ", no origin on Earth"
         land = f"; {self._land} nodes are land" if self._land else ""
@@ -127,10 +127,10 @@ class GridGround:
 
 
 def checked_origin(lat: Any, lon: Any, where: str) -> tuple[float, float]:
-    """Latitude and longitude (deg) of an origin as numbers.
+    """Checks the latitude and longitude (deg) of an origin.
 
     Raises:
-        GroundError: if they are not one number each, or nowhere on Earth.
+        GroundError: if they are not one number each, or out of range.
     """
     try:
         lat_deg, lon_deg = (float(np.asarray(v, dtype=float).item()) for v in (lat, lon))

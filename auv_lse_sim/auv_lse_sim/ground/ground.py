@@ -1,7 +1,7 @@
-"""What lies under the water: the `Ground` that the simulated vehicles sound.
+"""The interface `Ground`: the bottom that the simulated vehicles measure.
 
-Depth is water depth in metres, positive down, referred to the still surface. NaN means that the ground is unknown
-there, or that it is land. `lake.py` draws synthetic ground, `ground_files.py` reads ground from files.
+Depth is water depth in metres below the still surface, positive down. NaN means unknown ground or land. `lake.py`
+generates synthetic ground, `ground_files.py` reads ground from files.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ Array = NDArray[np.float64]
 
 
 class Ground(Protocol):
-    """Ground that can be sounded."""
+    """A bottom with a known depth."""
 
     @property
     def extent(self) -> Extent:
-        """The rectangle outside which every depth is NaN."""
+        """The rectangle outside of which every depth is NaN."""
 
     @property
     def origin(self) -> tuple[float, float] | None:
-        """WGS84 latitude and longitude (deg) of the local origin, None if it is nowhere on Earth."""
+        """WGS84 latitude and longitude (deg) of the local origin, None if it has none."""
 
     def depth_m(self, north_m: Any, east_m: Any) -> Array:
         """Water depth (m, positive down) at places of any broadcastable shape; NaN where unknown or land."""
@@ -35,4 +35,4 @@ class Ground(Protocol):
 
 
 class GroundError(ValueError):
-    """Bathymetry that cannot be used; names the file, the line or array, and what was expected."""
+    """Invalid bathymetry; the message names the file, the line or array, and what was expected."""

@@ -17,13 +17,13 @@ from auv_lse_sim.ground.soundings_ground import read_soundings_ground
 def load_ground(
     path: str | Path, config: BathymetryConfig | None = None, origin: tuple[float, float] | None = None
 ) -> GridGround:
-    """Reads a bathymetry file; its ending says what it is (.csv .txt .xyz, .npz, .asc .grd, .tif .tiff).
+    """Reads a bathymetry file; the suffix names its format (.csv .txt .xyz, .npz, .asc .grd, .tif .tiff).
 
     Args:
         path: The file.
         config: How to read it.
-        origin: WGS84 latitude and longitude (deg) to place the local origin at, where the file has none of its own;
-            by default the middle of the data.
+        origin: WGS84 latitude and longitude (deg) of the local origin if the file has none; by default the middle of
+            the data.
 
     Raises:
         GroundError: naming the file, the line where there is one, what was found and what was expected.

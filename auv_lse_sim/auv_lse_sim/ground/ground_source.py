@@ -1,4 +1,4 @@
-"""The ground that a mission's settings name."""
+"""Loads the ground of a mission."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def ground_of(settings: Settings) -> Ground:
 
     Raises:
         GroundError: if the file cannot be used.
-        ValueError: if the lake's parameters do not go together.
+        ValueError: if the lake's parameters are inconsistent.
     """
     if settings.sim.bathymetry.file:
         lat, lon = settings.area.origin_lat_deg, settings.area.origin_lon_deg

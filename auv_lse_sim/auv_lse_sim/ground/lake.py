@@ -1,4 +1,4 @@
-"""The synthetic lake family: a drowned river valley drawn from a seed."""
+"""Synthetic lakes: drowned river valleys generated from a seed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class _Valley:
-    """One draw of the family: numbers only, lengths in units of the window's half width."""
+    """The random numbers of one lake; lengths in units of the window's half diagonal."""
 
     direction_rad: float
     bend: Array  # (2, 3): amplitude, wave number and phase of two bends
@@ -66,7 +66,7 @@ def _draw(config: LakeConfig, rng: np.random.Generator) -> _Valley:
 
 
 def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
-    """Depth of a place in the valley (no unit, 1 at the thalweg), and the small relief (unit variance).
+    """Depth in the valley (dimensionless, 1 at the thalweg), and the small relief (unit variance).
 
     Args:
         valley: The draw.
@@ -91,7 +91,7 @@ def _height(valley: _Valley, north: Array, east: Array) -> tuple[Array, Array]:
         du, dv = along - u0, across - v0
         reach = bank * math.cos(lean) * dv + math.sin(lean) * du  # along the inlet, from the thalweg outwards
         side = bank * -math.sin(lean) * dv + math.cos(lean) * du
-        # A trough as long as `length`, fading out smoothly at its head and where it would leave by the other bank.
+        # A trough of `length` that ends smoothly at its head and at the other bank.
         head = 1.0 / (1.0 + np.exp(np.clip((reach - length) / 0.06, -50.0, 50.0)))
         mouth = 1.0 / (1.0 + np.exp(np.clip(-reach / 0.06, -50.0, 50.0)))
         trough = 0.8 * head * mouth * np.exp(-0.5 * (side / breadth) ** 2)
@@ -125,28 +125,28 @@ def _closed_shoals(shallow: NDArray[np.bool_], cell_m2: float, least_m2: float) 
     return sum(1 for i in range(1, count + 1) if i not in edge and sizes[i] >= least_m2)
 
 
-#: Spacing (m) of the nodes that a lake is tabulated at: a fifteenth of the small relief's wavelength.
+#: Node spacing (m) of a lake's table: a fifteenth of the small relief's wavelength.
 TABLE_M = 4.0
 
 
 class SyntheticLake:
-    """A drowned river valley made from a seed; twice continuously differentiable inside its extent.
+    """A drowned river valley generated from a seed; twice continuously differentiable inside its extent.
 
-    The draw is a valley with a bending thalweg, side valleys, knolls and small relief. A logistic profile turns
-    it into depths between the terrace and the deepest, its middle moved so that the wanted share of the window
-    is deeper than the level. Around the window the banks rise to land. A draw without an island (a closed contour of
-    at least 800 m2 inside the window) is rejected, and the next one of the same seed is taken.
+    A draw is a valley with a bending thalweg, side valleys, knolls and small relief. A logistic profile converts it
+    to depths between the terrace and the deepest point, shifted so that the requested fraction of the window is
+    deeper than the level. Around the window the banks rise to land. Draws without an island (a closed contour of at
+    least 800 m2 inside the window) are rejected; the next draw of the same seed is used.
 
     Args:
         config: The family's parameters.
         mission_seed: Used if `config.seed` is -1.
 
     Raises:
-        ValueError: if 200 draws in a row show no island (parameters that do not go together).
+        ValueError: if 200 draws in a row have no island (inconsistent parameters).
     """
 
     def __init__(self, config: LakeConfig | None = None, mission_seed: int = 1) -> None:
-        """Draws the lake."""
+        """Generates the lake."""
         self.config = config or LakeConfig()
         self.seed = mission_seed if self.config.seed < 0 else self.config.seed
         self._window = self.config.window
@@ -188,11 +188,11 @@ class SyntheticLake:
 
     @property
     def origin(self) -> None:
-        """A synthetic lake is nowhere on Earth."""
+        """None: a synthetic lake has no geodetic position."""
         return None
 
     def _tabulated(self) -> RectBivariateSpline:
-        """The formula's depths as a bicubic spline with nodes every TABLE_M: a depth then takes microseconds."""
+        """Tabulates the formula as a bicubic spline with nodes every TABLE_M, for speed."""
         e = self.extent
         north = np.linspace(e.north_min_m, e.north_max_m, math.ceil(e.height_m / TABLE_M) + 1)
         east = np.linspace(e.east_min_m, e.east_max_m, math.ceil(e.width_m / TABLE_M) + 1)
@@ -214,7 +214,7 @@ class SyntheticLake:
         logit = np.clip(self._gain * (height - self._middle) + self._level_logit, -40.0, 40.0)
         rise = 1.0 / (1.0 + np.exp(-logit))
         span = self.config.deepest_m - self.config.terrace_m
-        # Bounded relief, so that the terrace stays navigable whatever the draw.
+        # Bounded relief keeps the terrace navigable in every draw.
         depth = self.config.terrace_m + span * rise + self.config.roughness_m * 2.0 * np.tanh(relief / 2.0)
         outside = np.maximum(
             np.maximum(self._window.north_min_m - north, north - self._window.north_max_m),
@@ -226,7 +226,7 @@ class SyntheticLake:
         return water
 
     def describe(self) -> str:
-        """One sentence on the lake and its parameters."""
+        """Describes the lake and its parameters in one sentence."""
         w = self._window
         return (
             f"synthetic lake {self.seed} (drowned valley, {self.config.inlets} inlets, {self.config.islands} knolls), "

@@ -1,4 +1,4 @@
-"""Whether the coordinates of a file fit the mission's local frame."""
+"""Checks that the coordinates of a file lie near the mission's local origin."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def ranges(north: Array, east: Array) -> str:
 
 
 def check_near(path: Path, north: Array, east: Array, lat: Array, lon: Array, origin: tuple[float, float]) -> None:
-    """Refuses geodetic data that lie far from the mission's origin.
+    """Checks that geodetic data lie near the mission's origin.
 
     Raises:
-        GroundError: naming both.
+        GroundError: if they do not; names both.
     """
     if is_far(north, east):
         raise GroundError(

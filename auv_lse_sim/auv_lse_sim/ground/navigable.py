@@ -1,8 +1,8 @@
-"""Fits a mission to the ground: where the vehicles can go, where they start, and whether the area suits the path.
+"""Fits a mission to the ground: operating area, starts, and the length of the paths.
 
-Ground that is unknown, land, or shallower than the deepest vehicle's depth plus its least water is not navigable.
-The rest of the wanted polygon becomes the operating polygon, and patches within it that are not navigable become no-go
-areas. If it falls into parts between which no vehicle can pass, one part is kept. Every change is reported.
+Land, unknown ground, and water shallower than the deepest vehicle's depth plus its minimum water are not navigable. The
+navigable rest of the requested polygon becomes the operating polygon; holes in it become no-go areas. If it consists of
+separate parts, one part is kept. Every change is reported.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from auv_lse_sim.ground.ground import Ground, GroundError
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Rasters of the area have at most this many cells; larger areas get larger cells.
+#: Maximum number of cells of the area's raster; larger areas get larger cells.
 MAX_CELLS = 400_000
-#: The depths of the area are examined in at most this many cells.
+#: Maximum number of cells in which the area's depths are checked.
 WARNING_CELLS = 40_000
-#: A part smaller than this share of the largest is never chosen, however near the start.
+#: Parts smaller than this fraction of the largest part are never selected.
 LEAST_PART = 0.25
-#: Outlines are simplified until they have at most this many corners.
+#: Maximum number of corners of an outline.
 MAX_CORNERS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Raster:
-    """Which cells of an area can be navigated.
+    """The navigable cells of an area.
 
     Attributes:
-        north_m: Middles of the rows (ny,).
-        east_m: Middles of the columns (nx,).
-        wanted: In the wanted polygon, outside of the mission's own no-go areas (ny, nx).
-        deep: Known and deep enough at the middle and the corners of the cell (ny, nx).
+        north_m: Row centers (ny,).
+        east_m: Column centers (nx,).
+        wanted: Cells in the requested polygon and outside the mission's no-go areas (ny, nx).
+        deep: Cells that are known and deep enough at center and corners (ny, nx).
         step_m: Cell size.
     """
 
@@ -64,12 +64,12 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
 
     Args:
         settings: The mission.
-        ground: The ground that it flies over.
-        area_given: Whether `settings.area.polygon_m` was asked for. If not, a polygon other than the default one
-            counts as asked for, too. With the default one, the mission covers the whole extent of ground from a file.
+        ground: The ground under the area.
+        area_given: Whether the user requested `settings.area.polygon_m`; any polygon other than the default counts as
+            requested. With the default polygon the mission covers the whole extent of a bathymetry file.
 
     Returns:
-        The settings to fly, and sentences on what was changed and what to expect.
+        The adjusted settings, and notes on what was changed and what to expect.
 
     Raises:
         GroundError: if no part of the area can be navigated, or a vehicle can turn nowhere in it.
@@ -78,10 +78,10 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
     asked = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
     settings, wanted_by = _wanted_area(settings, ground, area_given)
     origin = (settings.area.origin_lat_deg, settings.area.origin_lon_deg)
-    # 1e-5 deg, a metre: an origin found from soundings in both kinds of coordinates is no more exact than that.
+    # 1e-5 deg is about a metre: origins computed from soundings are no more accurate than that.
     if None not in asked and not np.allclose(np.array(asked, float), np.array(origin, float), rtol=0.0, atol=1e-5):
         notes.append(
-            f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by that of the ground, "
+            f"origin: area.origin {asked[0]:.5f}, {asked[1]:.5f} deg is replaced by the origin of the ground, "
             f"{origin[0]:.5f}, {origin[1]:.5f} deg"
         )
     limit = max(own.vehicle.depth_m + own.vehicle.min_water_m for own in settings.vehicles)
@@ -98,7 +98,7 @@ def fit_to_ground(settings: Settings, ground: Ground, area_given: bool = False) 
 def _wanted_area(settings: Settings, ground: Ground, area_given: bool) -> tuple[Settings, str]:
     overrides: dict[str, Any] = {}
     given = area_given or settings.area.polygon_m != AreaConfig().polygon_m
-    wanted_by = "the area asked for" if given else "the default area"
+    wanted_by = "the requested area" if given else "the default area"
     if not given and settings.sim.bathymetry.file:
         e = ground.extent
         overrides["area.polygon_m"] = [
@@ -113,22 +113,22 @@ def _wanted_area(settings: Settings, ground: Ground, area_given: bool) -> tuple[
 
 
 def _polygon(flat: tuple[float, ...]) -> shapely.Polygon:
-    """Shapely polygon in (east, north) of a flat north, east, ... one."""
+    """Converts a flat north, east, ... polygon to a Shapely polygon in (east, north)."""
     corners = np.reshape(flat, (-1, 2))
     return shapely.Polygon(corners[:, ::-1])
 
 
 def rasterize(area: AreaConfig, ground: Ground, limit_m: float) -> Raster:
-    """The area as cells of about 5 m, each judged by the depths at its middle and its corners.
+    """Divides the area into cells of about 5 m and checks the depths at their centers and corners.
 
     Args:
-        area: The wanted area.
+        area: The requested area.
         ground: The ground under it.
-        limit_m: Shallowest depth of water that can be navigated.
+        limit_m: Minimum navigable water depth.
     """
     shape = _polygon(area.polygon_m)
     west, south, east, north = shape.bounds
-    # No larger than half of the margin, if it can be: what lies between the corners of a cell stays within the margin.
+    # At most half of the margin where possible, so that features between a cell's corners stay within the margin.
     step = max(min(5.0, max(area.margin_m / 2.0, 2.0)), math.sqrt((north - south) * (east - west) / MAX_CELLS))
     rows = south + step * (np.arange(max(1, math.ceil((north - south) / step))) + 0.5)
     columns = west + step * (np.arange(max(1, math.ceil((east - west) / step))) + 0.5)
@@ -136,7 +136,7 @@ def rasterize(area: AreaConfig, ground: Ground, limit_m: float) -> Raster:
     wanted = shapely.contains_xy(shape, e, n)
     for flat in area.no_go.values():
         wanted &= ~shapely.contains_xy(_polygon(flat), e, n)
-    # Depth at the corners and the middle of every cell.
+    # Depth at the corners and the center of every cell.
     corner_n, corner_e = np.meshgrid(
         np.append(rows - step / 2.0, rows[-1] + step / 2.0), np.append(columns - step / 2.0, columns[-1] + step / 2.0),
         indexing="ij",
@@ -154,18 +154,18 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
     if not free.any():
         raise GroundError(
             f"area: {wanted_by} ({wanted_m2 / 1e4:.1f} ha) has no known water of {limit_m:g} m or more (deepest "
-            "vehicle's depth and least water); expected some: another area, or vehicles less deep"
+            "vehicle's depth plus its minimum water); expected some. Choose another area, or shallower vehicles"
         )
     if free[raster.wanted].all():
         return settings, []
-    # A part is where a vehicle that keeps its margin can travel: erode, label, grow back.
+    # A part is a region in which a vehicle can travel within its margin: erode, label, grow back.
     padded = np.pad(free, 1)
     inner = ndimage.distance_transform_edt(padded)[1:-1, 1:-1] * step > area.margin_m + step
     labels, count = ndimage.label(inner, structure=np.ones((3, 3)))
     if count == 0:
         raise GroundError(
             f"area: no water of {limit_m:g} m or more in {wanted_by} is wide enough for margin_m = {area.margin_m:g} m "
-            "on either side; expected some: a smaller margin, another area"
+            "on either side; expected some. Choose a smaller margin, or another area"
         )
     sizes = np.bincount(labels.ravel())[1:]
     first = settings.vehicle(1).vehicle
@@ -200,7 +200,7 @@ def _navigable_part(settings: Settings, raster: Raster, limit_m: float, wanted_b
 
 
 def _outline(region: Mask, raster: Raster) -> shapely.Polygon:
-    """The region's outline with its holes, simplified so that it stays within the region."""
+    """The region's outline with its holes, simplified but inside the region."""
     from contourpy import contour_generator
 
     step = raster.step_m
@@ -211,7 +211,7 @@ def _outline(region: Mask, raster: Raster) -> shapely.Polygon:
     rings = [shapely.Polygon(line) for line in contour_generator(east, north, padded).lines(0.5) if len(line) >= 4]
     outer = max(rings, key=lambda ring: ring.area)
     holes = [ring for ring in rings if ring is not outer and outer.contains(ring.representative_point())]
-    # The outline is first moved inward (holes: outward) by as much as it may be simplified, so that it stays within.
+    # Moving the outline inward (holes: outward) by the tolerance first keeps the simplified outline inside.
     for tolerance in (0.5 * step, step, 1.5 * step, 2.5 * step):
         result = _simplified(outer, holes, tolerance)
         if shapely.get_num_coordinates(result) <= MAX_CORNERS:
@@ -229,12 +229,12 @@ def _simplified(outer: shapely.Polygon, holes: list[shapely.Polygon], tolerance_
 
 
 def _flat(ring: Array) -> list[float]:
-    """A ring of (east, north) corners as north, east, north, ..., to the centimetre, without the repeated last one."""
+    """Converts a ring of (east, north) corners to north, east, ... rounded to centimetres, without the repeated one."""
     return [round(float(v), 2) for v in ring[:-1, ::-1].ravel()]
 
 
 def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
-    """Moves starts to where a vehicle is free to turn to either side, or at least to one."""
+    """Moves starts without room to turn to places where a vehicle can turn to both sides, or at least to one."""
     area = OperatingArea(settings.area)
     motion = MotionTable(settings.motion)
     reach = float(np.abs(motion.loops_m[:, 2]).max())
@@ -247,7 +247,7 @@ def _place_starts(settings: Settings) -> tuple[Settings, list[str]]:
     else:
         raise GroundError(
             f"area: the widest place is {max(float(clearance.max()), 0.0):.0f} m from its border; expected at least "
-            f"{margin + reach:.0f} m (margin_m and a turning circle): a larger area, a smaller margin or turning radius"
+            f"{margin + reach:.0f} m (margin_m and a turning circle). Choose a larger area or a smaller margin"
         )
     fit, roomy = places[clearance >= needed], clearance[clearance >= needed]
     overrides: dict[str, Any] = {}
@@ -283,7 +283,7 @@ def can_turn(area: OperatingArea, motion: MotionTable, heading_rad: float, place
 
 
 def depth_warnings(settings: Settings, ground: Ground) -> list[str]:
-    """Warnings on the depths of the operating area: no isobath in it, or a bottom out of the DVL's reach."""
+    """Warns if the operating area has no isobath, or a bottom beyond the DVL's range."""
     shape = _operating_shape(settings.area)
     west, south, east, north = shape.bounds
     step = max(5.0, math.sqrt((north - south) * (east - west) / WARNING_CELLS))
@@ -301,7 +301,7 @@ def depth_warnings(settings: Settings, ground: Ground) -> list[str]:
     if deeper in (0.0, 1.0):
         notes.append(
             f"level: no {level:g} m isobath in the area: all of it is {'deeper' if deeper else 'shallower'} "
-            f"({depth.min():.1f} to {depth.max():.1f} m); there is nothing to find (another level_m or area)"
+            f"({depth.min():.1f} to {depth.max():.1f} m); choose another level_m or area"
         )
     dvl = settings.sim.dvl
     if not (dvl.ideal or settings.sim.ideal):
@@ -326,19 +326,19 @@ def _operating_shape(area: AreaConfig) -> shapely.Geometry:
 
 
 def expectations(settings: Settings) -> list[str]:
-    """Whether the paths' length suits the area: the distance of a lawnmower's lanes, and the coverage."""
+    """Compares the paths' length with the area: spacing of a lawnmower's lanes, and coverage."""
     area_m2 = float(_operating_shape(settings.area).area)
     motion = MotionTable(settings.motion)
     vehicles = settings.mission.vehicles
     path_m = vehicles * settings.mission.steps * motion.leg_length_m
     spacing = area_m2 / path_m
     scale = min(own.gp.length_scale_m for own in settings.vehicles)
-    # Within half a length scale of a path a depth is known with a correlation of 0.8 or more (Matern 5/2: 0.83).
+    # Within half a length scale of a path, depths correlate with the soundings by 0.8 or more (Matern 5/2: 0.83).
     coverage = min(1.0, path_m * scale / area_m2)
     text = (
         f"{vehicles} vehicle{'s' if vehicles > 1 else ''} x {settings.mission.steps} steps = {path_m / 1000.0:.1f} km "
-        f"of path in {area_m2 / 1e6:.2f} km2: lanes of a lawnmower would be {spacing:.0f} m apart, and at most "
-        f"{100.0 * coverage:.0f} % of the area comes within half a length scale ({scale / 2.0:g} m) of a path"
+        f"of path in {area_m2 / 1e6:.2f} km2: lawnmower lanes would be {spacing:.0f} m apart, and at most "
+        f"{100.0 * coverage:.0f} % of the area lies within half a length scale ({scale / 2.0:g} m) of a path"
     )
     if coverage < 0.5:
         return [
@@ -348,6 +348,6 @@ def expectations(settings: Settings) -> list[str]:
     if spacing < 2.0 * settings.motion.turn_radius_m:
         return [
             f"coverage: {text}: the area is too small for this mission; lanes closer than a turning circle "
-            f"({2.0 * settings.motion.turn_radius_m:g} m) tell little new (fewer steps or vehicles)"
+            f"({2.0 * settings.motion.turn_radius_m:g} m) add little information (fewer steps or vehicles)"
         ]
     return [f"coverage: {text}"]

@@ -15,14 +15,14 @@ from auv_lse_sim.ground.local_frame import ranges
 
 
 def read_npz_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
-    """The ground that an npz grid holds.
+    """Reads ground from an npz grid.
 
     Besides the grid it may have dist_to_sounding_m (ny, nx), the distance of each node to the nearest sounding, and
     lat0, lon0, the WGS84 latitude and longitude (deg) of the local origin.
 
     Raises:
         GroundError: naming the array and what was expected.
-        SoundingsError: if it is no npz grid.
+        SoundingsError: if it is not an npz grid.
     """
     grid = read_npz_grid(path)
     depth, notes = grid_depths(grid.values, path, grid.depth_name, grid.upward, config)

@@ -1,4 +1,4 @@
-"""Ground from a raster in projected or geodetic coordinates: resampled to local metres."""
+"""Resamples rasters in projected or geodetic coordinates to local metres."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def raster_ground(
     config: BathymetryConfig,
     origin: tuple[float, float] | None,
 ) -> GridGround:
-    """A raster in any coordinates as local ground.
+    """Converts a raster in any coordinates to local ground.
 
     Args:
         path: The file, for messages.
         x: Coordinates of the columns (nx,), growing.
         y: Coordinates of the rows (ny,), growing.
         grid: Values (ny, nx), NaN where unknown.
-        crs: Their coordinate reference system as pyproj takes it, None if the file names none.
+        crs: Their coordinate reference system in a form that pyproj reads, None if the file has none.
         config: How to read them.
         origin: WGS84 latitude and longitude (deg) of the local origin; None: the middle of the raster.
 

@@ -1,4 +1,4 @@
-"""Ground from scattered soundings: a table, gridded."""
+"""Ground from a table of scattered soundings, which it grids."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 
 
 def read_soundings_ground(path: Path, config: BathymetryConfig, origin: tuple[float, float] | None) -> GridGround:
-    """The ground that a table of soundings shows.
+    """Reads ground from a table of soundings.
 
     Raises:
         GroundError: naming the line or the columns, and what was expected.
-        SoundingsError: if it is no table of soundings.
+        SoundingsError: if it is not a table of soundings.
     """
     table = read_table(path)
     column, lines = table.depth_name, table.lines
@@ -74,13 +74,13 @@ def grid_soundings(
     origin: tuple[float, float] | None = None,
     notes: tuple[str, ...] = (),
 ) -> GridGround:
-    """Soundings (N,) as a grid: linear interpolation on their Delaunay triangles, NaN far from any of them.
+    """Grids soundings (N,): linear interpolation on their Delaunay triangles, NaN far from all of them.
 
     Raises:
         GroundError: if there are fewer than 10 places, or they lie on one line.
     """
     north, east, depth = (np.asarray(v, dtype=float).ravel() for v in (north_m, east_m, depth_m))
-    # Soundings within a decimetre are one place: their median.
+    # Soundings within a decimetre become one place with their median depth.
     keys = np.round(np.stack([north, east], axis=1) * 10.0).astype(np.int64)
     order = np.lexsort((depth, keys[:, 1], keys[:, 0]))
     sorted_keys = keys[order]
@@ -113,7 +113,7 @@ def grid_soundings(
 
 
 def _smoothed(grid: Array, sigma: float) -> Array:
-    """Gaussian smoothing (sigma in nodes) that neither invents nor loses known nodes."""
+    """Gaussian smoothing (sigma in nodes) that keeps the set of known nodes."""
     if sigma <= 0.0:
         return grid
     known = np.isfinite(grid)

@@ -1,4 +1,4 @@
-"""The instruments that measure the water: beams to the ground, and the pressure gauge that says how deep they are."""
+"""The depth instruments: DVL and altimeter beams, and the pressure sensor."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ Array = NDArray[np.float64]
 
 
 class EchoSounder:
-    """Pings the ground under a vehicle, and makes soundings of what comes back.
+    """Measures the altitude under a vehicle and makes soundings of the pings.
 
     Attributes:
-        in_reach: Whether the ground was within the DVL's reach at the last sub-step.
+        in_reach: Whether the bottom was within the DVL's range at the last sub-step.
         water_m: True depth of the water there; NaN where it is unknown or land.
         altitude_m: Measured height over the ground there; NaN without an echo.
         pressure_depth_m: Measured depth of the vehicle there.
-        groundings: Ticks in which it touched the ground.
+        groundings: Number of ticks in which it touched the ground.
     """
 
     def __init__(self, sim: SimConfig, rng: np.random.Generator, bias: float) -> None:
-        """Begins without an echo.
+        """Starts without an echo.
 
         Args:
             sim: The simulated world's parameters.
             rng: Source of the noise.
-            bias: Error of the pressure gauge, in its standard deviations.
+            bias: Error of the pressure sensor, in standard deviations.
         """
         self._sim, self._rng = sim, rng
         self._bias_m = 0.0 if sim.pressure.ideal or sim.ideal else sim.pressure.bias_m * bias
-        self._pings = np.empty((0, 6))  # stamp, estimated north, east, depth, raw north, east: not yet a sounding
+        self._pings = np.empty((0, 6))  # the current period: stamp, estimated north, east, depth, raw north, east
         self.in_reach = True
         self.water_m = self.altitude_m = math.nan
         self.pressure_depth_m = 0.0
@@ -74,7 +74,7 @@ class EchoSounder:
         return self._soundings(pings[np.isfinite(echo)], float(stamps_s[-1]))
 
     def _reached(self, altitude_m: Array) -> NDArray[np.bool_]:
-        """Whether the ground is neither too near nor too far for the DVL."""
+        """Whether the bottom is within the DVL's range."""
         sim = self._sim
         if sim.dvl.ideal or sim.ideal:
             return np.asarray(altitude_m > 0.0)
@@ -82,7 +82,7 @@ class EchoSounder:
             return np.asarray((altitude_m >= sim.dvl.min_altitude_m) & (altitude_m <= sim.dvl.max_altitude_m))
 
     def _altimeter(self, echo_m: Array, normals: Array, uniforms: Array) -> Array:
-        """What the altimeter says (n,) of true altitudes, with normal (n,) and uniform (n, 3) random numbers."""
+        """Measured altitudes (n,) from true ones, normal (n,) and uniform (n, 3) random numbers."""
         altimeter = self._sim.altimeter
         if altimeter.ideal or self._sim.ideal:
             return echo_m
@@ -94,22 +94,22 @@ class EchoSounder:
         return echo_m
 
     def _pressure(self, depth_m: Array, normals: Array) -> Array:
-        """What the pressure gauge says (n,) of true depths, with normal random numbers (n,)."""
+        """Measured depths (n,) from true ones and normal random numbers (n,)."""
         pressure = self._sim.pressure
         if pressure.ideal or self._sim.ideal:
             return depth_m
         return np.asarray(depth_m + self._bias_m + pressure.noise_m * normals)
 
     def _soundings(self, pings: Array, now_s: float) -> Array:
-        """The soundings of the periods that are over; pings of the others wait."""
-        every = self._sim.altimeter.sounding_every_s
-        if every == 0.0:
+        """The soundings of completed periods; keeps the pings of the current one."""
+        period_s = self._sim.altimeter.sounding_every_s
+        if period_s == 0.0:
             return pings
         waiting = np.concatenate([self._pings, pings])
-        over = math.floor(now_s / every + 1e-6)
-        count = int(np.searchsorted(period_of(waiting[:, 0], every), over, side="right"))
+        over = math.floor(now_s / period_s + 1e-6)
+        count = int(np.searchsorted(period_of(waiting[:, 0], period_s), over, side="right"))
         self._pings = waiting[count:]
-        periods = by_period(waiting[:count], every)
+        periods = by_period(waiting[:count], period_s)
         if self._sim.altimeter.ideal or self._sim.ideal:
             soundings = [own[len(own) // 2] for own in periods]
         else:

@@ -5,22 +5,22 @@ State (10), in the local tangent plane and the vehicle's body frame:
     NORTH, EAST (m), HEADING (rad), SURGE, SWAY (m/s, as the DVL sees them), GYRO_BIAS (rad/s), COMPASS_BIAS (rad),
     DVL_SCALE, COMPASS_SIN, COMPASS_COS (rad)
 
-Between measurements the heading turns by the gyro without its bias, the place moves by the velocity over ground,
-which is what the DVL sees without its scale error, and velocity, biases and scale are random walks:
+Between measurements the heading changes by the gyro rate minus its bias, and the position by the velocity over ground,
+which is the DVL velocity without its scale error. Velocity, biases and scale are random walks:
 
     heading' = gyro - GYRO_BIAS
     north' = (SURGE cos h - SWAY sin h) / (1 + DVL_SCALE),  east' = (SURGE sin h + SWAY cos h) / (1 + DVL_SCALE)
 
-A compass reads HEADING + COMPASS_BIAS + COMPASS_SIN sin h + COMPASS_COS cos h: iron in the vehicle bends the field by
-an angle that depends on the heading. In turns the gyro shows these two, but not the bias.
+A compass reads HEADING + COMPASS_BIAS + COMPASS_SIN sin h + COMPASS_COS cos h: iron in the vehicle deflects the
+field by an angle that depends on the heading. In turns the gyro makes these two observable, but not the bias.
 
-With the velocity over ground as a state instead, DVL measurements (1 + scale) * velocity would be products of two
-states: the filter would seem to learn the scale from them, which only fixes can provide, and would be overconfident.
+If the velocity over ground were a state instead, DVL measurements (1 + scale) * velocity would be products of two
+states. The filter would then seem to learn the scale from them, which only fixes can provide, and be overconfident.
 
 The state is at the same time the nominal state and, by its covariance, the error state: after each scalar
 measurement the error's estimate is put into the nominal state and starts from 0 again (Groves 2013, sections 14.2
-and 16.2: an inertially aided dead-reckoning filter in closed loop). Scalar measurements that are farther off than
-`GATE` standard deviations are refused: this rejects DVL outliers.
+and 16.2: an inertially aided dead-reckoning filter in closed loop). Scalar measurements with residuals above
+`GATE` standard deviations are rejected as DVL outliers.
 
 The functions are written for numba, and run as plain Python where it is not installed; both give the same numbers.
 """
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 NORTH, EAST, HEADING, SURGE, SWAY, GYRO_BIAS, COMPASS_BIAS, DVL_SCALE, COMPASS_SIN, COMPASS_COS = range(10)
 STATES = 10
-GATE = 4.0  # standard deviations; a normal error is outside once in 16 000
+GATE = 4.0  # standard deviations; a normal error exceeds it once in 16 000
 
 # Columns of the noise parameters handed to the filter (variances; rates per second).
 HEADING_RATE, VELOCITY_RATE, GYRO_BIAS_RATE, COMPASS_BIAS_RATE, PLACE_RATE = range(5)
@@ -110,10 +110,10 @@ def update(x: Array, p: Array, h: Array, residual: float, variance: float, gate:
         h: Derivative of the measurement with respect to each state (10,).
         residual: Measurement minus its value predicted from the state.
         variance: Variance of the measurement's noise.
-        gate: Standard deviations beyond which the measurement is refused.
+        gate: Standard deviations beyond which the measurement is rejected.
 
     Returns:
-        The residual's square over its variance; the measurement was taken if that is at most `gate` squared.
+        The normalized innovation squared; the measurement was used if it is at most `gate` squared.
     """
     ph = np.zeros(STATES)
     s = variance
@@ -140,10 +140,10 @@ def update(x: Array, p: Array, h: Array, residual: float, variance: float, gate:
 
 @compiled
 def update_dvl(x: Array, p: Array, surge: float, sway: float, variance: float, gate: float) -> int:
-    """Takes a DVL velocity (m/s, body frame, as the DVL sees it).
+    """Uses a DVL velocity (m/s, body frame, with the DVL's scale).
 
     Returns:
-        How many of the two components were taken.
+        Number of components that were used.
     """
     taken = 0
     h = np.zeros(STATES)
@@ -158,10 +158,10 @@ def update_dvl(x: Array, p: Array, surge: float, sway: float, variance: float, g
 
 @compiled
 def update_compass(x: Array, p: Array, heading: float, variance: float, gate: float) -> float:
-    """Takes a compass heading (rad). Returns the normalized innovation squared.
+    """Uses a compass heading (rad); returns the normalized innovation squared.
 
-    The harmonics are those of the reading: with the estimated heading in their place the measurement would be a product
-    of states, whose linearization seems to tell heading from bias (as with DVL_SCALE).
+    The harmonics use the reading. With the estimated heading the measurement would be a product of states, whose
+    linearization seems to distinguish heading from bias (as with DVL_SCALE).
     """
     h = np.zeros(STATES)
     h[HEADING], h[COMPASS_BIAS], h[COMPASS_SIN], h[COMPASS_COS] = 1.0, 1.0, math.sin(heading), math.cos(heading)
@@ -172,7 +172,7 @@ def update_compass(x: Array, p: Array, heading: float, variance: float, gate: fl
 
 @compiled
 def update_gps(x: Array, p: Array, north: float, east: float, variance: float) -> None:
-    """Takes a GPS fix (m); never gated, since after a long dive the fix is right and the state is not."""
+    """Uses a GPS fix (m) without a gate, because after a long dive the state may be far off."""
     h = np.zeros(STATES)
     h[NORTH] = 1.0
     update(x, p, h, north - x[NORTH], variance, 1e9)

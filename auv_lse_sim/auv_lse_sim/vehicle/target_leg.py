@@ -1,4 +1,4 @@
-"""The leg to a target: an arc and a straight at the vehicle's turn radius."""
+"""Computes the leg to a target: an arc and a straight with the vehicle's turn radius."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 
 from auv_lse_common.vocabulary.leg import Leg
 
-#: An end that lies inside the turning circle by less than this is taken to lie on it (m).
+#: A target less than this (m) inside the turning circle counts as on it.
 ON_CIRCLE_M = 0.05
-#: Where the tightest turn does not lead to a target it may pass it by this distance (m): autopilots take it as reached.
+#: Largest distance (m) by which the tightest turn may miss a target: autopilots count it as reached.
 PASSED_BY_M = 4.0
 
 
@@ -23,7 +23,7 @@ def leg_to(
 ) -> Leg:
     """The shortest leg (one arc, then a straight) from a state to a target.
 
-    There always is one: the two turning circles touch at the state, so no target lies inside both.
+    A leg always exists: the two turning circles touch at the state, so no target lies inside both.
 
     Args:
         heading_rad: Heading of the state.
@@ -32,8 +32,8 @@ def leg_to(
         target_m: North, east of the target.
         radius_m: Turning radius.
         step: Step of the leg.
-        tightest_m: Radius to which it turns more tightly for a target inside its turning circle, and passes it by
-            `PASSED_BY_M` at most; None: it does not, and reaches the target by the other circle.
+        tightest_m: Minimum radius for a target inside the turning circle, which it may miss by `PASSED_BY_M`; None: it
+            reaches the target by the other circle.
     """
     d_north, d_east = target_m[0] - north_m, target_m[1] - east_m
     forward = d_north * math.cos(heading_rad) + d_east * math.sin(heading_rad)

@@ -1,4 +1,4 @@
-"""One simulated vehicle: it follows the legs it is given, pings the ground and navigates by its instruments."""
+"""One simulated vehicle: follows its legs, measures the depth, and navigates by its instruments."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ from auv_lse_sim.vehicle.vehicle_state import NavigationEstimate, Truth
 
 Array = NDArray[np.float64]
 
-#: A leg that starts this near to the end of the last one continues it.
+#: A leg that starts within these limits of the last leg's end continues it.
 SEAM_M = 0.5
 SEAM_RAD = 5.0 * DEG
-#: An ideal vehicle this near to a leg's start is on it (a plan's numbers are rounded to 32 bits).
+#: An ideal vehicle within this distance of a leg's start is on the leg (plans are rounded to 32 bits).
 RAILS_M = 0.01
-#: A smaller turn is none: MAVLink rounds places to a centimetre, so a straight may arrive as a turn of half of this.
+#: Smaller turns count as straight: MAVLink's rounding to centimetres turns a straight by up to half of this.
 NO_TURN_RAD = 1e-3
-#: Rows and columns of the covariance that odometry gives.
+#: Rows and columns of the covariance in odometry.
 _ODOMETRY = np.ix_((HEADING, NORTH, EAST), (HEADING, NORTH, EAST))
 
 
 def tightest_radius_m(vehicle: VehicleConfig, sim: SimConfig) -> float:
-    """The least radius (m) on which a vehicle can turn."""
+    """Minimum turn radius (m) of a vehicle."""
     return vehicle.speed_mps / (sim.dynamics.turn_rate_max_dps * DEG)
 
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """A leg to travel, the speed (m/s) through the water, and what follows the mission's last leg."""
+    """A leg, the speed (m/s) through the water, and the stop after the mission's last leg."""
 
     leg: Leg
     speed_mps: float
@@ -60,8 +60,8 @@ class _Order:
 
 
 @dataclass(frozen=True, slots=True)
-class _Way:
-    """Where a vehicle was on its way when it was told to stop, and what it is told meanwhile."""
+class _Interrupted:
+    """The leg that a stop has interrupted, and the orders received since then."""
 
     leg: Any
     step: int
@@ -72,22 +72,21 @@ class _Way:
 
 
 class SimVehicle:
-    """A vehicle in the water.
+    """A simulated vehicle.
 
-    Each tick calls `move`, which returns the places of the sub-steps, then `sense` with the true depth of water there.
+    Each tick calls `move`, which returns the positions of the sub-steps, then `sense` with the true water depth there.
 
-    A leg that arrives while another is travelled is started at the end of that one, if it begins there; otherwise at
-    once. Without a next leg the vehicle circles at the leg's turning radius, from the leg's end on, and turns at once
-    to the end of a leg that comes then; on rails, which lead it exactly, that starts when the circle closes. Told to
-    stop (`obey`) it circles where it is, comes up or goes to a place; told to travel on, it steers back to its leg and
-    takes the legs that came meanwhile.
+    A new leg starts at the end of the current leg if it begins there, otherwise at once. Without a next leg the vehicle
+    circles at the leg's turning radius from the leg's end; when a leg arrives, it turns at once to the end of that leg,
+    or, on rails (ideal motion), starts it when the circle closes. On a stop (`obey`) it circles, surfaces or goes to a
+    place; then it steers back to its leg and takes the legs received meanwhile.
 
     Args:
         number: Its number, from 1.
         config: Its depth, speed and start.
         sim: The simulated world's parameters.
         rng: Source of all its random numbers (stream "sensors", number).
-        clearance_m: Clearance (m) at a place (north, east), from which it chooses the side to circle to.
+        clearance_m: Returns the clearance (m) at north, east (m); selects the side on which to circle.
     """
 
     def __init__(
@@ -98,12 +97,12 @@ class SimVehicle:
         rng: np.random.Generator,
         clearance_m: Callable[[float, float], float] | None = None,
     ) -> None:
-        """Draws the run's biases; the vehicle waits at its start."""
+        """Draws the instruments' biases; the vehicle waits at its start."""
         self.number = number
         self.config = config
         self._sim = sim
         self._rng = rng
-        more = rng.spawn(1)[0]  # its draws leave those of `rng` as they are
+        more = rng.spawn(1)[0]  # does not change the draws of `rng`
         self._clearance_m = clearance_m
         draws = rng.standard_normal(8)
         self._model = initial_model(config, sim, more, draws)
@@ -115,7 +114,7 @@ class SimVehicle:
         self._next: _Order | None = None
         self._then: Stop | None = None
         self._stop: Stop | None = None
-        self._way: _Way | None = None
+        self._interrupted: _Interrupted | None = None
         self._loitering = False
         self._surface_after = False
         self._rows = as_records(np.empty((0, len(RESULT.names or ()))), RESULT)
@@ -141,7 +140,7 @@ class SimVehicle:
 
     @property
     def step(self) -> int:
-        """Step that its leg leads from; -1 before the first leg."""
+        """Step at which its leg starts; -1 before the first leg."""
         return self._step
 
     @property
@@ -161,7 +160,7 @@ class SimVehicle:
 
     @property
     def error(self) -> Array:
-        """Filter's state minus the truth (10,)."""
+        """The filter's state minus the truth (10,)."""
         m = self._m
         seen = 1.0 + m.dvl_scale
         truth = np.array(
@@ -172,8 +171,8 @@ class SimVehicle:
         error[HEADING] = wrap(error[HEADING])
         return error
 
-    def forget_harmonics(self) -> None:
-        """Makes a filter that does not know that the compass's error depends on the heading: for comparison."""
+    def ignore_harmonics(self) -> None:
+        """Removes the heading-dependent compass error from the filter, for comparison."""
         self._p[COMPASS_SIN:, :] = 0.0
         self._p[:, COMPASS_SIN:] = 0.0
 
@@ -188,12 +187,12 @@ class SimVehicle:
         Args:
             leg: The leg.
             speed_mps: Speed through the water; None: the configured one.
-            then: What follows it if it is the mission's last; None: it circles.
+            then: The stop after the mission's last leg; None: it circles.
         """
         self._take(_Order(leg, self.config.speed_mps if speed_mps is None else speed_mps, then))
 
     def obey(self, stop: Stop | None) -> None:
-        """Does `stop` in place of travelling; None: travels on."""
+        """Stops as requested; None: continues."""
         if stop == self._stop:
             return
         self._stop = stop
@@ -201,12 +200,12 @@ class SimVehicle:
         if self._m.mode == mm.WAITING:
             return
         if stop is None:
-            self._travel_on()
+            self._resume()
             return
-        if self._way is None:
+        if self._interrupted is None:
             orders = [] if self._next is None else [self._next]
             along_m = float(self._m.along)
-            self._way = _Way(self._leg.copy(), self._step, along_m, self._loitering, self._then, orders)
+            self._interrupted = _Interrupted(self._leg.copy(), self._step, along_m, self._loitering, self._then, orders)
         self._next, self._then = None, None
         here = self._here()
         if stop.action is Action.GO_TO:
@@ -215,8 +214,8 @@ class SimVehicle:
             self._leg = new_record(LEG, *here, 0.0, float(self._leg.radius), 0.0)
             self._circle(0.0)
 
-    def _travel_on(self) -> None:
-        way, self._way = self._way, None
+    def _resume(self) -> None:
+        way, self._interrupted = self._interrupted, None
         if way is None:
             return
         self._leg, self._step, self._loitering, self._then = way.leg, way.step, way.loitering, way.then
@@ -226,8 +225,8 @@ class SimVehicle:
             self._take(order)
 
     def _take(self, order: _Order) -> None:
-        if self._way is not None:
-            self._way.orders.append(order)
+        if self._interrupted is not None:
+            self._interrupted.orders.append(order)
         elif self._m.mode == mm.WAITING or self._follows(order.leg):
             self._next = order
         elif self._loitering and self._m.mode == mm.STEERED:
@@ -238,14 +237,14 @@ class SimVehicle:
             self._begin(order, 0.0)
 
     def _here(self) -> tuple[float, float, float]:
-        """Heading, north, east from which a way that nobody planned begins: of the track on rails, else estimated."""
+        """Heading, north, east for unplanned legs: on rails those of the track, else the estimate."""
         if self._m.mode == mm.ON_RAILS:
             heading, north, east, _ = mm.on_leg(self._leg, self._m.along)
             return heading, north, east
         return float(self._x[HEADING]), float(self._x[NORTH]), float(self._x[EAST])
 
     def _from_here(self, leg: Leg) -> Leg:
-        """The way to a leg's end from where the vehicle is: its start is passed."""
+        """A leg from the vehicle to the end of `leg`, whose start it has passed."""
         _, north, east = leg.end_state
         tightest_m = tightest_radius_m(self.config, self._sim)
         way = leg_to(*self._here(), (float(north), float(east)), leg.radius_m, leg.step, tightest_m)
@@ -256,7 +255,7 @@ class SimVehicle:
         self._params.depth = 0.0 if up else self.config.depth_m
 
     def _lead(self, leg: Leg, along_m: float = 0.0) -> None:
-        """Leads the vehicle on a leg that is none of the mission's."""
+        """Sets the current leg."""
         self._leg = new_record(
             LEG, leg.heading_rad, leg.north_m, leg.east_m, leg.action_rad, leg.radius_m, leg.straight_m
         )
@@ -264,7 +263,7 @@ class SimVehicle:
         self._m.along = along_m
 
     def _follows(self, leg: Leg) -> bool:
-        """Whether a leg begins where the vehicle's way ends; a circle that is steered has no end."""
+        """Whether a leg begins at the end of the current one; a steered circle has no end."""
         if self._loitering and self._m.mode == mm.STEERED:
             return False
         end = self._leg_start() if self._loitering else mm.on_leg(self._leg, mm.leg_length(self._leg))
@@ -275,7 +274,7 @@ class SimVehicle:
         return self._leg.heading, self._leg.north, self._leg.east, 0.0
 
     def _begin(self, order: _Order, along_m: float) -> None:
-        """Starts a leg, of which `along_m` are travelled already."""
+        """Starts a leg, `along_m` from its beginning."""
         m, leg = self._m, order.leg
         self._surface()
         self._surface_after = leg.surface
@@ -292,13 +291,13 @@ class SimVehicle:
         m.mode = mm.ON_RAILS if on_rails else mm.STEERED
 
     def _surface(self) -> None:
-        """Begins to surface for a fix if the leg that ends, or is given up, asks for it."""
+        """Starts surfacing for a fix if the ending leg requests it."""
         if self._surface_after and self._m.surfacing == mm.NOT_SURFACING:
             self._m.surfacing, self._m.under_way = mm.TO_SURFACE, 0.0
         self._surface_after = False
 
     def _end(self, along_m: float) -> None:
-        """Does what follows the end of a leg that no other follows, of which `along_m` are travelled already."""
+        """Handles the end of a leg without a successor; `along_m` of what follows is already travelled."""
         then, self._then = self._then, None
         self._surface()
         heading, north, east, _ = mm.on_leg(self._leg, mm.leg_length(self._leg))
@@ -332,7 +331,7 @@ class SimVehicle:
             currents: Current north, east of each sub-step (n, 2), m/s.
 
         Returns:
-            True north and east (n,) of each sub-step: the places at which `sense` needs the depth of water.
+            True north and east (n,) of each sub-step, where `sense` needs the water depth.
         """
         m, n = self._m, len(stamps_s)
         normals = as_records(self._rng.standard_normal((n, len(NORMALS.names or ()))), NORMALS)
@@ -371,14 +370,14 @@ class SimVehicle:
 
     @property
     def gps_m(self) -> tuple[float, float] | None:
-        """North, east by GPS, where its antenna is out of the water; else None."""
+        """North, east by GPS if the antenna is above water; else None."""
         m = self._m
         if self.position[2] >= self._sim.gps.antenna_m:
             return None
         return float(m.north + m.gps_error_north), float(m.east + m.gps_error_east)
 
     def _completed(self) -> list[Fix]:
-        """The fix that was complete in the last `move`, if one was; the next surfacing begins another."""
+        """The fix completed in the last `move`, if any."""
         m = self._m
         if m.fix_step == 0.0:
             return []
@@ -396,7 +395,10 @@ class SimVehicle:
         return [fix]
 
     def sense(self, water_m: Array) -> Array:
-        """Takes the true depth of water (n,) at the sub-steps of the last `move`; returns soundings.
+        """Measures the water depth at the sub-steps of the last `move`.
+
+        Args:
+            water_m: True water depth (n,) there.
 
         Returns:
             Soundings (s, 6): stamp (s), estimated north, east (m), measured depth of water (m), raw north, east (m).
@@ -405,21 +407,21 @@ class SimVehicle:
 
     @property
     def altitude_m(self) -> float:
-        """Height over the ground by the last ping; NaN without an echo."""
+        """Altitude by the last ping; NaN without an echo."""
         return self._sounder.altitude_m
 
     @property
     def pressure_depth_m(self) -> float:
-        """Depth by the pressure gauge at the last sub-step."""
+        """Depth by the pressure sensor at the last sub-step."""
         return self._sounder.pressure_depth_m
 
     @property
     def groundings(self) -> int:
-        """Ticks in which the vehicle touched the ground."""
+        """Number of ticks in which the vehicle touched the ground."""
         return self._sounder.groundings
 
     def dead_reckoning(self, now_s: float) -> DeadReckoning:
-        """The raw place at the end of the last tick, with the measured depth."""
+        """Dead reckoning at the end of the last tick, with the measured depth."""
         raw = self._model.raw.x if self._m.raw_differs else self._x
         return DeadReckoning(
             stamp_s=now_s,
@@ -455,5 +457,5 @@ class SimVehicle:
             water_m=self._sounder.water_m,
             step=self._step,
             along_m=float(m.along),
-            loitering=self._loitering and self._way is None,
+            loitering=self._loitering and self._interrupted is None,
         )

@@ -1,4 +1,4 @@
-"""Where a simulated vehicle is, by its own estimate and in truth."""
+"""A simulated vehicle's estimated and true state."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class NavigationEstimate:
     Attributes:
         stamp_s: Time.
         heading_rad: Heading (rad, clockwise from north).
-        north_m: North of the estimated place.
-        east_m: East of the estimated place.
+        north_m: Estimated north.
+        east_m: Estimated east.
         speed_mps: Speed over ground.
         covariance: Covariance of heading (rad), north, east (m), shape (3, 3).
     """
@@ -33,7 +33,7 @@ class NavigationEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """The vehicle's true state, which no core may see.
+    """The vehicle's true state, which no core may read.
 
     Attributes:
         stamp_s: Time.
@@ -42,9 +42,9 @@ class Truth:
         east_m: True east.
         depth_m: True depth of the vehicle below the surface.
         speed_mps: True speed over ground.
-        travelled_m: Distance gone over ground since the start.
+        travelled_m: Distance over ground since the start.
         water_m: True depth of the water there, NaN where the ground is unknown or land.
-        step: Step that its present leg leads from; -1 before the first.
+        step: Step at which its current leg starts; -1 before the first.
         along_m: Distance travelled along that leg.
         loitering: Whether it circles because it has no next leg.
     """

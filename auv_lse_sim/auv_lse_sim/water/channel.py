@@ -4,12 +4,12 @@ A transmission of source level SL reaches a receiver at range R after R / c, at 
 
     TL = k 10 log10(R / 1 m) + alpha R / 1000        (dB; k = 2 spherical, 1.5 practical; alpha (dB/km) after Thorp)
 
-against ambient noise NL + 10 log10(B) and everything else that arrives there in that time. The curve of the modem's
-rate turns the ratio into the chance of a frame error. A vehicle that sends is deaf; land or the schedule cuts some
-links; some packets are lost whatever the ratio. Each effect has a parameter that makes it ideal.
+against ambient noise NL + 10 log10(B) and all overlapping arrivals. The curve of the modem's
+rate converts the ratio to the probability of a frame error. A sending vehicle cannot receive; land or scheduled outages
+block some links; some packets are lost at random. Each effect has a parameter that makes it ideal.
 
-Times are those of the simulation. No clock is read. Every draw comes from the Generator that was passed in, in an order
-that depends only on the transmissions, so that a run repeats from its seed.
+All times are simulation times. All random numbers come from the Generator passed in, in an order that depends only on
+the transmissions, so that a run repeats from its seed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Rate:
         frames: Frames in a packet.
         frame_bytes: Bytes in a frame.
         bit_rate_bps: Nominal bits per second.
-        curve: Points (SNR (dB), frame error rate) of a broken line, 1 before the first and 0 after the last.
+        curve: Points (SNR (dB), frame error rate) of a piecewise linear curve, 1 before the first and 0 after the last.
     """
 
     frames: int
@@ -60,7 +60,7 @@ RATES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arrival:
-    """One transmission at one receiver, read or not.
+    """One transmission at one receiver, readable or not.
 
     Attributes:
         receiver: Number of the receiving vehicle.
@@ -69,10 +69,10 @@ class Arrival:
         sent_s: When the sender began to send (s).
         start_s: When the first sound arrives (s).
         arrival_s: When the last sound has arrived and the packet is read (s).
-        snr_db: Level over noise and interference (dB), -inf if no sound comes through.
-        range_m: Distance of the two when it was sent (m).
+        snr_db: Ratio of its level to noise and interference (dB), -inf if the link is blocked.
+        range_m: Distance between the two at the transmission (m).
         ok: Whether the packet was read.
-        why: Why it was not: "blackout", "land", "half_duplex", "interference", "noise", "random"; "" if it was.
+        why: Reason if not: "blackout", "land", "half_duplex", "interference", "noise", "random"; "" if it was.
         travel_s: One-way travel time as the two modems measure it (`ranging.py`), NaN if they cannot.
     """
 
@@ -126,17 +126,17 @@ def snr_db(range_m: ArrayLike, config: ChannelConfig) -> Array:
 
 
 def frame_error_rate(ratio_db: ArrayLike, rate: int) -> Array:
-    """Chance that a frame of this rate is not read at each ratio (dB)."""
+    """Probability of a frame error at each ratio (dB)."""
     levels, errors = zip(*RATES[rate].curve, strict=True)
     return np.asarray(np.interp(np.asarray(ratio_db, dtype=float), levels, errors))
 
 
 def land_between(depth_m: Callable[[Array, Array], Array], spacing_m: float = 5.0) -> Blocked:
-    """A `Blocked` from the ground: land is where the water depth is not known (NaN) or not more than 0.
+    """Creates a `Blocked` from the ground; unknown depth (NaN) or depth of at most 0 is land.
 
     Args:
         depth_m: Water depth (m) at north, east (m), arrays of one shape.
-        spacing_m: Largest distance (m) between the places examined along the link.
+        spacing_m: Maximum distance (m) between the points checked along the link.
     """
 
     def blocked(a: Position, b: Position) -> bool:
@@ -149,7 +149,7 @@ def land_between(depth_m: Callable[[Array, Array], Array], spacing_m: float = 5.
 
 @dataclass(slots=True)
 class _Sound:
-    """One transmission on its way to one receiver, not yet judged."""
+    """One transmission on its way to one receiver, before reception."""
 
     receiver: int
     source: int
@@ -160,15 +160,15 @@ class _Sound:
     range_m: float
     level_db: float
     rate: int
-    silent: str  # why no sound comes through, or ""
+    obstacle: str  # why the link is blocked, or ""
     lost: bool
     luck: float
 
 
 class Channel:
-    """The water of one mission: from transmissions to what each receiver reads.
+    """The acoustic channel of one mission: turns transmissions into receptions.
 
-    Call `transmit` and `arrivals` in the order of time. One tick of an engine, ending at `now_s`:
+    Call `transmit` and `arrivals` in order of time. One tick of an engine, ending at `now_s`:
 
         for arrival in channel.arrivals(now_s): hand it to its receiver if arrival.ok
         ... the vehicles decide ...
@@ -176,28 +176,28 @@ class Channel:
     """
 
     def __init__(self, config: ChannelConfig, rng: np.random.Generator, blocked: Blocked | None = None) -> None:
-        """Starts without sound in the water.
+        """Starts without transmissions.
 
         Args:
-            config: The water.
+            config: Section `sim.channel`.
             rng: Source of the channel's random numbers.
-            blocked: Whether land lies between two positions; None: nowhere.
+            blocked: Returns whether land lies between two positions; None: never.
         """
         config = config.in_force
         self.config = config
         self._rng = rng
         self._blocked = blocked if config.land_blocks else None
         self._pending: list[_Sound] = []
-        self._heard: list[_Sound] = []  # judged, but may still overlap what is pending
+        self._received: list[_Sound] = []  # received, but may still overlap pending ones
         self._sending: list[tuple[int, float, float]] = []  # vehicle, from, until
         self._until_s = -math.inf
         self._noise_db = config.noise_level_db + 10.0 * math.log10(config.bandwidth_khz * 1000.0)
 
     def duration_s(self, n_bytes: int, rate: int | None = None) -> float:
-        """How long a transmission of this many bytes takes (s).
+        """Duration of a transmission of this many bytes (s).
 
         Raises:
-            ValueError: if they do not fit one packet of the rate.
+            ValueError: if they do not fit into one packet of the rate.
         """
         rate = self.config.rate if rate is None else rate
         table = RATES[rate]
@@ -216,21 +216,21 @@ class Channel:
         positions: Mapping[int, Position],
         rate: int | None = None,
     ) -> float:
-        """A vehicle starts to send.
+        """Starts a vehicle's transmission.
 
         Args:
-            now_s: When it starts (s), not before the time of the last call of `arrivals`.
+            now_s: Its start (s), not before the time of the last `arrivals`.
             source: Its number.
             payload: Its bytes.
-            positions: Where every vehicle in the water is now, by number: north, east, depth (m).
-            rate: Packet rate, the configuration's if None.
+            positions: Every vehicle's position now, by number: north, east, depth (m).
+            rate: Packet rate; None: the configured one.
 
         Returns:
             When the transmission ends at the sender (s).
 
         Raises:
-            ValueError: if the time lies before what was already judged, the vehicle is still sending, it has no
-                position, or the payload does not fit a packet.
+            ValueError: if the time precedes the last `arrivals`, the vehicle is still sending or has no position, or
+                the payload does not fit into a packet.
         """
         rate = self.config.rate if rate is None else rate
         end = now_s + self.duration_s(len(payload), rate)
@@ -261,14 +261,14 @@ class Channel:
                     range_m=distance,
                     level_db=level + self.config.fading_db * float(fading),
                     rate=rate,
-                    silent=self._silence(now_s, source, receiver, here, there),
+                    obstacle=self._obstacle(now_s, source, receiver, here, there),
                     lost=float(lost) < self.config.packet_loss,
                     luck=float(luck),
                 )
             )
         return end
 
-    def _silence(self, now_s: float, source: int, receiver: int, here: Position, there: Position) -> str:
+    def _obstacle(self, now_s: float, source: int, receiver: int, here: Position, there: Position) -> str:
         link = {source, receiver}
         for a, b, start, end in self.config.outages:
             named = {int(a), int(b)} - {0}
@@ -282,7 +282,7 @@ class Channel:
         """The transmissions whose last sound has arrived since the last call, until `until_s` (s).
 
         Returns:
-            By arrival, receiver and source; transmissions that could not be read are among them.
+            Sorted by arrival, receiver and source; includes unreadable ones.
 
         Raises:
             ValueError: if `until_s` lies before that of an earlier call.
@@ -292,22 +292,22 @@ class Channel:
         self._until_s = until_s
         due = [sound for sound in self._pending if sound.end_s <= until_s]
         due.sort(key=lambda sound: (sound.end_s, sound.receiver, sound.source))
-        around = self._pending + self._heard
-        result = [self._judge(sound, around) for sound in due]
+        around = self._pending + self._received
+        result = [self._receive(sound, around) for sound in due]
         self._pending = [sound for sound in self._pending if sound.end_s > until_s]
-        # what is yet to come starts after the oldest pending sound, or after now
+        # later arrivals start after the oldest pending one, or after now
         horizon = min([sound.start_s for sound in self._pending], default=until_s)
-        self._heard = [sound for sound in self._heard + due if sound.end_s > horizon]
+        self._received = [sound for sound in self._received + due if sound.end_s > horizon]
         self._sending = [entry for entry in self._sending if entry[2] > horizon]
         return result
 
-    def _judge(self, sound: _Sound, around: list[_Sound]) -> Arrival:
+    def _receive(self, sound: _Sound, around: list[_Sound]) -> Arrival:
         overlapping = [
             other.level_db
             for other in around
             if other is not sound
             and other.receiver == sound.receiver
-            and not other.silent
+            and not other.obstacle
             and other.start_s < sound.end_s
             and sound.start_s < other.end_s
         ]
@@ -315,13 +315,13 @@ class Channel:
         others = sum(10.0 ** (level / 10.0) for level in overlapping) if self.config.interference else 0.0
         alone_db = sound.level_db - self._noise_db
         ratio_db = sound.level_db - 10.0 * math.log10(ambient + others)
-        deaf = self.config.half_duplex and any(
+        sending = self.config.half_duplex and any(
             vehicle == sound.receiver and start < sound.end_s and sound.start_s < end
             for vehicle, start, end in self._sending
         )
-        if sound.silent:
-            why, ratio_db = sound.silent, -math.inf
-        elif deaf:
+        if sound.obstacle:
+            why, ratio_db = sound.obstacle, -math.inf
+        elif sending:
             why = "half_duplex"
         elif self.config.frame_errors and sound.luck < float(frame_error_rate(ratio_db, sound.rate)):
             alone_ok = sound.luck >= float(frame_error_rate(alone_db, sound.rate))

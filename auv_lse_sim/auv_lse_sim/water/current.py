@@ -1,4 +1,4 @@
-"""The water's motion over ground: a mean, a tide, and a slow random part (first-order Gauss-Markov)."""
+"""The current: a mean, a tide, and a slow random part (first-order Gauss-Markov)."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Current:
         decay = math.exp(-(float(stamps_s[-1]) - start_s) / c.random_time_s)
         before = self._random
         self._random = decay * before + math.sqrt(1.0 - decay * decay) * c.random_mps * normals
-        share = ((stamps_s - start_s) / (float(stamps_s[-1]) - start_s))[:, None]  # a tick is short: linear within it
+        share = ((stamps_s - start_s) / (float(stamps_s[-1]) - start_s))[:, None]  # linear within the short tick
         heading = math.radians(c.tide_heading_deg)
         tide = c.tide_mps * np.cos(2.0 * math.pi * stamps_s / c.tide_period_s + math.radians(c.tide_phase_deg))
         flow: Array = (

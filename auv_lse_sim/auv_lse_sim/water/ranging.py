@@ -1,10 +1,10 @@
-"""How long packets travel, as the modems of sender and receiver measure it (docs/design/comms.md).
+"""Travel times of packets as the modems measure them (docs/design/comms.md).
 
-    measured = distance / (speed (1 + c)) + clock of the receiver - clock of the sender + noise, or + a late echo
+    measured = distance / (speed (1 + c)) + receiver's clock error - sender's clock error + noise or echo delay
 
-The distance is from the sender at its transmission to the receiver when the first sound arrives. A clock's error is
-an offset that was left before the dive, and grows with the clock's rate. `c` is one number for the mission: nobody
-measures the speed of sound all along the way.
+The distance is from the sender's position at the transmission to the receiver's position at the first arrival. A
+clock's error is its offset before the dive plus its drift. `c` is constant during a mission: the relative error of the
+assumed speed of sound.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ class Ranging:
     Args:
         config: Section `sim.ranging`.
         vehicles: Number of vehicles.
-        sound_speed_mps: Speed of sound that everybody reckons with.
-        rng: Source of its random numbers: as many for each arrival, read or not.
-        ideal: Whether everything simulated is perfect.
+        sound_speed_mps: Assumed speed of sound.
+        rng: Source of its random numbers; each arrival, readable or not, draws the same number.
+        ideal: Whether the whole simulation is ideal.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Ranging:
         self._rate = 1e-6 * config.clock_drift_ppm * draws[1 + vehicles :]
 
     def clock_error_s(self, vehicle: int, now_s: float) -> float:
-        """How much a vehicle's clock is ahead (s)."""
+        """Error of a vehicle's clock (s); positive means ahead."""
         return 0.0 if self._ideal else float(self._offset_s[vehicle - 1] + self._rate[vehicle - 1] * now_s)
 
     def travel_s(self, source: int, receiver: int, sent_s: float, distance_m: float) -> float:
