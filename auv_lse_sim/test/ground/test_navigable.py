@@ -176,8 +176,8 @@ def test_the_origin_of_the_ground_holds():
         s = settings(**{"area.origin_lat_deg": lat, "area.origin_lon_deg": lon})
         fitted, notes = fit_to_ground(s, terrain)
         assert (fitted.area.origin_lat_deg, fitted.area.origin_lon_deg) == (47.0, 8.0)
-        said = f"origin: area.origin {lat:.5f}, {lon:.5f} deg is replaced by the origin of the ground, 47.00000, 8.00000 deg"
-        assert said in notes
+        given = f"area.origin {lat:.5f}, {lon:.5f} deg"
+        assert f"origin: {given} is replaced by the origin of the ground, 47.00000, 8.00000 deg" in notes
     again, notes = fit_to_ground(fitted, terrain)
     assert again.area.origin_lon_deg == 8.0
     assert not any(note.startswith("origin:") for note in notes)
