@@ -1,4 +1,4 @@
-"""The messages of a mission as the events that a page draws: thinned, rounded, only what has changed.
+"""Converts the messages of a mission to the events that the page draws: thinned, rounded, without repetitions.
 
 A message is any object with the fields of its ROS type, from a recording or from a subscription.
 """
@@ -41,11 +41,11 @@ from auv_lse_shore.live.sources.timeline import Event
 
 Array = NDArray[np.float64]
 
-#: Mission time (s) between the places of a track.
+#: Mission time (s) between the positions of a track.
 _TRACK_S = 2.0
-#: Mission time (s) between two accounts of the simulator, unless the state changes.
+#: Mission time (s) between two statuses of the simulator, unless the state changes.
 _STATUS_S = 2.0
-#: Mission time (s) after which a node's health is told again though it says the same.
+#: Mission time (s) after which an unchanged health report is repeated.
 _HEALTH_S = 60.0
 #: Standard normal quantile of the band's edges: 95 % of the true isobath lies between them.
 _BAND_SIGMAS = 1.959964
@@ -55,14 +55,14 @@ _LEVELS = ("ok", "warning", "error", "stale")
 
 
 def topics_of(vehicles: int) -> list[str]:
-    """Every topic that the page is made from, by full name."""
+    """Full names of all topics that the page shows."""
     rows = [topic for name, topic in (VEHICLE_TOPICS | MISSION_TOPICS).items() if name in MissionEvents.TAKERS]
     names = {full_name(row, k) for row in (*rows, TRUTH_TOPIC) for k in range(1, vehicles + 1)}
     return sorted(names)
 
 
 class MissionEvents:
-    """Makes the events of one mission.
+    """Creates the events of one mission.
 
     Attributes:
         last_s: Stamp (s) of the last message taken of each topic.
@@ -97,7 +97,7 @@ class MissionEvents:
         """Whether the last event of `key` is at least `period_s` of mission time away."""
         return abs(stamp_s - self._event_s.get(key, -math.inf)) >= period_s - 1e-6
 
-    # ------------------------------------------------------------------ where the vehicles are
+    # ------------------------------------------------------------------ positions
 
     def _pose(self, vehicle: int, stamp_s: float, odometry: Odometry) -> list[Event]:
         maps = self._own_map(vehicle, stamp_s)
@@ -125,7 +125,7 @@ class MissionEvents:
         north, east = round(truth.north_m, 1), round(truth.east_m, 1)
         return [{"kind": "truth", "vehicle": vehicle, "t": stamp_s, "north": north, "east": east}]
 
-    # ------------------------------------------------------------------ what they know and mean to do
+    # ------------------------------------------------------------------ maps and plans
 
     def _sounding(self, vehicle: int, stamp_s: float, sounding: Sounding) -> list[Event]:
         self._map_of(vehicle).add_soundings([(stamp_s, *sounding[1:4])])
@@ -137,7 +137,7 @@ class MissionEvents:
         return self._own_maps[vehicle]
 
     def _own_map(self, vehicle: int, stamp_s: float) -> list[Event]:
-        """The map of a vehicle that does not tell it, when one is due."""
+        """The map of a vehicle that publishes none, if one is due."""
         field = self._map_of(vehicle).field(stamp_s)
         if field is None:
             return []
@@ -226,7 +226,7 @@ class MissionEvents:
         }
         return [event]
 
-    # ------------------------------------------------------------------ what they tell each other
+    # ------------------------------------------------------------------ packets
 
     def _sent(self, vehicle: int, stamp_s: float, sent: Transmission) -> list[Event]:
         if sent.ping:
@@ -271,7 +271,7 @@ class MissionEvents:
         }
         return [event]
 
-    # ------------------------------------------------------------------ how they are
+    # ------------------------------------------------------------------ state and health
 
     def _diagnostics(self, vehicle: int, stamp_s: float, reports: list[HealthReport]) -> list[Event]:
         events: list[Event] = []

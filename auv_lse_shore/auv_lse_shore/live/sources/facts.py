@@ -1,4 +1,4 @@
-"""What a page has to know of a mission before its first event: area, vehicles, slots, scales, the true isobath."""
+"""The constants of a mission that the page needs: area, vehicles, slots, scales, the true isobath."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def mission_facts(settings: Settings, *, name: str, simulated: bool) -> Event:
 
     Args:
         settings: The mission file.
-        name: What the page calls it: the run folder's name.
+        name: Its title on the page: the run folder's name.
         simulated: Whether the true ground is that of the mission file (`sim`).
     """
     area = OperatingArea(settings.area)
@@ -66,7 +66,7 @@ def _leg_s(settings: Settings) -> float:
 
 
 def _true_isobath(settings: Settings, area: OperatingArea) -> list[list[int]]:
-    """The isobath of the simulated ground; none if its file is not there any more."""
+    """The isobath of the simulated ground; empty if its file is missing."""
     try:
         ground = ground_of(settings)
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""A vehicle's map in few bytes: each layer in steps of a byte, as the change since the last map, deflated."""
+"""Encodes a vehicle's map compactly: one byte per cell and layer, as the compressed change since the last map."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Bytes = NDArray[np.uint8]
 
 #: The byte of a cell outside of the operating area.
 OUTSIDE = 255
-#: Largest number of cells of a map on the page; a larger one is thinned.
+#: Maximum number of cells of a map on the page; larger maps are thinned.
 _MOST_CELLS = 40_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Which value a byte stands for: low + byte * step, for bytes 0..254.
+    """Maps bytes to values: low + byte * step, for bytes 0..254.
 
     Attributes:
         low: Value of byte 0.
@@ -58,7 +58,7 @@ def scales_of(level_m: float, largest_risk: float) -> dict[str, Scale]:
 class LayerCoder:
     """Codes the maps of one vehicle, one after another; a reader adds up the changes, modulo 256.
 
-    After a map of another size the reader begins anew, as the coder does.
+    After a change of size, coder and reader start again from zeros.
     """
 
     def __init__(self, scales: Mapping[str, Scale]) -> None:
@@ -82,7 +82,7 @@ class LayerCoder:
 
 
 def thinning(rows: int, columns: int) -> int:
-    """Every how many-th row and column of a grid the page gets."""
+    """The step with which rows and columns of a grid are sent to the page."""
     apart = 1
     while (rows // apart) * (columns // apart) > _MOST_CELLS:
         apart += 1

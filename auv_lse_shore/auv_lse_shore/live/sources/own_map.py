@@ -1,4 +1,4 @@
-"""The map of a vehicle whose recording holds none: made anew from its soundings and the samples it heard."""
+"""Recomputes the map of a vehicle whose recording has none, from its soundings and received samples."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from auv_lse_common.mission_file.operating_area import OperatingArea
 from auv_lse_common.mission_file.sections.planner import PlannerSettings
 from auv_lse_gp.map.depth_map import DepthField, DepthMap
 
-#: Mission time (s) without a map from the vehicle after which one is made here.
+#: Mission time (s) without a map from the vehicle after which it is computed here.
 _PATIENCE_S = 5.0
 
 
 class OwnMap:
-    """Waits for the vehicle's own map for a moment, then makes one as its `gp_node` would."""
+    """Waits briefly for the vehicle's own map, then computes it as `gp_node` would."""
 
     def __init__(self, settings: PlannerSettings, area: OperatingArea) -> None:
-        """Makes nothing yet."""
+        """Starts without soundings."""
         self._settings = settings
         self._area = area
         self._map: DepthMap | None = None
@@ -37,7 +37,7 @@ class OwnMap:
         self._add(0, rows)
 
     def add_samples(self, rows: ArrayLike, source: int) -> None:
-        """Takes samples heard from vehicle `source`: north, east, depth (m), shape (n, 3)."""
+        """Takes samples received from vehicle `source`: north, east, depth (m), shape (n, 3)."""
         self._add(source, rows)
 
     def _add(self, source: int, rows: ArrayLike) -> None:
@@ -45,7 +45,7 @@ class OwnMap:
             self._waiting.append((source, rows))
 
     def field(self, now_s: float) -> DepthField | None:
-        """The map, if one is due at `now_s` and the vehicle does not tell its own."""
+        """The map, if one is due at `now_s` and the vehicle publishes none."""
         self._first_s = min(self._first_s, now_s)
         period_s = self._settings.gp.publish_period_s
         if self._stopped or now_s - self._first_s < _PATIENCE_S or now_s - self._made_s < period_s:

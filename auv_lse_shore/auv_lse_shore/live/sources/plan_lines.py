@@ -1,4 +1,4 @@
-"""A plan as lines on the map: its own actions as arcs, and what continues them to the mission's end."""
+"""Draws a plan as lines on the map: its actions, and their continuation to the mission's end."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ class PlanLines:
         }
 
 
-#: What naive paths are called that are no lanes.
+#: Names of the naive paths that are not lanes.
 _NAIVE = {STRAIGHT_ON: "a straight line", HOLD: "a loop"}
 
 
 def _continued(plan: Plan) -> str:
-    """What continues a plan's actions, for a reader."""
+    """Describes the continuation of a plan's actions."""
     parts = []
     if plan.tour is not None:
         parts.append(f"a tour of {len(plan.tour.bearings)} segments")

@@ -28,7 +28,7 @@ export class Chart {
       [this.made, this.ink, this.kept] = [store.changes, theme.ink, this.curves()];
     }
     const curves = this.kept, start = store.startS, values = curves.flatMap((k) => k.points.map((q) => q.value));
-    const high = 1.05 * Math.max(1e-6, ...values), low = Math.min(0, ...values), span = Math.max(60, endS - start);
+    const high = values.length ? 1.05 * Math.max(1e-6, ...values) : 1, low = Math.min(0, ...values), span = Math.max(60, endS - start);
     const right = width - AXES.right, bottom = height - AXES.bottom;
     const x = (s) => AXES.left + ((s - start) / span) * (right - AXES.left), y = (v) => bottom - ((v - low) / (high - low)) * (bottom - AXES.top);
     this.time = (px) => start + ((px - AXES.left) / (right - AXES.left)) * span;
